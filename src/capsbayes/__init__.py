@@ -1,0 +1,53 @@
+"""Shear modulus and radius of microcapsules from a picture, with honest credible intervals.
+
+A capsule is simulated, the simulations are approximated, a picture is
+measured, the measurement is identified, and what the model misses is
+diagnosed. Public names are loaded when first used, so that importing the
+package stays fast.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+_HOME = {
+    "Database": "capsbayes.database",
+    "NeoHookean": "capsbayes.membrane",
+    "Profile": "capsbayes.profile",
+    "Simulator": "capsbayes.simulation",
+    "Status": "capsbayes.status",
+    "SteadyState": "capsbayes.simulation",
+    "Surrogate": "capsbayes.surrogate",
+    "build_database": "capsbayes.simulation",
+    "Experiment": "capsbayes.experiment",
+    "Measurement": "capsbayes.measurement",
+    "Posterior": "capsbayes.inference",
+    "identify": "capsbayes.inference",
+}
+
+__all__ = [*sorted(_HOME), "__version__"]
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from capsbayes.database import Database
+    from capsbayes.experiment import Experiment
+    from capsbayes.inference import Posterior, identify
+    from capsbayes.measurement import Measurement
+    from capsbayes.membrane import NeoHookean
+    from capsbayes.profile import Profile
+    from capsbayes.simulation import Simulator, SteadyState, build_database
+    from capsbayes.status import Status
+    from capsbayes.surrogate import Surrogate
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'capsbayes' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

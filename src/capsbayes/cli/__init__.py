@@ -1,0 +1,44 @@
+"""Command line: the same words as the library, one file a command.
+
+A command's module is light to import; it reaches its floor of the package
+only when the command runs, so that ``capsbayes --help`` stays fast.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from capsbayes.errors import CapsbayesError
+
+app = typer.Typer(
+    name="capsbayes",
+    help="Shear modulus and radius of microcapsules from a picture, with honest credible intervals.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def _register() -> None:
+    import importlib
+
+    for name in ("simulate", "build", "validate", "identify"):
+        try:
+            module = importlib.import_module(f"capsbayes.cli.{name}")
+        except ModuleNotFoundError:  # pragma: no cover - while the house is being built
+            continue
+        app.command(name)(getattr(module, name))
+
+
+_register()
+
+
+def main() -> None:
+    """Run the command line; a user's mistake ends as one line and exit status 2."""
+    try:
+        app()
+    except CapsbayesError as error:
+        typer.echo(f"capsbayes: {error}", err=True)
+        sys.exit(2)

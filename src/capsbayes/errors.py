@@ -1,0 +1,56 @@
+"""What goes wrong: errors named for their cause, carrying their evidence."""
+
+from __future__ import annotations
+
+__all__ = [
+    "CapsbayesError",
+    "DatabaseError",
+    "InputError",
+    "OutsideDatabaseError",
+]
+
+
+class CapsbayesError(Exception):
+    """Base of every error a user can cause; the command line prints it as one line, exit status 2."""
+
+
+class InputError(CapsbayesError):
+    """A value, key or file that cannot be used.
+
+    Parameters
+    ----------
+    where : str
+        File, argument or object that holds the mistake.
+    key : str
+        The key, column or parameter at fault (may be empty).
+    expected, got : str
+        What would have been right, and what was found.
+    advice : str, optional
+        What to do about it.
+    """
+
+    def __init__(self, where: str, key: str, expected: str, got: str, advice: str = "") -> None:
+        self.where, self.key, self.expected, self.got, self.advice = where, key, expected, got, advice
+        place = f"{where}: {key}" if key else where
+        tail = f"; {advice}" if advice else ""
+        super().__init__(f"{place}: expected {expected}, got {got}{tail}")
+
+
+class DatabaseError(CapsbayesError):
+    """A database file that is missing, damaged or not of the asked kind."""
+
+
+class OutsideDatabaseError(CapsbayesError):
+    """A point outside the domain of existence that the database covers.
+
+    Parameters
+    ----------
+    capillary_number, size_ratio : float
+        The point asked for [-].
+    reason : str
+        Which side of the domain it lies on.
+    """
+
+    def __init__(self, capillary_number: float, size_ratio: float, reason: str) -> None:
+        self.capillary_number, self.size_ratio = capillary_number, size_ratio
+        super().__init__(f"Ca = {capillary_number:.4g}, a/l = {size_ratio:.4g} is outside the database: {reason}")

@@ -1,0 +1,37 @@
+"""Why a piece of work ended: each status is a sentence written for people."""
+
+from __future__ import annotations
+
+import enum
+
+__all__ = ["Status"]
+
+
+class Status(enum.Enum):
+    """End of a solve, of a chain or of a measurement.
+
+    The member's value is the sentence shown to people; its name is what is
+    stored in files.
+    """
+
+    DONE = "Done."
+    # steady states
+    NO_STEADY_STATE = (
+        "No steady state was found: the capillary number lies above the limit of existence at this size ratio."
+    )
+    NOT_CONVERGED = "The Newton iteration did not converge; start from a nearer steady state or refine the mesh."
+    UNRESOLVED = "The mesh does not resolve the rear rim (slack above its limit); refine the mesh."
+    # posteriors
+    NOT_MIXED = "The chains did not pass their convergence gates within the budget; do not use the intervals."
+    LEANS_ON_BORDER = (
+        "The posterior leans on the border of the database: its intervals are cut there, not measured."
+    )
+    ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
+
+    @property
+    def ok(self) -> bool:
+        """True when the work ended as it should."""
+        return self is Status.DONE
+
+    def __str__(self) -> str:
+        return self.value
