@@ -1,0 +1,57 @@
+"""What every forward model promises: parameters in, a `Prediction` out, and a domain it stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.prediction import Prediction
+
+__all__ = ["Domain", "ForwardModel"]
+
+
+@runtime_checkable
+class Domain(Protocol):
+    """The set of (Ca, a/l) for which a model has an answer."""
+
+    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> NDArray[np.bool_]:
+        """Whether each point lies in the domain : (n,) bool array; NaN is outside."""
+        ...
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Smallest box that holds the domain, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
+        ...
+
+
+@runtime_checkable
+class ForwardModel(Protocol):
+    """A map ``theta -> Prediction``.
+
+    ``theta`` maps names to arrays (n,); the names every model reads are
+    ``"capillary_number"`` and ``"size_ratio"`` [-]. Points outside the domain
+    come back with ``inside`` False and NaN, never extrapolated and never an
+    exception, so that a batch does not stop.
+    """
+
+    @property
+    def name(self) -> str:
+        """What the model is called in results."""
+        ...
+
+    @property
+    def sha256(self) -> str:
+        """Fingerprint of the data behind the model, stored with every result."""
+        ...
+
+    @property
+    def domain(self) -> Domain:
+        """Where the model has an answer."""
+        ...
+
+    def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
+        """Predict a batch; outlines only on request, as they cost more than the lengths."""
+        ...
