@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 __all__ = [
+    "BrokenPromiseError",
     "CapsbayesError",
     "DatabaseError",
     "InputError",
@@ -54,3 +55,24 @@ class OutsideDatabaseError(CapsbayesError):
     def __init__(self, capillary_number: float, size_ratio: float, reason: str) -> None:
         self.capillary_number, self.size_ratio = capillary_number, size_ratio
         super().__init__(f"Ca = {capillary_number:.4g}, a/l = {size_ratio:.4g} is outside the database: {reason}")
+
+
+class BrokenPromiseError(CapsbayesError, AssertionError):
+    """A law, model or effect that does not keep one of the promises of its kind.
+
+    Parameters
+    ----------
+    subject : str
+        Name of the law, model or effect.
+    promise : str
+        The promise, as a sentence that should be true.
+    found : str
+        What was found instead, and where.
+    """
+
+    def __init__(self, subject: str, promise: str, found: str) -> None:
+        self.subject, self.promise, self.found = subject, promise, found
+        super().__init__(f"{subject} breaks its promise: {promise}; found {found}")
+
+    def __reduce__(self) -> tuple[type[BrokenPromiseError], tuple[str, str, str]]:
+        return type(self), (self.subject, self.promise, self.found)
