@@ -1,0 +1,246 @@
+"""Closed outline of a capsule, by arc length from the nose, and the lengths read from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.errors import InputError
+
+__all__ = ["Profile"]
+
+Floats = NDArray[np.float64]
+
+_AXIS_TOLERANCE = 1e-6  # of the axial extent: how far from y = 0 the nose may lie (single precision rounds it)
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Closed polygon in the plane of the flow direction z and one transverse direction y.
+
+    Build it from points already in order, or from any closed outline with
+    `from_outline`, or from one half of a symmetric one with `from_half`.
+
+    Parameters
+    ----------
+    points : (p, 2) array
+        Vertices, columns (z, y), in any one unit of length; ordered by arc
+        length from the nose (the point of the axis y = 0 that is furthest
+        along z), first through y > 0; the first vertex is not repeated.
+
+    Raises
+    ------
+    InputError
+        If the points are not such an outline.
+
+    Examples
+    --------
+    >>> angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    >>> circle = Profile(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    >>> round(circle.axial_extent, 4), round(circle.parachute_depth, 4), round(circle.stretch_ratio(1.0), 4)
+    (2.0, 0.0, 1.0)
+    """
+
+    points: Floats
+
+    def __post_init__(self) -> None:
+        points = _checked(self.points)
+        extent = np.ptp(points[:, 0])
+        if abs(points[0, 1]) > _AXIS_TOLERANCE * extent:
+            raise _bad("a first point on the axis y = 0", f"y = {points[0, 1]:g}", "use Profile.from_outline")
+        if _signed_area(points) <= 0.0:
+            raise _bad("the side y > 0 first", "the side y < 0 first", "use Profile.from_outline")
+        if np.max(_axis_crossings(points), initial=-np.inf) > points[0, 0] + _AXIS_TOLERANCE * extent:
+            raise _bad("the nose as first point", "another point of the axis", "use Profile.from_outline")
+        points.setflags(write=False)
+        object.__setattr__(self, "points", points)
+
+    @classmethod
+    def from_outline(cls, points: ArrayLike) -> Profile:
+        """Order any closed outline: as a contour of a picture gives it.
+
+        Parameters
+        ----------
+        points : (p, 2) array
+            Consecutive vertices, columns (z, y), from any start in either
+            sense; the last may repeat the first. The nose is inserted where
+            the outline crosses the axis between two vertices.
+
+        Returns
+        -------
+        Profile
+        """
+        outline = _checked(points)
+        if np.array_equal(outline[0], outline[-1]):
+            outline = outline[:-1]
+        if _signed_area(outline) < 0.0:
+            outline = outline[::-1]
+        crossings = _axis_crossings(outline)
+        if crossings.size < 2:
+            raise _bad("an outline around the axis y = 0", f"{crossings.size} crossings of it", "shift it along y")
+        nose = np.nanargmax(_crossing_of_each_edge(outline))
+        start = np.array([[crossings.max(), 0.0]])
+        rest = np.roll(outline, -(int(nose) + 1), axis=0)
+        keep = np.any(np.abs(rest - start) > 1e-12 * np.ptp(outline[:, 0]), axis=1)
+        return cls(np.concatenate([start, rest[keep]]))
+
+    @classmethod
+    def from_half(cls, half: ArrayLike) -> Profile:
+        """Mirror one half of a symmetric outline: as a simulation of a symmetry wedge gives it.
+
+        Parameters
+        ----------
+        half : (h, 2) array
+            Vertices, columns (z, y), from the nose to the rear point of the
+            axis through y > 0; both ends have y = 0.
+
+        Returns
+        -------
+        Profile
+            Of 2 h - 2 vertices.
+        """
+        upper = _checked(half, minimum=3).copy()
+        extent = np.ptp(upper[:, 0])
+        ends = upper[[0, -1], 1]
+        if np.max(np.abs(ends)) > _AXIS_TOLERANCE * extent:
+            raise _bad("a half that starts and ends on the axis y = 0", f"y = {ends[0]:g} and {ends[1]:g}")
+        upper[[0, -1], 1] = 0.0
+        return cls(np.concatenate([upper, upper[-2:0:-1] * np.array([1.0, -1.0])]))
+
+    @property
+    def axial_extent(self) -> float:
+        """Maximum extension along the flow L_z."""
+        return float(np.ptp(self.points[:, 0]))
+
+    @property
+    def axial_length(self) -> float:
+        """Distance between the two points of the axis L_a."""
+        return float(np.ptp(_axis_crossings(self.points)))
+
+    @property
+    def parachute_depth(self) -> float:
+        """Depth of the concave rear L_p = L_z - L_a, zero for a convex rear."""
+        return self.axial_extent - self.axial_length
+
+    @property
+    def perimeter(self) -> float:
+        """Length of the outline P."""
+        return float(_edge_lengths(self.points).sum())
+
+    @property
+    def area(self) -> float:
+        """Area within the outline."""
+        return _signed_area(self.points)
+
+    def stretch_ratio(self, radius: float) -> float:
+        """Perimeter over that of the sphere at rest, Lambda = P / (2 pi a).
+
+        Parameters
+        ----------
+        radius : float
+            Radius a of the capsule at rest, in the unit of the points.
+
+        Returns
+        -------
+        float
+        """
+        return self.perimeter / (2.0 * np.pi * radius)
+
+    def resampled(self, count: int) -> Profile:
+        """Outline of `count` points at equal arc length, the first at the nose.
+
+        Parameters
+        ----------
+        count : int
+            Number of points, at least 4; when even, a symmetric outline keeps
+            its rear point.
+
+        Returns
+        -------
+        Profile
+        """
+        corner = np.concatenate([[0.0], np.cumsum(_edge_lengths(self.points))])
+        closed = np.concatenate([self.points, self.points[:1]])
+        length = corner[-1] * np.arange(count) / count
+        return Profile(np.stack([np.interp(length, corner, closed[:, axis]) for axis in (0, 1)], axis=1))
+
+    def scaled(self, factor: float) -> Profile:
+        """Outline with every length multiplied by a positive factor: a change of unit."""
+        return Profile(self.points * factor)
+
+    def translated(self, dz: float) -> Profile:
+        """Outline moved by `dz` along the flow."""
+        return Profile(self.points + np.array([dz, 0.0]))
+
+    def mirrored(self) -> Profile:
+        """Outline seen from the other side, y -> -y."""
+        swapped = self.points * np.array([1.0, -1.0])
+        return Profile(np.concatenate([swapped[:1], swapped[:0:-1]]))
+
+    def hausdorff(self, other: Profile) -> float:
+        """Hausdorff distance to another outline of the same unit, neither moved.
+
+        The largest distance from a vertex of either outline to the nearest
+        point, vertex or not, of the other.
+
+        Parameters
+        ----------
+        other : Profile
+
+        Returns
+        -------
+        float
+        """
+        return max(_furthest(self.points, other.points), _furthest(other.points, self.points))
+
+
+def _bad(expected: str, got: str, advice: str = "") -> InputError:
+    return InputError("profile", "points", expected, got, advice)
+
+
+def _checked(points: ArrayLike, minimum: int = 4) -> Floats:
+    array = np.array(points, dtype=float)
+    if array.ndim != 2 or array.shape[1] != 2 or len(array) < minimum:
+        raise _bad(f"an array (p, 2) with p >= {minimum}", f"shape {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise _bad("finite coordinates", f"{int(np.sum(~np.isfinite(array)))} NaN or infinite ones")
+    return array
+
+
+def _signed_area(points: Floats) -> float:
+    z, y = points.T
+    return float(0.5 * np.sum(z * np.roll(y, -1) - np.roll(z, -1) * y))
+
+
+def _edge_lengths(points: Floats) -> Floats:
+    return np.asarray(np.hypot(*(np.roll(points, -1, axis=0) - points).T))
+
+
+def _crossing_of_each_edge(points: Floats) -> Floats:
+    """Where each edge meets the axis y = 0, NaN if it does not; (p,) array of z.
+
+    A vertex on the axis belongs to the side y > 0, so that it is met once.
+    """
+    z, y = points.T
+    z_next, y_next = np.roll(z, -1), np.roll(y, -1)
+    crosses = (y >= 0.0) != (y_next >= 0.0)
+    rise = np.where(crosses, y_next - y, 1.0)
+    return np.where(crosses, z - y * (z_next - z) / rise, np.nan)
+
+
+def _axis_crossings(points: Floats) -> Floats:
+    crossings = _crossing_of_each_edge(points)
+    return crossings[np.isfinite(crossings)]
+
+
+def _furthest(points: Floats, outline: Floats) -> float:
+    """Largest distance from a set of points to a closed polygon."""
+    z, y = outline.T
+    edge_z, edge_y = np.roll(z, -1) - z, np.roll(y, -1) - y
+    square = np.maximum(edge_z**2 + edge_y**2, np.finfo(float).tiny)
+    apart_z, apart_y = points[:, :1] - z, points[:, 1:] - y
+    along = np.clip((apart_z * edge_z + apart_y * edge_y) / square, 0.0, 1.0)
+    squared = (apart_z - along * edge_z) ** 2 + (apart_y - along * edge_y) ** 2
+    return float(np.sqrt(squared.min(axis=1).max()))
