@@ -1,0 +1,164 @@
+"""P2 mesh of the unit sphere that keeps the symmetry of a square channel.
+
+The sphere is an octahedron with poles on the z axis; corner ring i of an octant lies
+at the polar angle proportional to i and holds i equal steps in azimuth, so that
+elements have nearly one size everywhere. The dihedral group D4 about z (four
+quarter turns, with mirrors) maps the mesh onto itself; only the nodes of the
+wedge 0 <= y <= x are unknowns of a symmetric problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+__all__ = ["D4", "OctaSphere", "octasphere"]
+
+
+def _dihedral() -> NDArray[np.float64]:
+    """The eight operations of D4 about z (8, 3, 3), the identity first."""
+    swap = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    signs = [np.diag([sx, sy, 1.0]) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
+    return np.array([sign @ other for other in (np.eye(3), swap) for sign in signs])
+
+
+D4 = _dihedral()
+
+
+@dataclass(frozen=True, eq=False)
+class OctaSphere:
+    """Symmetric P2 mesh of the unit sphere.
+
+    Attributes
+    ----------
+    refinement : int
+        Elements along the edge of an octahedron's face.
+    nodes : (N, 3) array [-]
+        Positions on the unit sphere.
+    elements : (T, 6) int array
+        Nodes of each triangle, corners then midsides, counterclockwise seen from outside;
+        the first T/4 lie in x >= 0, y >= 0.
+    wedge : (W,) int array
+        The nodes of 0 <= y <= x.
+    wedge_of : (N,) int array
+        Position in `wedge` of the node each node is an image of.
+    operation : (N, 3, 3) array [-]
+        The operation of D4 that maps the wedge node onto the node.
+    """
+
+    refinement: int
+    nodes: NDArray[np.float64]
+    elements: NDArray[np.int64]
+    wedge: NDArray[np.int64]
+    wedge_of: NDArray[np.int64]
+    operation: NDArray[np.float64]
+
+    @property
+    def octant(self) -> NDArray[np.int64]:
+        """Elements of the quarter x >= 0, y >= 0 (T/4, 6): a symmetric integral is four times theirs."""
+        return self.elements[: len(self.elements) // 4]
+
+    @cached_property
+    def basis(self) -> sp.csr_matrix:
+        """(3 W, F) sparse: directions in which symmetry leaves each wedge node free, orthonormal columns."""
+        blocks = []
+        for x, y, _ in self.nodes[self.wedge]:
+            on_plane, on_diagonal = y < 1e-12, abs(x - y) < 1e-12
+            if on_plane and on_diagonal:
+                free = [[0.0, 0.0, 1.0]]
+            elif on_plane:
+                free = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+            elif on_diagonal:
+                free = [[np.sqrt(0.5), np.sqrt(0.5), 0.0], [0.0, 0.0, 1.0]]
+            else:
+                free = np.eye(3).tolist()
+            blocks.append(np.array(free).T)
+        return sp.block_diag(blocks, format="csr")
+
+    @cached_property
+    def expansion(self) -> sp.csr_matrix:
+        """(3 N, F) sparse: free coordinates of the wedge to the coordinates of all nodes."""
+        count = len(self.nodes)
+        copies = sp.bsr_matrix(
+            (self.operation, self.wedge_of, np.arange(count + 1)), shape=(3 * count, 3 * len(self.wedge))
+        )
+        return (copies @ self.basis).tocsr()
+
+    def expanded(self, free: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (N, 3) at all nodes of the symmetric vector field with free coordinates (F,)."""
+        return (self.expansion @ free).reshape(-1, 3)
+
+    def reduced(self, wedge_vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Free coordinates (F,) of the vectors (W, 3) given on the wedge."""
+        return self.basis.T @ wedge_vectors.ravel()
+
+
+def _octant(refinement: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points (p, 3) and P2 triangles (t, 6), counterclockwise seen from outside, of x, y, z >= 0."""
+    points, index = [], {}
+    for ring in range(refinement + 1):
+        polar = 0.5 * np.pi * ring / refinement
+        for step in range(ring + 1):
+            azimuth = 0.5 * np.pi * step / ring if ring else 0.0
+            index[ring, step] = len(points)
+            points.append(np.array([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]))
+    middles: dict[tuple[int, int], int] = {}
+
+    def middle(first: int, second: int) -> int:
+        # The midside lies on the great circle: an arc of latitude would bend the elements near the pole within the
+        # surface by as much as their size, and cost them an order of accuracy.
+        edge = (min(first, second), max(first, second))
+        if edge not in middles:
+            middles[edge] = len(points)
+            chord = points[first] + points[second]
+            points.append(chord / np.linalg.norm(chord))
+        return middles[edge]
+
+    triangles = []
+    for ring in range(refinement):
+        for step in range(ring + 1):
+            corners = [((ring, step), (ring + 1, step), (ring + 1, step + 1))]
+            if step < ring:
+                corners.append(((ring, step), (ring + 1, step + 1), (ring, step + 1)))
+            for a, b, c in (tuple(index[corner] for corner in triple) for triple in corners):
+                triangles.append([a, b, c, middle(a, b), middle(b, c), middle(c, a)])
+    return np.array(points), np.array(triangles)
+
+
+@lru_cache(maxsize=8)
+def octasphere(refinement: int) -> OctaSphere:
+    """Mesh with 8 refinement**2 elements and 16 refinement**2 + 2 nodes."""
+    points, triangles = _octant(refinement)
+    all_points, all_triangles = [], []
+    for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
+        for sz in (1, -1):
+            flip = sx * sy * sz < 0
+            block = triangles[:, [0, 2, 1, 5, 4, 3]] if flip else triangles
+            all_triangles.append(block + len(points) * len(all_points))
+            all_points.append(points * [sx, sy, sz])
+    stacked = np.concatenate(all_points)
+    keys = np.round(stacked * 1e9).astype(np.int64)
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    nodes = stacked[first]
+    elements = inverse.ravel()[np.concatenate(all_triangles)]
+    wedge, wedge_of, operation = _wedge(nodes)
+    return OctaSphere(refinement, nodes, elements, wedge, wedge_of, operation)
+
+
+def _wedge(nodes: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """The wedge's nodes, and for every node its wedge node and the operation between them."""
+    x, y, _ = nodes.T
+    wedge = np.flatnonzero((y > -1e-12) & (y < x + 1e-12))
+    key_of = {tuple(np.round(nodes[node] * 1e9).astype(np.int64)): place for place, node in enumerate(wedge)}
+    wedge_of, operation = np.empty(len(nodes), np.int64), np.empty((len(nodes), 3, 3))
+    for candidate in D4[::-1]:  # the identity last, so that it wins on the wedge itself
+        keys = np.round(nodes @ candidate * 1e9).astype(np.int64)  # inverse of an orthogonal matrix on the left
+        for node, key in enumerate(map(tuple, keys)):
+            place = key_of.get(key)
+            if place is not None:
+                wedge_of[node], operation[node] = place, candidate
+    return wedge, wedge_of, operation
