@@ -1,0 +1,168 @@
+"""Channel and liquid of an experiment; the only place where SI becomes Ca and a/l.
+
+A number is known; a frozen distribution of `scipy.stats` is uncertain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.input_file import InputFile
+from capsbayes.quantity import Quantity, quantity
+
+__all__ = [
+    "Experiment",
+    "capillary_number",
+    "capsule_radius",
+    "mean_velocity",
+    "positive_normal",
+    "size_ratio",
+    "surface_shear_modulus",
+]
+
+Floats = NDArray[np.float64]
+Uncertain = Any  # float, or a frozen distribution of scipy.stats, which has no public type
+
+SECTIONS = ("square", "circular")
+_NEGATIVE_SHARE = 1e-6  # of a distribution's mass that may lie below zero before it is refused
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What is known of the channel and of the suspending liquid.
+
+    Parameters
+    ----------
+    section : str
+        Cross-section of the channel, ``"square"`` or ``"circular"``.
+    half_width : float or frozen distribution [m]
+        Half the side of the square, or the radius of the circle, l.
+    viscosity : float or frozen distribution [Pa s]
+        Viscosity of the suspending liquid, mu.
+    source : str
+        File the experiment was read from, empty if none.
+    sha256 : str
+        Fingerprint of that file.
+
+    Raises
+    ------
+    InputError
+        On an unknown section, or on a value that is not positive.
+
+    Examples
+    --------
+    >>> experiment = Experiment(section="square", half_width=25e-6, viscosity=positive_normal(0.85, 0.02))
+    >>> experiment.half_width, round(float(experiment.viscosity.std()), 3)
+    (2.5e-05, 0.02)
+    """
+
+    section: str
+    half_width: Uncertain
+    viscosity: Uncertain
+    source: str = ""
+    sha256: str = ""
+
+    def __post_init__(self) -> None:
+        where = self.source or "experiment"
+        if self.section not in SECTIONS:
+            raise InputError(where, "section", " or ".join(f'"{name}"' for name in SECTIONS), repr(self.section))
+        for key in ("half_width", "viscosity"):
+            _check_positive(getattr(self, key), where, key)
+
+    @classmethod
+    def read(cls, path: str | Path) -> Experiment:
+        """Read an experiment from TOML with units.
+
+        Parameters
+        ----------
+        path : path
+            File with the keys ``section``, ``half_width`` and ``viscosity``;
+            an error after ``+/-`` makes a value uncertain (a normal
+            distribution cut at zero).
+
+        Returns
+        -------
+        Experiment
+
+        Raises
+        ------
+        InputError
+            Naming file, key, what was expected and what was found.
+        """
+        file = InputFile.read(path)
+        table = file.table(required=("section", "half_width", "viscosity"))
+        where = str(path)
+        width = quantity(table["half_width"], where=where, key="half_width", units=("m",), example="25.0 +/- 0.2 um")
+        viscosity = quantity(
+            table["viscosity"], where=where, key="viscosity", units=("Pa s",), example="0.85 +/- 0.02 Pa s"
+        )
+        return cls(table["section"], _uncertain(width), _uncertain(viscosity), source=where, sha256=file.sha256)
+
+
+def positive_normal(mean: float, error: float) -> Uncertain:
+    """Return a normal distribution cut at zero: what ``mean +/- error`` stands for.
+
+    Parameters
+    ----------
+    mean, error : float
+        Centre and standard deviation of the uncut normal, both positive.
+
+    Returns
+    -------
+    frozen distribution
+    """
+    from scipy.stats import truncnorm  # half a second to import
+
+    return truncnorm(-mean / error, np.inf, loc=mean, scale=error)
+
+
+def capillary_number(*, viscosity: ArrayLike, mean_velocity: ArrayLike, surface_shear_modulus: ArrayLike) -> Floats:
+    """Capillary number Ca = mu U / G_s, equation 1 of the paper.
+
+    Examples
+    --------
+    >>> float(capillary_number(viscosity=1.0, mean_velocity=4e-3, surface_shear_modulus=0.04))
+    0.1
+    """
+    return np.asarray(viscosity) * np.asarray(mean_velocity) / np.asarray(surface_shear_modulus)
+
+
+def surface_shear_modulus(*, viscosity: ArrayLike, mean_velocity: ArrayLike, capillary_number: ArrayLike) -> Floats:
+    """Shear modulus of the membrane G_s = mu U / Ca [N/m]."""
+    return np.asarray(viscosity) * np.asarray(mean_velocity) / np.asarray(capillary_number)
+
+
+def mean_velocity(*, capsule_velocity: ArrayLike, velocity_ratio: ArrayLike) -> Floats:
+    """Mean velocity of the undisturbed flow U = v_o / (v_o/U) [m/s]."""
+    return np.asarray(capsule_velocity) / np.asarray(velocity_ratio)
+
+
+def size_ratio(*, capsule_radius: ArrayLike, half_width: ArrayLike) -> Floats:
+    """Radius of the capsule over the half width of the channel, a/l [-]."""
+    return np.asarray(capsule_radius) / np.asarray(half_width)
+
+
+def capsule_radius(*, size_ratio: ArrayLike, half_width: ArrayLike) -> Floats:
+    """Radius of the capsule a = (a/l) l [m]."""
+    return np.asarray(size_ratio) * np.asarray(half_width)
+
+
+def _uncertain(read: Quantity) -> Uncertain:
+    return positive_normal(read.value, read.error) if read.error > 0.0 else read.value
+
+
+def _check_positive(value: Uncertain, where: str, key: str) -> None:
+    if hasattr(value, "cdf"):
+        if not np.isfinite(value.std()):
+            raise InputError(where, key, "a distribution of finite variance", "an infinite or undefined one")
+        below = float(value.cdf(0.0))
+        if below > _NEGATIVE_SHARE:
+            raise InputError(where, key, "a positive distribution", f"{below:.2g} of it below zero", "cut it at zero")
+    elif not isinstance(value, (int, float, np.floating)) or not (np.isfinite(value) and value > 0.0):
+        raise InputError(where, key, "a positive finite number or a frozen scipy.stats distribution", repr(value))

@@ -1,0 +1,178 @@
+"""What was seen of one capsule: its lengths and its velocity, each with its standard error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.input_file import InputFile
+from capsbayes.quantity import Quantity, quantity
+from capsbayes.status import Status
+
+__all__ = ["Measurement"]
+
+Floats = NDArray[np.float64]
+
+_KEYS = ("axial_extent", "capsule_velocity")
+_OPTIONAL = ("axial_length", "length_correlation")
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Lengths and velocity of one capsule at steady state.
+
+    The error of the velocity is taken as independent of those of the lengths.
+
+    Parameters
+    ----------
+    axial_extent, axial_extent_error : float
+        Maximum extension along the flow L_z and its standard error, over l or
+        in metres.
+    capsule_velocity, capsule_velocity_error : float [m/s]
+        Velocity of the capsule v_o and its standard error.
+    axial_length, axial_length_error : float, optional
+        Length on the axis L_a and its standard error, in the unit of L_z;
+        missing where the rear is hidden behind its rim.
+    length_correlation : float
+        Correlation of the errors of the two lengths, between -1 and 1.
+    over_half_width : bool
+        Whether the lengths are over l (measured against the walls on the same
+        picture) or in metres.
+    source : str
+        File the measurement was read from, empty if none.
+    sha256 : str
+        Fingerprint of that file.
+    experiment_file : Path, optional
+        The experiment the file names.
+    status : Status
+        How the measurement ended.
+
+    Raises
+    ------
+    InputError
+        On a value that is not positive and finite, or L_a > L_z.
+
+    Examples
+    --------
+    >>> seen = Measurement(axial_extent=2.14, axial_extent_error=0.01, capsule_velocity=5e-3,
+    ...                    capsule_velocity_error=5e-5, axial_length=1.81, axial_length_error=0.01)
+    >>> seen.lengths, seen.covariance.shape
+    (array([2.14, 1.81]), (2, 2))
+    """
+
+    axial_extent: float
+    axial_extent_error: float
+    capsule_velocity: float
+    capsule_velocity_error: float
+    axial_length: float | None = None
+    axial_length_error: float | None = None
+    length_correlation: float = 0.0
+    over_half_width: bool = True
+    source: str = ""
+    sha256: str = ""
+    experiment_file: Path | None = None
+    status: Status = Status.DONE
+
+    def __post_init__(self) -> None:
+        where = self.source or "measurement"
+        for key in ("axial_extent", "capsule_velocity", "axial_length"):
+            self._check_pair(where, key)
+        if self.axial_length is not None and self.axial_length > self.axial_extent:
+            raise InputError(
+                where, "axial_length", f"at most the axial extent {self.axial_extent:g}", f"{self.axial_length:g}"
+            )
+        if not (isinstance(self.length_correlation, (int, float)) and -1.0 < self.length_correlation < 1.0):
+            raise InputError(where, "length_correlation", "a number between -1 and 1", repr(self.length_correlation))
+
+    def _check_pair(self, where: str, key: str) -> None:
+        """Refuse a value or an error that is missing, NaN, infinite or not positive."""
+        value, error = getattr(self, key), getattr(self, f"{key}_error")
+        if key == "axial_length" and value is None and error is None:
+            return
+        for name, number in ((key, value), (f"{key}_error", error)):
+            if number is None or not (np.isfinite(number) and number > 0.0):
+                raise InputError(where, name, "a positive finite number", repr(number))
+
+    @classmethod
+    def read(cls, path: str | Path) -> Measurement:
+        """Read a measurement from TOML with units and errors.
+
+        Parameters
+        ----------
+        path : path
+            File with a table ``[measurement]``: ``axial_extent``,
+            ``capsule_velocity``, and optionally ``axial_length`` and
+            ``length_correlation``. It may name its experiment file
+            (``experiment = "..."``, relative to itself) and state a
+            ``[prior]``, which is read where priors are known.
+
+        Returns
+        -------
+        Measurement
+
+        Raises
+        ------
+        InputError
+            Naming file, key, what was expected and what was found.
+        """
+        file = InputFile.read(path)
+        top = file.table(required=("measurement",), optional=("experiment", "prior"))
+        table = file.table("measurement", required=_KEYS, optional=_OPTIONAL)
+        where = str(path)
+        extent = _length(table["axial_extent"], where, "axial_extent", ("", "m"))
+        length = None
+        if "axial_length" in table:
+            length = _length(table["axial_length"], where, "axial_length", (extent.unit,))
+        velocity = _measured(table["capsule_velocity"], where, "capsule_velocity", ("m/s",), "5.00 +/- 0.05 mm/s")
+        return cls(
+            axial_extent=extent.value,
+            axial_extent_error=extent.error,
+            capsule_velocity=velocity.value,
+            capsule_velocity_error=velocity.error,
+            axial_length=length.value if length else None,
+            axial_length_error=length.error if length else None,
+            length_correlation=table.get("length_correlation", 0.0),
+            over_half_width=not extent.unit,
+            source=where,
+            sha256=file.sha256,
+            experiment_file=_named_file(top.get("experiment"), file.path),
+        )
+
+    @property
+    def lengths(self) -> Floats:
+        """The lengths measured, L_z or (L_z, L_a) : (k,) array."""
+        both = [self.axial_extent] if self.axial_length is None else [self.axial_extent, self.axial_length]
+        return np.array(both)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of the errors of `lengths` : (k, k) array."""
+        if self.axial_length_error is None:
+            return np.array([[self.axial_extent_error**2]])
+        cross = self.length_correlation * self.axial_extent_error * self.axial_length_error
+        return np.array([[self.axial_extent_error**2, cross], [cross, self.axial_length_error**2]])
+
+
+def _length(text: object, where: str, key: str, units: tuple[str, ...]) -> Quantity:
+    example = "53.5 +/- 0.3 um" if units == ("m",) else "2.14 +/- 0.01"
+    return _measured(text, where, key, units, example)
+
+
+def _measured(text: object, where: str, key: str, units: tuple[str, ...], example: str) -> Quantity:
+    """Read a measured quantity: one without an error is refused, as nothing would follow from it."""
+    read = quantity(text, where=where, key=f"measurement.{key}", units=units, example=example)
+    if read.error == 0.0:
+        raise InputError(where, f"measurement.{key}", f'a standard error, as in "{example}"', repr(text))
+    return read
+
+
+def _named_file(name: object, beside: Path) -> Path | None:
+    if name is None:
+        return None
+    if not isinstance(name, str):
+        raise InputError(str(beside), "experiment", 'the name of a file like "experiment.toml"', repr(name))
+    return beside.parent / name

@@ -1,0 +1,100 @@
+"""The one table of quantities: name, symbol, unit, the unit people read, and what each one means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+__all__ = ["PARAMETERS", "Parameter"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One quantity of the language.
+
+    Parameters
+    ----------
+    name : str
+        Python name, the same in functions, files and results.
+    symbol : str
+        Symbol of the papers, in plain text.
+    latex : str
+        The symbol for figures, without dollar signs.
+    unit : str
+        Unit in which the number is held: SI, or "-" for a ratio, or the scale
+        that makes it dimensionless.
+    shown_unit : str
+        Unit in which people read it.
+    scale : float
+        Factor from `unit` to `shown_unit`.
+    meaning : str
+        One line.
+
+    Examples
+    --------
+    >>> PARAMETERS["capsule_radius"].label
+    'a [um]'
+    >>> round(PARAMETERS["surface_shear_modulus"].shown(0.04), 6)
+    40.0
+    """
+
+    name: str
+    symbol: str
+    latex: str
+    unit: str
+    shown_unit: str
+    scale: float
+    meaning: str
+
+    @property
+    def label(self) -> str:
+        """Symbol with the unit people read; a bare symbol for a ratio."""
+        return f"{self.symbol} [{self.shown_unit}]" if self.shown_unit not in ("", "-") else self.symbol
+
+    @property
+    def axis_label(self) -> str:
+        """Label for the axis of a figure."""
+        unit = self.shown_unit.replace("um", "µm")
+        return f"${self.latex}$ [{unit}]" if unit not in ("", "-") else f"${self.latex}$"
+
+    def shown(self, value: float) -> float:
+        """Value in the unit people read."""
+        return value * self.scale
+
+
+def _ratio(name: str, symbol: str, latex: str, meaning: str, unit: str = "-") -> Parameter:
+    return Parameter(name, symbol, latex, unit, unit, 1.0, meaning)
+
+
+_TABLE = (
+    # of the capsule
+    Parameter("surface_shear_modulus", "G_s", r"G_\mathrm{s}", "N/m", "mN/m", 1e3, "shear modulus of the membrane"),
+    Parameter("capsule_radius", "a", "a", "m", "um", 1e6, "radius of the capsule at rest"),
+    _ratio("bending", "B", "B", "bending modulus of the membrane", "G_s a^2"),
+    _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
+    # of the experiment
+    Parameter("half_width", "l", r"\ell", "m", "um", 1e6, "half width of the channel"),
+    Parameter("viscosity", "mu", r"\mu", "Pa s", "Pa s", 1.0, "viscosity of the suspending liquid"),
+    Parameter("mean_velocity", "U", "U", "m/s", "mm/s", 1e3, "mean velocity of the undisturbed flow"),
+    Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
+    # of the flow problem
+    _ratio("capillary_number", "Ca", r"\mathrm{Ca}", "viscous over elastic forces, mu U / G_s"),
+    _ratio("size_ratio", "a/l", r"a/\ell", "radius of the capsule over the half width of the channel"),
+    _ratio("velocity_ratio", "v_o/U", r"v_\mathrm{o}/U", "velocity of the capsule over that of the undisturbed flow"),
+    # of the steady shape
+    _ratio("axial_extent", "L_z", r"L_z/\ell", "maximum extension along the flow", "l"),
+    _ratio("axial_length", "L_a", r"L_a/\ell", "length on the axis", "l"),
+    _ratio("parachute_depth", "L_p", r"L_p/\ell", "depth of the concave rear, L_z - L_a", "l"),
+    _ratio("perimeter", "P", r"P/\ell", "length of the mid-plane profile", "l"),
+    _ratio("stretch_ratio", "Lambda", r"\Lambda", "perimeter of the profile over that at rest, P / (2 pi a)"),
+    _ratio("inner_pressure", "p_in", r"p_\mathrm{in}", "pressure of the inner liquid over the outer", "mu U/l"),
+    _ratio("extra_pressure_drop", "dP+", r"\Delta P^+", "pressure drop the capsule adds", "mu U/l"),
+    # of a simulation
+    _ratio("refinement", "n", "n", "subdivisions of an edge of the octahedron"),
+    _ratio("residual", "R", "R", "largest velocity of the membrane in the frame of the capsule", "U"),
+    _ratio("slack", "s", "s", "uniform normal velocity that absorbs the redundant equation; an error indicator", "U"),
+)
+
+PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _TABLE})
+"""Every quantity by name."""

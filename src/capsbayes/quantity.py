@@ -1,0 +1,108 @@
+"""Numbers in text with units and errors: ``"50.0 +/- 0.5 um"`` becomes SI."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from capsbayes.errors import InputError
+
+__all__ = ["Quantity", "quantity"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A positive number with its standard error.
+
+    Parameters
+    ----------
+    value : float
+        In SI, or a ratio when `unit` is empty.
+    error : float
+        Standard error in the same unit; zero if the number is known.
+    unit : str
+        SI unit, empty for a ratio.
+    """
+
+    value: float
+    error: float
+    unit: str
+
+
+@functools.cache
+def _registry() -> Any:
+    """Return the unit registry: half a second to import and build, so only when a text is read."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def quantity(text: object, *, where: str, key: str, units: tuple[str, ...], example: str) -> Quantity:
+    """Read one quantity.
+
+    Parameters
+    ----------
+    text : object
+        What the file holds; only text can be read. ``+/-`` or ``±`` announces
+        the standard error.
+    where, key : str
+        File and key, for the message.
+    units : tuple of str
+        SI units to convert to, one for each dimension allowed; an empty
+        string allows a bare number (a ratio, never a percentage).
+    example : str
+        A value that would have been right, for the message.
+
+    Returns
+    -------
+    Quantity
+
+    Raises
+    ------
+    InputError
+        If the text is no such quantity, or is negative, zero or not finite.
+
+    Examples
+    --------
+    >>> quantity("50.0 +/- 0.5 um", where="x.toml", key="half_width", units=("m",), example="50 um").unit
+    'm'
+    """
+    names = " or ".join(f"in {unit}" if unit else "without unit" for unit in units)
+    wanted = f'a text {names} like "{example}"'
+    if not isinstance(text, str) or not text.strip():
+        raise InputError(where, key, wanted, "nothing" if text in (None, "") else repr(text))
+    parsed = _parsed(text, where, key, wanted)
+    unit = next((unit for unit in units if _fits(parsed, unit)), None)
+    if unit is None:
+        raise InputError(where, key, wanted, f"{'no unit' if _bare(parsed) else parsed.units} in {text!r}")
+    magnitude = parsed.to(unit or "dimensionless").magnitude
+    value = float(getattr(magnitude, "nominal_value", magnitude))
+    error = float(getattr(magnitude, "std_dev", 0.0))
+    if not (math.isfinite(value) and value > 0.0):
+        raise InputError(where, key, f"a positive finite number, {wanted}", repr(text))
+    if not (math.isfinite(error) and error >= 0.0):
+        raise InputError(where, key, f"a finite error, {wanted}", repr(text))
+    return Quantity(value, error, unit)
+
+
+def _parsed(text: str, where: str, key: str, wanted: str) -> Any:
+    import pint
+
+    try:
+        return _registry().Quantity(_registry().parse_expression(text))
+    except pint.UndefinedUnitError:
+        raise InputError(where, key, wanted, f"an unknown unit in {text!r}") from None
+    except Exception:  # the parser has an exception of its own for each way to be wrong
+        raise InputError(where, key, wanted, repr(text)) from None
+
+
+def _bare(parsed: Any) -> bool:
+    return bool(parsed.units == _registry().dimensionless)
+
+
+def _fits(parsed: Any, unit: str) -> bool:
+    if not unit:
+        return _bare(parsed)
+    return bool(parsed.dimensionality == _registry().Unit(unit).dimensionality)
