@@ -1,0 +1,293 @@
+"""Steady shapes on disk: one NetCDF file per membrane law and section, with its pedigree.
+
+Lengths are over the half width l of the channel, velocities over the mean
+undisturbed velocity U, pressures over mu U/l, tensions over G_s. The file is
+plain NetCDF-4; ``xarray.open_dataset(path, engine="h5netcdf")`` reads it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.errors import DatabaseError
+from capsbayes.status import Status
+
+__all__ = ["ATTRIBUTES", "VARIABLES", "Database", "Variable"]
+
+
+class Variable(NamedTuple):
+    """What a variable of the file is.
+
+    Parameters
+    ----------
+    dims : tuple of str
+        Names of its dimensions.
+    kind : str
+        numpy's letter: ``"f"`` float64, ``"i"`` int64, ``"U"`` text.
+    symbol, units, long_name : str
+        As shown on axes and in tables.
+    """
+
+    dims: tuple[str, ...]
+    kind: str
+    symbol: str
+    units: str
+    long_name: str
+
+
+_CASE, _BORDER = ("case",), ("border",)
+
+VARIABLES: dict[str, Variable] = {
+    "capillary_number": Variable(_CASE, "f", "Ca", "1", "capillary number mu U / G_s"),
+    "size_ratio": Variable(_CASE, "f", "a/l", "1", "radius at rest over half width"),
+    "axial_extent": Variable(_CASE, "f", "L_z", "l", "maximum extension along the flow"),
+    "axial_length": Variable(_CASE, "f", "L_a", "l", "length on the axis"),
+    "parachute_depth": Variable(_CASE, "f", "L_p", "l", "depth of the concave rear L_z - L_a"),
+    "perimeter": Variable(_CASE, "f", "P", "l", "length of the profile in the plane x = 0"),
+    "stretch_ratio": Variable(_CASE, "f", "Lambda", "1", "perimeter over that at rest P / (2 pi a)"),
+    "velocity_ratio": Variable(_CASE, "f", "v_o/U", "1", "velocity of the capsule over mean undisturbed velocity"),
+    "inner_pressure": Variable(_CASE, "f", "p_in", "mu U/l", "pressure of the inner liquid"),
+    "extra_pressure_drop": Variable(_CASE, "f", "dP+", "mu U/l", "pressure drop added by the capsule"),
+    "residual": Variable(_CASE, "f", "R", "U", "largest collocation residual of the steady state"),
+    "slack": Variable(_CASE, "f", "s", "U", "uniform normal velocity left over, an indicator of the mesh's error"),
+    "minimum_tension": Variable(_CASE, "f", "tau_min", "G_s", "smallest principal tension of the membrane"),
+    "iterations": Variable(_CASE, "i", "k", "1", "Newton iterations"),
+    "refinement": Variable(_CASE, "i", "n", "1", "subdivisions of an edge of the octahedron"),
+    "status": Variable(_CASE, "U", "status", "1", "why the computation ended, a name of capsbayes.Status"),
+    "nodes": Variable(("case", "node", "axis"), "f", "x", "l", "nodes of the symmetry wedge"),
+    "profile": Variable(("case", "point", "plane"), "f", "(z, y)", "l", "outline in the plane x = 0, from the nose"),
+    "silhouette": Variable(("case", "point", "plane"), "f", "(z, y)", "l", "outline seen along x, from the nose"),
+    "border_size_ratio": Variable(_BORDER, "f", "a/l", "1", "size ratio of each point of the upper border"),
+    "border_capillary_number": Variable(_BORDER, "f", "Ca", "1", "largest capillary number with a steady state"),
+    "border_kind": Variable(_BORDER, "U", "kind", "1", "limit of existence, or limit of the database"),
+    "axis": Variable(("axis",), "U", "axis", "1", "coordinate of a node"),
+    "plane": Variable(("plane",), "U", "plane", "1", "coordinate of an outline's point"),
+}
+"""Every variable a file must hold."""
+
+ATTRIBUTES = (
+    "title",
+    "source",
+    "law",
+    "section",
+    "bending",
+    "pre_inflation",
+    "settings",
+    "version",
+    "created",
+    "sha256",
+)
+"""Every attribute a file must hold; `settings` is JSON, `created` alone is left out of the hash."""
+
+_COORDINATES: dict[str, tuple[str, ...]] = {"axis": ("x", "y", "z"), "plane": ("z", "y")}
+
+
+@dataclass(frozen=True, eq=False)
+class Database:
+    """Steady shapes over a set of cases (capillary number, size ratio).
+
+    ``database[name]`` is a variable as a numpy array; the names are those of
+    `VARIABLES`.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Holding every one of `VARIABLES`. Use `assemble` to make one from
+        arrays, `read` or `open` to read a file.
+    """
+
+    dataset: xr.Dataset
+
+    @classmethod
+    def assemble(cls, variables: Mapping[str, ArrayLike], attributes: Mapping[str, str | int | float]) -> Database:
+        """Make a database from arrays; units, symbols, coordinates and hash are added.
+
+        Parameters
+        ----------
+        variables : mapping of str to array
+            Every one of `VARIABLES` but the coordinates.
+        attributes : mapping of str to str or number
+            Every one of `ATTRIBUTES` but ``sha256``.
+
+        Returns
+        -------
+        Database
+
+        Raises
+        ------
+        DatabaseError
+            If one is missing or has a wrong shape.
+        """
+        dataset = xr.Dataset(attrs=dict(attributes))
+        for name, values in {**_COORDINATES, **variables}.items():
+            if name in VARIABLES:
+                dims, kind, symbol, units, long_name = VARIABLES[name]
+                array = np.asarray(values)
+                if array.ndim != len(dims):
+                    raise DatabaseError(f"database: {name}: expected dimensions {dims}, got shape {array.shape}")
+                described = {"long_name": long_name, "symbol": symbol, "units": units}
+                dataset[name] = (dims, array.astype(kind if kind == "U" else f"{kind}8"), described)
+        dataset.attrs["sha256"] = _content_hash(dataset)
+        _check(dataset, "database")
+        return cls(dataset)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Database:
+        """Read and check a file.
+
+        Parameters
+        ----------
+        path : path
+            NetCDF file written by `write`.
+
+        Returns
+        -------
+        Database
+            Held in memory; the file is closed.
+
+        Raises
+        ------
+        DatabaseError
+            If the file is missing, cut short, lacks a variable or was changed.
+        """
+        if not Path(path).is_file():
+            raise DatabaseError(f"{path}: no such file")
+        try:
+            with xr.open_dataset(path, engine="h5netcdf") as opened:
+                dataset = opened.load()
+        except Exception as error:  # h5py, h5netcdf and xarray each have their own errors for a damaged file
+            reason = " ".join(str(error).split())[:120]
+            raise DatabaseError(f"{path}: not a readable NetCDF file, damaged or cut short ({reason})") from error
+        for name in dataset.variables:
+            if dataset[name].dtype.kind in "OT":  # text of variable length comes back as objects
+                dataset[name] = dataset[name].astype("U")
+        _check(dataset, str(path))
+        if _content_hash(dataset) != dataset.attrs["sha256"]:
+            raise DatabaseError(f"{path}: its content does not match its sha256; it was damaged or changed by hand")
+        return cls(dataset)
+
+    @classmethod
+    def open(cls, name: str) -> Database:
+        """Read a database that comes with the library.
+
+        Parameters
+        ----------
+        name : str
+            Its name, as ``"square-neo-hookean"``.
+
+        Returns
+        -------
+        Database
+
+        Raises
+        ------
+        DatabaseError
+            If there is none of that name.
+        """
+        for folder in _shipped_folders():
+            if (folder / f"{name}.nc").is_file():
+                return cls.read(folder / f"{name}.nc")
+        known = sorted({path.stem for folder in _shipped_folders() for path in folder.glob("*.nc")})
+        raise DatabaseError(f"no database {name!r} comes with the library; it has {', '.join(known) or 'none'}")
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the file whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Replaced only once the new file is complete.
+        """
+        target = Path(path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+        encoding: dict[str, dict[str, Any]] = {}
+        for name, variable in VARIABLES.items():
+            encoding[name] = {"_FillValue": None} if variable.kind == "f" else {}
+            if len(variable.dims) > 1 and self.dataset[name].size:
+                encoding[name] |= {"zlib": True, "complevel": 6, "shuffle": True}
+        try:
+            dataset = self.dataset.assign_attrs(sha256=_content_hash(self.dataset))
+            dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
+            with partial.open("rb") as written:
+                os.fsync(written.fileno())
+            os.replace(partial, target)
+        finally:
+            with contextlib.suppress(FileNotFoundError):
+                partial.unlink()
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return np.asarray(self.dataset[name].values)
+
+    def __len__(self) -> int:
+        return int(self.dataset.sizes["case"])
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the content, as kept in the file."""
+        return str(self.dataset.attrs["sha256"])
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings of the simulator that made it."""
+        return dict(json.loads(self.dataset.attrs["settings"]))
+
+    @property
+    def converged(self) -> Database:
+        """The cases that ended as they should, with the hash of the whole."""
+        return Database(self.dataset.isel(case=np.flatnonzero(self["status"] == Status.DONE.name)))
+
+
+def _shipped_folders() -> tuple[Path, ...]:
+    """Where shipped files lie: in the installed package, or in the source tree."""
+    package = Path(__file__).resolve().parent
+    return package / "databases", package.parents[1] / "data" / "databases"
+
+
+def _check(dataset: xr.Dataset, where: str) -> None:
+    for name, variable in VARIABLES.items():
+        if name not in dataset.variables:
+            raise DatabaseError(f"{where}: variable {name} is missing")
+        found = dataset[name]
+        if found.dims != variable.dims:
+            raise DatabaseError(f"{where}: {name}: expected dimensions {variable.dims}, got {found.dims}")
+        if found.dtype.kind != variable.kind:
+            raise DatabaseError(f"{where}: {name}: expected numpy kind {variable.kind!r}, got {found.dtype}")
+    for name in ATTRIBUTES:
+        if name not in dataset.attrs:
+            raise DatabaseError(f"{where}: attribute {name} is missing")
+    unknown = sorted(set(map(str, dataset["status"].values)) - set(Status.__members__))
+    if unknown:
+        raise DatabaseError(f"{where}: status: expected names of capsbayes.Status, got {', '.join(unknown)}")
+
+
+def _content_hash(dataset: xr.Dataset) -> str:
+    """sha256 of every variable in the order of names, then of the attributes that state the pedigree."""
+    digest = hashlib.sha256()
+    for name in sorted(map(str, dataset.variables)):
+        values = dataset[name].values
+        digest.update(f"{name} {dataset[name].dims} {values.shape} {sorted(dataset[name].attrs.items())}\n".encode())
+        if values.dtype.kind == "f":
+            values = np.where(np.isnan(values), np.nan, values)  # one NaN of the many
+        if values.dtype.kind in "fi":
+            digest.update(np.ascontiguousarray(values, dtype=f"<{values.dtype.kind}8").tobytes())
+        else:
+            digest.update("\0".join(map(str, values.ravel())).encode())
+    attributes = {
+        key: value if isinstance(value, str) else float(value)
+        for key, value in dataset.attrs.items()
+        if key not in ("sha256", "created")
+    }
+    digest.update(json.dumps(attributes, sort_keys=True).encode())
+    return digest.hexdigest()

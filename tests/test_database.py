@@ -1,0 +1,189 @@
+"""A database comes back from its file as it went, or says in one line why not."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from capsbayes.database import ATTRIBUTES, VARIABLES, Database
+from capsbayes.errors import DatabaseError
+
+CASES, NODES, POINTS = 5, 7, 16
+
+
+def arrays(cases=CASES):
+    rng = np.random.default_rng(1)
+    size = {"case": cases, "node": NODES, "axis": 3, "point": POINTS, "plane": 2, "border": 2}
+    values = {}
+    for name, variable in VARIABLES.items():
+        shape = tuple(size[dim] for dim in variable.dims)
+        values[name] = rng.integers(1, 9, shape) if variable.kind == "i" else rng.random(shape)
+    values["status"] = np.array(["DONE", "DONE", "NO_STEADY_STATE", "DONE", "NOT_CONVERGED"])[:cases]
+    values["border_kind"] = np.array(["limit of existence", "limit of the database"])
+    values["axial_extent"][2] = np.nan
+    return {name: value for name, value in values.items() if name not in ("axis", "plane")}
+
+
+def attributes():
+    values = dict.fromkeys(ATTRIBUTES, "text") | {
+        "bending": 2e-4,
+        "pre_inflation": 0.0,
+        "settings": '{"refinement": 8}',
+    }
+    del values["sha256"]
+    return values
+
+
+@pytest.fixture
+def database():
+    return Database.assemble(arrays(), attributes())
+
+
+@pytest.fixture
+def file(database, tmp_path):
+    path = tmp_path / "shapes.nc"
+    database.write(path)
+    return path
+
+
+def test_comes_back_as_it_went(database, file):
+    back = Database.read(file)
+    assert back.sha256 == database.sha256
+    assert len(back) == CASES
+    assert back.settings == {"refinement": 8}
+    for name in VARIABLES:
+        assert back[name].dtype.kind == VARIABLES[name].kind
+        np.testing.assert_array_equal(back[name], database[name])
+
+
+def test_plain_xarray_reads_names_units_and_coordinates(file):
+    with xr.open_dataset(file, engine="h5netcdf") as dataset:
+        assert dict(dataset.sizes) == {"case": 5, "node": 7, "axis": 3, "point": 16, "plane": 2, "border": 2}
+        assert dataset["axial_extent"].attrs == {
+            "long_name": "maximum extension along the flow",
+            "symbol": "L_z",
+            "units": "l",
+        }
+        assert list(dataset["plane"].values) == ["z", "y"]
+        assert dataset["nodes"].sel(axis="z").shape == (5, 7)
+        assert list(dataset["status"].values[:3]) == ["DONE", "DONE", "NO_STEADY_STATE"]
+        assert dataset.attrs["bending"] == 2e-4
+
+
+def test_every_variable_says_its_name_symbol_and_unit(database):
+    for name in VARIABLES:
+        assert all(database.dataset[name].attrs[key] for key in ("long_name", "symbol", "units"))
+
+
+def test_converged_keeps_the_done_rows_only(database, tmp_path):
+    done = database.converged
+    assert len(done) == 3
+    assert set(done["status"]) == {"DONE"}
+    np.testing.assert_array_equal(done["capillary_number"], database["capillary_number"][[0, 1, 3]])
+    np.testing.assert_array_equal(done["border_size_ratio"], database["border_size_ratio"])
+    assert done.sha256 == database.sha256
+    done.write(tmp_path / "done.nc")
+    assert len(Database.read(tmp_path / "done.nc")) == 3
+
+
+def test_hash_knows_every_value_and_the_pedigree_but_not_the_date(database):
+    assert Database.assemble(arrays(), attributes() | {"created": "another day"}).sha256 == database.sha256
+    assert Database.assemble(arrays(), attributes() | {"law": "another"}).sha256 != database.sha256
+    changed = arrays()
+    changed["profile"][3, 2, 1] = np.nextafter(changed["profile"][3, 2, 1], 1.0)
+    assert Database.assemble(changed, attributes()).sha256 != database.sha256
+    renamed = arrays()
+    renamed["status"][4] = "UNRESOLVED"
+    assert Database.assemble(renamed, attributes()).sha256 != database.sha256
+
+
+def test_same_content_gives_the_same_bytes(database, file, tmp_path):
+    database.write(tmp_path / "again.nc")
+    assert (tmp_path / "again.nc").read_bytes() == file.read_bytes()
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(DatabaseError, match=r"nowhere\.nc: no such file$"):
+        Database.read(tmp_path / "nowhere.nc")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.99])
+def test_truncated_file(file, share):
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(DatabaseError, match=r"shapes\.nc: .*(damaged|missing)") as caught:
+        Database.read(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_of_another_kind(tmp_path):
+    (tmp_path / "table.nc").write_text("Ca,a/l\n0.05,0.9\n")
+    with pytest.raises(DatabaseError, match=r"table\.nc: not a readable NetCDF file"):
+        Database.read(tmp_path / "table.nc")
+
+
+def test_missing_variable(file):
+    with h5py.File(file, "a") as raw:
+        del raw["velocity_ratio"]
+    with pytest.raises(DatabaseError, match=r"shapes\.nc: variable velocity_ratio is missing$"):
+        Database.read(file)
+
+
+def test_missing_attribute(file):
+    with h5py.File(file, "a") as raw:
+        del raw.attrs["law"]
+    with pytest.raises(DatabaseError, match=r"shapes\.nc: attribute law is missing$"):
+        Database.read(file)
+
+
+def test_changed_value(file):
+    with h5py.File(file, "a") as raw:
+        raw["velocity_ratio"][1] += 1e-12
+    with pytest.raises(DatabaseError, match=r"shapes\.nc: its content does not match its sha256"):
+        Database.read(file)
+
+
+def test_wrong_shape_and_unknown_status_are_refused():
+    with pytest.raises(DatabaseError, match=r"database: nodes: expected dimensions \('case', 'node', 'axis'\)"):
+        Database.assemble(arrays() | {"nodes": np.zeros((5, 7))}, attributes())
+    with pytest.raises(DatabaseError, match=r"expected names of capsbayes\.Status, got FINE"):
+        Database.assemble(arrays() | {"status": ["FINE"] * 5}, attributes())
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_litter(database, file, monkeypatch):
+    before = file.read_bytes()
+
+    def break_off(*args, **kwargs):
+        file.with_name(f".shapes.nc.{os.getpid()}.tmp").write_bytes(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", break_off)
+    with pytest.raises(OSError, match="disk full"):
+        database.write(file)
+    assert file.read_bytes() == before
+    assert [path.name for path in file.parent.iterdir()] == ["shapes.nc"]
+
+
+def test_open_names_what_the_library_has():
+    with pytest.raises(DatabaseError, match="no database 'pentagon' comes with the library; it has "):
+        Database.open("pentagon")
+
+
+def test_open_finds_a_shipped_file(file, tmp_path, monkeypatch):
+    import capsbayes.database as module
+
+    shutil.copy(file, tmp_path / "square-test.nc")
+    monkeypatch.setattr(module, "_shipped_folders", lambda: (tmp_path / "none", tmp_path))
+    assert len(Database.open("square-test")) == CASES
+
+
+def test_importing_it_imports_no_dask():
+    code = "import sys, capsbayes.database; assert not {'dask', 'matplotlib'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
