@@ -1,0 +1,106 @@
+"""``capsbayes validate``: how well a database gives back the cases left out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from capsbayes.surrogate.validation import LeaveOneOut
+
+Studies = dict[str, list["LeaveOneOut"]]
+
+
+def validate(
+    database: Annotated[
+        str, typer.Argument(help="Name of a shipped database, or path of a .nc file.")
+    ] = "square-neo-hookean",
+    out: Annotated[Path | None, typer.Option(help="Folder for the heat maps and the table.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+) -> None:
+    """Leave one case out at a time, and find it again from its two lengths."""
+    import json
+
+    from rich.console import Console
+
+    from capsbayes.database import Database
+    from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
+
+    whole = Database.read(database) if database.endswith(".nc") else Database.open(database)
+    sets = {"all": whole, "even": even_subset(whole)}
+    studies: Studies = {}
+    with Console(stderr=True).status("Leaving out one case at a time ..."):
+        for name, cases in sets.items():
+            studies[name] = [validate_inverse(cases), validate_forward_map(cases)]
+    figures = _figures(studies, whole.sha256)
+    if as_json:
+        typer.echo(json.dumps(figures, indent=2))
+    else:
+        Console().print(_table(studies))
+    if out is not None:
+        _write(out, studies, figures)
+
+
+def _figures(studies: Studies, sha256: str) -> dict[str, Any]:
+    from capsbayes.surrogate.validation import PAPER_ERRORS, PARAMETERS, STRETCH_LIMIT
+
+    rows = []
+    for name, pair in studies.items():
+        for study in pair:
+            for stretched in (False, True):
+                summary = study.summary(stretched=stretched)
+                row: dict[str, Any] = {"cases": name, "method": study.method, "stretched": stretched}
+                row |= {"count": summary.cases, "failed": summary.failed}
+                for k, parameter in enumerate(PARAMETERS):
+                    row[parameter] = {
+                        "mean": float(summary.mean[k]),
+                        "sd": float(summary.sd[k]),
+                        "median": float(summary.median[k]),
+                    }
+                rows.append(row)
+    paper = {key: dict(zip(PARAMETERS, values, strict=True)) for key, values in PAPER_ERRORS.items()}
+    return {"sha256": sha256, "stretch_limit": STRETCH_LIMIT, "relative_errors": rows, "paper": paper}
+
+
+def _table(studies: Studies) -> Table:
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    from capsbayes.surrogate.validation import PAPER_ERRORS, STRETCH_LIMIT
+
+    table = Table(title="Leave-one-out: relative error, mean ± sd [%]", box=SIMPLE, pad_edge=False)
+    for heading in ("cases", "method"):
+        table.add_column(heading)
+    for heading in ("Ca", "a/l", "v_o/U"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, pair in studies.items():
+        for study in pair:
+            for stretched in (False, True):
+                summary = study.summary(stretched=stretched)
+                cases = f"{summary.cases}, Λ > {STRETCH_LIMIT}" if stretched else f"{summary.cases}, {name}"
+                lost = f", {summary.failed} lost" if summary.failed else ""
+                table.add_row(cases, study.method + lost, *_percent(summary.mean, summary.sd, digits=3))
+        table.add_section()
+    published = _percent(PAPER_ERRORS["mean"], PAPER_ERRORS["sd"], digits=1)
+    table.add_row(f"Λ > {STRETCH_LIMIT}", "as published", *published)
+    return table
+
+
+def _percent(means: Iterable[float], sds: Iterable[float], *, digits: int) -> list[str]:
+    return [f"{100 * mean:.{digits}f} ± {100 * sd:.{digits}f}" for mean, sd in zip(means, sds, strict=True)]
+
+
+def _write(out: Path, studies: Studies, figures: dict[str, Any]) -> None:
+    import json
+
+    from capsbayes.surrogate.heat_maps import heat_maps
+
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "validation.json").write_text(json.dumps(figures, indent=2) + "\n")
+    for name, pair in studies.items():
+        heat_maps(*pair).savefig(out / f"errors-{name.replace(' ', '-')}.png", dpi=150)

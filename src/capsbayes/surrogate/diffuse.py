@@ -1,0 +1,236 @@
+"""Diffuse approximation (moving least squares) of scattered values in the plane, with its exact gradient.
+
+The value at a query is that of the polynomial fitted there by weighted least
+squares. Each case carries its own radius, a multiple of the distance to its
+k-th neighbour, and its weight is a smooth function of distance over that
+radius; so weights, and with them value and gradient, vary smoothly with the
+query, wherever the cases are dense or rare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["DiffuseApproximation", "each_left_out", "leave_one_out"]
+
+Floats = NDArray[np.float64]
+
+DEGREE = 3
+NEIGHBOURS = 14
+DILATION = 1.8
+SOFTENING = 0.1
+SMALLEST_PIVOT = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class DiffuseApproximation:
+    """Moving least squares over m nodes; queries that too few nodes reach give NaN.
+
+    Parameters
+    ----------
+    nodes : (m, 2) array
+        Positions, in coordinates where the function varies about equally in all directions.
+    values : (m, q) array
+        The q quantities at the nodes.
+    degree : int
+        Total degree of the local polynomial.
+    neighbours : int
+        The k of the k-th neighbour that sets each node's radius.
+    dilation : float
+        Radius over the distance to the k-th neighbour.
+    softening : float
+        Share of the radius inside which the weight stops growing towards the node.
+    radii : (m,) array, optional
+        Radii of the nodes, when not to be set from their neighbours.
+
+    Examples
+    --------
+    >>> nodes = np.random.default_rng(0).uniform(size=(60, 2))
+    >>> plane = DiffuseApproximation(nodes, (1 + nodes @ [[2.0], [3.0]]))
+    >>> value, gradient = plane.with_gradient(np.array([[0.5, 0.5]]))
+    >>> value.round(9).tolist(), gradient.round(9).tolist()
+    ([[3.5]], [[[2.0, 3.0]]])
+    """
+
+    nodes: Floats
+    values: Floats
+    degree: int = DEGREE
+    neighbours: int = NEIGHBOURS
+    dilation: float = DILATION
+    softening: float = SOFTENING
+    radii: Floats | None = None
+
+    def __post_init__(self) -> None:
+        if self.neighbours >= len(self.nodes):
+            raise ValueError(f"neighbours: expected fewer than the {len(self.nodes)} nodes, got {self.neighbours}")
+        object.__setattr__(self, "nodes", np.ascontiguousarray(self.nodes, dtype=np.float64))
+        object.__setattr__(self, "values", np.ascontiguousarray(self.values, dtype=np.float64))
+        if self.radii is None:
+            object.__setattr__(self, "radii", self.dilation * _reach(self.nodes, self.neighbours))
+
+    def __call__(self, queries: Floats) -> Floats:
+        """Values at the queries : (n, 2) -> (n, q) array."""
+        return self._evaluated(queries, slopes=False)[0]
+
+    def with_gradient(self, queries: Floats) -> tuple[Floats, Floats]:
+        """Values (n, q) and gradients (n, q, 2) at the queries (n, 2)."""
+        return self._evaluated(queries, slopes=True)
+
+    def shape_functions(self, queries: Floats) -> Floats:
+        """Weight of every node's value in the value at each query : (n, 2) -> (n, m) array, rows adding up to one."""
+        return replace(self, values=np.eye(len(self.nodes)))(queries)
+
+    def _evaluated(self, queries: Floats, *, slopes: bool) -> tuple[Floats, Floats]:
+        queries = np.ascontiguousarray(queries, dtype=np.float64)
+        shape = (len(queries), self.values.shape[1])
+        value, gradient = np.full(shape, np.nan), np.full((*shape, 2) if slopes else (len(queries), 0, 2), np.nan)
+        _approximate(queries, self.nodes, self.radii, self.values, self.degree, self.softening, value, gradient)
+        return value, gradient
+
+
+def each_left_out(approximation: DiffuseApproximation) -> Iterator[DiffuseApproximation]:
+    """Approximations made as if node 0, then node 1, ... had never been computed, radii included."""
+    nodes, k = approximation.nodes, approximation.neighbours
+    distance = np.sqrt(np.sum((nodes[:, None] - nodes[None]) ** 2, axis=-1))
+    reach, next_reach = np.partition(distance, (k, k + 1), axis=1)[:, k : k + 2].T
+    for i in range(len(nodes)):
+        keep = np.arange(len(nodes)) != i
+        radii = approximation.dilation * np.where(distance[:, i] <= reach, next_reach, reach)
+        yield replace(approximation, nodes=nodes[keep], values=approximation.values[keep], radii=radii[keep])
+
+
+def leave_one_out(approximation: DiffuseApproximation) -> Floats:
+    """Predict each node from all others : (m, q) array."""
+    queries = approximation.nodes[:, None]
+    return np.concatenate([rest(query) for rest, query in zip(each_left_out(approximation), queries, strict=True)])
+
+
+def _reach(nodes: Floats, neighbours: int) -> Floats:
+    squared = np.sum((nodes[:, None] - nodes[None]) ** 2, axis=-1)
+    return np.sqrt(np.partition(squared, neighbours, axis=1)[:, neighbours])
+
+
+@njit(cache=True, nogil=True)
+def _monomials(x, y, degree, out):  # type: ignore[no-untyped-def]
+    out[0] = 1.0
+    start = 0
+    for d in range(1, degree + 1):
+        for k in range(d):
+            out[start + d + k] = x * out[start + k]
+        out[start + 2 * d] = y * out[start + d - 1]
+        start += d
+
+
+@njit(cache=True, nogil=True)
+def _factorise(a, n):  # type: ignore[no-untyped-def]
+    """Cholesky factor in place; False when the matrix is singular to working precision."""
+    for j in range(n):
+        top = a[j, j]
+        for k in range(j):
+            a[j, j] -= a[j, k] ** 2
+        if not a[j, j] > SMALLEST_PIVOT * top:
+            return False
+        a[j, j] = np.sqrt(a[j, j])
+        for i in range(j + 1, n):
+            for k in range(j):
+                a[i, j] -= a[i, k] * a[j, k]
+            a[i, j] /= a[j, j]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _solve(a, n, b):  # type: ignore[no-untyped-def]
+    """Overwrite b with the solution, from the Cholesky factor a."""
+    for i in range(n):
+        for k in range(i):
+            b[i] -= a[i, k] * b[k]
+        b[i] /= a[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= a[k, i] * b[k]
+        b[i] /= a[i, i]
+
+
+@njit(cache=True, nogil=True)
+def _gather(u, v, nodes, radii, softening, near, weight, slope):  # type: ignore[no-untyped-def]
+    """Nodes that reach (u, v), their weights with gradients; returns how many, and the farthest distance."""
+    count, farthest = 0, 0.0
+    for i in range(len(nodes)):
+        x, y = nodes[i, 0] - u, nodes[i, 1] - v
+        reach = radii[i] ** 2
+        squared = x * x + y * y
+        if squared >= reach:
+            continue
+        share, soft = squared / reach, softening**2
+        bump, pole = (1.0 - share) ** 4, 1.0 / (share + soft)
+        weight[count] = bump * pole
+        # d(weight)/d(share), then share = |node - query|^2 / reach
+        rate = -pole * (4.0 * (1.0 - share) ** 3 + bump * pole) * -2.0 / reach
+        slope[count, 0], slope[count, 1] = rate * x, rate * y
+        near[count] = i
+        farthest = max(farthest, squared)
+        count += 1
+    return count, np.sqrt(farthest)
+
+
+@njit(cache=True, nogil=True)
+def _approximate(queries, nodes, radii, values, degree, softening, value, gradient):  # type: ignore[no-untyped-def]
+    """Fill value (n, q) and gradient (n, q or 0, 2).
+
+    The shape function of node i at the query is w_i g . p_i with g = A^-1 e_0, A
+    the moment matrix sum w p p^T and p the monomials centred on the query; its
+    derivative along k is w_i g_k . p_i + d_k w_i g . p_i with
+    g_k = A^-1 (d_k p(0) - sum_j d_k w_j (g . p_j) p_j).
+    """
+    m, terms = len(nodes), (degree + 1) * (degree + 2) // 2
+    near, weight, slope = np.empty(m, np.int64), np.empty(m), np.empty((m, 2))
+    basis, moment = np.empty((m, terms)), np.empty((terms, terms))
+    solution = np.empty((3, terms))
+    for q in range(len(queries)):
+        u, v = queries[q]
+        count, scale = _gather(u, v, nodes, radii, softening, near, weight, slope)
+        if count < terms:
+            continue
+        moment[:] = 0.0
+        for i in range(count):
+            row = basis[i]
+            _monomials((nodes[near[i], 0] - u) / scale, (nodes[near[i], 1] - v) / scale, degree, row)
+            for j in range(terms):
+                for k in range(j + 1):
+                    moment[j, k] += weight[i] * row[j] * row[k]
+        if not _factorise(moment, terms):
+            continue
+        solution[:] = 0.0
+        solution[0, 0] = 1.0
+        _solve(moment, terms, solution[0])
+        for k in range(2):
+            if terms > 1:  # a constant has no slope of its own, only that of its weights
+                solution[k + 1, k + 1] = 1.0 / scale
+            for i in range(count):
+                factor = slope[i, k] * _dot(solution[0], basis[i])
+                for j in range(terms):
+                    solution[k + 1, j] -= factor * basis[i, j]
+            _solve(moment, terms, solution[k + 1])
+        value[q] = 0.0
+        gradient[q] = 0.0
+        for i in range(count):
+            plain = _dot(solution[0], basis[i])
+            for c in range(value.shape[1]):
+                value[q, c] += weight[i] * plain * values[near[i], c]
+            for k in range(2):
+                factor = weight[i] * _dot(solution[k + 1], basis[i]) + slope[i, k] * plain
+                for c in range(gradient.shape[1]):
+                    gradient[q, c, k] += factor * values[near[i], c]
+
+
+@njit(cache=True, nogil=True)
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total

@@ -1,0 +1,138 @@
+"""Leave-one-out over a database: how well (Ca, a/l, v_o/U) come back from (L_z, L_a) of a case left out.
+
+Two ways back are compared: the paper's inverse, and the inversion of the
+forward map by Newton's method. The relative errors are the paper's,
+|theta - theta_i| / theta_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.database import Database
+from capsbayes.surrogate.chart import Chart
+from capsbayes.surrogate.diffuse import DiffuseApproximation, each_left_out
+from capsbayes.surrogate.inverse import DISTANCE_WEIGHTS, Inverse, inverse, rotated
+from capsbayes.surrogate.newton import solve
+from capsbayes.surrogate.surrogate import approximation_of
+
+__all__ = ["PAPER_CASES", "PAPER_ERRORS", "PARAMETERS", "STRETCH_LIMIT", "LeaveOneOut"]
+__all__ += ["Summary", "even_subset", "validate_forward_map", "validate_inverse"]
+
+Floats = NDArray[np.float64]
+
+PARAMETERS = ("capillary_number", "size_ratio", "velocity_ratio")
+STRETCH_LIMIT = 1.04  # the paper trusts its method above this stretch of the profile
+PAPER_CASES = 137
+PAPER_ERRORS = {"mean": (0.027, 0.002, 0.002), "sd": (0.041, 0.001, 0.002)}
+STARTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """Mean, standard deviation and median of the relative errors of (Ca, a/l, v_o/U); cases in all, and lost."""
+
+    mean: Floats
+    sd: Floats
+    median: Floats
+    cases: int
+    failed: int
+
+
+@dataclass(frozen=True, eq=False)
+class LeaveOneOut:
+    """Relative errors of one method at every case.
+
+    Parameters
+    ----------
+    method : str
+        What the method is called in the table.
+    truth : (c, 3) array
+        (Ca, a/l, v_o/U) of the cases.
+    stretch_ratio : (c,) array [-]
+        Lambda of the cases.
+    errors : (c, 3) array [-]
+        Relative errors; NaN where the method found no answer.
+    """
+
+    method: str
+    truth: Floats
+    stretch_ratio: Floats
+    errors: Floats
+
+    def summary(self, *, stretched: bool = False) -> Summary:
+        """Statistics over all cases, or over the stretched ones (Lambda > 1.04) alone."""
+        chosen = self.stretch_ratio > STRETCH_LIMIT if stretched else np.ones(len(self.errors), dtype=bool)
+        errors = self.errors[chosen]
+        found = np.all(np.isfinite(errors), axis=1)
+        good = errors[found]
+        return Summary(good.mean(axis=0), good.std(axis=0), np.median(good, axis=0), len(errors), int(np.sum(~found)))
+
+
+def validate_inverse(database: Database, *, neighbours: int = 14) -> LeaveOneOut:
+    """Leave-one-out of the paper's procedure."""
+    whole = inverse(database, neighbours)
+
+    def answer(i: int) -> Floats:
+        keep = np.arange(len(whole.parameters)) != i
+        rest = Inverse(
+            whole.parameters[keep], whole.lengths[keep], whole.velocity_ratio[keep], whole.contours[keep], neighbours
+        )
+        found = rest(axial_extent=whole.lengths[i, 0], axial_length=whole.lengths[i, 1])
+        return np.array([found.capillary_number, found.size_ratio, found.velocity_ratio])
+
+    return _study("paper's inverse", database, map(answer, range(len(whole.parameters))))
+
+
+def validate_forward_map(database: Database) -> LeaveOneOut:
+    """Leave-one-out of the forward map, inverted for (Ca, a/l) from (L_z, L_a).
+
+    The search starts at the cases whose lengths are nearest, so it knows
+    nothing of the answer; where no point gives both lengths exactly, the
+    nearest one in least squares is the answer.
+    """
+    chart, whole = Chart(), approximation_of(database, Chart())
+    cloud = rotated(whole.values[:, :2])
+
+    def answer(i: int, rest: DiffuseApproximation) -> Floats:
+        distance = (cloud - cloud[i]) ** 2 @ np.array(DISTANCE_WEIGHTS)
+        distance[i] = np.inf
+        starts = whole.nodes[np.argsort(distance, kind="stable")[:STARTS]]
+
+        def forward(point: Floats) -> tuple[Floats, Floats]:
+            value, gradient = rest.with_gradient(point[None])
+            return value[0, :2], gradient[0, :2]
+
+        point = solve(forward, whole.values[i, :2], starts).point
+        return np.append(chart.from_plane(point), rest(point[None])[0, 2])
+
+    answers = (answer(i, rest) for i, rest in enumerate(each_left_out(whole)))
+    return _study("forward map", database, answers)
+
+
+def even_subset(database: Database, count: int = PAPER_CASES) -> Database:
+    """Cases spread evenly over the domain: each next one is the farthest from those already chosen.
+
+    Distances are in (Ca, a/l), each over its range; the first case is the
+    nearest to the middle. The same database gives the same subset.
+    """
+    cases = database.converged
+    points = np.stack([cases["capillary_number"], cases["size_ratio"]], axis=1)
+    points = (points - points.min(axis=0)) / np.ptp(points, axis=0)
+    chosen = [int(np.argmin(np.sum((points - 0.5) ** 2, axis=1)))]
+    distance = np.sum((points - points[chosen[0]]) ** 2, axis=1)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.sum((points - points[chosen[-1]]) ** 2, axis=1))
+    return Database(cases.dataset.isel(case=np.sort(chosen)))
+
+
+def _study(method: str, database: Database, answers: Iterable[Floats]) -> LeaveOneOut:
+    cases = database.converged
+    truth = np.stack([cases[name] for name in PARAMETERS], axis=1)
+    errors = np.abs(np.array(list(answers)) - truth) / truth
+    return LeaveOneOut(method, truth, cases["stretch_ratio"], errors)

@@ -1,0 +1,79 @@
+"""Manufactured maps: closed forms that stand in for steady shapes where a test needs the truth. Not physics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capsbayes.database import Database
+
+POINTS = 64
+ATTRIBUTES = {
+    "title": "manufactured",
+    "source": "closed forms, no physics",
+    "law": "manufactured",
+    "section": "square",
+    "bending": 2e-4,
+    "pre_inflation": 0.0,
+    "settings": "{}",
+    "version": "0",
+    "created": "1970-01-01T00:00:00",
+}
+
+
+def limit(size_ratio):
+    """Manufactured limit of existence."""
+    return np.minimum(0.15, 0.13 - 0.25 * (np.asarray(size_ratio) - 0.9))
+
+
+def lengths(ca, size):
+    """Manufactured (L_z, L_a, v_o/U, Lambda), smooth and with a smooth inverse : (n, 4) array."""
+    depth = 1.1 * size * ca**0.6
+    axial_length = 2 * size * (1 + 0.8 * (size - 0.8)) * (1 - 0.5 * ca**0.5)
+    velocity = 2.1 - 1.0 * size**1.5 + 0.9 * ca * size
+    return np.stack([axial_length + depth, axial_length, velocity, 1 + 0.9 * ca * size + 0.1 * (size - 0.7)], axis=-1)
+
+
+def outlines(ca, size):
+    """Manufactured outlines of the wanted extent, an ellipse : (n, POINTS, 2) array."""
+    angle = 2 * np.pi * np.arange(POINTS) / POINTS
+    extent = lengths(ca, size)[:, :1]
+    return np.stack([extent / 2 * np.cos(angle), (0.9 - 0.5 * ca[:, None]) * np.sin(angle)], axis=-1)
+
+
+def cases(columns=19, rows=16):
+    """Rough grid in columns of a/l, denser at low Ca, up to the limit : Ca (c,), a/l (c,)."""
+    size = np.linspace(0.70, 1.15, columns)
+    ca = [np.geomspace(0.01 + 0.01 * max(0.0, s - 1), limit(s), rows) for s in size]
+    return np.concatenate(ca), np.repeat(size, rows)
+
+
+def database(columns=19, rows=16, *, failed=(), **attributes):
+    """Database over the manufactured map; the rows in `failed` did not converge."""
+    ca, size = cases(columns, rows)
+    values, count = lengths(ca, size), len(ca)
+    status = np.full(count, "DONE", dtype="U32")
+    status[list(failed)] = "NO_STEADY_STATE"
+    border = np.linspace(0.70, 1.15, columns)
+    zeros = np.zeros(count)
+    variables = {
+        "capillary_number": ca,
+        "size_ratio": size,
+        "axial_extent": values[:, 0],
+        "axial_length": values[:, 1],
+        "parachute_depth": values[:, 0] - values[:, 1],
+        "velocity_ratio": values[:, 2],
+        "stretch_ratio": values[:, 3],
+        "perimeter": values[:, 3] * 2 * np.pi * size,
+        "status": status,
+        "nodes": np.zeros((count, 1, 3)),
+        "profile": outlines(ca, size),
+        "silhouette": outlines(ca, size),
+        "border_size_ratio": border,
+        "border_capillary_number": limit(border),
+        "border_kind": np.where(limit(border) < 0.15, "limit of existence", "limit of the database"),
+        "iterations": np.zeros(count, dtype=int),
+        "refinement": np.full(count, 8),
+    }
+    for name in ("inner_pressure", "extra_pressure_drop", "residual", "slack", "minimum_tension"):
+        variables[name] = zeros
+    return Database.assemble(variables, {**ATTRIBUTES, **attributes})
