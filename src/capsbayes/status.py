@@ -21,11 +21,11 @@ class Status(enum.Enum):
     )
     NOT_CONVERGED = "The Newton iteration did not converge; start from a nearer steady state or refine the mesh."
     UNRESOLVED = "The mesh does not resolve the rear rim (slack above its limit); refine the mesh."
+    RAISED = "The computation broke off with an error; run this case alone to see it."
+    NOT_TRIED = "Not tried, because the cases it would have started from did not converge."
     # posteriors
     NOT_MIXED = "The chains did not pass their convergence gates within the budget; do not use the intervals."
-    LEANS_ON_BORDER = (
-        "The posterior leans on the border of the database: its intervals are cut there, not measured."
-    )
+    LEANS_ON_BORDER = "The posterior leans on the border of the database: its intervals are cut there, not measured."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
 
     @property

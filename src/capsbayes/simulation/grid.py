@@ -1,0 +1,71 @@
+"""The cases a database covers by default: columns of size ratio, dense at low capillary number."""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+
+from capsbayes.errors import InputError
+
+__all__ = ["default_grid", "read_cases"]
+
+Cases = list[tuple[float, float]]
+
+# fmt: off
+_CAPILLARY_NUMBERS = (
+    0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175, 0.02, 0.025, 0.03, 0.035, 0.04,
+    0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.135, 0.15,
+)
+# fmt: on
+
+
+def default_grid() -> Cases:
+    """Cases (Ca, a/l) with a/l from 0.70 to 1.15 and Ca from 0.005 to 0.15.
+
+    Returns
+    -------
+    list of (float, float)
+        Capillary number and size ratio, sorted by size ratio.
+
+    Examples
+    --------
+    >>> len(default_grid()), default_grid()[0], default_grid()[-1]
+    (399, (0.005, 0.7), (0.15, 1.15))
+    """
+    size_ratios = [round(0.7 + 0.025 * column, 3) for column in range(19)]
+    return [(capillary_number, size_ratio) for size_ratio in size_ratios for capillary_number in _CAPILLARY_NUMBERS]
+
+
+def read_cases(path: str | os.PathLike[str]) -> Cases:
+    """Cases of a CSV file with the columns ``capillary_number`` and ``size_ratio``.
+
+    Parameters
+    ----------
+    path : path
+        The file; other columns are ignored.
+
+    Returns
+    -------
+    list of (float, float)
+
+    Raises
+    ------
+    InputError
+        Naming the file, the line and what is wrong with it.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(str(path), "", "a readable CSV file", type(error).__name__) from error
+    rows = csv.DictReader(text.splitlines())
+    cases: Cases = []
+    for name in ("capillary_number", "size_ratio"):
+        if name not in (rows.fieldnames or []):
+            raise InputError(str(path), name, "a column of that name", f"columns {', '.join(rows.fieldnames or [])}")
+    for row in rows:
+        try:
+            cases.append((float(row["capillary_number"]), float(row["size_ratio"])))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{path}, line {rows.line_num}", "", "two numbers", str(list(row.values()))) from error
+    return cases
