@@ -7,6 +7,7 @@ import numpy as np
 from capsbayes.database import Database
 
 POINTS = 64
+MESH_ERROR = '{"axial_extent": 0.002, "axial_length": 0.001, "velocity_ratio": 0.0005}'
 ATTRIBUTES = {
     "title": "manufactured",
     "source": "closed forms, no physics",

@@ -1,0 +1,175 @@
+"""Speed and leave-out accuracy of the surrogate beside two general interpolators, on the same cases.
+
+Run ``python benchmarks/surrogate.py [DATABASE]``. Every fifth case that is not
+on the border of the domain is held out; each method learns (L_z, L_a, v_o/U)
+from the others in the same coordinates, and says what the held-out cases are.
+The speed is that of one core, on a batch of 100 000 points of the domain (a
+smaller batch where a method is slow, stated in the table).
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from scipy.interpolate import RBFInterpolator
+from threadpoolctl import threadpool_limits
+
+from capsbayes.database import Database
+from capsbayes.surrogate import DiffuseApproximation, Surrogate
+from capsbayes.surrogate.chart import Chart
+
+Floats = NDArray[np.float64]
+Predict = Callable[[Floats], Floats]
+
+BATCH = 100_000
+SMALL_BATCH = 10_000
+QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
+
+
+@dataclass(frozen=True)
+class Row:
+    """Relative rms and largest errors of the three quantities, points a second, points in the timed batch."""
+
+    method: str
+    rms: Floats
+    largest: Floats
+    speed: float
+    batch: int
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("database", nargs="?", default="square-neo-hookean", help="name of a shipped one, or .nc file")
+    name = parser.parse_args().database
+    database = Database.read(name) if name.endswith(".nc") else Database.open(name)
+    surrogate = Surrogate(database)
+    known, held_out = split(database, surrogate)
+    chart = surrogate.chart
+    methods: dict[str, tuple[Callable[[Database, Chart], Predict], int]] = {
+        "moving least squares": (moving_least_squares, BATCH),
+        "RBF, thin plate spline": (radial("thin_plate_spline"), SMALL_BATCH),
+        "RBF, cubic": (radial("cubic"), SMALL_BATCH),
+        "RBF, quintic": (radial("quintic"), SMALL_BATCH),
+        "Gaussian process, Matern 5/2": (gaussian_process, SMALL_BATCH),
+    }
+    rows = [surrogate_row(surrogate, known, held_out)]
+    for method, (learn, batch) in methods.items():
+        predict = learn(known, chart)
+        rows.append(Row(method, *accuracy(predict, held_out, chart), *speed(predict, surrogate, batch)))
+    Console().print(table(rows, len(known), len(held_out)))
+
+
+def split(database: Database, surrogate: Surrogate) -> tuple[Database, Database]:
+    """Cases to learn from, and every fifth of those inside the domain."""
+    cases = database.converged
+    ca, size = cases["capillary_number"], cases["size_ratio"]
+    domain = surrogate.domain
+    inside = domain.contains(1.001 * ca, size) & domain.contains(0.999 * ca, size)
+    inside &= (size > domain.size_ratio[0] + 1e-6) & (size < domain.size_ratio[-1] - 1e-6)
+    chosen = np.flatnonzero(inside)[::5]
+    rest = np.setdiff1d(np.arange(len(ca)), chosen)
+    return Database(cases.dataset.isel(case=rest)), Database(cases.dataset.isel(case=chosen))
+
+
+def surrogate_row(surrogate: Surrogate, known: Database, held_out: Database) -> Row:
+    """The surrogate as users call it: table, mask and covariance included in the time."""
+    learnt = Surrogate(known)
+
+    def called(model: Surrogate) -> Predict:
+        chart = model.chart
+
+        def predict(points: Floats) -> Floats:
+            ca, size = chart.from_plane(points).T
+            return model({"capillary_number": ca, "size_ratio": size}).values
+
+        return predict
+
+    rms, largest = accuracy(called(learnt), held_out, surrogate.chart)
+    theta = dict(zip(("capillary_number", "size_ratio"), some_points(surrogate, BATCH).T, strict=True))
+    return Row("surrogate (tabulated)", rms, largest, *timed(lambda: surrogate(theta), BATCH))
+
+
+def moving_least_squares(known: Database, chart: Chart) -> Predict:
+    return DiffuseApproximation(nodes_of(known, chart), values_of(known))
+
+
+def radial(kernel: str) -> Callable[[Database, Chart], Predict]:
+    def learn(known: Database, chart: Chart) -> Predict:
+        return RBFInterpolator(nodes_of(known, chart), values_of(known), kernel=kernel)
+
+    return learn
+
+
+def gaussian_process(known: Database, chart: Chart) -> Predict:
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import ConstantKernel, Matern
+
+    nodes, values = nodes_of(known, chart), values_of(known)
+    mean, spread = values.mean(axis=0), values.std(axis=0)
+    kernel = ConstantKernel(10.0, (1e-2, 1e6)) * Matern([10.0, 10.0], (1.0, 1e4), nu=2.5)
+    process = GaussianProcessRegressor(kernel, alpha=1e-10)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the length scales of smooth data run to their bounds
+        process.fit(nodes, (values - mean) / spread)
+    return lambda points: mean + spread * process.predict(points)
+
+
+def nodes_of(cases: Database, chart: Chart) -> Floats:
+    return chart.to_plane(cases["capillary_number"], cases["size_ratio"])
+
+
+def values_of(cases: Database) -> Floats:
+    return np.stack([cases[name] for name in QUANTITIES], axis=1)
+
+
+def accuracy(predict: Predict, held_out: Database, chart: Chart) -> tuple[Floats, Floats]:
+    truth = values_of(held_out)
+    error = (predict(nodes_of(held_out, chart)) - truth) / truth
+    return np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)
+
+
+def some_points(surrogate: Surrogate, count: int) -> Floats:
+    """Columns (Ca, a/l) of random points inside the domain : (count, 2) array."""
+    (ca_low, ca_high), (size_low, size_high) = surrogate.domain.bounds
+    points = np.random.default_rng(0).uniform([ca_low, size_low], [ca_high, size_high], (4 * count, 2))
+    return points[surrogate.domain.contains(*points.T)][:count]
+
+
+def speed(predict: Predict, surrogate: Surrogate, batch: int) -> tuple[float, int]:
+    points = surrogate.chart.to_plane(*some_points(surrogate, batch).T)
+    return timed(lambda: predict(points), batch)
+
+
+def timed(work: Callable[[], object], batch: int, repeats: int = 5) -> tuple[float, int]:
+    """Points a second, from the median of the repeats after one that compiles."""
+    work()
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return batch / float(np.median(seconds)), batch
+
+
+def table(rows: list[Row], known: int, held_out: int) -> Table:
+    made = Table(title=f"Learnt from {known} cases, tested on {held_out} inside the domain; relative error x 1e6")
+    made.add_column("method")
+    for heading in ("L_z rms", "max", "L_a rms", "max", "v_o/U rms", "max", "points/s", "batch"):
+        made.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
+        errors = [f"{1e6 * value:.1f}" for pair in zip(row.rms, row.largest, strict=True) for value in pair]
+        made.add_row(row.method, *errors, f"{row.speed:.2g}", str(row.batch))
+    return made
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        main()

@@ -1,0 +1,21 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+from capsbayes.database import Database
+from capsbayes.surrogate import Surrogate
+
+sys.path.insert(0, str(Path(__file__).parent))  # the tests of this folder share the manufactured maps
+
+import manufactured
+
+
+@pytest.fixture(scope="session")
+def manufactured_database() -> Database:
+    return manufactured.database(failed=(5,), mesh_error=manufactured.MESH_ERROR)
+
+
+@pytest.fixture(scope="session")
+def manufactured_surrogate(manufactured_database) -> Surrogate:
+    return Surrogate(manufactured_database)

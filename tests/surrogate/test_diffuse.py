@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+
+from capsbayes.surrogate.diffuse import DiffuseApproximation, each_left_out, leave_one_out
+
+
+def jittered(spacing, *, seed=0):
+    """Nodes of a disturbed grid over the unit square : (m, 2) array."""
+    axis = np.arange(0, 1 + spacing / 2, spacing)
+    nodes = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    return nodes + np.random.default_rng(seed).uniform(-0.2, 0.2, nodes.shape) * spacing
+
+
+def wave(points):
+    """Manufactured smooth function and its gradient."""
+    x, y = 3 * points[:, 0], 2 * points[:, 1]
+    value = np.sin(x) * np.cos(y) + 0.3 * x * y
+    slope_x = 3 * (np.cos(x) * np.cos(y) + 0.3 * y)
+    slope_y = 2 * (-np.sin(x) * np.sin(y) + 0.3 * x)
+    return value[:, None], np.stack([slope_x, slope_y], axis=-1)[:, None]
+
+
+QUERIES = np.random.default_rng(1).uniform(0.02, 0.98, (200, 2))
+
+
+@pytest.mark.parametrize(("degree", "neighbours"), [(1, 6), (2, 9), (3, 14), (4, 22)])
+def test_polynomials_of_the_degree_are_reproduced_with_their_gradient(degree, neighbours):
+    def polynomial(p):
+        return ((1 + p[:, :1] - 2 * p[:, 1:]) ** degree,), degree * (1 + p[:, 0] - 2 * p[:, 1]) ** (degree - 1)
+
+    nodes = jittered(0.08)
+    approximation = DiffuseApproximation(nodes, polynomial(nodes)[0][0], degree=degree, neighbours=neighbours)
+    value, gradient = approximation.with_gradient(QUERIES)
+    exact, slope = polynomial(QUERIES)
+    np.testing.assert_allclose(value, exact[0], atol=1e-11)
+    np.testing.assert_allclose(gradient[:, 0], slope[:, None] * [1.0, -2.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_the_gradient_is_the_derivative_of_the_value(degree):
+    nodes = jittered(0.1)
+    approximation = DiffuseApproximation(nodes, wave(nodes)[0], degree=degree)
+    step = 1e-5
+    differences = [
+        (approximation(QUERIES + shift) - approximation(QUERIES - shift)) / (2 * step) for shift in step * np.eye(2)
+    ]
+    gradient = approximation.with_gradient(QUERIES)[1]
+    np.testing.assert_allclose(gradient, np.stack(differences, axis=-1), atol=1e-7)
+
+
+def test_value_and_gradient_do_not_jump_where_nodes_come_and_go():
+    nodes = jittered(0.1)
+    approximation = DiffuseApproximation(nodes, wave(nodes)[0])
+    path = np.linspace([0.1, 0.15], [0.9, 0.8], 20001)
+    value, gradient = approximation.with_gradient(path)
+    assert np.abs(np.diff(value, axis=0)).max() < 1e-3
+    assert np.abs(np.diff(gradient, axis=0)).max() < 1e-3
+
+
+@pytest.mark.parametrize(("degree", "neighbours"), [(1, 6), (2, 9), (3, 14)])
+def test_the_error_falls_at_the_order_of_the_basis(degree, neighbours):
+    spacings, errors = np.array([0.1, 0.07, 0.05, 0.035]), []
+    for spacing in spacings:
+        nodes = jittered(spacing)
+        approximation = DiffuseApproximation(nodes, wave(nodes)[0], degree=degree, neighbours=neighbours)
+        value, gradient = approximation.with_gradient(QUERIES)
+        exact, slope = wave(QUERIES)
+        errors.append([np.sqrt(np.mean((value - exact) ** 2)), np.sqrt(np.mean((gradient - slope) ** 2))])
+    rates = np.polyfit(np.log(spacings), np.log(errors), 1)[0]
+    assert rates[0] == pytest.approx(degree + 1, abs=0.5)
+    assert rates[1] > degree - 0.3  # odd degrees gain on nearly regular nodes
+
+
+def test_a_batch_is_its_points_one_by_one():
+    nodes = jittered(0.1)
+    approximation = DiffuseApproximation(nodes, wave(nodes)[0])
+    batch = approximation.with_gradient(QUERIES[:20])
+    alone = [approximation.with_gradient(query[None]) for query in QUERIES[:20]]
+    np.testing.assert_array_equal(batch[0], np.concatenate([value for value, _ in alone]))
+    np.testing.assert_array_equal(batch[1], np.concatenate([gradient for _, gradient in alone]))
+
+
+def test_shape_functions_add_up_to_one_and_give_the_value():
+    nodes = jittered(0.1)
+    approximation = DiffuseApproximation(nodes, wave(nodes)[0])
+    weights = approximation.shape_functions(QUERIES)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(weights @ approximation.values, approximation(QUERIES), atol=1e-12)
+
+
+def test_leaving_one_out_is_building_without_it():
+    nodes = jittered(0.15)
+    approximation = DiffuseApproximation(nodes, wave(nodes)[0])
+    predicted = leave_one_out(approximation)
+    for i, rest in enumerate(each_left_out(approximation)):
+        rebuilt = DiffuseApproximation(np.delete(nodes, i, axis=0), np.delete(approximation.values, i, axis=0))
+        np.testing.assert_allclose(rest.radii, rebuilt.radii, rtol=1e-14)
+        np.testing.assert_allclose(predicted[i], rebuilt(nodes[i : i + 1])[0], rtol=1e-12)
+
+
+def test_there_is_no_value_where_too_few_nodes_reach():
+    nodes = jittered(0.1)
+    value, gradient = DiffuseApproximation(nodes, wave(nodes)[0]).with_gradient(np.array([[3.0, 3.0]]))
+    assert np.isnan(value).all()
+    assert np.isnan(gradient).all()
+
+
+def test_too_many_neighbours_are_refused():
+    with pytest.raises(ValueError, match="fewer than the 4 nodes"):
+        DiffuseApproximation(np.eye(4)[:, :2], np.zeros((4, 1)), neighbours=4)

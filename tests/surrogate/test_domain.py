@@ -1,0 +1,73 @@
+import manufactured
+import numpy as np
+import pytest
+
+from capsbayes.errors import DatabaseError
+from capsbayes.surrogate import DomainOfExistence
+
+DOMAIN = DomainOfExistence(
+    np.array([0.8, 0.9, 1.0]),
+    np.array([0.01, 0.01, 0.02]),
+    np.array([0.15, 0.15, 0.11]),
+    np.array([False, False, True]),
+)
+
+
+@pytest.mark.parametrize(
+    ("ca", "size", "inside"),
+    [
+        (0.05, 0.85, True),
+        (0.01, 0.8, True),
+        (0.11, 1.0, True),
+        (0.13, 0.95, True),
+        (0.1301, 0.95, False),
+        (0.0149, 0.95, False),
+        (0.0151, 0.95, True),
+        (0.05, 0.7999, False),
+        (0.05, 1.0001, False),
+        (np.nan, 0.9, False),
+        (0.05, np.nan, False),
+        (-0.05, 0.9, False),
+    ],
+)
+def test_a_point_is_inside_between_the_borders(ca, size, inside):
+    assert DOMAIN.contains(ca, size).tolist() == [inside]
+
+
+def test_a_batch_is_its_points_one_by_one():
+    ca, size = np.random.default_rng(4).uniform([0, 0.75], [0.2, 1.05], (300, 2)).T
+    alone = [DOMAIN.contains(c, s)[0] for c, s in zip(ca, size, strict=True)]
+    np.testing.assert_array_equal(DOMAIN.contains(ca, size), alone)
+
+
+def test_the_bounds_are_the_box_around():
+    assert DOMAIN.bounds == ((0.01, 0.15), (0.8, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("ca", "size", "reason"),
+    [
+        (0.05, 0.7, "a/l runs from 0.8 to 1"),
+        (0.001, 0.8, "lowest Ca computed at this a/l is 0.01"),
+        (0.2, 0.8, "the database ends at Ca = 0.15"),
+        (0.12, 1.0, "no steady shape is known above Ca = 0.11"),
+        (np.nan, 0.9, "expected finite numbers"),
+    ],
+)
+def test_the_reason_names_the_side(ca, size, reason):
+    assert reason in DOMAIN.reason(ca, size)
+
+
+def test_of_a_database_it_holds_every_converged_case_and_no_more():
+    database = manufactured.database(failed=(0, 15, 40))
+    domain, cases = DomainOfExistence.of(database), database.converged
+    assert domain.contains(cases["capillary_number"], cases["size_ratio"]).all()
+    lost = database["status"] != "DONE"
+    ca, size = database["capillary_number"][lost], database["size_ratio"][lost]
+    np.testing.assert_array_equal(domain.contains(ca, size), [False, False, True])
+    np.testing.assert_array_equal(domain.limit, manufactured.limit(domain.size_ratio) < 0.15)
+
+
+def test_one_column_is_no_domain():
+    with pytest.raises(DatabaseError, match=r"at least two columns .* got 1"):
+        DomainOfExistence.of(manufactured.database(columns=1))
