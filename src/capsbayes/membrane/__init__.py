@@ -5,4 +5,7 @@ from __future__ import annotations
 from capsbayes.membrane.law import MembraneLaw
 from capsbayes.membrane.neo_hookean import NeoHookean
 
-__all__ = ["MembraneLaw", "NeoHookean"]
+__all__ = ["LAWS", "MembraneLaw", "NeoHookean"]
+
+LAWS: dict[str, type[MembraneLaw]] = {"neo-hookean": NeoHookean}
+"""Every law of the library by the name used on the command line; each is checked by the tests."""

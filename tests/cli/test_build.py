@@ -1,0 +1,106 @@
+"""The build command: what it makes, and one line for each mistake."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+from analytic_simulator import AnalyticSimulator
+from typer.testing import CliRunner
+
+import capsbayes.cli
+import capsbayes.simulation
+from capsbayes.database import Database
+from capsbayes.simulation.grid import default_grid, read_cases
+
+CSV = "size_ratio,capillary_number,note\n0.9,0.05,middle\n0.9,0.06,\n0.8,0.5,too high\n"
+
+
+@pytest.fixture
+def build(tmp_path, monkeypatch):
+    """The command with a simulator in closed form; it returns exit status, output and error lines."""
+
+    def simulator(*, law, section, refinement, bending, pre_inflation):
+        return AnalyticSimulator(refinement=refinement)
+
+    monkeypatch.setattr(capsbayes.simulation, "Simulator", simulator, raising=False)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cases.csv").write_text(CSV)
+
+    def run(*arguments):
+        return CliRunner().invoke(
+            capsbayes.cli.app, ["build", "--out", "shapes.nc", "--scheduler", "synchronous", *arguments]
+        )
+
+    return run
+
+
+def test_builds_the_cases_of_a_file(build, tmp_path):
+    result = build("--cases", "cases.csv", "--refinement", "12")
+    assert result.exit_code == 0, result.output
+    database = Database.read(tmp_path / "shapes.nc")
+    assert list(database["capillary_number"]) == [0.5, 0.05, 0.06]
+    assert set(database["refinement"]) == {12}
+    assert "3 cases in" in result.output
+    assert "     2  Done." in result.output
+    assert database.sha256 in result.output
+
+
+def test_prints_json(build):
+    outcome = json.loads(build("--cases", "cases.csv", "--json").output)
+    assert outcome["statuses"] == {"DONE": 2, "NO_STEADY_STATE": 1}
+
+
+def test_exit_status_is_1_when_nothing_converged(build, tmp_path):
+    (tmp_path / "cases.csv").write_text("capillary_number,size_ratio\n0.9,0.9\n")
+    assert build("--cases", "cases.csv").exit_code == 1
+    assert (tmp_path / "shapes.nc").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "build: --cases, --grid: expected one of the two, got neither"),
+        (["--cases", "cases.csv", "--grid", "default"], "build: --cases, --grid: expected one of the two, got both"),
+        (["--grid", "fine"], "build: --grid: expected one of default, got 'fine'"),
+        (["--cases", "none.csv"], "none.csv: expected a readable CSV file, got FileNotFoundError"),
+        (["--grid", "default", "--law", "rubber"], "build: --law: expected one of neo-hookean, got 'rubber'"),
+        (["--grid", "default", "--section", "star"], "build: --section: expected one of square, got 'star'"),
+        (["--grid", "default", "--refinement", "1"], "build: --refinement: expected a whole number from 2 on, got 1"),
+        (["--grid", "default", "--bending", "-1"], "build: --bending: expected a number not below 0, got -1.0"),
+        (["--grid", "default", "--bending", "nan"], "build: --bending: expected a number not below 0, got nan"),
+        (["--grid", "default", "--workers", "0"], "build: --workers: expected at least 1, got 0"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_status_2(build, tmp_path, monkeypatch, capsys, arguments, message):
+    monkeypatch.setattr(sys, "argv", ["capsbayes", "build", "--out", "shapes.nc", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        capsbayes.cli.main()
+    assert caught.value.code == 2
+    assert capsys.readouterr().err == f"capsbayes: {message}\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cases.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("Ca,size_ratio\n0.1,0.9\n", "capillary_number: expected a column of that name, got columns Ca, size_ratio"),
+        ("capillary_number,size_ratio\n0.1,0.9\n0.2,large\n", r"line 3: expected two numbers, got \['0.2', 'large'\]"),
+        ("capillary_number,size_ratio\n0.1\n", "line 2: expected two numbers"),
+    ],
+)
+def test_a_bad_table_of_cases_names_the_line(tmp_path, text, message):
+    path = tmp_path / "cases.csv"
+    path.write_text(text)
+    with pytest.raises(capsbayes.errors.InputError, match=message):
+        read_cases(path)
+
+
+def test_default_grid_covers_the_plane_and_is_denser_at_low_ca():
+    grid = default_grid()
+    capillary_numbers, size_ratios = (sorted(set(values)) for values in zip(*grid, strict=True))
+    assert len(grid) == len(set(grid)) == len(capillary_numbers) * len(size_ratios)
+    assert (size_ratios[0], size_ratios[-1]) == (0.7, 1.15)
+    assert (capillary_numbers[0], capillary_numbers[-1]) == (0.005, 0.15)
+    assert capillary_numbers[1] - capillary_numbers[0] < capillary_numbers[-1] - capillary_numbers[-2]
