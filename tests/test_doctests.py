@@ -1,0 +1,18 @@
+"""Every example in a docstring runs and prints what it says."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+
+import pytest
+
+import capsbayes
+
+MODULES = sorted(module.name for module in pkgutil.walk_packages(capsbayes.__path__, "capsbayes."))
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_of(name):
+    assert doctest.testmod(importlib.import_module(name)).failed == 0
