@@ -175,6 +175,18 @@ def test_parts_of_other_settings_are_refused(tmp_path):
         build_database(AnalyticSimulator(refinement=12), CASES[:2], out=out, scheduler=HERE)
 
 
+def test_progress_counts_cases_and_failures_on_a_terminal_only(tmp_path, monkeypatch, capsys):
+    build_database(AnalyticSimulator(), CASES, out=tmp_path / "a.nc", scheduler=HERE)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    database = build_database(AnalyticSimulator(), CASES, out=tmp_path / "b.nc", scheduler=HERE)
+    shown = capsys.readouterr().err
+    assert "24/24" in shown
+    assert f"{len(CASES) - len(database.converged)} without a steady state" in shown
+    build_database(AnalyticSimulator(), CASES, out=tmp_path / "c.nc", scheduler=HERE, progress=False)
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize("cases", [[], [(0.05, -0.9)], [(np.nan, 0.9)], [(0.0, 0.9)]])
 def test_cases_that_are_none_or_not_positive_are_refused(tmp_path, cases):
     with pytest.raises(InputError, match="cases: expected"):
@@ -197,7 +209,9 @@ def test_a_killed_build_goes_on_where_it_was_and_ends_with_the_same_file(tmp_pat
     assert not out.exists()
     time.sleep(0.3)
     kept = parts(out)
-    assert 5 <= len(kept) < len(parts(whole)), "the workers went on after the kill"
+    assert 5 <= len(kept) < len(parts(whole))
+    time.sleep(0.3)
+    assert parts(out) == kept, "the workers went on after the kill"
 
     subprocess.run(command, env=environment, check=True, timeout=60)
     assert out.read_bytes() == whole.read_bytes()

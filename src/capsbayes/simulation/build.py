@@ -187,19 +187,21 @@ def _progress_bar(parts: Parts, cases: list[Case], *, show: bool) -> Iterator[No
         task = bar.add_task("cases", total=len(cases), failed=0)
 
         def count() -> None:
-            while True:
-                ended, failed = parts.tally(cases)
-                bar.update(task, completed=ended, failed=failed)
-                if over.wait(1.0):
-                    break
+            ended, failed = parts.tally(cases)
+            bar.update(task, completed=ended, failed=failed)
 
-        counter = threading.Thread(target=count, daemon=True)
+        def keep_counting() -> None:
+            while not over.wait(1.0):
+                count()
+
+        counter = threading.Thread(target=keep_counting, daemon=True)
         counter.start()
         try:
             yield
         finally:
             over.set()
             counter.join()
+            count()
 
 
 def _gathered(columns: list[Column], settings: Mapping[str, Any]) -> Database:
