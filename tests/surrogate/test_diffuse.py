@@ -105,6 +105,18 @@ def test_there_is_no_value_where_too_few_nodes_reach():
     assert np.isnan(gradient).all()
 
 
+def test_radii_grow_just_enough_to_reach_every_query():
+    nodes = jittered(0.1)
+    narrow = DiffuseApproximation(nodes, wave(nodes)[0], dilation=0.9)
+    assert np.isnan(narrow(QUERIES)).any()
+    wide = narrow.covering(QUERIES)
+    np.testing.assert_allclose(wide(QUERIES), wave(QUERIES)[0], atol=5e-3)
+    assert 0.9 < wide.dilation < 1.8
+    assert wide.covering(QUERIES) is wide
+    with pytest.raises(ValueError, match="too few or too unevenly spread"):
+        wide.covering(np.array([[9.0, 9.0]]))
+
+
 def test_too_many_neighbours_are_refused():
     with pytest.raises(ValueError, match="fewer than the 4 nodes"):
         DiffuseApproximation(np.eye(4)[:, :2], np.zeros((4, 1)), neighbours=4)

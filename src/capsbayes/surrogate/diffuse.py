@@ -85,6 +85,21 @@ class DiffuseApproximation:
         """Weight of every node's value in the value at each query : (n, 2) -> (n, m) array, rows adding up to one."""
         return replace(self, values=np.eye(len(self.nodes)))(queries)
 
+    def covering(self, queries: Floats) -> DiffuseApproximation:
+        """Return itself, or, where nodes are so rare that a query has no value, one with just large enough radii.
+
+        Raises
+        ------
+        ValueError
+            When even radii four times as large leave a query without a value.
+        """
+        wider = self
+        while np.isnan(wider(queries)).any():
+            wider = replace(wider, dilation=1.1 * wider.dilation, radii=None)
+            if wider.dilation > 4 * self.dilation:
+                raise ValueError(f"the {len(self.nodes)} nodes are too few or too unevenly spread")
+        return wider
+
     def _evaluated(self, queries: Floats, *, slopes: bool) -> tuple[Floats, Floats]:
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         shape = (len(queries), self.values.shape[1])
