@@ -1,0 +1,176 @@
+"""The gates a posterior passes before its intervals are believed, and the agreement of two engines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.inference.convergence import autocorrelation_time, bulk_ess, split_rhat, tail_ess
+from capsbayes.inference.marginal import Marginal
+
+__all__ = ["Agreement", "Gate", "agreement", "chain_gates", "ess_gates", "leaning"]
+
+Floats = NDArray[np.float64]
+
+LARGEST_RHAT = 1.01
+FEWEST_TIMES = 50.0
+LEAST_STABLE_TIME = 0.01
+SMALLEST_ESS = 400.0
+ACCEPTANCE = (0.1, 0.9)
+MEANS_AGREE, SDS_AGREE = 0.1, 0.02
+_QUANTILES_AGREE = 0.1
+_NUDGE = 0.5  # posterior standard deviations
+LEANING_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One condition, what was found, and whether it held.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+        What was found.
+    wanted : str
+        What is wanted, for people.
+    passed : bool
+    """
+
+    name: str
+    value: float
+    wanted: str
+    passed: bool
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.value:.4g}, wanted {self.wanted}{'' if self.passed else ' (FAILED)'}"
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far two engines differ.
+
+    Parameters
+    ----------
+    mean, sd, quantile : float
+        Largest difference of the means and of the quantiles, in standard deviations, and of the standard deviations,
+        relative; over all quantities.
+    worst : str
+        The quantity that differs most.
+    passed : bool
+    """
+
+    mean: float
+    sd: float
+    quantile: float
+    worst: str
+    passed: bool
+
+    def __str__(self) -> str:
+        verdict = "agree" if self.passed else "DISAGREE"
+        return (
+            f"the engines {verdict}: means within {self.mean:.3f} sd (wanted {MEANS_AGREE:g}), sds within "
+            f"{self.sd:.1%} (wanted {SDS_AGREE:.0%}), quantiles within {self.quantile:.3f} sd"
+        )
+
+
+def chain_gates(chain: Floats, names: Sequence[str]) -> list[Gate]:
+    """Gates that need every step: R-hat, length in autocorrelation times, their stability, acceptance, stuck walkers.
+
+    Parameters
+    ----------
+    chain : (steps, ensembles, walkers, d) array
+        After burn-in.
+    names : sequence of d str
+    """
+    steps, ensembles, walkers, dimensions = chain.shape
+    flat = chain.reshape(steps, ensembles * walkers, dimensions)
+    times = np.array([autocorrelation_time(flat[..., k]) for k in range(dimensions)])
+    before = np.array([autocorrelation_time(flat[: int(0.95 * steps), :, k]) for k in range(dimensions)])
+    rhat = max(split_rhat(chain[..., k]) for k in range(dimensions))
+    moved = np.any(np.diff(chain, axis=0) != 0.0, axis=-1)
+    acceptance = moved.mean(axis=(0, 2))
+    stuck = int(np.count_nonzero(~moved[len(moved) // 2 :].any(axis=0)))
+    unstable = float(np.max(np.abs(before / times - 1.0)))
+    low, high = ACCEPTANCE
+    return [
+        Gate("independent ensembles", ensembles, "at least 4", ensembles >= 4),
+        Gate("split R-hat between ensembles", rhat, f"below {LARGEST_RHAT}", rhat < LARGEST_RHAT),
+        Gate(
+            "steps over autocorrelation time",
+            steps / float(times.max()),
+            f"at least {FEWEST_TIMES:.0f}",
+            bool(steps / times.max() >= FEWEST_TIMES),
+        ),
+        Gate(
+            "change of autocorrelation time over the last twentieth",
+            unstable,
+            f"at most {LEAST_STABLE_TIME}",
+            unstable <= LEAST_STABLE_TIME,
+        ),
+        Gate("lowest acceptance", float(acceptance.min()), f"at least {low}", bool(acceptance.min() >= low)),
+        Gate("highest acceptance", float(acceptance.max()), f"at most {high}", bool(acceptance.max() <= high)),
+        Gate("stuck walkers", stuck, "none", stuck == 0),
+    ]
+
+
+def ess_gates(draws: Mapping[str, Floats]) -> list[Gate]:
+    """Gates on the effective sample sizes of the reported quantities that vary.
+
+    Parameters
+    ----------
+    draws : mapping of (chains, draws) arrays
+    """
+    varying = [values for values in draws.values() if np.ptp(values) > 0.0]
+    found = {"smallest bulk ESS": min(map(bulk_ess, varying)), "smallest tail ESS": min(map(tail_ess, varying))}
+    return [Gate(name, value, f"at least {SMALLEST_ESS:.0f}", value >= SMALLEST_ESS) for name, value in found.items()]
+
+
+def agreement(one: Mapping[str, Marginal], other: Mapping[str, Marginal]) -> Agreement:
+    """Compare two engines' summaries of the same quantities; `other` is the reference."""
+    means, sds, quantiles = {}, {}, {}
+    for name, reference in other.items():
+        if reference.sd <= 1e-12 * abs(reference.mean):
+            continue
+        this, sd = one[name], reference.sd
+        means[name] = abs(this.mean - reference.mean) / sd
+        sds[name] = abs(this.sd / sd - 1.0)
+        ends = ("median", "lower_68", "upper_68", "lower_95", "upper_95")
+        quantiles[name] = max(abs(getattr(this, end) - getattr(reference, end)) for end in ends) / sd
+    worst = max(means, key=lambda name: max(means[name] / MEANS_AGREE, sds[name] / SDS_AGREE))
+    mean, sd, quantile = (max(found.values()) for found in (means, sds, quantiles))
+    return Agreement(
+        mean, sd, quantile, worst, bool(mean <= MEANS_AGREE and sd <= SDS_AGREE and quantile <= _QUANTILES_AGREE)
+    )
+
+
+def leaning(draws: Mapping[str, Floats], names: Sequence[str], contains) -> float:  # type: ignore[no-untyped-def]
+    """Share of the posterior within half a standard deviation of a border.
+
+    Parameters
+    ----------
+    draws : mapping of arrays
+        Positive quantities.
+    names : sequence of str
+        Those in which the border lies.
+    contains : callable
+        Takes one array for each name and says which points are within.
+
+    Returns
+    -------
+    float
+        Share of the draws that some step along a principal axis of their
+        logarithms takes beyond the border.
+    """
+    logs = np.stack([np.log(np.ravel(draws[name])) for name in names])
+    logs = logs[:, :: max(1, logs.shape[1] // 4000)]
+    values, axes = np.linalg.eigh(np.atleast_2d(np.cov(logs)))
+    out = np.zeros(logs.shape[1], dtype=bool)
+    for value, axis in zip(values, axes.T, strict=True):
+        for sign in (-1.0, 1.0):
+            moved = np.exp(logs + sign * _NUDGE * np.sqrt(max(value, 0.0)) * axis[:, None])
+            out |= ~contains(*moved)
+    return float(out.mean())

@@ -1,0 +1,115 @@
+"""Convergence of walkers: R-hat between ensembles, autocorrelation time, bulk and tail effective sample size.
+
+The same definitions as ArviZ uses, whose import alone takes most of a second.
+
+References
+----------
+Vehtari, Gelman, Simpson, Carpenter, Burkner 2021, Bayesian Analysis 16, 667,
+doi:10.1214/20-BA1221.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["autocorrelation_time", "bulk_ess", "split_rhat", "tail_ess"]
+
+Floats = NDArray[np.float64]
+
+
+def split_rhat(draws: Floats) -> float:
+    """Rank-normalised R-hat between the halves of independent ensembles.
+
+    Walkers of one ensemble are pooled: they are not independent chains.
+
+    Parameters
+    ----------
+    draws : (steps, ensembles, walkers) array
+
+    Returns
+    -------
+    float
+    """
+    half = len(draws) // 2
+    scores = _normal_scores(draws[: 2 * half])
+    chains = np.stack([scores[:half], scores[half:]]).transpose(0, 2, 1, 3).reshape(2 * draws.shape[1], -1)
+    count = chains.shape[1]
+    within = chains.var(axis=1, ddof=1).mean()
+    between = count * chains.mean(axis=1).var(ddof=1)
+    return float(np.sqrt((count - 1) / count + between / within / count))
+
+
+def autocorrelation_time(draws: Floats) -> float:
+    """Integrated autocorrelation time in steps, averaged over walkers as emcee does.
+
+    Parameters
+    ----------
+    draws : (steps, chains) array
+    """
+    correlation = _autocovariance(draws.T).mean(axis=0)
+    times = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    window = np.flatnonzero(np.arange(len(times)) >= 5.0 * times)
+    return float(times[window[0] if window.size else -1])
+
+
+def bulk_ess(draws: Floats) -> float:
+    """Effective sample size of the rank-normalised draws.
+
+    Parameters
+    ----------
+    draws : (chains, draws) array
+    """
+    return _ess(_normal_scores(_split(draws)))
+
+
+def tail_ess(draws: Floats) -> float:
+    """Smaller effective sample size of the 5 % and of the 95 % quantile.
+
+    Parameters
+    ----------
+    draws : (chains, draws) array
+    """
+    halves = _split(draws)
+    low, high = np.quantile(halves, [0.05, 0.95])
+    return min(_ess((halves <= low).astype(float)), _ess((halves <= high).astype(float)))
+
+
+def _split(draws: Floats) -> Floats:
+    half = draws.shape[1] // 2
+    return np.concatenate([draws[:, :half], draws[:, -half:]])
+
+
+def _normal_scores(draws: Floats) -> Floats:
+    """Normal quantiles of the ranks, ties left in order: repeated draws are neighbours in any case."""
+    from scipy.special import ndtri
+
+    order = np.argsort(draws, axis=None, kind="stable")
+    ranks = np.empty(draws.size)
+    ranks[order] = np.arange(1, draws.size + 1)
+    return np.asarray(ndtri((ranks - 0.375) / (draws.size + 0.25))).reshape(draws.shape)
+
+
+def _autocovariance(chains: Floats) -> Floats:
+    """Autocovariance of each row : (chains, draws) array."""
+    count = chains.shape[1]
+    size = 1 << (2 * count - 1).bit_length()
+    spectrum = np.fft.rfft(chains - chains.mean(axis=1, keepdims=True), size, axis=1)
+    return np.fft.irfft(np.abs(spectrum) ** 2, size, axis=1)[:, :count] / count
+
+
+def _ess(chains: Floats) -> float:
+    """Effective sample size by Geyer's initial monotone sequence, chains weighed against each other."""
+    number, count = chains.shape
+    covariance = _autocovariance(chains).mean(axis=0)
+    within = covariance[0] * count / (count - 1.0)
+    plus = within * (count - 1.0) / count + (chains.mean(axis=1).var(ddof=1) if number > 1 else 0.0)
+    if not plus > 0.0:
+        return float(number * count)
+    rho = 1.0 - (within - covariance) / plus
+    rho[0] = 1.0
+    pairs = rho[: count // 2 * 2].reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pairs <= 0.0)
+    kept = np.minimum.accumulate(pairs[: negative[0] if negative.size else None])
+    tau = max(-1.0 + 2.0 * float(kept.sum()), 1.0 / np.log10(number * count))
+    return number * count / tau

@@ -1,0 +1,55 @@
+"""The paper's deterministic answer for the same capsule: no errors, one number each."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
+from capsbayes.inference.inputs import Inputs
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+
+__all__ = ["DeterministicAnswer", "deterministic_answer"]
+
+
+@dataclass(frozen=True)
+class DeterministicAnswer:
+    """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`."""
+
+    surface_shear_modulus: float
+    capsule_radius: float
+    mean_velocity: float
+    capillary_number: float
+    size_ratio: float
+    velocity_ratio: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Quantities by name."""
+        return asdict(self)
+
+
+def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: Inputs) -> DeterministicAnswer | None:
+    """Identify with the paper's procedure on the model's database.
+
+    Returns
+    -------
+    DeterministicAnswer or None
+        None where the procedure does not apply: L_a missing, or a model without database.
+    """
+    database = getattr(model, "database", None)
+    if database is None or measurement.axial_length is None:
+        return None
+    from capsbayes.surrogate import inverse
+
+    scale = 1.0 if measurement.over_half_width else inputs.half_width.centre
+    found = inverse(database)(
+        axial_extent=measurement.axial_extent / scale, axial_length=measurement.axial_length / scale
+    )
+    flow = mean_velocity(capsule_velocity=measurement.capsule_velocity, velocity_ratio=found.velocity_ratio)
+    modulus = surface_shear_modulus(
+        viscosity=inputs.viscosity.centre, mean_velocity=flow, capillary_number=found.capillary_number
+    )
+    radius = capsule_radius(size_ratio=found.size_ratio, half_width=inputs.half_width.centre)
+    return DeterministicAnswer(
+        float(modulus), float(radius), float(flow), found.capillary_number, found.size_ratio, found.velocity_ratio
+    )

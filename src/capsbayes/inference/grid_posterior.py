@@ -1,0 +1,177 @@
+"""The posterior of one capsule on a grid of (log Ca, a/l), and what follows from it for every quantity.
+
+A quantity is a function of the node times independent inputs, so its
+distribution is a product of `LogMasses`: exact, without draws.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.inference.lattice import Window
+from capsbayes.inference.likelihood import ModelAtPoints
+from capsbayes.inference.log_masses import LogMasses
+from capsbayes.inference.marginal import Marginal
+from capsbayes.inference.target import Target, evaluated
+from capsbayes.model import ForwardModel
+
+__all__ = ["GridPosterior"]
+
+Floats = NDArray[np.float64]
+
+_NEGLIGIBLE = 1e-9  # of the largest probability of a node
+_CELLS = 8.0  # of a marginal's grid in a standard deviation
+_DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape
+
+
+@dataclass(frozen=True, eq=False)
+class GridPosterior:
+    """Posterior of one capsule on a grid.
+
+    Parameters
+    ----------
+    forward : ForwardModel
+    target : Target
+    window : Window
+        Cells of (log Ca, a/l), i by j.
+    half_width : (k,) array or None [m]
+        Nodes of l, where it is a dimension.
+    free : (k or 1, i, j) array
+        Probability of each node before the prior ranges of G_s and a cut, summing to one.
+    share : array that broadcasts with it
+        Probability that G_s and a lie within their ranges there.
+    points : ModelAtPoints
+        The model, as (i, j) arrays.
+    stretch_ratio : (i, j) array
+    """
+
+    forward: ForwardModel
+    target: Target
+    window: Window
+    half_width: Floats | None
+    free: Floats
+    share: Floats | float
+    points: ModelAtPoints
+    stretch_ratio: Floats
+
+    @cached_property
+    def weights(self) -> Floats:
+        """Posterior probability of each node : (k or 1, i, j) array."""
+        weights = self.free * self.share
+        return weights / weights.sum()
+
+    @cached_property
+    def cut(self) -> bool:
+        """Whether a prior range of G_s or a cuts into the posterior."""
+        share = np.broadcast_to(self.share, self.free.shape)[self.free > _NEGLIGIBLE * self.free.max()]
+        return bool(share.min() < 1.0 - 1e-6)
+
+    def marginal(self, name: str) -> Marginal:
+        """Summary of one quantity, named as in `capsbayes.parameters`."""
+        if self.cut and name not in self._node_logs:
+            return Marginal.of_draws(self._many_draws[name])
+        return self._masses(name).marginal()
+
+    def log_variance(self, name: str) -> float:
+        """Variance of the logarithm of a quantity."""
+        if self.cut and name not in self._node_logs:
+            return float(np.var(np.log(self._many_draws[name])))
+        return self._masses(name).variance
+
+    def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+        """Independent draws of all quantities, spread within the cells of the grid.
+
+        Parameters
+        ----------
+        rng : Generator
+        count : int
+
+        Returns
+        -------
+        dict of (count,) arrays, SI
+        """
+        width, row, column = np.unravel_index(
+            rng.choice(self.weights.size, size=count, p=self.weights.ravel()), self.weights.shape
+        )
+        (log_ca, size), (du, ds) = self.window.axes, self.window.step
+        place = np.stack([log_ca[row], size[column]])
+        moved = place + np.array([[du], [ds]]) * rng.uniform(-0.5, 0.5, place.shape)
+        inside = self.forward.domain.contains(np.exp(moved[0]), moved[1])
+        place = np.where(inside, moved, place)
+        nodes = {"capillary_number": np.exp(place[0]), "size_ratio": place[1]}
+        if self.half_width is not None:
+            nodes["half_width"] = self.half_width[width]
+        at, stretch = evaluated(self.forward, nodes["capillary_number"], nodes["size_ratio"], self.target.error_scale)
+        return self.target.completed(rng, nodes, at, stretch)
+
+    @cached_property
+    def _many_draws(self) -> dict[str, Floats]:
+        return self.drawn(np.random.default_rng(0), _DRAWS)
+
+    @cached_property
+    def _kept(self) -> tuple[Floats, ModelAtPoints, Floats | None, tuple[NDArray[np.intp], ...]]:
+        """Nodes that carry the posterior: probabilities (n,), the model (n,), l (n,) and their indices."""
+        index = np.nonzero(self.weights > _NEGLIGIBLE * self.weights.max())
+        weights = self.weights[index]
+        width = None if self.half_width is None else self.half_width[index[0]]
+        return weights / weights.sum(), self.points.taken(index[1:]), width, index
+
+    @cached_property
+    def _ratio(self) -> tuple[Floats, float]:
+        """Log of the mean v_o/U given the lengths at the kept nodes : (n,) array, and its mean relative variance."""
+        weights, points, width, _ = self._kept
+        likelihood = self.target.likelihood
+        mean, variance = likelihood.velocity_ratio(points, self.target.width_at(width))
+        return np.log(mean), float(weights @ (np.maximum(variance, 0.0) / mean**2))
+
+    @cached_property
+    def _node_logs(self) -> dict[str, tuple[Floats, float]]:
+        """Logs of the quantities the node alone determines (n,), and the distance of their neighbours."""
+        _, points, _, (_, row, column) = self._kept
+        (log_ca, size), (du, ds) = self.window.axes, self.window.step
+        return {
+            "capillary_number": (log_ca[row], du),
+            "size_ratio": (np.log(size)[column], ds / size[0]),
+            "axial_extent": (np.log(points.extent), 0.0),
+            "axial_length": (np.log(points.length), 0.0),
+            "stretch_ratio": (np.log(self.stretch_ratio[row, column]), 0.0),
+        }
+
+    def _masses(self, name: str) -> LogMasses:
+        """Distribution of a quantity as a product of a function of the node and independent inputs."""
+        target = self.target
+        if name in self._node_logs:
+            return self._binned(*self._node_logs[name])
+        if name in ("viscosity", "capsule_velocity"):
+            return getattr(target, name)
+        if name in ("half_width", "capsule_radius"):
+            return self._length(name)
+        log_ratio, variance = self._ratio
+        if name == "velocity_ratio":
+            return self._binned(log_ratio, 0.0).times(LogMasses.normal(variance))
+        log_ca, du = self._node_logs["capillary_number"]
+        if name == "mean_velocity":
+            slower = self._binned(-log_ratio, 0.0).times(LogMasses.normal(variance))
+            return slower.times(target.capsule_velocity)
+        if name == "surface_shear_modulus":
+            divided = self._binned(-log_ca - log_ratio, du).times(LogMasses.normal(variance))
+            return divided.times(target.force_scale)
+        raise KeyError(name)
+
+    def _length(self, name: str) -> LogMasses:
+        width = self._kept[2]
+        log_size, ds = self._node_logs["size_ratio"]
+        if width is None or self.half_width is None:
+            only = self.target.half_width
+            return only if name == "half_width" else self._binned(log_size, ds).times(only)
+        gap = float(np.max(np.diff(np.log(self.half_width))))
+        return self._binned(np.log(width), gap) if name == "half_width" else self._binned(np.log(width) + log_size, 0.0)
+
+    def _binned(self, logs: Floats, least: float) -> LogMasses:
+        weights = self._kept[0]
+        sd = float(np.sqrt(max(float(weights @ (logs - weights @ logs) ** 2), 0.0)))
+        return LogMasses.of_nodes(logs, weights, max(sd / _CELLS, least, 1e-12))

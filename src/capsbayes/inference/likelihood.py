@@ -1,0 +1,194 @@
+"""Likelihood of the lengths: Gaussian, with the measurement's covariance plus the model's own at that point.
+
+The model's error varies over the (Ca, a/l) plane, so the determinant of the
+covariance is part of the likelihood. L_a may be missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.measurement import Measurement
+from capsbayes.prediction import Prediction
+
+__all__ = ["LengthsLikelihood", "ModelAtPoints"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelAtPoints:
+    """What the likelihood reads of a prediction: any batch shape.
+
+    Parameters
+    ----------
+    extent, length, velocity_ratio : arrays [l], [l], [U]
+        L_z, L_a, v_o/U.
+    zz, za, aa : arrays
+        Covariance of the model's own error in L_z and L_a.
+    zr, ar, rr : arrays
+        The same with v_o/U.
+    """
+
+    extent: Floats
+    length: Floats
+    velocity_ratio: Floats
+    zz: Floats
+    za: Floats
+    aa: Floats
+    zr: Floats
+    ar: Floats
+    rr: Floats
+
+    @classmethod
+    def of(cls, prediction: Prediction, *, error_scale: float = 1.0) -> ModelAtPoints:
+        """Take the numbers out of a prediction; `error_scale` multiplies the model's standard errors."""
+        c = prediction.covariance if error_scale == 1.0 else prediction.covariance * error_scale**2
+        return cls(
+            prediction.axial_extent,
+            prediction.axial_length,
+            prediction.velocity_ratio,
+            *(c[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))),
+        )
+
+    def taken(self, index: Any) -> ModelAtPoints:
+        """Some of the points, by a numpy index."""
+        return self._each(lambda field: field[index])
+
+    def reshaped(self, shape: tuple[int, ...]) -> ModelAtPoints:
+        """The same points in another batch shape."""
+        return self._each(lambda field: field.reshape(shape))
+
+    def _each(self, change: Callable[[Floats], Floats]) -> ModelAtPoints:
+        return ModelAtPoints(*(change(getattr(self, field.name)) for field in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class LengthsLikelihood:
+    """Density of the measured lengths given the model.
+
+    Parameters
+    ----------
+    extent : float
+        L_z as measured.
+    length : float or None
+        L_a as measured.
+    zz, za, aa : float
+        Covariance of the measurement.
+    over_half_width : bool
+        Whether they are over l or in metres.
+
+    Examples
+    --------
+    >>> seen = LengthsLikelihood(2.14, None, 0.01**2, 0.0, 0.0, True)
+    >>> one, zero = np.ones(1), np.zeros(1)
+    >>> at = ModelAtPoints(2.14 * one, one, one, zero, zero, zero, zero, zero, zero)
+    >>> seen.log_density(at).round(4).tolist()  # -log(0.01 sqrt(2 pi))
+    [3.6862]
+    """
+
+    extent: float
+    length: float | None
+    zz: float
+    za: float
+    aa: float
+    over_half_width: bool
+
+    @classmethod
+    def of(cls, measurement: Measurement) -> LengthsLikelihood:
+        """Likelihood of one measurement."""
+        c = measurement.covariance
+        both = len(c) == 2
+        return cls(
+            measurement.axial_extent,
+            measurement.axial_length,
+            float(c[0, 0]),
+            float(c[0, 1]) if both else 0.0,
+            float(c[1, 1]) if both else 0.0,
+            measurement.over_half_width,
+        )
+
+    def log_density(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> Floats:
+        """Log density of the measured lengths.
+
+        Parameters
+        ----------
+        model : ModelAtPoints
+            Of any batch shape.
+        half_width : array that broadcasts with it [m]
+            Read only if the lengths are in metres; the density is then one of
+            lengths in metres, hence the powers of l.
+
+        Returns
+        -------
+        array
+            NaN where the model has no answer.
+        """
+        misfit = self._misfit(model, half_width)
+        if self.over_half_width:
+            return -0.5 * (misfit.square + misfit.log_determinant)
+        return -0.5 * (misfit.square + misfit.log_determinant) - misfit.number * np.log(half_width)
+
+    def distance(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> Floats:
+        """Mahalanobis distance of the lengths from the model, in standard deviations : array."""
+        return np.sqrt(self._misfit(model, half_width).square)
+
+    def velocity_ratio(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> tuple[Floats, Floats]:
+        """Mean and variance of the true v_o/U given the lengths.
+
+        The model's errors in the lengths and in v_o/U go together: what the
+        lengths reveal of the former corrects the latter.
+
+        Returns
+        -------
+        mean, variance : arrays
+        """
+        m = self._misfit(model, half_width)
+        if m.a is None:
+            gain = model.zr / m.zz
+            return model.velocity_ratio + gain * m.z, model.rr - gain * model.zr
+        determinant = m.zz * m.aa - m.za * m.za
+        gain_z = (m.aa * model.zr - m.za * model.ar) / determinant
+        gain_a = (m.zz * model.ar - m.za * model.zr) / determinant
+        mean = model.velocity_ratio + gain_z * m.z + gain_a * m.a
+        return mean, model.rr - gain_z * model.zr - gain_a * model.ar
+
+    def with_half_width(self, centre: float, error: float) -> LengthsLikelihood:
+        """The same lengths over l, the error of l put into their covariance: good enough to look for a posterior."""
+        if self.over_half_width:
+            return self
+        z, a = self.extent / centre, None if self.length is None else self.length / centre
+        share, other = (error / centre) ** 2, a or 0.0
+        zz, za, aa = (value / centre**2 for value in (self.zz, self.za, self.aa))
+        return LengthsLikelihood(z, a, zz + share * z * z, za + share * z * other, aa + share * other * other, True)
+
+    def _misfit(self, model: ModelAtPoints, half_width: ArrayLike) -> _Misfit:
+        scale = 1.0 if self.over_half_width else np.asarray(half_width)
+        square = scale * scale
+        zz = model.zz + self.zz / square
+        z = self.extent / scale - model.extent
+        if self.length is None:
+            return _Misfit(z, None, zz, zz, zz, z * z / zz, np.log(2.0 * np.pi * zz), 1)
+        za, aa = model.za + self.za / square, model.aa + self.aa / square
+        a = self.length / scale - model.length
+        determinant = zz * aa - za * za
+        distance = (aa * z * z - 2.0 * za * z * a + zz * a * a) / determinant
+        return _Misfit(z, a, zz, za, aa, distance, np.log(4.0 * np.pi**2 * determinant), 2)
+
+
+class _Misfit(NamedTuple):
+    """Differences of the lengths, their covariance, and what the Gaussian makes of them."""
+
+    z: Floats
+    a: Floats | None
+    zz: Floats
+    za: Floats
+    aa: Floats
+    square: Floats
+    log_determinant: Floats
+    number: int

@@ -1,0 +1,218 @@
+"""The posterior of one capsule: draws, summaries, checks, and everything needed to repeat it. Data, no plots."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes import __version__
+from capsbayes.experiment import Experiment
+from capsbayes.inference.checks import Agreement, Gate
+from capsbayes.inference.deterministic import DeterministicAnswer
+from capsbayes.inference.inputs import Inputs
+from capsbayes.inference.marginal import Marginal
+from capsbayes.inference.prior import Prior
+from capsbayes.measurement import Measurement
+from capsbayes.parameters import PARAMETERS
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+__all__ = ["REPORTED", "Posterior"]
+
+Floats = NDArray[np.float64]
+
+REPORTED = (
+    "surface_shear_modulus",
+    "capsule_radius",
+    "mean_velocity",
+    "capillary_number",
+    "size_ratio",
+    "velocity_ratio",
+    "stretch_ratio",
+)
+"""Quantities whose intervals are reported and whose chains are checked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What is known of one capsule after it was seen.
+
+    Parameters
+    ----------
+    draws : mapping of (chain, draw) arrays
+        Every quantity by name, SI.
+    ensemble : (chain,) int array
+        Number of the independent ensemble a chain belongs to.
+    marginals : mapping of Marginal
+        Summaries by the engine.
+    reference : mapping of Marginal
+        The same by quadrature; empty if it is the engine.
+    measurement, experiment, prior, inputs
+        What went in.
+    model_name, model_sha256 : str
+        The forward model and the fingerprint of its data.
+    engine : str
+    seed : int
+    gates : tuple of Gate
+    agreement : Agreement or None
+        Of the engine with quadrature.
+    shares : mapping of float
+        Share of the variance of log G_s owed to each input.
+    deterministic : DeterministicAnswer or None
+        The paper's answer.
+    leaning : mapping of float
+        Share of the posterior next to the model's border and to the ends of the prior ranges.
+    outlines : (d, p, 2) array or None [l]
+        Predicted outlines of some draws.
+    status : Status
+    """
+
+    draws: Mapping[str, Floats]
+    ensemble: NDArray[np.int64]
+    marginals: Mapping[str, Marginal]
+    reference: Mapping[str, Marginal]
+    measurement: Measurement
+    experiment: Experiment
+    prior: Prior
+    inputs: Inputs
+    model_name: str
+    model_sha256: str
+    engine: str
+    seed: int
+    gates: tuple[Gate, ...]
+    agreement: Agreement | None
+    shares: Mapping[str, float]
+    deterministic: DeterministicAnswer | None
+    leaning: Mapping[str, float]
+    outlines: Floats | None
+    status: Status
+
+    def summary(self) -> pd.DataFrame:
+        """Table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""
+        import pandas as pd
+
+        rows = {name: self.marginals[name].as_dict() for name in REPORTED}
+        table = pd.DataFrame.from_dict(rows, orient="index")
+        table.insert(0, "unit", [PARAMETERS[name].unit for name in rows])
+        return table
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything but the draws, ready for JSON."""
+        return {
+            "status": self.status.name,
+            "sentence": str(self.status),
+            "quantities": {
+                name: {"symbol": PARAMETERS[name].symbol, "unit": PARAMETERS[name].unit, **marginal.as_dict()}
+                for name, marginal in self.marginals.items()
+            },
+            "quadrature": {name: marginal.as_dict() for name, marginal in self.reference.items()},
+            "agreement": None if self.agreement is None else {**vars(self.agreement), "sentence": str(self.agreement)},
+            "deterministic": None if self.deterministic is None else self.deterministic.as_dict(),
+            "variance_of_log_surface_shear_modulus": dict(self.shares),
+            "share_next_to_border": dict(self.leaning),
+            "gates": [vars(gate) for gate in self.gates],
+            "inputs": self._inputs(),
+            "prior": self.prior.described(),
+            "model": {"name": self.model_name, "sha256": self.model_sha256},
+            "engine": self.engine,
+            "seed": self.seed,
+            "version": __version__,
+        }
+
+    def _inputs(self) -> dict[str, Any]:
+        seen, known = self.measurement, self.experiment
+        lengths = "l" if seen.over_half_width else "m"
+        pairs = {
+            "axial_extent": (seen.axial_extent, seen.axial_extent_error, lengths),
+            "axial_length": (seen.axial_length, seen.axial_length_error, lengths),
+            "capsule_velocity": (seen.capsule_velocity, seen.capsule_velocity_error, "m/s"),
+            "half_width": (self.inputs.half_width.centre, self.inputs.half_width.error, "m"),
+            "viscosity": (self.inputs.viscosity.centre, self.inputs.viscosity.error, "Pa s"),
+        }
+        return {
+            **{name: dict(zip(("value", "error", "unit"), pair, strict=True)) for name, pair in pairs.items()},
+            "length_correlation": seen.length_correlation,
+            "section": known.section,
+            "files": {Path(one.source).name: one.sha256 for one in (seen, known) if one.source},
+        }
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """The groups of an ArviZ InferenceData, as datasets."""
+        import xarray as xr
+
+        shape = {"chain": np.arange(len(self.ensemble)), "ensemble": ("chain", self.ensemble)}
+        draws = {
+            name: (("chain", "draw"), values, _attributes(name)) for name, values in self.draws.items() if name != "lp"
+        }
+        groups = {"posterior": xr.Dataset(draws, shape)}
+        if "lp" in self.draws:
+            groups["sample_stats"] = xr.Dataset({"lp": (("chain", "draw"), self.draws["lp"])}, shape)
+        if self.outlines is not None:
+            outline = xr.DataArray(self.outlines[None], dims=("chain", "draw", "point", "plane"))
+            outline = outline.assign_coords(plane=["z", "y"]).assign_attrs(units="l", long_name="predicted outline")
+            groups["posterior_predictive"] = outline.to_dataset(name="outline")
+        inputs = {name: one for name, one in self._inputs().items() if isinstance(one, dict) and "value" in one}
+        seen = {name: one for name, one in inputs.items() if one["value"] is not None}
+        measured = ("axial_extent", "axial_length", "capsule_velocity")
+        groups["observed_data"] = xr.Dataset(
+            {name: ((), seen[name]["value"], {"units": seen[name]["unit"]}) for name in measured if name in seen}
+        )
+        groups["constant_data"] = xr.Dataset(
+            {f"{name}_error": ((), one["error"], {"units": one["unit"]}) for name, one in seen.items()}
+            | {name: ((), one["value"], {"units": one["unit"]}) for name, one in seen.items() if name not in measured}
+        )
+        return groups
+
+    def write(self, path: str | Path) -> Path:
+        """Write one NetCDF file that `arviz.from_netcdf` reads: into a temporary file first, then renamed.
+
+        The groups are written with xarray, as the import of ArviZ takes as
+        long as the sampling. The attributes of the file hold the fingerprint
+        of the model, priors, inputs, seed, version, engine, gates and status.
+
+        Returns
+        -------
+        Path
+        """
+        import h5netcdf
+
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        os.close(handle)
+        try:
+            with h5netcdf.File(temporary, "w") as file:
+                for name, value in self.as_dict().items():
+                    file.attrs[name] = value if isinstance(value, (str, int)) else json.dumps(value)
+                file.attrs["inference_library"] = self.engine
+            for name, group in self.groups().items():
+                group.to_netcdf(temporary, group=name, mode="a", engine="h5netcdf")
+            os.replace(temporary, path)
+        finally:
+            Path(temporary).unlink(missing_ok=True)
+        return path
+
+    def to_inference_data(self) -> Any:
+        """Return an `arviz.InferenceData` of the same groups."""
+        import warnings
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
+            import arviz
+        return arviz.InferenceData(**self.groups(), warn_on_custom_groups=False)
+
+
+def _attributes(name: str) -> dict[str, str]:
+    one = PARAMETERS[name]
+    return {"long_name": one.meaning, "symbol": one.symbol, "units": one.unit}

@@ -1,0 +1,65 @@
+"""Which input owns how much of the uncertainty of G_s.
+
+Viscosity and velocity multiply G_s and are independent of the shape: they own
+their variance of log G_s, exactly. For every other input the posterior is
+worked out again with that input's error halved. Were log G_s linear in it, its
+part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved),
+and the parts would add up to V; what is missing to one is owed to the prior
+and to the curvature of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from capsbayes.inference.grid_posterior import GridPosterior
+from capsbayes.inference.quadrature import Quadrature
+from capsbayes.measurement import Measurement
+
+__all__ = ["variance_shares"]
+
+_QUANTITY = "surface_shear_modulus"
+REST = "prior and curvature"
+
+
+def variance_shares(engine: Quadrature, measurement: Measurement, posterior: GridPosterior) -> dict[str, float]:
+    """Share of the variance of log G_s owed to each input.
+
+    Parameters
+    ----------
+    engine : Quadrature
+    measurement : Measurement
+    posterior : GridPosterior
+        Of that measurement.
+
+    Returns
+    -------
+    dict
+        By name of the input; adds up to one.
+    """
+    target, total = posterior.target, posterior.log_variance(_QUANTITY)
+    shares = {
+        "viscosity": target.viscosity.variance / total,
+        "capsule_velocity": target.capsule_velocity.variance / total,
+    }
+    for name, halved in _each_halved(engine, measurement, posterior):
+        shares[name] = (total - halved.log_variance(_QUANTITY)) / (0.75 * total)
+    if not target.shape_depends_on_half_width:
+        shares["half_width"] = 0.0
+    return shares | {REST: 1.0 - sum(shares.values())}
+
+
+def _each_halved(
+    engine: Quadrature, measurement: Measurement, posterior: GridPosterior
+) -> Iterator[tuple[str, GridPosterior]]:
+    inputs = posterior.target.inputs
+    half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
+    yield "axial_extent", engine(half, inputs=inputs)
+    if measurement.axial_length_error is not None:
+        half = replace(measurement, axial_length_error=0.5 * measurement.axial_length_error)
+        yield "axial_length", engine(half, inputs=inputs)
+    if posterior.target.shape_depends_on_half_width:
+        narrow = replace(inputs, half_width=inputs.half_width.narrowed(0.5))
+        yield "half_width", engine(measurement, inputs=narrow)
+    yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)
