@@ -1,1 +1,6 @@
-"""To be written."""
+"""The forward problem: membrane, liquids and walls at steady state, branches, databases."""
+
+from capsbayes.simulation.build import build_database
+from capsbayes.simulation.simulator import Simulator, SteadyState
+
+__all__ = ["Simulator", "SteadyState", "build_database"]

@@ -16,7 +16,7 @@ of the undisturbed flow, and the walls' answer to all of these.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,14 +24,14 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from capsbayes.membrane.law import MembraneLaw
-from capsbayes.simulation.membrane_load import MembraneLoad
+from capsbayes.simulation.membrane_load import Elasticity, MembraneLoad
 from capsbayes.stokes.channel import Channel
 from capsbayes.stokes.single_layer import SingleLayer
 from capsbayes.stokes.stokeslet import images_gradient
 from capsbayes.stokes.walls import Walls, wall_operator
 from capsbayes.surface.octasphere import D4, OctaSphere, octasphere
 
-__all__ = ["Iterate", "Linearisation", "NewtonResult", "SteadyProblem"]
+__all__ = ["Iterate", "NewtonResult", "SteadyProblem"]
 
 Array = NDArray[np.float64]
 
@@ -46,26 +46,43 @@ class Iterate:
     capillary_number: float
     size_ratio: float
 
+    def moved(self, step: Array) -> Iterate:
+        """The iterate after a change (F + 2,) of shape, velocity and slack."""
+        return replace(
+            self,
+            free=self.free + step[:-2],
+            velocity=self.velocity + float(step[-2]),
+            slack=self.slack + float(step[-1]),
+        )
 
-class Linearisation(NamedTuple):
-    """Velocity error at the free coordinates (F,) and its derivatives along them (F, F) and along 1/Ca (F,)."""
+
+class Motion(NamedTuple):
+    """Velocity error at the free coordinates (F,), and what it was made of."""
 
     error: Array
-    jacobian: Array
-    along_inverse_ca: Array
-    normal: Array
-    axial: Array
     density: Array
+    axial: Array
+    normal: Array
+
+
+class Slopes(NamedTuple):
+    """Derivatives of the velocity error along the free coordinates (F, F) and along Ca (F,)."""
+
+    along_shape: Array
+    along_ca: Array
 
 
 class NewtonResult(NamedTuple):
-    """Where Newton's iteration ended."""
+    """Where Newton's iteration ended.
+
+    `tangent` is the change (F + 2,) of shape, velocity and slack per unit of Ca at the last step taken.
+    """
 
     iterate: Iterate
     converged: bool
     residual: float
     iterations: int
-    density: Array
+    tangent: Array
 
 
 @dataclass(frozen=True)
@@ -94,47 +111,53 @@ class SteadyProblem:
         velocity = max(2.0963 - 1.1856 * size_ratio**2 * (1 - 0.3 * size_ratio**2), 1.05)
         return Iterate(free, velocity, 0.0, capillary_number, size_ratio)
 
-    def linearised(self, iterate: Iterate) -> Linearisation:
-        """Velocity error of the equations of motion at `iterate`, with its exact derivatives."""
-        mesh, membrane = self.mesh, self.membrane(iterate.size_ratio)
-        elastic = membrane.elasticity(iterate.free)
-        density = -membrane.mass_solve(elastic.gradient) / iterate.capillary_number
+    def density(self, iterate: Iterate, elastic: Elasticity) -> Array:
+        """Force on the liquid per rest area (F,) over mu U/l."""
+        return -self.membrane(iterate.size_ratio).mass_solve(elastic.gradient) / iterate.capillary_number
+
+    def motion(self, iterate: Iterate) -> Motion:
+        """Velocity error of the equations of motion, without derivatives."""
+        return self._evaluated(iterate, self.membrane(iterate.size_ratio).elasticity(iterate.free), slopes=False)[0]
+
+    def linearised(self, iterate: Iterate) -> tuple[Motion, Slopes]:
+        """Velocity error of the equations of motion, with its exact derivatives."""
+        elastic = self.membrane(iterate.size_ratio).elasticity(iterate.free)
+        motion, slopes = self._evaluated(iterate, elastic, slopes=True)
+        assert slopes is not None
+        return motion, slopes
+
+    def _evaluated(self, iterate: Iterate, elastic: Elasticity, *, slopes: bool) -> tuple[Motion, Slopes | None]:
+        mesh, basis = self.mesh, self.mesh.basis
+        density = self.density(iterate, elastic)
         nodes = mesh.expanded(iterate.free)
         targets = nodes[mesh.wedge]
-        layer = SingleLayer(mesh, iterate.size_ratio, nodes, mesh.expanded(density))
+        layer = SingleLayer(mesh, iterate.size_ratio, nodes, mesh.expanded(density) if slopes else None)
         near = layer.matrices(targets, target_nodes=mesh.wedge)
         operator = wall_operator(self.channel, self.walls, D4)
         far = layer.matrices(operator.points)
-        wedge_density = mesh.basis @ density
+        wedge_density = basis @ density
         strengths = -operator.inverse @ (far.velocity @ wedge_density)
         to_membrane = operator.velocity_matrix(targets)
-        answer = to_membrane @ operator.inverse  # walls' answer at the membrane per wall velocity
-        influence = near.velocity - answer @ far.velocity
         speed, shear = self.channel.undisturbed(targets)
         velocity = near.velocity @ wedge_density + to_membrane @ strengths
         velocity[2::3] += speed
-        along_target = near.target_slope + images_gradient(
-            targets, operator.sources, D4, strengths.reshape(-1, 3)
-        )
-        along_target[:, 2, :] += shear
-        jacobian = -near.source_slope + answer @ far.source_slope
-        for node, block in enumerate(along_target):
-            jacobian[3 * node : 3 * node + 3, 3 * node : 3 * node + 3] += block
-        basis = mesh.basis
-        influence = basis.T @ (basis.T @ influence.T).T
-        jacobian = basis.T @ (basis.T @ jacobian.T).T
-        compliance = influence @ membrane.mass_solve(elastic.tangent)
         axial = basis.T @ np.tile([0.0, 0.0, 1.0], len(targets))
         normal = basis.T @ self._normals(nodes)[mesh.wedge].ravel()
         error = basis.T @ velocity - iterate.velocity * axial + iterate.slack * normal
-        return Linearisation(
-            error,
-            jacobian - compliance / iterate.capillary_number,
-            influence @ density * iterate.capillary_number,
-            normal,
-            axial,
-            density,
-        )
+        motion = Motion(error, density, axial, normal)
+        if not slopes:
+            return motion, None
+        answer = (basis.T @ to_membrane) @ operator.inverse  # walls' answer at the membrane per wall velocity
+        influence = basis.T @ (basis.T @ near.velocity.T).T - answer @ (basis.T @ far.velocity.T).T
+        along_target = near.target_slope + images_gradient(targets, operator.sources, D4, strengths.reshape(-1, 3))
+        along_target[:, 2, :] += shear
+        moving = -near.source_slope
+        for node, block in enumerate(along_target):
+            moving[3 * node : 3 * node + 3, 3 * node : 3 * node + 3] += block
+        along_shape = basis.T @ (basis.T @ moving.T).T + answer @ (basis.T @ far.source_slope.T).T
+        compliance = self.membrane(iterate.size_ratio).mass_solve(elastic.tangent) / iterate.capillary_number
+        along_ca = -influence @ density / iterate.capillary_number
+        return motion, Slopes(along_shape - influence @ compliance, along_ca)
 
     def _normals(self, nodes: Array) -> Array:
         """Outward unit normals (N, 3) at the nodes, from the averaged area vectors of their elements."""
@@ -148,40 +171,47 @@ class SteadyProblem:
         self,
         start: Iterate,
         *,
-        tolerance: float = 1e-8,
+        tolerance: float = 1e-7,
         max_iterations: int = 14,
+        patience: int | None = None,
         report: Callable[[int, float, Iterate], None] | None = None,
     ) -> NewtonResult:
-        """Newton's iteration with halved steps from `start`, at its Ca and a/l."""
-        iterate = start
+        """Newton's iteration, each step at most 0.15 a long, from `start` at its Ca and a/l.
+
+        Close to the solution the residual alone is computed first, because it costs a third of the derivatives.
+        With `patience`, the iteration is given up when that many steps have not brought the residual to 1e-2.
+        """
+        iterate, membrane = start, self.membrane(start.size_ratio)
         volume = 4.0 / 3.0 * np.pi * start.size_ratio**3
-        membrane = self.membrane(start.size_ratio)
-        residual, damping = np.inf, 1.0
-        count = len(start.free)
+        count, residual = len(start.free), np.inf
+        tangent = np.zeros(count + 2)
         for iteration in range(max_iterations + 1):
-            system = self.linearised(iterate)
             inside = membrane.enclosure(iterate.free)
             gaps = np.array([inside.volume - volume, inside.moment])
-            residual = float(max(np.max(np.abs(system.error)), np.max(np.abs(gaps))))
+            slopes = None
+            if residual < 1e-3:
+                motion = self.motion(iterate)
+            else:
+                motion, slopes = self.linearised(iterate)
+            residual = float(max(np.max(np.abs(motion.error)), np.max(np.abs(gaps))))
             if report is not None:
                 report(iteration, residual, iterate)
             if not np.isfinite(residual):
                 break
-            if residual < tolerance:
-                return NewtonResult(iterate, True, residual, iteration, system.density)
-            if iteration == max_iterations:
+            if residual < tolerance and iteration > 0:
+                return NewtonResult(iterate, True, residual, iteration, tangent)
+            if iteration == max_iterations or (patience is not None and iteration >= patience and residual > 1e-2):
                 break
+            if slopes is None:
+                motion, slopes = self.linearised(iterate)
             matrix = np.zeros((count + 2, count + 2))
-            matrix[:count, :count] = system.jacobian
-            matrix[:count, count], matrix[:count, count + 1] = -system.axial, system.normal
+            matrix[:count, :count] = slopes.along_shape
+            matrix[:count, count], matrix[:count, count + 1] = -motion.axial, motion.normal
             matrix[count, :count], matrix[count + 1, :count] = inside.volume_gradient, inside.moment_gradient
-            step = scipy.linalg.solve(matrix, -np.concatenate([system.error, gaps]), check_finite=False)
-            damping = min(1.0, 0.15 * start.size_ratio / np.max(np.abs(step[:count])))
-            iterate = Iterate(
-                iterate.free + damping * step[:count],
-                iterate.velocity + damping * step[count],
-                iterate.slack + damping * step[count + 1],
-                iterate.capillary_number,
-                iterate.size_ratio,
-            )
-        return NewtonResult(iterate, False, residual, iteration, system.density)
+            right = np.zeros((count + 2, 2))
+            right[:count, 0], right[count:, 0], right[:count, 1] = -motion.error, -gaps, -slopes.along_ca
+            step, tangent = scipy.linalg.solve(matrix, right, check_finite=False).T
+            if iteration == 0 and residual < tolerance:
+                return NewtonResult(iterate, True, residual, iteration, tangent)
+            iterate = iterate.moved(min(1.0, 0.15 * start.size_ratio / np.max(np.abs(step[:count]))) * step)
+        return NewtonResult(iterate, False, residual, iteration, tangent)

@@ -108,10 +108,9 @@ class SingleLayer:
         tables = self._tables = _tables(mesh, choice or QuadratureChoice())
         placed = nodes[mesh.elements]
         loads = (np.zeros_like(nodes) if density is None else density)[mesh.elements]
-        self._points = np.einsum("qk,eki->eqi", tables.shapes, placed)
-        self._loads = np.einsum("qk,eki->eqi", tables.shapes, loads)
-        self._corner_points = np.einsum("cqk,eki->ecqi", tables.corner_shapes, placed)
-        self._corner_loads = np.einsum("cqk,eki->ecqi", tables.corner_shapes, loads)
+        self._points, self._loads = tables.shapes @ placed, tables.shapes @ loads
+        self._corner_points = tables.corner_shapes @ placed[:, None]
+        self._corner_loads = tables.corner_shapes @ loads[:, None]
         self._centres = np.mean(placed, axis=1)
         self._radii = np.max(np.linalg.norm(placed - self._centres[:, None], axis=-1), axis=1)
 
