@@ -35,12 +35,13 @@ def build(
     import json
     import time
 
+    from capsbayes.cli.choices import one_of
     from capsbayes.membrane import LAWS
     from capsbayes.simulation.build import build_database
 
     chosen = _chosen_cases(cases, grid)
-    membrane = _one_of("--law", law, LAWS)
-    _one_of("--section", section, {"square": None})
+    membrane = one_of("build", "--law", law, LAWS)
+    one_of("build", "--section", section, {"square": None})
     _require("--refinement", refinement >= 2, "a whole number from 2 on", refinement)
     _require("--bending", bending >= 0.0, "a number not below 0", bending)
     _require("--pre-inflation", pre_inflation >= 0.0, "a number not below 0", pre_inflation)
@@ -59,6 +60,7 @@ def build(
 
 
 def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, float]]:
+    from capsbayes.cli.choices import one_of
     from capsbayes.errors import InputError
     from capsbayes.simulation.grid import default_grid, read_cases
 
@@ -66,13 +68,8 @@ def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, flo
         raise InputError("build", "--cases, --grid", "one of the two", "neither" if cases is None else "both")
     if cases is not None:
         return read_cases(cases)
-    _one_of("--grid", str(grid), {"default": None})
+    one_of("build", "--grid", str(grid), {"default": None})
     return default_grid()
-
-
-def _one_of(option: str, name: str, known: dict[str, Any]) -> Any:
-    _require(option, name in known, f"one of {', '.join(known)}", repr(name))
-    return known[name]
 
 
 def _require(option: str, holds: bool, expected: str, got: object) -> None:

@@ -1,0 +1,128 @@
+"""``capsbayes simulate``: the steady state of one capsule."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from capsbayes.simulation import SteadyState
+
+
+def simulate(
+    ca: Annotated[float, typer.Option(help="Capillary number mu U / G_s.")],
+    size: Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over half width.")],
+    law: Annotated[str, typer.Option(help="Membrane law.")] = "neo-hookean",
+    section: Annotated[str, typer.Option(help="Section of the channel.")] = "square",
+    refinement: Annotated[int, typer.Option(help="Fineness n of the mesh: 8 is quick, 12 is fit to publish.")] = 8,
+    bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
+    pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
+    out: Annotated[Path | None, typer.Option(help="Write the membrane for ParaView, a .vtu file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the shape, a .png, .pdf or .svg file.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Simulate one capsule from its capillary number and size.
+
+    Exit status: 0 done, 1 no steady state (the status says why), 2 bad input.
+    """
+    import json
+
+    _check_suffix("--out", out, (".vtu",))
+    _check_suffix("--plot", plot, (".png", ".pdf", ".svg"))
+    from capsbayes.cli.choices import one_of
+    from capsbayes.membrane import LAWS
+    from capsbayes.simulation import Simulator
+
+    simulator = Simulator(
+        law=one_of("simulate", "--law", law, LAWS)(),
+        section=section,
+        refinement=refinement,
+        bending=bending,
+        pre_inflation=pre_inflation,
+    )
+    state = _run(simulator, ca, size)
+    result = _summary(state)
+    typer.echo(json.dumps(result, indent=2) if as_json else _as_text(state, result))
+    if not state.status.ok:
+        raise typer.Exit(1)
+    if out is not None:
+        state.save(out)
+    if plot is not None:
+        from capsbayes.report.shape_plot import write_shape_plot
+
+        write_shape_plot(state, plot)
+
+
+def _check_suffix(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
+    from capsbayes.errors import InputError
+
+    if path is None:
+        return
+    if path.suffix not in suffixes:
+        raise InputError("simulate", option, f"a file name that ends in {' or '.join(suffixes)}", repr(str(path)))
+    if not path.parent.is_dir():
+        raise InputError("simulate", option, "a folder that exists", repr(str(path.parent)))
+
+
+def _run(simulator: Any, capillary_number: float, size_ratio: float) -> SteadyState:
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with console.status("following the branch of steady states ..."):
+        state: SteadyState = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio)
+    return state
+
+
+def _summary(state: SteadyState) -> dict[str, Any]:
+    summary: dict[str, Any] = {
+        "status": state.status.name,
+        "message": f"{state.status} {state.detail}".strip(),
+        "capillary_number": state.capillary_number,
+        "size_ratio": state.size_ratio,
+        "settings": dict(state.settings),
+        "residual": state.residual,
+        "slack": state.slack,
+    }
+    if not state.status.ok:
+        return summary
+    profile, silhouette = state.profile, state.silhouette
+    return summary | {
+        "axial_extent": profile.axial_extent,
+        "axial_length": profile.axial_length,
+        "parachute_depth": profile.parachute_depth,
+        "stretch_ratio": profile.stretch_ratio(state.size_ratio),
+        "silhouette_extent": silhouette.axial_extent,
+        "velocity_ratio": state.velocity_ratio,
+        "inner_pressure": state.inner_pressure,
+        "extra_pressure_drop": state.extra_pressure_drop,
+        "minimum_tension": float(state.principal_tensions.min()),
+        "maximum_tension": float(state.principal_tensions.max()),
+        "iterations": state.iterations,
+    }
+
+
+_ROWS = (
+    ("L_z / l", "axial_extent", "extension along the flow, plane x = 0"),
+    ("L_a / l", "axial_length", "length on the axis"),
+    ("L_p / l", "parachute_depth", "depth of the concave rear"),
+    ("Lambda", "stretch_ratio", "perimeter over that at rest"),
+    ("v_o / U", "velocity_ratio", "velocity of the capsule"),
+    ("p_in l / (mu U)", "inner_pressure", "pressure inside"),
+    ("dP+ l / (mu U)", "extra_pressure_drop", "pressure drop that the capsule adds"),
+    ("min tau / G_s", "minimum_tension", "smallest principal tension"),
+    ("max tau / G_s", "maximum_tension", "largest principal tension"),
+)
+
+
+def _as_text(state: SteadyState, summary: dict[str, Any]) -> str:
+    settings = state.settings
+    lines = [
+        f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['section']} section, "
+        f"refinement {settings['refinement']}, bending {settings['bending']:g}",
+        summary["message"],
+    ]
+    if state.status.ok:
+        lines += [f"  {symbol:16s} {summary[key]:9.4f}   {meaning}" for symbol, key, meaning in _ROWS]
+    return "\n".join(lines)
