@@ -57,7 +57,7 @@ class Agreement:
     ----------
     mean, sd, quantile : float
         Largest difference of the means and of the quantiles, in standard deviations, and of the standard deviations,
-        relative; over all quantities.
+        relative; over the logarithms of all quantities.
     worst : str
         The quantity that differs most.
     passed : bool
@@ -129,17 +129,25 @@ def ess_gates(draws: Mapping[str, Floats]) -> list[Gate]:
     return [Gate(name, value, f"at least {SMALLEST_ESS:.0f}", value >= SMALLEST_ESS) for name, value in found.items()]
 
 
-def agreement(one: Mapping[str, Marginal], other: Mapping[str, Marginal]) -> Agreement:
-    """Compare two engines' summaries of the same quantities; `other` is the reference."""
+def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) -> Agreement:
+    """Compare the draws of an engine with the summaries of another, both of the logarithms of positive quantities.
+
+    Parameters
+    ----------
+    draws : mapping of arrays
+        Of the quantities themselves.
+    reference : mapping of Marginal
+        Of their logarithms.
+    """
     means, sds, quantiles = {}, {}, {}
-    for name, reference in other.items():
-        if reference.sd <= 1e-12 * abs(reference.mean):
+    for name, other in reference.items():
+        if other.sd <= 1e-12:
             continue
-        this, sd = one[name], reference.sd
-        means[name] = abs(this.mean - reference.mean) / sd
-        sds[name] = abs(this.sd / sd - 1.0)
+        this = Marginal.of_draws(np.log(draws[name]))
+        means[name] = abs(this.mean - other.mean) / other.sd
+        sds[name] = abs(this.sd / other.sd - 1.0)
         ends = ("median", "lower_68", "upper_68", "lower_95", "upper_95")
-        quantiles[name] = max(abs(getattr(this, end) - getattr(reference, end)) for end in ends) / sd
+        quantiles[name] = max(abs(getattr(this, end) - getattr(other, end)) for end in ends) / other.sd
     worst = max(means, key=lambda name: max(means[name] / MEANS_AGREE, sds[name] / SDS_AGREE))
     mean, sd, quantile = (max(found.values()) for found in (means, sds, quantiles))
     return Agreement(

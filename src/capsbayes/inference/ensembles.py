@@ -12,6 +12,7 @@ Nelson, Ford, Payne 2013, ApJS 210, 11, doi:10.1088/0067-0049/210/1/11.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,6 +45,8 @@ class Effort:
         Share of the steps done by which the run grows while a gate fails.
     budget : int
         Steps at which it ends in any case.
+    doublings : int
+        How often a run that passed its gates is doubled because it is not precise enough.
     """
 
     ensembles: int = 4
@@ -51,6 +54,7 @@ class Effort:
     steps: int = 450
     extension: float = 0.15
     budget: int = 20_000
+    doublings: int = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +82,11 @@ class Chains:
     steps: int
     gates: list[Gate]
 
+    def named(self) -> dict[str, Floats]:
+        """Coordinates by name, Ca itself in place of its logarithm : (steps, ensembles, walkers) arrays."""
+        named = dict(zip(self.names, np.moveaxis(self.coordinates, -1, 0), strict=True))
+        return named | {"capillary_number": np.exp(named["capillary_number"])}
+
     def thinned(self) -> Chains:
         """Every so many steps that two kept in a row share little."""
         every = max(1, int(self.time / 2.0))
@@ -92,7 +101,13 @@ class Chains:
         )
 
 
-def sampled(log_density: LogDensity, *, seed: int, effort: Effort | None = None) -> Chains:
+def sampled(
+    log_density: LogDensity,
+    *,
+    seed: int,
+    effort: Effort | None = None,
+    enough: Callable[[Chains], bool] = lambda chains: True,
+) -> Chains:
     """Sample a posterior.
 
     Parameters
@@ -101,6 +116,8 @@ def sampled(log_density: LogDensity, *, seed: int, effort: Effort | None = None)
     seed : int
         Of the starts and of every ensemble.
     effort : Effort, optional
+    enough : callable
+        Asked once the gates hold; while it says no the run is doubled, at most `Effort.doublings` times.
 
     Returns
     -------
@@ -112,15 +129,20 @@ def sampled(log_density: LogDensity, *, seed: int, effort: Effort | None = None)
     starts = starting_points(log_density, effort.ensembles, effort.walkers, np.random.default_rng(root.spawn(1)[0]))
     states = [int(word) for word in root.generate_state(effort.ensembles)]
     samplers = [_sampler(log_density, start, state) for start, state in zip(starts, states, strict=True)]
-    ahead, todo = 0, effort.steps
+    ahead, todo, doublings = 0, effort.steps, 0
     while True:
         for sampler, start in zip(samplers, starts, strict=True):
             sampler.run_mcmc(start if ahead == 0 else None, todo, skip_initial_state_check=True)
         ahead += todo
         chains = _gathered(samplers, log_density.names)
-        if all(gate.passed for gate in chains.gates) or ahead >= effort.budget:
+        if ahead >= effort.budget:
             return chains
-        todo = min(math.ceil(effort.extension * ahead), effort.budget - ahead)
+        growth = effort.extension
+        if all(gate.passed for gate in chains.gates):
+            if doublings == effort.doublings or enough(chains):
+                return chains
+            growth, doublings = 1.0, doublings + 1
+        todo = min(math.ceil(growth * ahead), effort.budget - ahead)
 
 
 def _sampler(log_density: LogDensity, start: Floats, seed: int) -> Any:

@@ -76,11 +76,11 @@ class GridPosterior:
             return Marginal.of_draws(self._many_draws[name])
         return self._masses(name).marginal()
 
-    def log_variance(self, name: str) -> float:
-        """Variance of the logarithm of a quantity."""
+    def log_marginal(self, name: str) -> Marginal:
+        """Summary of the logarithm of one quantity."""
         if self.cut and name not in self._node_logs:
-            return float(np.var(np.log(self._many_draws[name])))
-        return self._masses(name).variance
+            return Marginal.of_draws(np.log(self._many_draws[name]))
+        return self._masses(name).log_marginal()
 
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
         """Independent draws of all quantities, spread within the cells of the grid.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -13,7 +15,6 @@ from capsbayes.inference.checks import LEANING_SHARE, Agreement, Gate, agreement
 from capsbayes.inference.deterministic import deterministic_answer
 from capsbayes.inference.ensembles import Chains, Effort, sampled
 from capsbayes.inference.grid_posterior import GridPosterior
-from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.log_density import LogDensity
 from capsbayes.inference.marginal import Marginal
 from capsbayes.inference.posterior import REPORTED, Posterior
@@ -80,43 +81,35 @@ def identify(
     if engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
     _check_section(model, experiment)
-    prior, inputs = prior or Prior(), Inputs.of(measurement, experiment)
-    quadrature = Quadrature(model, experiment, prior)
-    grid = quadrature(measurement)
-    exact = {name: grid.marginal(name) for name in REPORTED}
-    rng = np.random.default_rng([seed, 1])
-    if engine == "emcee":
-        chains = sampled(LogDensity(model, grid.target), seed=seed, effort=effort)
-        draws, ensemble = _draws_of(chains, grid, rng)
-        gates = [*chains.gates, *ess_gates({name: draws[name] for name in REPORTED})]
-        marginals = {name: Marginal.of_draws(draws[name]) for name in REPORTED}
-        agreed = agreement(marginals, exact)
-    else:
-        drawn = grid.drawn(rng, _DRAWS[0] * _DRAWS[1])
-        draws, ensemble = {name: values.reshape(_DRAWS) for name, values in drawn.items()}, np.arange(_DRAWS[0])
-        gates, marginals, agreed = quadrature.gates(grid), exact, None
-    leans = _leaning(draws, model, prior)
-    return Posterior(
-        draws=draws,
-        ensemble=ensemble,
-        marginals=marginals,
-        reference=exact if engine == "emcee" else {},
-        measurement=measurement,
-        experiment=experiment,
-        prior=prior,
-        inputs=inputs,
-        model_name=model.name,
-        model_sha256=model.sha256,
-        engine=engine,
-        seed=seed,
-        gates=tuple(gates),
-        agreement=agreed,
-        shares=variance_shares(quadrature, measurement, grid),
-        deterministic=deterministic_answer(measurement, model, inputs),
-        leaning=leans,
-        outlines=_outlines(draws, model),
-        status=_status(gates, agreed, leans),
-    )
+    with threadpool_limits(limits=1):  # the matrices are tiny: threads would only wait for each other
+        quadrature = Quadrature(model, experiment, prior)
+        grid = quadrature(measurement)
+        run = _sampled if engine == "emcee" else _gridded
+        draws, ensemble, gates, agreed = run(grid, seed, effort)
+        exact = {name: grid.marginal(name) for name in REPORTED}
+        marginals = {name: Marginal.of_draws(draws[name]) for name in REPORTED} if agreed else exact
+        leans = _leaning(draws, model, quadrature.prior)
+        return Posterior(
+            draws=draws,
+            ensemble=ensemble,
+            marginals=marginals,
+            reference=exact if agreed else {},
+            measurement=measurement,
+            experiment=experiment,
+            prior=quadrature.prior,
+            inputs=grid.target.inputs,
+            model_name=model.name,
+            model_sha256=model.sha256,
+            engine=engine,
+            seed=seed,
+            gates=tuple(gates),
+            agreement=agreed,
+            shares=variance_shares(quadrature, measurement, grid),
+            deterministic=deterministic_answer(measurement, model, grid.target.inputs),
+            leaning=leans,
+            outlines=_outlines(draws, model),
+            status=_status(gates, agreed, leans),
+        )
 
 
 def _check_section(model: ForwardModel, experiment: Experiment) -> None:
@@ -127,19 +120,42 @@ def _check_section(model: ForwardModel, experiment: Experiment) -> None:
         raise InputError(where, "section", f'"{section}", that of the model', f'"{experiment.section}"')
 
 
-def _draws_of(
-    chains: Chains, grid: GridPosterior, rng: np.random.Generator
-) -> tuple[dict[str, Floats], NDArray[np.int64]]:
-    """Thinned draws of every quantity as (chain, draw) arrays, one chain a walker, and the ensemble of each chain."""
+def _sampled(grid: GridPosterior, seed: int, effort: Effort | None) -> _Run:
+    """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
+    log_density = LogDensity(grid.forward, grid.target)
+    shape = {name: grid.log_marginal(name) for name in log_density.names}
+
+    def agrees(chains: Chains) -> bool:
+        return agreement(chains.named(), shape).passed
+
+    chains = sampled(log_density, seed=seed, effort=effort, enough=agrees)
     kept = chains.thinned()
-    steps, ensembles, walkers, dimensions = kept.coordinates.shape
-    flat = kept.coordinates.reshape(-1, dimensions)
-    nodes = dict(zip(kept.names, flat.T, strict=True))
-    nodes["capillary_number"] = np.exp(nodes["capillary_number"])
+    steps, ensembles, walkers, _ = kept.coordinates.shape
+    nodes = {name: np.ravel(values) for name, values in kept.named().items()}
     points, stretch = evaluated(grid.forward, nodes["capillary_number"], nodes["size_ratio"], grid.target.error_scale)
-    draws = grid.target.completed(rng, nodes, points, stretch) | {"lp": kept.log_density.ravel()}
-    shaped = {name: values.reshape(steps, -1).T for name, values in draws.items()}
-    return shaped, np.repeat(np.arange(ensembles), walkers)
+    rng = np.random.default_rng([seed, 1])
+    flat = grid.target.completed(rng, nodes, points, stretch) | {"lp": np.ravel(kept.log_density)}
+    draws = {name: values.reshape(steps, -1).T for name, values in flat.items()}
+    gates = [*chains.gates, *ess_gates({name: draws[name] for name in REPORTED})]
+    agreed = agreement(draws, {name: grid.log_marginal(name) for name in REPORTED})
+    return _Run(draws, np.repeat(np.arange(ensembles), walkers), gates, agreed)
+
+
+def _gridded(grid: GridPosterior, seed: int, effort: Effort | None) -> _Run:
+    """Draw from the grid, independently."""
+    del effort
+    drawn = grid.drawn(np.random.default_rng([seed, 1]), _DRAWS[0] * _DRAWS[1])
+    draws = {name: values.reshape(_DRAWS) for name, values in drawn.items()}
+    return _Run(draws, np.arange(_DRAWS[0]), Quadrature.gates(grid), None)
+
+
+class _Run(NamedTuple):
+    """What an engine gives: (chain, draw) arrays, the ensemble of each chain, gates, agreement with the grid."""
+
+    draws: dict[str, Floats]
+    ensemble: NDArray[np.int64]
+    gates: list[Gate]
+    agreement: Agreement | None
 
 
 def _leaning(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:

@@ -56,7 +56,10 @@ class Window:
         return points.reshaped(self.shape), stretch.reshape(self.shape)
 
     def around(self, likely: NDArray[np.bool_], shape: tuple[int, int], bounds: Window) -> Window:
-        """Rectangle around the likely cells and one more on each side, within bounds, cut anew.
+        """Rectangle around the likely cells, within bounds, cut anew.
+
+        One more cell is added on each side, or a quarter of this window where
+        the likely cells reach its edge and may go on beyond it.
 
         Parameters
         ----------
@@ -68,9 +71,11 @@ class Window:
         """
         low, high = [], []
         for k in (0, 1):
-            index = np.flatnonzero(likely.any(axis=1 - k))
-            low.append(float(max(self.low[k] + self.step[k] * (index[0] - 1), bounds.low[k])))
-            high.append(float(min(self.low[k] + self.step[k] * (index[-1] + 2), bounds.high[k])))
+            index, cells = np.nonzero(likely)[k], self.shape[k]
+            before = 1 if index.min() > 0 else max(1, cells // 4)
+            after = 1 if index.max() < cells - 1 else max(1, cells // 4)
+            low.append(float(max(self.low[k] + self.step[k] * (index.min() - before), bounds.low[k])))
+            high.append(float(min(self.low[k] + self.step[k] * (index.max() + 1 + after), bounds.high[k])))
         return Window((low[0], low[1]), (high[0], high[1]), shape)
 
 

@@ -151,8 +151,17 @@ class LogMasses:
         centres = np.exp(0.5 * (edges[1:] + edges[:-1]))
         mean = float(self.masses @ centres)
         sd = float(np.sqrt(self.masses @ (centres - mean) ** 2))
-        below = np.concatenate([[0.0], np.cumsum(self.masses)])
-        return Marginal(mean, sd, *np.exp(np.interp(Marginal.LEVELS, below, edges)))
+        return Marginal(mean, sd, *(float(value) for value in np.exp(self._quantiles(edges))))
+
+    def log_marginal(self) -> Marginal:
+        """Mean, standard deviation and quantiles of log x."""
+        if len(self.masses) == 1:
+            return Marginal.known(self.mean)
+        quantiles = self._quantiles(self._corrected(self._edges))
+        return Marginal(self.mean, float(np.sqrt(self.variance)), *(float(value) for value in quantiles))
+
+    def _quantiles(self, edges: Floats) -> Floats:
+        return np.interp(Marginal.LEVELS, np.concatenate([[0.0], np.cumsum(self.masses)]), edges)
 
     def _corrected(self, logs: Floats) -> Floats:
         """Undo the slight widening by the grid: give the grid the moments of the quantity itself."""

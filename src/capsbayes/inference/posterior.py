@@ -151,7 +151,12 @@ class Posterior:
         """The groups of an ArviZ InferenceData, as datasets."""
         import xarray as xr
 
-        shape = {"chain": np.arange(len(self.ensemble)), "ensemble": ("chain", self.ensemble)}
+        number = next(iter(self.draws.values())).shape[1]
+        shape = {
+            "chain": np.arange(len(self.ensemble)),
+            "draw": np.arange(number),
+            "ensemble": ("chain", self.ensemble),
+        }
         draws = {
             name: (("chain", "draw"), values, _attributes(name)) for name, values in self.draws.items() if name != "lp"
         }
@@ -160,7 +165,7 @@ class Posterior:
             groups["sample_stats"] = xr.Dataset({"lp": (("chain", "draw"), self.draws["lp"])}, shape)
         if self.outlines is not None:
             outline = xr.DataArray(self.outlines[None], dims=("chain", "draw", "point", "plane"))
-            outline = outline.assign_coords(plane=["z", "y"]).assign_attrs(units="l", long_name="predicted outline")
+            outline = outline.assign_attrs(units="l", long_name="predicted outline, columns (z, y) from the nose")
             groups["posterior_predictive"] = outline.to_dataset(name="outline")
         inputs = {name: one for name, one in self._inputs().items() if isinstance(one, dict) and "value" in one}
         seen = {name: one for name, one in inputs.items() if one["value"] is not None}
@@ -177,8 +182,9 @@ class Posterior:
     def write(self, path: str | Path) -> Path:
         """Write one NetCDF file that `arviz.from_netcdf` reads: into a temporary file first, then renamed.
 
-        The groups are written with xarray, as the import of ArviZ takes as
-        long as the sampling. The attributes of the file hold the fingerprint
+        Neither ArviZ nor xarray does the writing: the import of the one takes
+        as long as the sampling, and the other imports a cluster to write one
+        file. The attributes of the file hold the fingerprint
         of the model, priors, inputs, seed, version, engine, gates and status.
 
         Returns
@@ -196,8 +202,8 @@ class Posterior:
                 for name, value in self.as_dict().items():
                     file.attrs[name] = value if isinstance(value, (str, int)) else json.dumps(value)
                 file.attrs["inference_library"] = self.engine
-            for name, group in self.groups().items():
-                group.to_netcdf(temporary, group=name, mode="a", engine="h5netcdf")
+                for name, group in self.groups().items():
+                    _write_group(file.create_group(name), group)
             os.replace(temporary, path)
         finally:
             Path(temporary).unlink(missing_ok=True)
@@ -211,6 +217,19 @@ class Posterior:
             warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
             import arviz
         return arviz.InferenceData(**self.groups(), warn_on_custom_groups=False)
+
+
+def _write_group(file: Any, group: xr.Dataset) -> None:
+    """Write a dataset of numbers as xarray would; its coordinates without a dimension are named to be found again."""
+    for name, size in group.sizes.items():
+        file.dimensions[name] = size
+    beside = " ".join(str(name) for name in group.coords if name not in group.sizes)
+    for name, variable in group.variables.items():
+        stored = file.create_variable(name, variable.dims, data=variable.values)
+        for key, value in variable.attrs.items():
+            stored.attrs[key] = value
+        if beside and name in group.data_vars:
+            stored.attrs["coordinates"] = beside
 
 
 def _attributes(name: str) -> dict[str, str]:

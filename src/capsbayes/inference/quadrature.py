@@ -35,6 +35,7 @@ CELLS_AT_BORDER = 224  # along each side, where the border of the domain cuts ce
 THINNEST = 1.0  # standard deviation of a/l at given Ca, in cells
 _FIRST, _THEN, _LARGEST = 32, 56, 512
 _COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
+_EDGE_DROP = 12.0  # at the edge of a window: what is cut off there is below 1e-5
 _ROUNDS = 12
 _WIDTHS = (33, 129)  # fewest and most nodes of the half width
 _WIDTH_REACH = 5.5  # standard deviations of l on either side
@@ -170,17 +171,16 @@ def _better_window(posterior: GridPosterior, bounds: Window) -> Window | None:
     around = window.around(likely, (_THEN, _THEN), bounds)
     sd_ca, sd_size, thin = (max(found, 1e-3) for found in _resolution(posterior))
     needed = [CELLS_PER_SD / sd_ca, max(CELLS_PER_SD / sd_size, THINNEST / thin)]
-    if _border_shows(posterior):
-        needed = [max(one, CELLS_AT_BORDER / window.shape[k]) for k, one in enumerate(needed)]
-    leaves = any(_leaves(likely, window, bounds, k) for k in (0, 1))
-    if max(needed) <= 1.0 and not leaves:
+    least = CELLS_AT_BORDER if _border_shows(posterior) else 0
+    leaves = any(_leaves(both > np.exp(-_EDGE_DROP) * both.max(), window, bounds, k) for k in (0, 1))
+    if max(needed) <= 1.0 and min(window.shape) >= least and not leaves:
         return None
     # shrinking the window already makes its cells smaller; cut it finer only as far as that does not suffice
     shape = []
     for k in (0, 1):
         shrink = (around.high[k] - around.low[k]) / (window.high[k] - window.low[k])
-        cells = window.shape[k] * shrink * max(needed[k], 1.0) * 1.15
-        shape.append(int(np.clip(np.ceil(cells), _THEN, _LARGEST)))
+        cells = window.shape[k] * shrink * (1.15 * needed[k] if needed[k] > 1.0 else 1.0)
+        shape.append(int(np.clip(np.ceil(cells), max(_THEN, least), _LARGEST)))
     better = Window(around.low, around.high, (shape[0], shape[1]))
     return None if better == window else better
 
@@ -203,10 +203,9 @@ def _border_shows(posterior: GridPosterior) -> bool:
 
 def _leaves(likely: NDArray[np.bool_], window: Window, bounds: Window, axis: int) -> bool:
     """Whether the posterior goes on beyond an end of the window that is not an end of the domain."""
-    ends = likely.any(axis=1 - axis)
-    return bool(
-        (ends[0] and window.low[axis] > bounds.low[axis]) or (ends[-1] and window.high[axis] < bounds.high[axis])
-    )
+    index = np.nonzero(likely)[axis]
+    first, last = bool(index.min() == 0), bool(index.max() == window.shape[axis] - 1)
+    return (first and window.low[axis] > bounds.low[axis]) or (last and window.high[axis] < bounds.high[axis])
 
 
 def _sd_in_cells(masses: Floats) -> float:

@@ -19,7 +19,6 @@ from capsbayes.measurement import Measurement
 
 __all__ = ["variance_shares"]
 
-_QUANTITY = "surface_shear_modulus"
 REST = "prior and curvature"
 
 
@@ -38,16 +37,20 @@ def variance_shares(engine: Quadrature, measurement: Measurement, posterior: Gri
     dict
         By name of the input; adds up to one.
     """
-    target, total = posterior.target, posterior.log_variance(_QUANTITY)
+    target, total = posterior.target, _variance(posterior)
     shares = {
         "viscosity": target.viscosity.variance / total,
         "capsule_velocity": target.capsule_velocity.variance / total,
     }
     for name, halved in _each_halved(engine, measurement, posterior):
-        shares[name] = (total - halved.log_variance(_QUANTITY)) / (0.75 * total)
+        shares[name] = (total - _variance(halved)) / (0.75 * total)
     if not target.shape_depends_on_half_width:
         shares["half_width"] = 0.0
     return shares | {REST: 1.0 - sum(shares.values())}
+
+
+def _variance(posterior: GridPosterior) -> float:
+    return posterior.log_marginal("surface_shear_modulus").sd ** 2
 
 
 def _each_halved(

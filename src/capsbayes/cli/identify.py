@@ -1,0 +1,182 @@
+"""``capsbayes identify``: from a measured capsule to its shear modulus and radius."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from capsbayes.inference import Posterior
+    from capsbayes.measurement import Measurement
+
+
+def identify(
+    capsule: Annotated[
+        Path, typer.Argument(help="TOML file of the capsule: lengths, velocity, its experiment's file.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for posterior.nc, summary.json, corner.png and outline.png.")
+    ] = None,
+    experiment: Annotated[
+        Path | None, typer.Option(help="TOML file of the experiment; default: the one the capsule's file names.")
+    ] = None,
+    database: Annotated[
+        str | None,
+        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
+    ] = None,
+    engine: Annotated[
+        str | None, typer.Option(help="emcee or quadrature; default: emcee, checked by quadrature.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the results.")] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
+    import json
+
+    from capsbayes.experiment import Experiment
+    from capsbayes.inference import Prior
+    from capsbayes.inference import identify as identified
+    from capsbayes.measurement import Measurement
+    from capsbayes.surrogate import Surrogate
+
+    _check_folder(out)
+    measurement, prior = Measurement.read(capsule), Prior.read(capsule)
+    known = Experiment.read(experiment or _named(measurement))
+    model = Surrogate.open(database or f"{known.section}-neo-hookean")
+    posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=prior)
+    if out is not None:
+        _write(posterior, out)
+    if as_json:
+        typer.echo(json.dumps(posterior.as_dict(), indent=2))
+    else:
+        _print(posterior, out)
+    if not posterior.status.ok:
+        raise typer.Exit(1)
+
+
+def _named(measurement: Measurement) -> Path:
+    from capsbayes.errors import InputError
+
+    if measurement.experiment_file is None:
+        raise InputError(
+            measurement.source, "experiment", "the name of a file", "nothing", "name it, or use --experiment"
+        )
+    return measurement.experiment_file
+
+
+def _check_folder(out: Path | None) -> None:
+    """Refuse a folder that cannot be made before any work is done."""
+    from capsbayes.errors import InputError
+
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError("--out", "", "a folder", f"the file {out}")
+
+
+def _write(posterior: Posterior, out: Path) -> None:
+    """Write all results into a folder beside, then move them: an error leaves nothing half done."""
+    import json
+    import os
+    import tempfile
+
+    from matplotlib.figure import Figure
+
+    from capsbayes.report import corner_plot, outline_plot
+
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=out, prefix=".unfinished-") as folder:
+        unfinished = Path(folder)
+        posterior.write(unfinished / "posterior.nc")
+        (unfinished / "summary.json").write_text(json.dumps(posterior.as_dict(), indent=2) + "\n")
+        corner_plot(posterior).savefig(unfinished / "corner.png", dpi=110)
+        if posterior.outlines is not None:
+            figure = Figure(figsize=(7.6, 7.0), layout="constrained")
+            outline_plot(posterior, figure.subplots())
+            figure.savefig(unfinished / "outline.png", dpi=140)
+        for made in sorted(unfinished.iterdir()):
+            os.replace(made, out / made.name)
+
+
+def _print(posterior: Posterior, out: Path | None) -> None:
+    from rich.console import Console
+
+    from capsbayes.inference.checks import LEANING_SHARE
+
+    console = Console(highlight=False)
+    console.print(_quantities(posterior))
+    console.print(_shares(posterior))
+    if posterior.agreement is not None:
+        console.print(f"emcee and quadrature: {posterior.agreement}.")
+    failed = [str(gate) for gate in posterior.gates if not gate.passed]
+    passed = f"{len(posterior.gates) - len(failed)} of {len(posterior.gates)} gates passed"
+    console.print(f"Gates: {passed}{': ' + '; '.join(failed) if failed else ''}.")
+    for border, share in posterior.leaning.items():
+        if share > LEANING_SHARE:
+            console.print(f"{share:.0%} of the posterior lies next to the border of the {border}.")
+    prior = posterior.prior
+    console.print(
+        f"Priors: G_s {prior.surface_shear_modulus.shape} from {1e3 * prior.surface_shear_modulus.low:g} to "
+        f"{1e3 * prior.surface_shear_modulus.high:g} mN/m, a {prior.capsule_radius.shape} from "
+        f"{1e6 * prior.capsule_radius.low:g} to {1e6 * prior.capsule_radius.high:g} um."
+    )
+    console.print(f"Model: {posterior.model_name}, sha256 {posterior.model_sha256[:12]}; seed {posterior.seed}.")
+    if out is not None:
+        console.print(f"Written to {out}: posterior.nc, summary.json, corner.png, outline.png.")
+    console.print(f"Status: {posterior.status}", style="green" if posterior.status.ok else "bold red")
+
+
+def _quantities(posterior: Posterior) -> Table:
+    from rich.table import Table
+
+    from capsbayes.inference.posterior import REPORTED
+    from capsbayes.parameters import PARAMETERS
+
+    table = Table(title="Posterior: median and equal-tailed intervals", title_justify="left")
+    table.add_column("")
+    engines = [posterior.engine, *(["quadrature"] if posterior.reference else [])]
+    for heading in (f"median ({engines[0]})", "68 %", "95 %", *(f"median ({name})" for name in engines[1:])):
+        table.add_column(heading, justify="right")
+    table.add_column("deterministic", justify="right")
+    paper = posterior.deterministic.as_dict() if posterior.deterministic else {}
+    for name in REPORTED:
+        one, marginal = PARAMETERS[name], posterior.marginals[name]
+        digits = _digits(marginal.sd * one.scale)
+
+        def shown(value: float, scale: float = one.scale, digits: int = digits) -> str:
+            return f"{scale * value:.{digits}f}"
+
+        row = [one.label, shown(marginal.median)]
+        row += [f"{shown(low)} .. {shown(high)}" for low, high in _intervals(posterior, name)]
+        if posterior.reference:
+            row.append(shown(posterior.reference[name].median))
+        table.add_row(*row, shown(paper[name]) if name in paper else "-")
+    return table
+
+
+def _intervals(posterior: Posterior, name: str) -> list[tuple[float, float]]:
+    marginal = posterior.marginals[name]
+    return [(marginal.lower_68, marginal.upper_68), (marginal.lower_95, marginal.upper_95)]
+
+
+def _digits(error: float) -> int:
+    """Decimals that show two digits of an error."""
+    import math
+
+    return max(0, 1 - math.floor(math.log10(error))) if error > 0.0 else 3
+
+
+def _shares(posterior: Posterior) -> Table:
+    from rich.table import Table
+
+    from capsbayes.parameters import PARAMETERS
+
+    table = Table(title="Share of the variance of log G_s owed to each input", title_justify="left")
+    table.add_column("")
+    table.add_column("share", justify="right")
+    for name, share in posterior.shares.items():
+        one = PARAMETERS.get(name)
+        table.add_row(f"{one.symbol}, {one.meaning}" if one else name, f"{100.0 * share:.1f} %")
+    return table
