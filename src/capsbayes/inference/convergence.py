@@ -41,7 +41,9 @@ def split_rhat(draws: Floats) -> float:
 
 
 def autocorrelation_time(draws: Floats) -> float:
-    """Integrated autocorrelation time in steps, averaged over walkers as emcee does.
+    """Integrated autocorrelation time in steps, by emcee's window of five times itself.
+
+    The covariances of the walkers are averaged, so that one that never moves counts as such.
 
     Parameters
     ----------

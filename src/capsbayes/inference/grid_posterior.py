@@ -100,11 +100,16 @@ class GridPosterior:
         (log_ca, size), (du, ds) = self.window.axes, self.window.step
         place = np.stack([log_ca[row], size[column]])
         moved = place + np.array([[du], [ds]]) * rng.uniform(-0.5, 0.5, place.shape)
+        change = np.ones(count)
+        if self.half_width is not None:
+            # lengths in metres fix a = l (a/l) rather than either factor: l moves within its cell at constant a
+            change = np.exp(np.log(self.half_width[1] / self.half_width[0]) * rng.uniform(-0.5, 0.5, count))
+            moved[1] /= change
         inside = self.forward.domain.contains(np.exp(moved[0]), moved[1])
         place = np.where(inside, moved, place)
         nodes = {"capillary_number": np.exp(place[0]), "size_ratio": place[1]}
         if self.half_width is not None:
-            nodes["half_width"] = self.half_width[width]
+            nodes["half_width"] = self.half_width[width] * np.where(inside, change, 1.0)
         at, stretch = evaluated(self.forward, nodes["capillary_number"], nodes["size_ratio"], self.target.error_scale)
         return self.target.completed(rng, nodes, at, stretch)
 

@@ -83,9 +83,10 @@ class Input:
         if self.known:
             return LogMasses.known(self.centre)
         low, high = self._range()
-        wide = np.log(high / low) / _REACH / 2.0
-        step = min(self.error / self.centre, wide) / CELLS_PER_SD
-        logs = np.arange(np.log(low), np.log(high) + step, step)
+        wide = float(np.log(high / low))
+        cells = int(np.ceil(max(wide * self.centre / self.error, 2.0 * _REACH) * CELLS_PER_SD))
+        step = wide / cells
+        logs = np.log(low) + step * (np.arange(cells) + 0.5)
         values = np.exp(logs)
         density = self.log_density(values) + (power + 1.0) * logs  # one power more from dx = x dlog x
         masses = np.exp(density - density.max())

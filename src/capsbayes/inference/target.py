@@ -170,8 +170,9 @@ class Target:
         if width is None:
             free["half_width"] = self.half_width
         draws |= {name: masses.drawn(rng, count) for name, masses in free.items()}
+        out = np.arange(count)
         for _ in range(_ROUNDS):
-            out = np.flatnonzero(~self._in_range(draws, model))
+            out = out[~self._in_range({name: values[out] for name, values in draws.items()}, model.taken(out))]
             if not out.size:
                 break
             for name, masses in free.items():

@@ -1,0 +1,47 @@
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.input_file import InputFile
+
+
+def written(tmp_path, text):
+    path = tmp_path / "file.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_table_is_returned_with_the_fingerprint_of_the_file(tmp_path):
+    path = written(tmp_path, 'a = "1"\n[b]\nc = 2\n')
+    file = InputFile.read(path)
+    assert file.table(required=("a",), optional=("b",)) == {"a": "1", "b": {"c": 2}}
+    assert file.table("b", required=("c",)) == {"c": 2}
+    assert file.table("none", optional=("x",)) == {}
+    assert len(file.sha256) == 64
+    assert file.sha256 != InputFile.read(written(tmp_path, "a = 2")).sha256
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[b]\nd = 1\n", "file.toml: b.d: expected one of c, got an unknown key"),
+        ("[b]\n", "file.toml: b.c: expected a value, got nothing; add the missing key"),
+        ("b = 3\n", "file.toml: b: expected a table [b], got 3"),
+    ],
+)
+def test_keys_are_checked(tmp_path, text, message):
+    with pytest.raises(InputError) as caught:
+        InputFile.read(written(tmp_path, text)).table("b", required=("c",))
+    assert str(caught.value).endswith(message)
+
+
+def test_what_is_no_file_or_no_toml_is_said(tmp_path):
+    with pytest.raises(InputError, match=r"nowhere\.toml: expected a file, got nothing there"):
+        InputFile.read(tmp_path / "nowhere.toml")
+    with pytest.raises(InputError, match="expected a readable file"):
+        InputFile.read(tmp_path)
+    with pytest.raises(InputError, match=r"expected a TOML file, got .*line 1"):
+        InputFile.read(written(tmp_path, "a = = 1"))
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="expected a TOML file"):
+        InputFile.read(binary)

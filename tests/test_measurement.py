@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.measurement import Measurement
+
+GOOD = """experiment = "experiment.toml"
+[measurement]
+axial_extent = "2.14 +/- 0.02"
+axial_length = "1.81 +/- 0.01"
+length_correlation = 0.5
+capsule_velocity = "6.20 +/- 0.06 mm/s"
+"""
+
+
+def written(tmp_path, text):
+    path = tmp_path / "capsule.toml"
+    path.write_text(text)
+    return path
+
+
+def made(**changes):
+    good = {
+        "axial_extent": 2.14,
+        "axial_extent_error": 0.02,
+        "axial_length": 1.81,
+        "axial_length_error": 0.01,
+        "capsule_velocity": 6e-3,
+        "capsule_velocity_error": 6e-5,
+    }
+    return Measurement(**(good | changes))
+
+
+def test_lengths_over_l(tmp_path):
+    seen = Measurement.read(written(tmp_path, GOOD))
+    assert seen.over_half_width
+    np.testing.assert_allclose(seen.lengths, [2.14, 1.81])
+    np.testing.assert_allclose(seen.covariance, [[4e-4, 1e-4], [1e-4, 1e-4]])
+    assert seen.capsule_velocity == pytest.approx(6.2e-3)
+    assert seen.capsule_velocity_error == pytest.approx(6e-5)
+    assert seen.experiment_file == tmp_path / "experiment.toml"
+    assert len(seen.sha256) == 64
+    assert seen.status.ok
+
+
+def test_lengths_in_metres(tmp_path):
+    text = GOOD.replace("2.14 +/- 0.02", "53.5 +/- 0.5 um").replace("1.81 +/- 0.01", "0.04525 +/- 0.00025 mm")
+    seen = Measurement.read(written(tmp_path, text))
+    assert not seen.over_half_width
+    np.testing.assert_allclose(seen.lengths, [53.5e-6, 45.25e-6])
+
+
+def test_the_length_on_the_axis_may_be_missing(tmp_path):
+    text = "\n".join(line for line in GOOD.splitlines() if not line.startswith(("axial_length", "length_corr")))
+    seen = Measurement.read(written(tmp_path, text))
+    assert seen.axial_length is None
+    np.testing.assert_allclose(seen.covariance, [[4e-4]])
+    assert seen.lengths.shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("1.81", "2.15"), "axial_length: expected at most the axial extent 2.14, got 2.15"),
+        (("2.14 +/- 0.02", "2.14"), 'measurement.axial_extent: expected a standard error, as in "2.14 +/- 0.01"'),
+        (("2.14 +/- 0.02", "2.14 +/- 0.02 Pa"), "measurement.axial_extent: expected a text without unit or in m"),
+        (("1.81 +/- 0.01", "45 +/- 1 um"), "measurement.axial_length: expected a text without unit like"),
+        (("mm/s", "mm"), "measurement.capsule_velocity: expected a text in m/s"),
+        (("6.20", "-6.20"), "measurement.capsule_velocity: expected a positive finite number"),
+        (("2.14", "nan"), "measurement.axial_extent: expected a positive finite number"),
+        (("axial_extent", "axial_extend"), "measurement.axial_extend: expected one of axial_extent, capsule_velocity"),
+        (
+            ('capsule_velocity = "6.20 +/- 0.06 mm/s"', ""),
+            "measurement.capsule_velocity: expected a value, got nothing",
+        ),
+        (("length_correlation = 0.5", "length_correlation = 1.0"), "length_correlation: expected a number between -1"),
+        (("length_correlation = 0.5", 'length_correlation = "a"'), "length_correlation: expected a number between -1"),
+        (("[measurement]", "[seen]"), "seen: expected one of measurement, experiment, prior, got an unknown key"),
+        (('experiment = "experiment.toml"', "experiment = 3"), "experiment: expected the name of a file"),
+    ],
+)
+def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
+    with pytest.raises(InputError) as caught:
+        Measurement.read(written(tmp_path, GOOD.replace(*change)))
+    assert f"capsule.toml: {message}" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"axial_extent": np.nan},
+        {"axial_extent": -1.0},
+        {"axial_extent_error": 0.0},
+        {"axial_length_error": None},
+        {"axial_length": None},
+        {"capsule_velocity": np.inf},
+        {"capsule_velocity_error": -1e-5},
+        {"length_correlation": np.nan},
+        {"axial_length": 2.2},
+    ],
+)
+def test_values_that_cannot_be_are_refused(changes):
+    with pytest.raises(InputError, match="measurement: "):
+        made(**changes)
