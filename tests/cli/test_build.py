@@ -102,5 +102,5 @@ def test_default_grid_covers_the_plane_and_is_denser_at_low_ca():
     capillary_numbers, size_ratios = (sorted(set(values)) for values in zip(*grid, strict=True))
     assert len(grid) == len(set(grid)) == len(capillary_numbers) * len(size_ratios)
     assert (size_ratios[0], size_ratios[-1]) == (0.7, 1.15)
-    assert (capillary_numbers[0], capillary_numbers[-1]) == (0.005, 0.15)
+    assert (capillary_numbers[0], capillary_numbers[-1]) == (0.0075, 0.15)
     assert capillary_numbers[1] - capillary_numbers[0] < capillary_numbers[-1] - capillary_numbers[-2]

@@ -21,7 +21,7 @@ def build(
     cases: Annotated[
         Path | None, typer.Option(help="CSV file with the columns capillary_number and size_ratio.")
     ] = None,
-    grid: Annotated[str | None, typer.Option(help="Instead of --cases: 'default', 399 cases.")] = None,
+    grid: Annotated[str | None, typer.Option(help="Instead of --cases: 'default', 380 cases.")] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask cluster, tcp://host:port; otherwise this machine.")
     ] = None,

@@ -14,14 +14,14 @@ Cases = list[tuple[float, float]]
 
 # fmt: off
 _CAPILLARY_NUMBERS = (
-    0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175, 0.02, 0.025, 0.03, 0.035, 0.04,
+    0.0075, 0.01, 0.0125, 0.015, 0.0175, 0.02, 0.025, 0.03, 0.035, 0.04,
     0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.135, 0.15,
 )
 # fmt: on
 
 
 def default_grid() -> Cases:
-    """Cases (Ca, a/l) with a/l from 0.70 to 1.15 and Ca from 0.005 to 0.15.
+    """Cases (Ca, a/l) with a/l from 0.70 to 1.15 and Ca from 0.0075 to 0.15.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def default_grid() -> Cases:
     Examples
     --------
     >>> len(default_grid()), default_grid()[0], default_grid()[-1]
-    (399, (0.005, 0.7), (0.15, 1.15))
+    (380, (0.0075, 0.7), (0.15, 1.15))
     """
     size_ratios = [round(0.7 + 0.025 * column, 3) for column in range(19)]
     return [(capillary_number, size_ratio) for size_ratio in size_ratios for capillary_number in _CAPILLARY_NUMBERS]

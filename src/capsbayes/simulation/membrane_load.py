@@ -10,7 +10,7 @@ I2 = det a / det A - 1 (Skalak et al. 1973, doi 10.1016/S0006-3495(73)85983-1).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -98,14 +98,15 @@ class MembraneLoad:
     bending: float
     pre_inflation: float = 0.0
 
-    @cached_property
-    def _octant(self) -> _Octant:
-        return _octant(self.mesh)
-
     @property
     def rest(self) -> Array:
         """Free coordinates of the sphere at rest."""
         return self.radius * self.mesh.reduced(self.mesh.nodes[self.mesh.wedge])
+
+    @property
+    def mass(self) -> Array:
+        """Mass matrix (F, F) of the rest surface, over l^2."""
+        return self.radius**2 * _scalar_forms(self.mesh)[0]
 
     def mass_solve(self, load: Array) -> Array:
         """Density per rest area whose virtual work is that of the nodal forces `load` (F,) or (F, m)."""
@@ -113,7 +114,7 @@ class MembraneLoad:
 
     def elasticity(self, free: Array) -> Elasticity:
         """Stretching and bending energy and its derivatives at the shape with free coordinates `free`."""
-        octant = self._octant
+        octant = _octant(self.mesh)
         unstressed = self.radius / (1.0 + self.pre_inflation)
         metric, determinant = octant.metric * unstressed**2, octant.determinant * unstressed**4
         inverse = np.linalg.inv(metric)
@@ -164,7 +165,7 @@ class MembraneLoad:
 
     def enclosure(self, free: Array) -> Enclosure:
         """Volume inside the membrane and its first moment along z."""
-        octant = self._octant
+        octant = _octant(self.mesh)
         nodes = self.mesh.expanded(free)
         tangents = octant.tangents(nodes)
         points = np.einsum("qk,eki->eqi", octant.shapes, nodes[octant.elements])
@@ -202,20 +203,12 @@ class MembraneLoad:
         return total / count[:, None]
 
 
-_CACHE: dict[tuple[str, int], object] = {}
-
-
-def _remembered(kind: str, mesh: OctaSphere, make):  # type: ignore[no-untyped-def]
-    key = (kind, mesh.refinement)
-    if key not in _CACHE:
-        _CACHE[key] = make(mesh)
-    return _CACHE[key]
-
-
+@lru_cache(maxsize=8)
 def _octant(mesh: OctaSphere) -> _Octant:
-    return _remembered("octant", mesh, _Octant)
+    return _Octant(mesh)
 
 
+@lru_cache(maxsize=8)
 def _scalar_forms(mesh: OctaSphere) -> tuple[Array, Array]:
     """Mass and stiffness (F, F) of the Laplacian on the unit sphere, applied to each Cartesian component."""
     octant = _octant(mesh)
@@ -231,16 +224,16 @@ def _scalar_forms(mesh: OctaSphere) -> tuple[Array, Array]:
     return assembled(mass), assembled(stiffness)
 
 
+@lru_cache(maxsize=8)
 def _mass_factor(mesh: OctaSphere) -> tuple[Array, bool]:
-    return _remembered("mass", mesh, lambda m: scipy.linalg.cho_factor(_scalar_forms(m)[0]))
+    factor: tuple[Array, bool] = scipy.linalg.cho_factor(_scalar_forms(mesh)[0])
+    return factor
 
 
+@lru_cache(maxsize=8)
 def _bending_form(mesh: OctaSphere) -> Array:
     """(F, F) form of int |Lap_0 u|^2 dS_0: on P2, Lap_0 u is the mass-weighted projection of the weak Laplacian."""
-
-    def make(mesh: OctaSphere) -> Array:
-        mass, stiffness = _scalar_forms(mesh)
-        form = stiffness @ scipy.linalg.cho_solve(scipy.linalg.cho_factor(mass), stiffness)
-        return (form + form.T) / 2
-
-    return _remembered("bending", mesh, make)
+    stiffness = _scalar_forms(mesh)[1]
+    form = stiffness @ scipy.linalg.cho_solve(_mass_factor(mesh), stiffness)
+    symmetric: Array = (form + form.T) / 2
+    return symmetric

@@ -40,9 +40,9 @@ def pressures(problem: SteadyProblem, iterate: Iterate) -> tuple[float, float]:
 
     layer = SingleLayer(mesh, iterate.size_ratio, nodes, mesh.expanded(density))
     operator = wall_operator(channel, problem.walls, D4)
-    strengths = -operator.inverse @ (layer.matrices(operator.points).velocity @ (mesh.basis @ density))
+    strengths = operator.strengths(layer.matrices(operator.points).velocity @ (mesh.basis @ density))
     sources = np.concatenate([operator.sources @ turn.T for turn in D4])
-    forces = np.concatenate([strengths.reshape(-1, 3) @ turn.T for turn in D4])
+    forces = np.concatenate([strengths @ turn.T for turn in D4])
     on_axis = nodes[np.hypot(mesh.nodes[:, 0], mesh.nodes[:, 1]) < 1e-12, 2]
     z = np.array([np.mean(on_axis), -0.9 * problem.walls.end, 0.9 * problem.walls.end])
     points = np.column_stack([0 * z, 0 * z, z])

@@ -136,10 +136,10 @@ class SteadyProblem:
         operator = wall_operator(self.channel, self.walls, D4)
         far = layer.matrices(operator.points)
         wedge_density = basis @ density
-        strengths = -operator.inverse @ (far.velocity @ wedge_density)
+        strengths = operator.strengths(far.velocity @ wedge_density)
         to_membrane = operator.velocity_matrix(targets)
         speed, shear = self.channel.undisturbed(targets)
-        velocity = near.velocity @ wedge_density + to_membrane @ strengths
+        velocity = near.velocity @ wedge_density + to_membrane @ strengths.ravel()
         velocity[2::3] += speed
         axial = basis.T @ np.tile([0.0, 0.0, 1.0], len(targets))
         normal = basis.T @ self._normals(nodes)[mesh.wedge].ravel()
@@ -147,9 +147,9 @@ class SteadyProblem:
         motion = Motion(error, density, axial, normal)
         if not slopes:
             return motion, None
-        answer = (basis.T @ to_membrane) @ operator.inverse  # walls' answer at the membrane per wall velocity
+        answer = operator.answer(basis.T @ to_membrane)
         influence = basis.T @ (basis.T @ near.velocity.T).T - answer @ (basis.T @ far.velocity.T).T
-        along_target = near.target_slope + images_gradient(targets, operator.sources, D4, strengths.reshape(-1, 3))
+        along_target = near.target_slope + images_gradient(targets, operator.sources, D4, strengths)
         along_target[:, 2, :] += shear
         moving = -near.source_slope
         for node, block in enumerate(along_target):

@@ -39,15 +39,20 @@ class Channel(ABC):
         """Axial velocity (p,) of the undisturbed flow at `points` (p, 3), and its gradient along x, y, z (p, 3)."""
 
     @abstractmethod
-    def wall_points(self, axial: Array, steps: Array, spacing: float, *, offset: float, end: float) -> WallPoints:
-        """Points on the section's wall moved outwards by `offset`, with end caps at +-(`end` + `offset`).
+    def wall_points(self, axial: Array, steps: Array, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
+        """Points on the downstream half of the section's wall and on its end cap, moved outwards.
 
         Parameters
         ----------
         axial, steps : (m,) arrays
-            Axial positions of the rings of points, and the length each stands for.
-        spacing : float
-            Distance of points along the section's outline and on the caps.
+            Positive axial positions of the rings of points, and the length each stands for, which is also the
+            distance of its points along the section's outline.
+        cap_spacing : float
+            Distance of the points on the cap.
+        offset : float
+            Distance of the points from the wall and from the cap over their spacing.
+        end : float
+            Axial position of the cap.
         """
 
 
@@ -80,20 +85,26 @@ class SquareChannel(Channel):
         gradient[:, 1] = -scale * (_SERIES * _RATE * cosine * odd).sum(1)
         return value, gradient
 
-    def wall_points(self, axial: Array, steps: Array, spacing: float, *, offset: float, end: float) -> WallPoints:
-        """Half of the wall x = 1 and an eighth of both caps; see :meth:`Channel.wall_points`."""
-        side = 1.0 + offset
-        count = max(int(np.ceil(side / spacing)), 2)
-        across = (np.arange(count) + 0.5) * side / count
-        z, y = (array.ravel() for array in np.meshgrid(axial, across, indexing="ij"))
-        wall = np.column_stack([np.full_like(z, side), y, z])
-        wall_area = np.repeat(steps, count) * side / count
-        i, j = (array.ravel() for array in np.meshgrid(np.arange(count), np.arange(count), indexing="ij"))
-        inside = j <= i
-        x, y, on_diagonal = across[i[inside]], across[j[inside]], (i == j)[inside]
-        cap_area = (side / count) ** 2 * np.where(on_diagonal, 0.5, 1.0)
-        caps = [np.column_stack([x, y, np.full_like(x, sign * (end + offset))]) for sign in (-1.0, 1.0)]
-        return WallPoints(np.concatenate([wall, *caps]), np.concatenate([wall_area, cap_area, cap_area]))
+    def wall_points(self, axial: Array, steps: Array, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
+        """Half of the wall x = 1 and an eighth of the cap; see :meth:`Channel.wall_points`."""
+        points, areas = [], []
+        for z, step in zip(axial, steps, strict=True):
+            side = 1.0 + offset * step
+            across, width = _midpoints(side, step)
+            points.append(np.column_stack([np.full_like(across, side), across, np.full_like(across, z)]))
+            areas.append(np.full_like(across, step * width))
+        across, width = _midpoints(1.0 + offset * cap_spacing, cap_spacing)
+        i, j = (array.ravel() for array in np.meshgrid(np.arange(len(across)), np.arange(len(across)), indexing="ij"))
+        i, j = i[j <= i], j[j <= i]
+        points.append(np.column_stack([across[i], across[j], np.full(len(i), end + offset * cap_spacing)]))
+        areas.append(width**2 * np.where(i == j, 0.5, 1.0))
+        return WallPoints(np.concatenate(points), np.concatenate(areas))
+
+
+def _midpoints(length: float, spacing: float) -> tuple[Array, float]:
+    """Midpoints of equal steps of at most `spacing` that fill `length`, and the step."""
+    count = max(int(np.ceil(length / spacing)), 2)
+    return (np.arange(count) + 0.5) * length / count, length / count
 
 
 def section_named(name: str) -> Channel:

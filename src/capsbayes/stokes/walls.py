@@ -45,7 +45,7 @@ class Walls:
         Tikhonov parameter over the largest diagonal of the triangular factor.
     """
 
-    spacing: float = 0.1
+    spacing: float = 0.08
     far_spacing: float = 0.16
     end: float = 3.0
     near: float = 1.6
@@ -55,7 +55,7 @@ class Walls:
 
 
 def _axial(spacing: float, far_spacing: float, near: float, end: float) -> tuple[Array, Array]:
-    """Symmetric graded axial positions and the length each stands for."""
+    """Graded axial positions from 0 to `end` and the length each stands for."""
     half_near = max(int(np.ceil(near / spacing)), 1)
     edges = list(near * np.arange(half_near + 1) / half_near)
     step = near / half_near
@@ -64,12 +64,15 @@ def _axial(spacing: float, far_spacing: float, near: float, end: float) -> tuple
         edges.append(edges[-1] + step)
     tail = np.array(edges[half_near:])
     edges[half_near:] = list(near + (tail - near) * (end - near) / (tail[-1] - near))
-    full = np.concatenate([-np.array(edges[:0:-1]), np.array(edges)])
-    return (full[1:] + full[:-1]) / 2, np.diff(full)
+    return (np.array(edges[1:]) + edges[:-1]) / 2, np.diff(edges)
 
 
 class WallOperator:
     """Strengths of the Stokeslets that cancel a velocity on the walls.
+
+    The mirror z -> -z maps walls and Stokeslets onto themselves, so that even and odd velocities are cancelled
+    apart, each by a system of half the size. Arrays over points or Stokeslets hold the downstream half first, then
+    its mirror image in the same order.
 
     Parameters
     ----------
@@ -81,31 +84,63 @@ class WallOperator:
 
     def __init__(self, channel: Channel, walls: Walls, operations: Array) -> None:
         self.channel, self.walls, self.operations = channel, walls, operations
-        offset = walls.offset * walls.spacing
-        axial, steps = _axial(walls.spacing, walls.far_spacing, walls.near, walls.end + offset)
-        self.sources = channel.wall_points(axial, steps, walls.spacing, offset=offset, end=walls.end).points
+        axial, steps = _axial(
+            walls.spacing, walls.far_spacing, walls.near, walls.end + walls.offset * walls.far_spacing
+        )
+        sources = channel.wall_points(axial, steps, walls.far_spacing, offset=walls.offset, end=walls.end).points
         finer = walls.oversampling**0.5
-        axial, steps = _axial(walls.spacing / finer, walls.far_spacing / finer, walls.near, walls.end)
-        self.points, areas = channel.wall_points(axial, steps, walls.spacing / finer, offset=0.0, end=walls.end)
+        spacing, far_spacing = walls.spacing / finer, walls.far_spacing / finer
+        axial, steps = _axial(spacing, far_spacing, walls.near, walls.end)
+        points, areas = channel.wall_points(axial, steps, far_spacing, offset=0.0, end=walls.end)
         self._root_areas = np.repeat(np.sqrt(areas), 3)
+        self.points, self.sources = (np.concatenate([half, half * _MIRROR]) for half in (points, sources))
 
     @cached_property
-    def inverse(self) -> Array:
-        """(3 sources, 3 points): strengths per velocity on the wall points, Tikhonov-regularised least squares."""
-        matrix = images_matrix(self.points, self.sources, self.operations) * self._root_areas[:, None]
-        unknowns = matrix.shape[1]
-        scale = np.sqrt(np.max(np.sum(matrix**2, axis=0)))
-        damped = np.vstack([matrix, self.walls.regularisation * scale * np.eye(unknowns)])
+    def _inverses(self) -> tuple[Array, Array]:
+        """Strengths per velocity (3 s/2, 3 p/2) of even and of odd velocities, regularised least squares."""
+        points, sources = self.points[: len(self.points) // 2], self.sources[: len(self.sources) // 2]
+        same = images_matrix(points, sources, self.operations)
+        other = _mirrored_columns(images_matrix(points, sources * _MIRROR, self.operations))
+        return self._inverse(same + other), self._inverse(same - other)
+
+    def _inverse(self, matrix: Array) -> Array:
+        weighted = matrix * self._root_areas[:, None]
+        scale = np.sqrt(np.max(np.sum(weighted**2, axis=0)))
+        damped = np.vstack([weighted, self.walls.regularisation * scale * np.eye(matrix.shape[1])])
         orthogonal, triangle = scipy.linalg.qr(damped, mode="economic", overwrite_a=True, check_finite=False)
         top = orthogonal[: matrix.shape[0]].T * self._root_areas
-        return scipy.linalg.solve_triangular(triangle, top, overwrite_b=True, check_finite=False)
+        inverse: Array = scipy.linalg.solve_triangular(triangle, top, overwrite_b=True, check_finite=False)
+        return inverse
 
     def velocity_matrix(self, targets: Array) -> Array:
-        """(3 t, 3 sources): velocity at `targets` from the Stokeslets and their images."""
+        """(3 t, 3 s): velocity at `targets` from the Stokeslets and their images."""
         return images_matrix(np.ascontiguousarray(targets), self.sources, self.operations)
 
+    def strengths(self, velocity: Array) -> Array:
+        """Strengths (s, 3) of the Stokeslets that cancel the velocity (3 p,) on the wall points."""
+        down, up = velocity.reshape(2, -1, 3)
+        even, odd = self._inverses
+        even_part = -0.5 * even @ (down + up * _MIRROR).ravel()
+        odd_part = -0.5 * odd @ (down - up * _MIRROR).ravel()
+        here, mirrored = (even_part + odd_part).reshape(-1, 3), (even_part - odd_part).reshape(-1, 3)
+        return np.concatenate([here, mirrored * _MIRROR])
 
+    def answer(self, velocity_matrix: Array) -> Array:
+        """What the walls take away (r, 3 p) from rows (r, 3 s) of velocities, per velocity on the wall points."""
+        half = velocity_matrix.shape[1] // 2
+        down, up = velocity_matrix[:, :half], _mirrored_columns(velocity_matrix[:, half:])
+        even, odd = self._inverses
+        even_part, odd_part = (down + up) @ even, (down - up) @ odd
+        return 0.5 * np.hstack([even_part + odd_part, _mirrored_columns(even_part - odd_part)])
+
+
+_MIRROR = np.array([1.0, 1.0, -1.0])
 _OPERATORS: dict[tuple[Channel, Walls], WallOperator] = {}
+
+
+def _mirrored_columns(matrix: Array) -> Array:
+    """`matrix` (r, 3 c) for columns of which the axial component changes sign."""
+    return matrix * np.tile(_MIRROR, matrix.shape[1] // 3)
 
 
 def wall_operator(channel: Channel, walls: Walls, operations: Array) -> WallOperator:
