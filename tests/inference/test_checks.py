@@ -19,7 +19,7 @@ def failed(gates):
 
 
 def test_a_good_chain_passes_all_gates():
-    gates = chain_gates(walk(np.random.default_rng(13)), ("x", "y"))
+    gates = chain_gates(walk(np.random.default_rng(13)))
     assert failed(gates) == set()
     assert len(gates) == 7
 
@@ -35,7 +35,7 @@ def test_a_good_chain_passes_all_gates():
     ],
 )
 def test_each_gate_catches_its_own(spoil, gate):
-    gates = chain_gates(spoil(walk(np.random.default_rng(13))), ("x", "y"))
+    gates = chain_gates(spoil(walk(np.random.default_rng(13))))
     assert gate in failed(gates)
     assert any("FAILED" in str(one) for one in gates)
 
@@ -43,13 +43,13 @@ def test_each_gate_catches_its_own(spoil, gate):
 def test_a_walker_that_never_moves_is_seen():
     chain = walk(np.random.default_rng(13))
     chain[:, 1, 5] = 0.0
-    assert "stuck walkers" in failed(chain_gates(chain, ("x", "y")))
+    assert "stuck walkers" in failed(chain_gates(chain))
 
 
 def test_a_walker_that_got_stuck_halfway_is_seen():
     chain = walk(np.random.default_rng(13))
     chain[300:, 1, 5] = chain[300, 1, 5]
-    assert "stuck walkers" in failed(chain_gates(chain, ("x", "y")))
+    assert "stuck walkers" in failed(chain_gates(chain))
 
 
 def test_too_few_effective_draws_are_seen_and_constants_ignored():

@@ -82,9 +82,7 @@ def _write(posterior: Posterior, out: Path) -> None:
     import os
     import tempfile
 
-    from matplotlib.figure import Figure
-
-    from capsbayes.report import corner_plot, outline_plot
+    from capsbayes.report import corner_plot, outline_figure
 
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out, prefix=".unfinished-") as folder:
@@ -93,9 +91,7 @@ def _write(posterior: Posterior, out: Path) -> None:
         (unfinished / "summary.json").write_text(json.dumps(posterior.as_dict(), indent=2) + "\n")
         corner_plot(posterior).savefig(unfinished / "corner.png", dpi=110)
         if posterior.outlines is not None:
-            figure = Figure(figsize=(7.6, 7.0), layout="constrained")
-            outline_plot(posterior, figure.subplots())
-            figure.savefig(unfinished / "outline.png", dpi=140)
+            outline_figure(posterior).savefig(unfinished / "outline.png", dpi=140)
         for made in sorted(unfinished.iterdir()):
             os.replace(made, out / made.name)
 
@@ -129,36 +125,37 @@ def _print(posterior: Posterior, out: Path | None) -> None:
 
 
 def _quantities(posterior: Posterior) -> Table:
+    from rich import box
+    from rich.markup import escape
     from rich.table import Table
 
     from capsbayes.inference.posterior import REPORTED
     from capsbayes.parameters import PARAMETERS
 
-    table = Table(title="Posterior: median and equal-tailed intervals", title_justify="left")
-    table.add_column("")
-    engines = [posterior.engine, *(["quadrature"] if posterior.reference else [])]
-    for heading in (f"median ({engines[0]})", "68 %", "95 %", *(f"median ({name})" for name in engines[1:])):
-        table.add_column(heading, justify="right")
-    table.add_column("deterministic", justify="right")
+    table = Table(
+        title=f"Posterior by {posterior.engine}: median and equal-tailed intervals",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    table.title_justify = "left"
+    table.add_column("", no_wrap=True)
+    others = ["quadrature"] if posterior.reference else []
+    for heading in ("median", "68 %", "95 %", *others, "paper"):
+        table.add_column(heading, justify="right", no_wrap=True)
     paper = posterior.deterministic.as_dict() if posterior.deterministic else {}
     for name in REPORTED:
         one, marginal = PARAMETERS[name], posterior.marginals[name]
         digits = _digits(marginal.sd * one.scale)
-
-        def shown(value: float, scale: float = one.scale, digits: int = digits) -> str:
-            return f"{scale * value:.{digits}f}"
-
-        row = [one.label, shown(marginal.median)]
-        row += [f"{shown(low)} .. {shown(high)}" for low, high in _intervals(posterior, name)]
-        if posterior.reference:
-            row.append(shown(posterior.reference[name].median))
-        table.add_row(*row, shown(paper[name]) if name in paper else "-")
+        values = [
+            (marginal.median,),
+            (marginal.lower_68, marginal.upper_68),
+            (marginal.lower_95, marginal.upper_95),
+            *([(posterior.reference[name].median,)] if others else []),
+            *([(paper[name],)] if name in paper else []),
+        ]
+        shown = ["..".join(f"{one.scale * value:.{digits}f}" for value in group) for group in values]
+        table.add_row(escape(one.label), *shown)
     return table
-
-
-def _intervals(posterior: Posterior, name: str) -> list[tuple[float, float]]:
-    marginal = posterior.marginals[name]
-    return [(marginal.lower_68, marginal.upper_68), (marginal.lower_95, marginal.upper_95)]
 
 
 def _digits(error: float) -> int:
@@ -169,11 +166,13 @@ def _digits(error: float) -> int:
 
 
 def _shares(posterior: Posterior) -> Table:
+    from rich import box
     from rich.table import Table
 
     from capsbayes.parameters import PARAMETERS
 
-    table = Table(title="Share of the variance of log G_s owed to each input", title_justify="left")
+    table = Table(title="Share of the variance of log G_s owed to each input", box=box.SIMPLE_HEAD, show_header=False)
+    table.title_justify = "left"
     table.add_column("")
     table.add_column("share", justify="right")
     for name, share in posterior.shares.items():

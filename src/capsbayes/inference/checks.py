@@ -77,14 +77,13 @@ class Agreement:
         )
 
 
-def chain_gates(chain: Floats, names: Sequence[str]) -> list[Gate]:
+def chain_gates(chain: Floats) -> list[Gate]:
     """Gates that need every step: R-hat, length in autocorrelation times, their stability, acceptance, stuck walkers.
 
     Parameters
     ----------
     chain : (steps, ensembles, walkers, d) array
         After burn-in.
-    names : sequence of d str
     """
     steps, ensembles, walkers, dimensions = chain.shape
     flat = chain.reshape(steps, ensembles * walkers, dimensions)

@@ -127,6 +127,7 @@ def sampled(
     effort = effort or Effort()
     root = np.random.SeedSequence(seed)
     starts = starting_points(log_density, effort.ensembles, effort.walkers, np.random.default_rng(root.spawn(1)[0]))
+    log_density.not_a_number = 0  # the search for starts looked everywhere; what counts is where the walkers go
     states = [int(word) for word in root.generate_state(effort.ensembles)]
     samplers = [_sampler(log_density, start, state) for start, state in zip(starts, states, strict=True)]
     ahead, todo, doublings = 0, effort.steps, 0
@@ -134,7 +135,7 @@ def sampled(
         for sampler, start in zip(samplers, starts, strict=True):
             sampler.run_mcmc(start if ahead == 0 else None, todo, skip_initial_state_check=True)
         ahead += todo
-        chains = _gathered(samplers, log_density.names)
+        chains = _gathered(samplers, log_density)
         if ahead >= effort.budget:
             return chains
         growth = effort.extension
@@ -154,7 +155,7 @@ def _sampler(log_density: LogDensity, start: Floats, seed: int) -> Any:
     return sampler
 
 
-def _gathered(samplers: list[Any], names: tuple[str, ...]) -> Chains:
+def _gathered(samplers: list[Any], log_density: LogDensity) -> Chains:
     """Chains of all ensembles without the burn-in, and their gates."""
     chain = np.stack([sampler.get_chain() for sampler in samplers], axis=1)
     steps, _, _, dimensions = chain.shape
@@ -163,4 +164,6 @@ def _gathered(samplers: list[Any], names: tuple[str, ...]) -> Chains:
     burn_in = min(math.ceil(6.0 * time), steps // 2)
     density = np.stack([sampler.get_log_prob() for sampler in samplers], axis=1)[burn_in:]
     kept = chain[burn_in:]
-    return Chains(names, kept, density, time, burn_in, steps - burn_in, chain_gates(kept, names))
+    wrong = log_density.not_a_number
+    gates = [*chain_gates(kept), Gate("densities that are not a number", wrong, "none", wrong == 0)]
+    return Chains(log_density.names, kept, density, time, burn_in, steps - burn_in, gates)

@@ -82,6 +82,12 @@ class GridPosterior:
             return Marginal.of_draws(np.log(self._many_draws[name]))
         return self._masses(name).log_marginal()
 
+    def probability_below(self, name: str, value: float) -> float:
+        """Posterior probability that a quantity is below a value [SI]: uniform over capsules if value is the truth."""
+        if self.cut and name not in self._node_logs:
+            return float(np.mean(self._many_draws[name] <= value))
+        return float(self._masses(name).below(np.array([np.log(value)]))[0])
+
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
         """Independent draws of all quantities, spread within the cells of the grid.
 

@@ -134,7 +134,8 @@ class LogMasses:
         """Probability that log x is below each value, linear within a cell of the grid : (n,) array."""
         if len(self.masses) == 1:
             return (logs >= self.start).astype(float)
-        return np.interp(logs, self._edges, np.concatenate([[0.0], np.cumsum(self.masses)]), left=0.0, right=1.0)
+        edges = self._corrected(self._edges)
+        return np.interp(logs, edges, np.concatenate([[0.0], np.cumsum(self.masses)]), left=0.0, right=1.0)
 
     def drawn(self, rng: np.random.Generator, count: int) -> Floats:
         """Independent draws of x : (count,) array, spread within the cells."""

@@ -122,7 +122,7 @@ class Target:
         """
         log_density = self.likelihood.log_density(model, self.width_at(half_width))
         if self.prior.surface_shear_modulus.power:
-            log_density = log_density - log_ca - np.log(model.velocity_ratio)
+            log_density = log_density - log_ca - _log(model.velocity_ratio)
         if self.prior.capsule_radius.power != 1:
             log_density = log_density - np.log(size)
         return log_density
@@ -131,7 +131,7 @@ class Target:
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats | float:
         """Log probability that G_s and a lie within their prior ranges, given (log Ca, a/l); 0.0 if all surely do."""
-        divisor = log_ca + np.log(model.velocity_ratio)
+        divisor = log_ca + _log(model.velocity_ratio)
         share = _within(self.prior.surface_shear_modulus, self.force_scale, -divisor)
         if half_width is None:
             share = share + _within(self.prior.capsule_radius, self.half_width, np.log(size))
@@ -198,6 +198,12 @@ def _derived(draws: dict[str, Floats]) -> dict[str, Floats]:
     )
     radius = capsule_radius(size_ratio=draws["size_ratio"], half_width=draws["half_width"])
     return {"surface_shear_modulus": modulus, "capsule_radius": radius, "mean_velocity": flow, **draws}
+
+
+def _log(values: Floats) -> Floats:
+    """Logarithm, NaN where a model's answer makes no sense: no answer."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.log(values)
 
 
 def _within(limits: Range, factor: LogMasses, logs: Floats) -> Floats | float:

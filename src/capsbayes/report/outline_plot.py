@@ -13,17 +13,45 @@ from capsbayes.inference import Posterior
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-__all__ = ["band", "outline_plot"]
+__all__ = ["band", "outline_figure", "outline_plot"]
 
 Floats = NDArray[np.float64]
 
 _INK, _BAND, _INSIDE, _SEEN, _WALL = "#1f5a7a", "#8fc1dc", "#f3f8fb", "#c8552b", "#9a9a9a"
 _WALL_THICKNESS = 0.14
 _DIMENSION_LINE = 1.36  # height of the arrow of L_z, over l
+_TOP = 1.8  # of the picture, over l
 
 
-def outline_plot(posterior: Posterior, ax: Axes | None = None) -> Axes:
+def outline_figure(posterior: Posterior, *, width: float = 7.4) -> Figure:
+    """Draw `outline_plot` alone on a figure that fits it.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    width : float [inch]
+
+    Returns
+    -------
+    Figure
+    """
+    from matplotlib.figure import Figure
+
+    left, right, bottom, top = 0.75, 0.2, 1.0, 0.7
+    figure = Figure(figsize=(width, width))
+    ax = outline_plot(posterior, figure.add_axes((0.1, 0.1, 0.8, 0.8)))
+    (z_low, z_high), (y_low, y_high) = ax.get_xlim(), ax.get_ylim()
+    wide = width - left - right
+    high = wide * (y_high - y_low) / (z_high - z_low)
+    height = high + bottom + top
+    figure.set_size_inches(width, height)
+    ax.set_position((left / width, bottom / height, wide / width, high / height))
+    return figure
+
+
+def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
     """Draw the predicted mid-plane outline between the walls, lengths over l, with a scale in micrometres.
 
     The line is the mean outline, the band holds 95 % of the posterior along
@@ -33,7 +61,7 @@ def outline_plot(posterior: Posterior, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     posterior : Posterior
-    ax : Axes, optional
+    ax : Axes
 
     Returns
     -------
@@ -46,10 +74,6 @@ def outline_plot(posterior: Posterior, ax: Axes | None = None) -> Axes:
     """
     if posterior.outlines is None:
         raise InputError("outline_plot", "posterior", "a posterior with outlines", f"none from {posterior.model_name}")
-    if ax is None:
-        from matplotlib.figure import Figure
-
-        ax = Figure(figsize=(7.6, 7.0), layout="constrained").subplots()
     middle, inner, outer = band(posterior.outlines)
     nose = float(middle[:, 0].max())
     ends = (float(middle[:, 0].min()) - 0.55, nose + 0.55)
@@ -57,7 +81,7 @@ def outline_plot(posterior: Posterior, ax: Axes | None = None) -> Axes:
     closed = [np.concatenate([line, line[:1]]) for line in (middle, inner, outer)]
     ax.fill(*closed[2].T, color=_BAND, linewidth=0, label="95 % of the posterior", zorder=2)
     ax.fill(*closed[1].T, color=_INSIDE, linewidth=0, zorder=2.1)
-    ax.plot(*closed[0].T, color=_INK, linewidth=1.6, label="predicted outline, mean", zorder=3)
+    ax.plot(*closed[0].T, color=_INK, linewidth=1.6, label="predicted outline", zorder=3)
     _draw_lengths(ax, posterior, nose)
     _finish(ax, posterior, ends)
     return ax
@@ -115,7 +139,7 @@ def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
             alpha=0.3,
             linewidth=0,
             zorder=4,
-            label="measured, two standard errors either side" if height else None,
+            label="measured, ±2 standard errors" if height else None,
         )
         text = rf"$L_{{\mathrm{{{symbol[-1]}}}}}/\ell = {length / scale:.3f} \pm {error:.3f}$"
         ax.text(
@@ -147,7 +171,7 @@ def _finish(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
         arrowprops={"arrowstyle": "-|>", "color": "#555555"},
         color="#555555",
     )
-    ax.set(xlim=ends, ylim=(-1.0 - _WALL_THICKNESS, _DIMENSION_LINE + 0.32), aspect="equal")
+    ax.set(xlim=ends, ylim=(-1.0 - _WALL_THICKNESS, _TOP), aspect="equal")
     ax.set_xlabel(r"$z/\ell$")
     ax.set_ylabel(r"$y/\ell$")
     ax.set_yticks([-1.0, -0.5, 0.0, 0.5, 1.0])
@@ -157,13 +181,16 @@ def _finish(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
     top.set_xlabel(rf"$z$ [µm], for $\ell$ = {micrometres:.3g} µm")
     ax.spines["right"].set_visible(False)
     ca, size = posterior.marginals["capillary_number"], posterior.marginals["size_ratio"]
+    text = rf"medians: $\mathrm{{Ca}} = {ca.median:.4f}$, $a/\ell = {size.median:.3f}$"
+    ax.text(ends[0] + 0.05, _TOP - 0.05, text, va="top", fontsize=11)
+    handles, labels = ax.get_legend_handles_labels()
     ax.legend(
-        loc="lower left",
-        bbox_to_anchor=(-0.02, -0.3),
+        [handles[k] for k in (1, 0, 2)],
+        [labels[k] for k in (1, 0, 2)],
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.075),
         ncols=3,
-        columnspacing=1.2,
-        handlelength=1.6,
         frameon=False,
-        title=rf"$\mathrm{{Ca}} = {ca.median:.4f}$, $a/\ell = {size.median:.3f}$ (medians)",
-        alignment="left",
+        columnspacing=1.5,
+        handlelength=1.6,
     )

@@ -1,0 +1,119 @@
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from capsbayes.cli import app
+from capsbayes.errors import CapsbayesError
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "surrogate"))  # for the manufactured database
+
+import manufactured
+
+EXPERIMENT = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
+RESULTS = {"posterior.nc", "summary.json", "corner.png", "outline.png"}
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory):
+    path = tmp_path_factory.mktemp("database") / "manufactured.nc"
+    manufactured.database().write(path)
+    return path
+
+
+@pytest.fixture
+def capsule(tmp_path):
+    """A capsule that the manufactured database has at Ca = 0.06, a/l = 0.9."""
+    extent, length = manufactured.lengths(0.06, 0.9)[:2]
+    (tmp_path / "channel.toml").write_text(EXPERIMENT)
+    path = tmp_path / "capsule.toml"
+    path.write_text(
+        'experiment = "channel.toml"\n[measurement]\n'
+        f'axial_extent = "{extent:.4f} +/- 0.01"\naxial_length = "{length:.4f} +/- 0.01"\n'
+        'capsule_velocity = "6.20 +/- 0.06 mm/s"\n'
+    )
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["identify", *map(str, arguments)])
+
+
+def test_one_capsule_end_to_end(capsule, database, tmp_path):
+    result = run(capsule, "--database", database, "--out", tmp_path / "result")
+    assert result.exit_code == 0, result.output
+    for words in ("G_s [mN/m]", "a [um]", "U [mm/s]", "68 %", "95 %", "quadrature", "paper", "the engines agree"):
+        assert words in result.output
+    assert "owed to each input" in result.output
+    assert "10 of 10 gates passed" in result.output
+    assert "Status: Done." in result.output
+    out = tmp_path / "result"
+    assert {path.name for path in out.iterdir()} == RESULTS
+    summary = json.loads((out / "summary.json").read_text())
+    assert (
+        summary["quantities"]["capillary_number"]["lower_68"]
+        < 0.06
+        < summary["quantities"]["capillary_number"]["upper_68"]
+    )
+    assert summary["deterministic"]["size_ratio"] == pytest.approx(0.9, abs=0.01)
+    assert set(summary["inputs"]["files"]) == {"capsule.toml", "channel.toml"}
+    for name in ("corner.png", "outline.png"):
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_json_is_all_that_is_printed(capsule, database):
+    result = run(capsule, "--database", database, "--engine", "quadrature", "--seed", "7", "--json")
+    assert result.exit_code == 0
+    summary = json.loads(result.stdout)
+    assert (summary["engine"], summary["seed"], summary["status"]) == ("quadrature", 7, "DONE")
+    assert summary["agreement"] is None
+
+
+def test_a_posterior_on_the_border_ends_with_status_one(capsule, database):
+    text = capsule.read_text()
+    capsule.write_text("\n".join(line for line in text.splitlines() if not line.startswith("axial_length")))
+    result = run(capsule, "--database", database, "--engine", "quadrature")
+    assert result.exit_code == 1
+    assert "leans on the border" in " ".join(result.output.split())
+    assert "next to the border of the model" in result.output
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("axial_extent", "axial_extend"), "capsule.toml: measurement.axial_extend: expected one of axial_extent"),
+        (("mm/s", "mm"), "capsule.toml: measurement.capsule_velocity: expected a text in m/s"),
+        (("6.20", "nan"), "capsule.toml: measurement.capsule_velocity: expected a positive finite number"),
+        (('axial_extent = "', 'axial_extent = "3'), "a shape that a case of square-manufactured has (nearest: L_z/l"),
+        (('axial_length = "', 'axial_length = "9'), "capsule.toml: axial_length: expected at most the axial extent"),
+        (("channel.toml", "tunnel.toml"), "tunnel.toml: expected a file, got nothing there"),
+        (('experiment = "channel.toml"\n', ""), "capsule.toml: experiment: expected the name of a file, got nothing"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing_behind(capsule, database, tmp_path, change, message):
+    capsule.write_text(capsule.read_text().replace(*change))
+    result = run(capsule, "--database", database, "--out", tmp_path / "result")
+    assert isinstance(result.exception, CapsbayesError)
+    assert message in str(result.exception)
+    assert "\n" not in str(result.exception)
+    assert not (tmp_path / "result").exists()
+
+
+def test_an_unknown_engine_or_a_file_in_the_way_is_said(capsule, database, tmp_path):
+    assert "expected emcee or quadrature" in str(run(capsule, "--database", database, "--engine", "x").exception)
+    (tmp_path / "file").write_text("")
+    assert "expected a folder" in str(run(capsule, "--database", database, "--out", tmp_path / "file").exception)
+
+
+def test_an_error_while_writing_leaves_nothing_behind(capsule, database, tmp_path, monkeypatch):
+    import capsbayes.report
+
+    def broken(posterior):
+        raise RuntimeError("no ink")
+
+    monkeypatch.setattr(capsbayes.report, "corner_plot", broken)
+    result = run(capsule, "--database", database, "--engine", "quadrature", "--out", tmp_path / "result")
+    assert str(result.exception) == "no ink"
+    assert list((tmp_path / "result").iterdir()) == []
