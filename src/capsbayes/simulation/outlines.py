@@ -88,8 +88,8 @@ def _farthest(start: Array, change: Array, cosine: float, sine: float) -> float:
     """Largest distance from the origin at which the ray (cosine, sine) meets one of the edges."""
     beside_start = cosine * start[:, 1] - sine * start[:, 0]
     beside_end = beside_start + cosine * change[:, 1] - sine * change[:, 0]
-    near = beside_start * beside_end <= 1e-24
+    near = beside_start * beside_end <= 0.0
     across = beside_start[near] - beside_end[near]
-    share = np.where(across == 0.0, 0.0, beside_start[near] / np.where(across == 0.0, 1.0, across))
+    share = np.clip(beside_start[near] / np.where(across == 0.0, 1.0, across), 0.0, 1.0)
     ahead = (start[near] + share[:, None] * change[near]) @ [cosine, sine]
     return float(np.max(ahead))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capsbayes.simulation.steady_state import Iterate, SteadyProblem
 from capsbayes.stokes.single_layer import SingleLayer
@@ -10,7 +11,11 @@ from capsbayes.stokes.stokeslet import pressure_kernel
 from capsbayes.stokes.walls import wall_operator
 from capsbayes.surface.octasphere import D4
 
-__all__ = ["pressures"]
+__all__ = ["far_pressure_drop", "pressures"]
+
+Array = NDArray[np.float64]
+
+_FAR = 0.9  # of the half length that is represented
 
 
 def pressures(problem: SteadyProblem, iterate: Iterate) -> tuple[float, float]:
@@ -32,20 +37,33 @@ def pressures(problem: SteadyProblem, iterate: Iterate) -> tuple[float, float]:
     """
     mesh, channel = problem.mesh, problem.channel
     elastic = problem.membrane(iterate.size_ratio).elasticity(iterate.free)
-    density = problem.density(iterate, elastic)
     nodes = mesh.expanded(iterate.free)
     speed, _ = channel.undisturbed(nodes[mesh.wedge])
     flow = mesh.basis.T @ np.column_stack([0 * speed, 0 * speed, speed]).ravel()
     drop = elastic.gradient @ flow / (iterate.capillary_number * channel.area)
+    on_axis = nodes[np.hypot(mesh.nodes[:, 0], mesh.nodes[:, 1]) < 1e-12, 2]
+    middle, end = float(np.mean(on_axis)), _FAR * problem.walls.end
+    here, upstream, downstream = _disturbance(problem, iterate, np.array([middle, -end, end]))
+    inside = here - channel.pressure_gradient * middle - (upstream + downstream) / 2
+    return float(inside), float(drop)
 
-    layer = SingleLayer(mesh, iterate.size_ratio, nodes, mesh.expanded(density))
-    operator = wall_operator(channel, problem.walls, D4)
+
+def far_pressure_drop(problem: SteadyProblem, iterate: Iterate) -> float:
+    """Pressure of the disturbance far upstream less that far downstream, over mu U / l: dP+ by another route."""
+    end = _FAR * problem.walls.end
+    upstream, downstream = _disturbance(problem, iterate, np.array([-end, end]))
+    return float(upstream - downstream)
+
+
+def _disturbance(problem: SteadyProblem, iterate: Iterate, z: Array) -> Array:
+    """Pressure (p,) of the membrane's and the walls' disturbance at points `z` of the axis."""
+    mesh = problem.mesh
+    density = problem.density(iterate, problem.membrane(iterate.size_ratio).elasticity(iterate.free))
+    layer = SingleLayer(mesh, iterate.size_ratio, mesh.expanded(iterate.free), mesh.expanded(density))
+    operator = wall_operator(problem.channel, problem.walls, D4)
     strengths = operator.strengths(layer.matrices(operator.points).velocity @ (mesh.basis @ density))
     sources = np.concatenate([operator.sources @ turn.T for turn in D4])
     forces = np.concatenate([strengths @ turn.T for turn in D4])
-    on_axis = nodes[np.hypot(mesh.nodes[:, 0], mesh.nodes[:, 1]) < 1e-12, 2]
-    z = np.array([np.mean(on_axis), -0.9 * problem.walls.end, 0.9 * problem.walls.end])
     points = np.column_stack([0 * z, 0 * z, z])
-    disturbance = layer.pressure(points) + np.einsum("tsi,si->t", pressure_kernel(points, sources), forces)
-    inside = disturbance[0] - channel.pressure_gradient * z[0] - np.mean(disturbance[1:])
-    return float(inside), float(drop)
+    walls: Array = np.einsum("tsi,si->t", pressure_kernel(points, sources), forces)
+    return layer.pressure(points) + walls

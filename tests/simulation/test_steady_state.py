@@ -1,0 +1,58 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from capsbayes.membrane import NeoHookean
+from capsbayes.simulation.steady_state import SteadyProblem
+from capsbayes.stokes.channel import SquareChannel
+from capsbayes.stokes.walls import Walls
+
+COARSE_WALLS = Walls(spacing=0.16, far_spacing=0.3, end=2.5)
+
+
+def test_jacobian_is_exact():
+    """Against central differences along smooth directions, at a shape far from rest."""
+    problem = SteadyProblem(NeoHookean(), SquareChannel(), 5, 1e-3, 0.05, COARSE_WALLS)
+    mesh = problem.mesh
+    x = mesh.nodes[mesh.wedge]
+    shape = 0.8 * mesh.reduced(x * (1.02 + 0.1 * x[:, 2:] + 0.05 * (x[:, :1] ** 4 + x[:, 1:2] ** 4)))
+    iterate = replace(problem.at_rest(0.1, 0.8), free=shape)
+    _, slopes = problem.linearised(iterate)
+    for field in (
+        np.column_stack([x[:, 0] * x[:, 2], x[:, 1] * x[:, 2], np.cos(3 * x[:, 2])]),
+        np.column_stack([x[:, 0] ** 3, x[:, 1] ** 3, x[:, 2] ** 2]),
+    ):
+        direction, step = mesh.reduced(field), 1e-6
+        ahead, behind = (problem.motion(replace(iterate, free=shape + s * direction)) for s in (step, -step))
+        difference = (ahead.error - behind.error) / (2 * step)
+        np.testing.assert_allclose(slopes.along_shape @ direction, difference, atol=1e-6 * np.abs(difference).max())
+    ahead, behind = (problem.motion(replace(iterate, capillary_number=0.1 + s)) for s in (1e-6, -1e-6))
+    difference = (ahead.error - behind.error) / 2e-6
+    np.testing.assert_allclose(slopes.along_ca, difference, atol=1e-6 * np.abs(difference).max())
+
+
+def test_newton_converges_quadratically_from_an_inflated_capsule_at_rest():
+    problem = SteadyProblem(NeoHookean(), SquareChannel(), 5, 2e-4, 0.3, COARSE_WALLS)
+    residuals = []
+    result = problem.solve(problem.at_rest(0.05, 0.8), report=lambda _, residual, __: residuals.append(residual))
+    assert result.converged
+    assert result.iterations <= 6
+    assert residuals[-1] < 30 * residuals[-2] ** 2 + 1e-11
+
+
+def test_tangent_predicts_the_neighbouring_state():
+    problem = SteadyProblem(NeoHookean(), SquareChannel(), 5, 2e-4, 0.3, COARSE_WALLS)
+    here = problem.solve(problem.at_rest(0.05, 0.8))
+    there = problem.solve(replace(here.iterate, capillary_number=0.052))
+    predicted = here.iterate.moved(0.002 * here.tangent)
+    moved = np.max(np.abs(there.iterate.free - here.iterate.free))
+    assert np.max(np.abs(predicted.free - there.iterate.free)) < 0.05 * moved
+    assert predicted.velocity == pytest.approx(there.iterate.velocity, abs=1e-4)
+
+
+def test_iteration_that_leads_nowhere_is_given_up():
+    problem = SteadyProblem(NeoHookean(), SquareChannel(), 5, 0.0, 0.0, COARSE_WALLS)
+    result = problem.solve(problem.at_rest(0.02, 0.8), max_iterations=8, patience=4)
+    assert not result.converged
+    assert result.iterations <= 8
