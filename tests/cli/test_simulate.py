@@ -1,0 +1,64 @@
+import json
+import sys
+
+import meshio
+import numpy as np
+import pytest
+
+from capsbayes.cli import main
+
+COARSE = ["simulate", "--refinement", "4", "--bending", "1e-3"]
+
+
+def run(monkeypatch, capsys, *arguments):
+    """Exit status, standard output and standard error of ``capsbayes`` with these arguments."""
+    monkeypatch.setattr(sys, "argv", ["capsbayes", *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    captured = capsys.readouterr()
+    return end.value.code, captured.out, captured.err
+
+
+def test_prints_and_writes_what_it_found(monkeypatch, capsys, tmp_path):
+    vtu, png = tmp_path / "state.vtu", tmp_path / "shape.png"
+    status, out, _ = run(
+        monkeypatch, capsys, *COARSE, "--ca", 0.05, "--size", 0.8, "--json", "--out", vtu, "--plot", png
+    )
+    result = json.loads(out)
+    assert status == 0
+    assert result["status"] == "DONE"
+    assert result["axial_extent"] == pytest.approx(1.485, rel=0.02)
+    assert result["velocity_ratio"] == pytest.approx(1.413, rel=0.01)
+    mesh = meshio.read(vtu)
+    assert mesh.cells_dict["triangle6"].shape == (8 * 4**2, 6)
+    assert np.ptp(mesh.points[:, 2]) == pytest.approx(result["silhouette_extent"], rel=0.01)
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["shape.png", "state.vtu"]
+
+
+def test_text_names_every_quantity_with_its_symbol(monkeypatch, capsys):
+    status, out, _ = run(monkeypatch, capsys, *COARSE, "--ca", 0.05, "--size", 0.8)
+    assert status == 0
+    for symbol in ("L_z / l", "L_a / l", "L_p / l", "v_o / U", "Lambda", "dP+ l / (mu U)"):
+        assert symbol in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--ca", "-1", "--size", "0.8"], "capillary_number: expected a number between 0 and 10, got -1"),
+        (["--ca", "nan", "--size", "0.8"], "capillary_number: expected a number between 0 and 10, got nan"),
+        (["--ca", "0.05", "--size", "2"], "size_ratio: expected a number between 0.2 and 1.3, got 2"),
+        (["--ca", "0.05", "--size", "0.8", "--law", "rubber"], "--law: expected one of neo-hookean, got 'rubber'"),
+        (["--ca", "0.05", "--size", "0.8", "--section", "oval"], "section: expected one of square, got 'oval'"),
+        (["--ca", "0.05", "--size", "0.8", "--out", "state.stl"], "--out: expected a file name that ends in .vtu"),
+        (["--ca", "0.05", "--size", "0.8", "--plot", "no/such/s.png"], "--plot: expected a folder that exists"),
+        (["--ca", "0.05", "--size", "0.8", "--refinement", "2"], "refinement: expected at least 4, got 2"),
+    ],
+)
+def test_mistakes_are_one_line_and_status_2(monkeypatch, capsys, arguments, message):
+    status, out, err = run(monkeypatch, capsys, "simulate", *arguments)
+    assert status == 2
+    assert out == ""
+    assert message in err
+    assert err.count("\n") == 1
