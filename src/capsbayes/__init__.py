@@ -32,7 +32,8 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from capsbayes.database import Database
     from capsbayes.experiment import Experiment
-    from capsbayes.inference import Posterior, identify
+    from capsbayes.inference import Posterior
+    from capsbayes.inference.identify import identify
     from capsbayes.measurement import Measurement
     from capsbayes.membrane import NeoHookean
     from capsbayes.profile import Profile

@@ -39,7 +39,8 @@ def test_volume_and_centroid_are_those_of_the_sphere_at_the_origin(state):
 
 
 def test_state_of_another_mesh_is_a_start(state):
-    finer = Simulator(refinement=5, bending=1e-3, walls=COARSE_WALLS).run(capillary_number=0.05, size_ratio=0.85, start=state)
+    simulator = Simulator(refinement=5, bending=1e-3, walls=COARSE_WALLS)
+    finer = simulator.run(capillary_number=0.05, size_ratio=0.85, start=state)
     assert finer.status is Status.DONE
     assert finer.velocity_ratio == pytest.approx(state.velocity_ratio, rel=5e-3)
 

@@ -45,9 +45,7 @@ def test_pressure_drop_by_reciprocity_is_that_of_the_far_field(ovalbumin):
 
     simulator = Simulator(refinement=8)
     mesh = simulator.problem.mesh
-    iterate = Iterate(
-        mesh.reduced(ovalbumin.nodes), ovalbumin.velocity_ratio, ovalbumin.slack, 0.082, 0.96
-    )
+    iterate = Iterate(mesh.reduced(ovalbumin.nodes), ovalbumin.velocity_ratio, ovalbumin.slack, 0.082, 0.96)
     _, drop = pressures(simulator.problem, iterate)
     assert drop == pytest.approx(ovalbumin.extra_pressure_drop, rel=1e-12)
     assert far_pressure_drop(simulator.problem, iterate) == pytest.approx(drop, rel=5e-3)

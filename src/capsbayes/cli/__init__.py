@@ -6,6 +6,7 @@ only when the command runs, so that ``capsbayes --help`` stays fast.
 
 from __future__ import annotations
 
+import importlib
 import sys
 
 import typer
@@ -21,18 +22,8 @@ app = typer.Typer(
 )
 
 
-def _register() -> None:
-    import importlib
-
-    for name in ("simulate", "build", "validate", "identify"):
-        try:
-            module = importlib.import_module(f"capsbayes.cli.{name}")
-        except ModuleNotFoundError:  # pragma: no cover - while the house is being built
-            continue
-        app.command(name)(getattr(module, name))
-
-
-_register()
+for _name in ("simulate", "build", "validate", "identify"):
+    app.command(_name)(getattr(importlib.import_module(f"capsbayes.cli.{_name}"), _name))
 
 
 def main() -> None:

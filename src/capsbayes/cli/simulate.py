@@ -119,8 +119,8 @@ _ROWS = (
 def _as_text(state: SteadyState, summary: dict[str, Any]) -> str:
     settings = state.settings
     lines = [
-        f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['section']} section, "
-        f"refinement {settings['refinement']}, bending {settings['bending']:g}",
+        f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['section']} "
+        f"section, refinement {settings['refinement']}, bending {settings['bending']:g}",
         summary["message"],
     ]
     if state.status.ok:

@@ -103,12 +103,10 @@ class SteadyState:
         path = Path(path)
         if path.suffix != ".vtu":
             raise InputError(str(path), "", "a file name that ends in .vtu", repr(path.suffix))
-        tensions = self.principal_tensions
-        mesh = meshio.Mesh(
-            self.surface_nodes,
-            [("triangle6", octasphere(self.settings["refinement"]).elements)],
-            point_data={"larger principal tension / G_s": tensions[:, 0], "smaller principal tension / G_s": tensions[:, 1]},
-        )  # fmt: skip
+        names = ("larger principal tension / G_s", "smaller principal tension / G_s")
+        tensions = dict(zip(names, self.principal_tensions.T, strict=True))
+        cells = [("triangle6", octasphere(self.settings["refinement"]).elements)]
+        mesh = meshio.Mesh(self.surface_nodes, cells, point_data=tensions)
         partial = path.with_name(f".{path.name}.{os.getpid()}.vtu")
         mesh.write(partial)
         os.replace(partial, path)

@@ -12,11 +12,24 @@ from numpy.typing import NDArray
 
 __all__ = ["images_gradient", "images_matrix", "layer_matrices", "pressure_kernel"]
 
-_FAST = {"cache": True, "fastmath": True, "error_model": "numpy", "nogil": True}
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_compiled = numba.njit(cache=True, fastmath=True, error_model="numpy", nogil=True)
 
 
-@numba.njit(inline="always", **_FAST)
-def _add(target, y, force, weight, shapes, local, slope, total, with_slope):
+@_compiled
+def _add(
+    target: Array,
+    y: Array,
+    force: Array,
+    weight: float,
+    shapes: Array,
+    local: Array,
+    slope: Array,
+    total: Array,
+    with_slope: bool,
+) -> None:
     """Add one quadrature point to an element's 3x3 blocks `local` (velocity) and `slope` (its derivative)."""
     r0, r1, r2 = target[0] - y[0], target[1] - y[1], target[2] - y[2]
     i1 = 1.0 / np.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
@@ -60,11 +73,28 @@ def _add(target, y, force, weight, shapes, local, slope, total, with_slope):
         total[8] += d22
 
 
-@numba.njit(**_FAST)
+@_compiled
 def layer_matrices(
-    targets, target_nodes, elements, wedge_of, operation, centres, radii, levels, offsets, y, f, w, shapes,
-    corner_y, corner_f, corner_w, corner_shapes, wedge_count, with_slope,
-):  # fmt: skip
+    targets: Array,
+    target_nodes: Indices,
+    elements: Indices,
+    wedge_of: Indices,
+    operation: Array,
+    centres: Array,
+    radii: Array,
+    levels: Array,
+    offsets: Indices,
+    y: Array,
+    f: Array,
+    w: Array,
+    shapes: Array,
+    corner_y: Array,
+    corner_f: Array,
+    corner_w: Array,
+    corner_shapes: Array,
+    wedge_count: int,
+    with_slope: bool,
+) -> tuple[Array, Array, Array]:
     """Matrices of the single layer on a symmetric P2 surface, seen from `targets`.
 
     Parameters
@@ -156,8 +186,8 @@ def layer_matrices(
     return velocity, source_slope, target_slope
 
 
-@numba.njit(**_FAST)
-def images_matrix(targets, sources, operations):
+@_compiled
+def images_matrix(targets: Array, sources: Array, operations: Array) -> Array:
     """Velocity (3 t, 3 s) at `targets` (t, 3) from Stokeslets at `sources` (s, 3) and their images.
 
     A force at a source acts with all its images under `operations` (g, 3, 3), turned as they are.
@@ -185,8 +215,8 @@ def images_matrix(targets, sources, operations):
     return matrix
 
 
-@numba.njit(**_FAST)
-def images_gradient(targets, sources, operations, forces):
+@_compiled
+def images_gradient(targets: Array, sources: Array, operations: Array, forces: Array) -> Array:
     """Gradient (t, 3, 3) at `targets` of the velocity of `forces` (s, 3) at `sources` and of their images.
 
     Entry [t, i, j] is the derivative of component i along coordinate j.
@@ -212,7 +242,8 @@ def images_gradient(targets, sources, operations, forces):
     return gradient
 
 
-def pressure_kernel(targets: NDArray[np.float64], sources: NDArray[np.float64]) -> NDArray[np.float64]:
+def pressure_kernel(targets: Array, sources: Array) -> Array:
     """Pressure (t, s, 3) at `targets` per unit force at `sources`: 2 r / r^3, the factor 1/(8 pi) apart."""
     r = targets[:, None] - sources[None]
-    return 2.0 * r / np.linalg.norm(r, axis=-1, keepdims=True) ** 3
+    kernel: Array = 2.0 * r / np.linalg.norm(r, axis=-1, keepdims=True) ** 3
+    return kernel

@@ -16,10 +16,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 __all__ = ["D4", "OctaSphere", "octasphere"]
 
 
-def _dihedral() -> NDArray[np.float64]:
+def _dihedral() -> Array:
     """The eight operations of D4 about z (8, 3, 3), the identity first."""
     swap = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     signs = [np.diag([sx, sy, 1.0]) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
@@ -51,11 +53,11 @@ class OctaSphere:
     """
 
     refinement: int
-    nodes: NDArray[np.float64]
+    nodes: Array
     elements: NDArray[np.int64]
     wedge: NDArray[np.int64]
     wedge_of: NDArray[np.int64]
-    operation: NDArray[np.float64]
+    operation: Array
 
     @property
     def octant(self) -> NDArray[np.int64]:
@@ -77,7 +79,7 @@ class OctaSphere:
             else:
                 free = np.eye(3).tolist()
             blocks.append(np.array(free).T)
-        return sp.block_diag(blocks, format="csr")
+        return sp.csr_matrix(sp.block_diag(blocks, format="csr"))
 
     @cached_property
     def expansion(self) -> sp.csr_matrix:
@@ -88,18 +90,19 @@ class OctaSphere:
         )
         return (copies @ self.basis).tocsr()
 
-    def expanded(self, free: NDArray[np.float64]) -> NDArray[np.float64]:
+    def expanded(self, free: Array) -> Array:
         """Values (N, 3) at all nodes of the symmetric vector field with free coordinates (F,)."""
         return (self.expansion @ free).reshape(-1, 3)
 
-    def reduced(self, wedge_vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    def reduced(self, wedge_vectors: Array) -> Array:
         """Free coordinates (F,) of the vectors (W, 3) given on the wedge."""
         return self.basis.T @ wedge_vectors.ravel()
 
 
-def _octant(refinement: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _octant(refinement: int) -> tuple[Array, NDArray[np.int64]]:
     """Points (p, 3) and P2 triangles (t, 6), counterclockwise seen from outside, of x, y, z >= 0."""
-    points, index = [], {}
+    points: list[Array] = []
+    index: dict[tuple[int, int], int] = {}
     for ring in range(refinement + 1):
         polar = 0.5 * np.pi * ring / refinement
         for step in range(ring + 1):
@@ -133,7 +136,8 @@ def _octant(refinement: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 def octasphere(refinement: int) -> OctaSphere:
     """Mesh with 8 refinement**2 elements and 16 refinement**2 + 2 nodes."""
     points, triangles = _octant(refinement)
-    all_points, all_triangles = [], []
+    all_points: list[Array] = []
+    all_triangles: list[NDArray[np.int64]] = []
     for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
         for sz in (1, -1):
             flip = sx * sy * sz < 0
@@ -149,7 +153,7 @@ def octasphere(refinement: int) -> OctaSphere:
     return OctaSphere(refinement, nodes, elements, wedge, wedge_of, operation)
 
 
-def _wedge(nodes: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+def _wedge(nodes: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """The wedge's nodes, and for every node its wedge node and the operation between them."""
     x, y, _ = nodes.T
     wedge = np.flatnonzero((y > -1e-12) & (y < x + 1e-12))

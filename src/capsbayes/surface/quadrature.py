@@ -25,7 +25,7 @@ class Rule(NamedTuple):
     weights: NDArray[np.float64]
 
 
-_ORBITS = {
+_ORBITS: dict[int, list[tuple[float, ...]]] = {
     2: [(1 / 3, 1 / 6)],
     5: [(0.225, 1 / 3), (0.132394152788506, 0.470142064105115), (0.125939180544827, 0.101286507323456)],
     6: [
