@@ -26,6 +26,9 @@ def build(
         str | None, typer.Option(help="Address of a dask cluster, tcp://host:port; otherwise this machine.")
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
+    compare: Annotated[
+        int | None, typer.Option(help="Refinement on which five cases are run again, to keep the mesh's error.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
     """Simulate many cases and write one database; started again, it goes on where it was.
@@ -45,6 +48,7 @@ def build(
     _require("--refinement", refinement >= 2, "a whole number from 2 on", refinement)
     _require("--bending", bending >= 0.0, "a number not below 0", bending)
     _require("--pre-inflation", pre_inflation >= 0.0, "a number not below 0", pre_inflation)
+    _require("--compare", compare is None or compare > refinement, "more than --refinement", compare)
     _require("--workers", workers is None or workers >= 1, "at least 1", workers)
     from capsbayes.simulation import Simulator  # slow to import: after every check of the input
 
@@ -52,7 +56,7 @@ def build(
         law=membrane(), section=section, refinement=refinement, bending=bending, pre_inflation=pre_inflation
     )
     begin = time.perf_counter()
-    database = build_database(simulator, chosen, out=out, scheduler=scheduler, workers=workers)
+    database = build_database(simulator, chosen, out=out, scheduler=scheduler, workers=workers, compare=compare)
     summary = _summary(database, out, time.perf_counter() - begin)
     typer.echo(json.dumps(summary, indent=2) if as_json else _as_text(summary))
     if not len(database.converged):

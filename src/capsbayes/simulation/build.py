@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -23,6 +23,7 @@ import capsbayes
 from capsbayes.database import VARIABLES, Database
 from capsbayes.errors import InputError
 from capsbayes.simulation.column import OUTLINE_POINTS, Border, Runs, SteadySimulator, walk
+from capsbayes.simulation.mesh_error import chosen_cases, mesh_error
 from capsbayes.simulation.parts import Outcome, Parts
 
 __all__ = ["build_database"]
@@ -31,6 +32,7 @@ _logger = logging.getLogger(__name__)
 
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
+T = TypeVar("T")
 Case = tuple[float, float]
 Column = tuple[list[Outcome], Border | None]
 
@@ -43,6 +45,7 @@ def build_database(
     scheduler: str | None = None,
     workers: int | None = None,
     progress: bool = True,
+    compare: int | None = None,
 ) -> Database:
     """Simulate many cases and write them as one database.
 
@@ -67,6 +70,9 @@ def build_database(
         Number of worker processes on this machine; by default, one for each core.
     progress : bool
         Whether to show a progress bar, on a terminal only.
+    compare : int, optional
+        Refinement of a finer mesh on which five of the cases are run again; the differences are kept in the
+        attribute ``mesh_error``. The simulator then needs a method ``refined(refinement)``.
 
     Returns
     -------
@@ -90,7 +96,10 @@ def build_database(
     with _progress_bar(parts, ordered, show=progress):
         results = _computed(columns, scheduler, workers)
     _tell_what_was_raised(results)
-    database = _gathered(results, simulator.settings)
+    pedigree = _pedigree(simulator.settings)
+    if compare is not None:
+        pedigree |= {"mesh_error": _compared(simulator, parts, results, compare, scheduler, workers)}
+    database = _gathered(results, simulator.settings, pedigree)
     database.write(out)
     return database
 
@@ -114,7 +123,7 @@ def _run_column(simulator: SteadySimulator, parts: Parts, size_ratio: float, cap
     return [run.final[value] for value in sorted(capillary_numbers)], border
 
 
-def _computed(columns: Sequence[Callable[[], Column]], scheduler: str | None, workers: int | None) -> list[Column]:
+def _computed(columns: Sequence[Callable[[], T]], scheduler: str | None, workers: int | None) -> list[T]:
     if scheduler == "synchronous":
         return [column() for column in columns]
     if scheduler is not None:
@@ -204,7 +213,24 @@ def _progress_bar(parts: Parts, cases: list[Case], *, show: bool) -> Iterator[No
             count()
 
 
-def _gathered(columns: list[Column], settings: Mapping[str, Any]) -> Database:
+def _compared(
+    simulator: Any, parts: Parts, columns: list[Column], refinement: int, scheduler: str | None, workers: int | None
+) -> str:
+    """Mesh error of some of the cases beside a finer mesh; its runs are kept in a folder within the parts'."""
+    finer = simulator.refined(refinement)
+    kept = Parts.open(parts.folder / f"refinement-{refinement}", finer.settings)
+    coarse = chosen_cases([column for column, _ in columns])
+    fine = _computed([partial(_run_again, finer, kept, outcome) for outcome in coarse], scheduler, workers)
+    return mesh_error(refinement, coarse, fine)
+
+
+def _run_again(simulator: SteadySimulator, parts: Parts, outcome: Outcome) -> Outcome:
+    """The case of `outcome` by another simulator, started from its steady state."""
+    with threadpool_limits(limits=1):
+        return Runs(simulator, parts, outcome.size_ratio)(outcome.capillary_number, outcome)
+
+
+def _gathered(columns: list[Column], settings: Mapping[str, Any], pedigree: Mapping[str, Any]) -> Database:
     """One database of all columns, in their order; what a case lacks is NaN, or 0 for an integer."""
     outcomes = [outcome for column, _ in columns for outcome in column]
     borders = [border for _, border in columns if border is not None]
@@ -223,7 +249,7 @@ def _gathered(columns: list[Column], settings: Mapping[str, Any]) -> Database:
             lacking = 0 if VARIABLES[name].kind == "i" else np.full(shapes.get(name, ()), np.nan)
             values.append(known.get(name, lacking))
     border_columns = {f"border_{name}": [getattr(border, name) for border in borders] for name in Border._fields}
-    return Database.assemble(rows | border_columns, _pedigree(settings))
+    return Database.assemble(rows | border_columns, pedigree)
 
 
 def _pedigree(settings: Mapping[str, Any]) -> dict[str, Any]:

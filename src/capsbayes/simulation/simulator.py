@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -168,6 +168,10 @@ class Simulator:
             "walls": asdict(self.walls),
         }
 
+    def refined(self, refinement: int) -> Simulator:
+        """The same simulator on another mesh."""
+        return replace(self, refinement=refinement)
+
     @property
     def problem(self) -> SteadyProblem:
         """The discrete equations."""
@@ -207,6 +211,8 @@ class Simulator:
         with threadpool_limits(limits=threads):
             problem = self.problem
             first = _first(problem) if start is None else self._taken_up(problem, start)
+            if start is not None and not first.converged:
+                first = _first(problem)
             if not first.converged:
                 return self._state(problem, first, capillary_number, size_ratio, Status.NOT_CONVERGED)
             end, status = _reached(problem, first, capillary_number, size_ratio)
