@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from capsbayes.inference.lattice import CoarseTable, Window
 
@@ -20,10 +21,24 @@ def test_a_window_shrinks_to_the_likely_cells_and_grows_where_they_reach_its_edg
 
 def test_the_coarse_table_widens_by_the_change_across_a_cell(model):
     table = CoarseTable.of(model)
-    inside = np.isfinite(table.model.extent)
+    extent, zz = (one.reshape(table.window.shape) for one in (table.nodes.model.extent, table.nodes.model.zz))
+    inside = np.isfinite(extent)
     assert 0.5 < inside.mean() < 1.0
-    assert np.all(np.isfinite(table.model.zz[inside]))
-    i, j = 24, 36
-    across = 0.5 * (table.model.extent[i, j + 1] - table.model.extent[i, j])
-    assert table.model.zz[i, j] > across**2
-    assert np.isnan(table.model.zz[~inside]).all()
+    assert np.all(np.isfinite(zz[inside]))
+    assert zz[24, 36] > (0.5 * (extent[24, 37] - extent[24, 36])) ** 2
+    assert np.isnan(zz[~inside]).all()
+
+
+def test_cells_cut_by_the_border_are_split_into_the_pieces_inside(model):
+    window = Window((np.log(0.10), 0.9), (np.log(0.15), 1.1), (10, 10))
+    nodes = window.nodes(model, 1.0)
+    inside = np.isfinite(nodes.model.extent)
+    split = window.split(nodes, np.ones((10, 10), dtype=bool), 8, model, 1.0)
+    assert np.all(np.isfinite(split.model.extent))
+    area = np.sum(split.side**2) / 100.0
+    sizes = np.linspace(0.9, 1.1, 2001)
+    exact = np.mean((np.log(model.domain.limit(sizes)) - np.log(0.10)) / np.log(1.5))
+    assert area == pytest.approx(exact, abs=2e-3)
+    assert abs(inside.mean() - exact) > 2e-3
+    untouched = window.split(nodes, np.zeros((10, 10), dtype=bool), 8, model, 1.0)
+    np.testing.assert_array_equal(untouched.log_ca, nodes.log_ca)

@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.inference.lattice import Window
-from capsbayes.inference.likelihood import ModelAtPoints
+from capsbayes.inference.lattice import Nodes, Window
 from capsbayes.inference.log_masses import LogMasses
 from capsbayes.inference.marginal import Marginal
 from capsbayes.inference.target import Target, evaluated
@@ -37,30 +36,28 @@ class GridPosterior:
     forward : ForwardModel
     target : Target
     window : Window
-        Cells of (log Ca, a/l), i by j.
+        Cells of (log Ca, a/l).
+    nodes : Nodes
+        Of the cells and of their pieces, n of them.
     half_width : (k,) array or None [m]
         Nodes of l, where it is a dimension.
-    free : (k or 1, i, j) array
-        Probability of each node before the prior ranges of G_s and a cut, summing to one.
+    free : (k or 1, n) array
+        Probability of each node before the prior ranges of G_s and a cut, up to a factor.
     share : array that broadcasts with it
         Probability that G_s and a lie within their ranges there.
-    points : ModelAtPoints
-        The model, as (i, j) arrays.
-    stretch_ratio : (i, j) array
     """
 
     forward: ForwardModel
     target: Target
     window: Window
+    nodes: Nodes
     half_width: Floats | None
     free: Floats
     share: Floats | float
-    points: ModelAtPoints
-    stretch_ratio: Floats
 
     @cached_property
     def weights(self) -> Floats:
-        """Posterior probability of each node : (k or 1, i, j) array."""
+        """Posterior probability of each node : (k or 1, n) array."""
         weights = self.free * self.share
         return weights / weights.sum()
 
@@ -100,12 +97,12 @@ class GridPosterior:
         -------
         dict of (count,) arrays, SI
         """
-        width, row, column = np.unravel_index(
+        width, node = np.unravel_index(
             rng.choice(self.weights.size, size=count, p=self.weights.ravel()), self.weights.shape
         )
-        (log_ca, size), (du, ds) = self.window.axes, self.window.step
-        place = np.stack([log_ca[row], size[column]])
-        moved = place + np.array([[du], [ds]]) * rng.uniform(-0.5, 0.5, place.shape)
+        place = np.stack([self.nodes.log_ca[node], self.nodes.size[node]])
+        cell = np.array(self.window.step)[:, None] * self.nodes.side[node]
+        moved = place + cell * rng.uniform(-0.5, 0.5, place.shape)
         change = np.ones(count)
         if self.half_width is not None:
             # lengths in metres fix a = l (a/l) rather than either factor: l moves within its cell at constant a
@@ -124,32 +121,33 @@ class GridPosterior:
         return self.drawn(np.random.default_rng(0), _DRAWS)
 
     @cached_property
-    def _kept(self) -> tuple[Floats, ModelAtPoints, Floats | None, tuple[NDArray[np.intp], ...]]:
-        """Nodes that carry the posterior: probabilities (n,), the model (n,), l (n,) and their indices."""
-        index = np.nonzero(self.weights > _NEGLIGIBLE * self.weights.max())
-        weights = self.weights[index]
-        width = None if self.half_width is None else self.half_width[index[0]]
-        return weights / weights.sum(), self.points.taken(index[1:]), width, index
+    def _kept(self) -> tuple[Floats, Nodes, Floats | None]:
+        """Nodes that carry the posterior: probabilities (m,), nodes and l (m,)."""
+        width, node = np.nonzero(self.weights > _NEGLIGIBLE * self.weights.max())
+        weights = self.weights[width, node]
+        return (
+            weights / weights.sum(),
+            self.nodes.taken(node),
+            None if self.half_width is None else self.half_width[width],
+        )
 
     @cached_property
     def _ratio(self) -> tuple[Floats, float]:
-        """Log of the mean v_o/U given the lengths at the kept nodes : (n,) array, and its mean relative variance."""
-        weights, points, width, _ = self._kept
-        likelihood = self.target.likelihood
-        mean, variance = likelihood.velocity_ratio(points, self.target.width_at(width))
+        """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
+        weights, nodes, width = self._kept
+        mean, variance = self.target.likelihood.velocity_ratio(nodes.model, self.target.width_at(width))
         return np.log(mean), float(weights @ (np.maximum(variance, 0.0) / mean**2))
 
     @cached_property
     def _node_logs(self) -> dict[str, tuple[Floats, float]]:
-        """Logs of the quantities the node alone determines (n,), and the distance of their neighbours."""
-        _, points, _, (_, row, column) = self._kept
-        (log_ca, size), (du, ds) = self.window.axes, self.window.step
+        """Logs of the quantities the node alone determines (m,), and the distance of their neighbours."""
+        nodes, (du, ds) = self._kept[1], self.window.step
         return {
-            "capillary_number": (log_ca[row], du),
-            "size_ratio": (np.log(size)[column], ds / size[0]),
-            "axial_extent": (np.log(points.extent), 0.0),
-            "axial_length": (np.log(points.length), 0.0),
-            "stretch_ratio": (np.log(self.stretch_ratio[row, column]), 0.0),
+            "capillary_number": (nodes.log_ca, du),
+            "size_ratio": (np.log(nodes.size), ds / self.window.low[1]),
+            "axial_extent": (np.log(nodes.model.extent), 0.0),
+            "axial_length": (np.log(nodes.model.length), 0.0),
+            "stretch_ratio": (np.log(nodes.stretch_ratio), 0.0),
         }
 
     def _masses(self, name: str) -> LogMasses:

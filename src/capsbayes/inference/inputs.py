@@ -7,6 +7,7 @@ any other frozen distribution is tabulated once.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -78,8 +79,17 @@ class Input:
         with np.errstate(invalid="ignore"):
             return np.where(values > 0.0, -0.5 * ((values - self.centre) / self.error) ** 2, -np.inf)
 
-    def log_masses(self, power: float) -> LogMasses:
+    def log_masses(self, power: int) -> LogMasses:
         """Distribution with its density multiplied by x^power, on a grid of log x."""
+        if power not in self._laid_out:
+            self._laid_out[power] = self._lay_out(power)
+        return self._laid_out[power]
+
+    @cached_property
+    def _laid_out(self) -> dict[int, LogMasses]:
+        return {}
+
+    def _lay_out(self, power: int) -> LogMasses:
         if self.known:
             return LogMasses.known(self.centre)
         low, high = self._range()
@@ -111,7 +121,17 @@ class Inputs:
 
     @classmethod
     def of(cls, measurement: Measurement, experiment: Experiment) -> Inputs:
-        """Gather them from what was measured and what is known of the experiment.
+        """Gather them from what was measured and what is known of the experiment."""
+        return cls.of_experiment(experiment).with_velocity_of(measurement)
+
+    @classmethod
+    def of_experiment(cls, experiment: Experiment) -> Inputs:
+        """Those that many capsules share; the velocity is still that of none."""
+        viscosity, width = Input.of("viscosity", experiment.viscosity), Input.of("half_width", experiment.half_width)
+        return cls(viscosity, width, Input("capsule_velocity", np.nan, 0.0))
+
+    def with_velocity_of(self, measurement: Measurement) -> Inputs:
+        """The same viscosity and half width with the velocity of a capsule.
 
         Raises
         ------
@@ -122,11 +142,8 @@ class Inputs:
             where, share = measurement.source or "measurement", _LOOSEST_VELOCITY
             got = f"{measurement.capsule_velocity_error / measurement.capsule_velocity:.0%}"
             raise InputError(where, "capsule_velocity", f"a standard error below {share:.0%} of the velocity", got)
-        return cls(
-            Input.of("viscosity", experiment.viscosity),
-            Input.of("half_width", experiment.half_width),
-            Input("capsule_velocity", measurement.capsule_velocity, measurement.capsule_velocity_error),
-        )
+        velocity = Input("capsule_velocity", measurement.capsule_velocity, measurement.capsule_velocity_error)
+        return replace(self, capsule_velocity=velocity)
 
 
 def _is_cut_normal(value: Any) -> bool:

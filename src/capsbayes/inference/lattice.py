@@ -11,11 +11,55 @@ from capsbayes.inference.likelihood import ModelAtPoints
 from capsbayes.inference.target import evaluated
 from capsbayes.model import ForwardModel
 
-__all__ = ["CoarseTable", "Window"]
+__all__ = ["CoarseTable", "Nodes", "Window"]
 
 Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
 
 _COARSE = (48, 72)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Points that stand for pieces of the (log Ca, a/l) plane, and the model there.
+
+    Parameters
+    ----------
+    log_ca, size : (n,) arrays
+        Centres of the pieces.
+    side : (n,) array
+        Sides of a piece over those of a cell.
+    model : ModelAtPoints
+        Of (n,) arrays, NaN outside the model's domain.
+    stretch_ratio : (n,) array
+        Lambda.
+    """
+
+    log_ca: Floats
+    size: Floats
+    side: Floats
+    model: ModelAtPoints
+    stretch_ratio: Floats
+
+    @classmethod
+    def at(cls, forward: ForwardModel, log_ca: Floats, size: Floats, side: Floats, error_scale: float) -> Nodes:
+        """Evaluate a model at centres of pieces."""
+        return cls(log_ca, size, side, *evaluated(forward, np.exp(log_ca), size, error_scale))
+
+    def taken(self, index: NDArray[np.intp] | Booleans) -> Nodes:
+        """Some of the nodes."""
+        arrays = (self.log_ca[index], self.size[index], self.side[index])
+        return Nodes(*arrays, self.model.taken(index), self.stretch_ratio[index])
+
+    def joined(self, other: Nodes) -> Nodes:
+        """These nodes and others."""
+        return Nodes(
+            np.concatenate([self.log_ca, other.log_ca]),
+            np.concatenate([self.size, other.size]),
+            np.concatenate([self.side, other.side]),
+            self.model.joined(other.model),
+            np.concatenate([self.stretch_ratio, other.stretch_ratio]),
+        )
 
 
 @dataclass(frozen=True)
@@ -48,14 +92,33 @@ class Window:
         steps = self.step
         return tuple(self.low[k] + steps[k] * (np.arange(self.shape[k]) + 0.5) for k in (0, 1))  # type: ignore[return-value]
 
-    def evaluated(self, model: ForwardModel, error_scale: float) -> tuple[ModelAtPoints, Floats]:
-        """Evaluate a model at all nodes, as (i, j) arrays; NaN outside its domain."""
+    def nodes(self, forward: ForwardModel, error_scale: float) -> Nodes:
+        """One node for each cell, row by row of log Ca."""
         log_ca, size = self.axes
-        ca, sizes = np.repeat(np.exp(log_ca), len(size)), np.tile(size, len(log_ca))
-        points, stretch = evaluated(model, ca, sizes, error_scale)
-        return points.reshaped(self.shape), stretch.reshape(self.shape)
+        places = np.repeat(log_ca, len(size)), np.tile(size, len(log_ca))
+        return Nodes.at(forward, *places, np.ones(len(places[0])), error_scale)
 
-    def around(self, likely: NDArray[np.bool_], shape: tuple[int, int], bounds: Window) -> Window:
+    def split(self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, error_scale: float) -> Nodes:
+        """Replace the nodes of some cells by those of smaller pieces inside the model's domain.
+
+        Parameters
+        ----------
+        nodes : Nodes
+            One for each cell.
+        cut : (i, j) bool array
+            Cells to split.
+        parts : int
+            Pieces along each side of a cell.
+        """
+        chosen = cut.ravel()
+        offsets = (np.arange(parts) + 0.5) / parts - 0.5
+        log_ca = nodes.log_ca[chosen, None, None] + self.step[0] * offsets[:, None]
+        size = nodes.size[chosen, None, None] + self.step[1] * offsets
+        log_ca, size = (grid.ravel() for grid in np.broadcast_arrays(log_ca, size))
+        pieces = Nodes.at(forward, log_ca, size, np.full(log_ca.size, 1.0 / parts), error_scale)
+        return nodes.taken(~chosen).joined(pieces.taken(np.isfinite(pieces.model.extent)))
+
+    def around(self, likely: Booleans, shape: tuple[int, int], bounds: Window) -> Window:
         """Rectangle around the likely cells, within bounds, cut anew.
 
         One more cell is added on each side, or a quarter of this window where
@@ -87,28 +150,29 @@ class CoarseTable:
     ----------
     window : Window
         Over the domain's bounds.
-    model : ModelAtPoints
-        Of (i, j) arrays; the covariances of the lengths are widened by the change of the lengths across a cell, so
+    nodes : Nodes
+        One for each cell; the covariances of the lengths are widened by the change of the lengths across a cell, so
         that no posterior falls between the nodes.
     """
 
     window: Window
-    model: ModelAtPoints
+    nodes: Nodes
 
     @classmethod
-    def of(cls, model: ForwardModel) -> CoarseTable:
+    def of(cls, forward: ForwardModel) -> CoarseTable:
         """Tabulate a model; done once for many capsules."""
-        (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
+        (ca_low, ca_high), (size_low, size_high) = forward.domain.bounds
         window = Window((float(np.log(ca_low)), size_low), (float(np.log(ca_high)), size_high), _COARSE)
-        points, _ = window.evaluated(model, 1.0)
-        (z_u, z_s), (a_u, a_s) = _changes(points.extent), _changes(points.length)
+        nodes = window.nodes(forward, 1.0)
+        model = nodes.model
+        (z_u, z_s), (a_u, a_s) = (_changes(one.reshape(_COARSE)) for one in (model.extent, model.length))
         wide = replace(
-            points,
-            zz=points.zz + z_u**2 + z_s**2,
-            za=points.za + z_u * a_u + z_s * a_s,
-            aa=points.aa + a_u**2 + a_s**2,
+            model,
+            zz=model.zz + (z_u**2 + z_s**2).ravel(),
+            za=model.za + (z_u * a_u + z_s * a_s).ravel(),
+            aa=model.aa + (a_u**2 + a_s**2).ravel(),
         )
-        return cls(window, wide)
+        return cls(window, replace(nodes, model=wide))
 
 
 def _changes(values: Floats) -> tuple[Floats, Floats]:

@@ -6,7 +6,6 @@ covariance is part of the likelihood. L_a may be missing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -58,14 +57,13 @@ class ModelAtPoints:
 
     def taken(self, index: Any) -> ModelAtPoints:
         """Some of the points, by a numpy index."""
-        return self._each(lambda field: field[index])
+        return ModelAtPoints(*(getattr(self, field.name)[index] for field in fields(self)))
 
-    def reshaped(self, shape: tuple[int, ...]) -> ModelAtPoints:
-        """The same points in another batch shape."""
-        return self._each(lambda field: field.reshape(shape))
-
-    def _each(self, change: Callable[[Floats], Floats]) -> ModelAtPoints:
-        return ModelAtPoints(*(change(getattr(self, field.name)) for field in fields(self)))
+    def joined(self, other: ModelAtPoints) -> ModelAtPoints:
+        """These points and others."""
+        return ModelAtPoints(
+            *(np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self))
+        )
 
 
 @dataclass(frozen=True, eq=False)

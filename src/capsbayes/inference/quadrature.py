@@ -19,7 +19,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.inference.checks import Gate
 from capsbayes.inference.grid_posterior import GridPosterior
 from capsbayes.inference.inputs import Inputs
-from capsbayes.inference.lattice import CoarseTable, Window
+from capsbayes.inference.lattice import CoarseTable, Nodes, Window
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.target import Target
 from capsbayes.measurement import Measurement
@@ -28,10 +28,11 @@ from capsbayes.model import ForwardModel
 __all__ = ["Quadrature"]
 
 Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
 
 FARTHEST = 5.0  # standard deviations from the nearest shape of the model, beyond which a measurement is refused
 CELLS_PER_SD = 4.0  # of both marginals
-CELLS_AT_BORDER = 224  # along each side, where the border of the domain cuts cells that matter
+PARTS_AT_BORDER = 4  # along each side of a cell that the border of the domain cuts
 THINNEST = 1.0  # standard deviation of a/l at given Ca, in cells
 _FIRST, _THEN, _LARGEST = 32, 56, 512
 _COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
@@ -58,6 +59,7 @@ class Quadrature:
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         self.model, self.experiment, self.prior = model, experiment, prior or Prior()
         self.table = CoarseTable.of(model)
+        self.inputs = Inputs.of_experiment(experiment)
 
     def __call__(
         self, measurement: Measurement, *, inputs: Inputs | None = None, error_scale: float = 1.0
@@ -77,18 +79,22 @@ class Quadrature:
         InputError
             If no case of the model has such a shape, or the prior excludes all that have it.
         """
-        inputs = inputs or Inputs.of(measurement, self.experiment)
+        inputs = inputs or self.inputs.with_velocity_of(measurement)
         target = Target.of(measurement, inputs, self.prior, error_scale)
         self.check_shape(measurement, target)
         widths = _half_widths(target) if target.shape_depends_on_half_width else None
         window = self._first_window(measurement, target)
         for _ in range(_ROUNDS):
-            posterior = self._on(window, target, widths)
+            posterior = self._on(window, window.nodes(self.model, error_scale), target, widths)
             better = _better_window(posterior, self.table.window)
             if better is None:
                 break
             window = better
-        return posterior
+        cut = _cut_cells(posterior)
+        if cut is None:
+            return posterior
+        nodes = window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, error_scale)
+        return self._on(window, nodes, target, widths)
 
     @staticmethod
     def gates(posterior: GridPosterior) -> list[Gate]:
@@ -104,21 +110,21 @@ class Quadrature:
     def check_shape(self, measurement: Measurement, target: Target) -> None:
         """Refuse lengths that lie far from every shape of the model."""
         width = target.inputs.half_width
-        distance = target.likelihood.with_half_width(width.centre, width.error).distance(self.table.model)
-        nearest = np.unravel_index(np.nanargmin(distance), distance.shape)
+        nodes = self.table.nodes
+        distance = target.likelihood.with_half_width(width.centre, width.error).distance(nodes.model)
+        nearest = int(np.nanargmin(distance))
         if distance[nearest] <= FARTHEST:
             return
-        log_ca, size = self.table.window.axes
         scale = 1.0 if measurement.over_half_width else width.centre
-        lengths = [("L_z", measurement.axial_extent, self.table.model.extent[nearest])]
+        lengths = [("L_z", measurement.axial_extent, nodes.model.extent[nearest])]
         if measurement.axial_length is not None:
-            lengths.append(("L_a", measurement.axial_length, self.table.model.length[nearest]))
+            lengths.append(("L_a", measurement.axial_length, nodes.model.length[nearest]))
         nearest_lengths = ", ".join(f"{symbol}/l = {of_model:.3f}" for symbol, _, of_model in lengths)
         raise InputError(
             measurement.source or "measurement",
             "axial_extent, axial_length" if len(lengths) > 1 else "axial_extent",
             f"a shape that a case of {self.model.name} has (nearest: {nearest_lengths}"
-            f" at Ca = {np.exp(log_ca[nearest[0]]):.3g}, a/l = {size[nearest[1]]:.3g})",
+            f" at Ca = {np.exp(nodes.log_ca[nearest]):.3g}, a/l = {nodes.size[nearest]:.3g})",
             ", ".join(f"{symbol}/l = {seen / scale:.3f}" for symbol, seen, _ in lengths)
             + f", {distance[nearest]:.0f} standard errors away",
         )
@@ -126,9 +132,9 @@ class Quadrature:
     def _first_window(self, measurement: Measurement, target: Target) -> Window:
         width = target.inputs.half_width
         rough = replace(target, likelihood=target.likelihood.with_half_width(width.centre, width.error))
-        log_ca, size = self.table.window.axes
-        args = (self.table.model, np.broadcast_to(log_ca[:, None], (len(log_ca), len(size))), size[None, :])
-        log_density = rough.log_density(*args) + rough.log_share(*args)
+        nodes = self.table.nodes
+        args = (nodes.model, nodes.log_ca, nodes.size)
+        log_density = (rough.log_density(*args) + rough.log_share(*args)).reshape(self.table.window.shape)
         if not np.isfinite(np.nanmax(log_density)):
             raise InputError(
                 measurement.source or "prior", "prior", "ranges that hold G_s and a of some shape", "ranges without any"
@@ -136,19 +142,22 @@ class Quadrature:
         likely = log_density > np.nanmax(log_density) - _COARSE_DROP
         return self.table.window.around(likely, (_FIRST, _FIRST), self.table.window)
 
-    def _on(self, window: Window, target: Target, widths: tuple[Floats, Floats] | None) -> GridPosterior:
-        points, stretch = window.evaluated(self.model, target.error_scale)
-        log_ca, size = window.axes
-        place = (np.broadcast_to(log_ca[:, None], window.shape), size[None, :])
-        nodes = None if widths is None else widths[0][:, None, None]
-        log_density = target.log_density(points, *place, nodes)
+    def _on(self, window: Window, nodes: Nodes, target: Target, widths: tuple[Floats, Floats] | None) -> GridPosterior:
+        """Posterior on given nodes, of any sum."""
+        points, half_width = nodes.model, None if widths is None else widths[0][:, None]
+        log_density = target.log_density(points, nodes.log_ca, nodes.size, half_width)
         if widths is not None:
-            log_density = log_density + np.log(widths[1])[:, None, None]
-        free = np.nan_to_num(np.exp(log_density - np.nanmax(log_density)), copy=False)
-        free = free.reshape(-1, *window.shape)
-        share = np.nan_to_num(np.exp(target.log_share(points, *place, nodes)))
+            log_density = log_density + np.log(widths[1])[:, None]
+        free = np.nan_to_num(np.exp(log_density - np.nanmax(log_density))) * nodes.side**2
+        share = np.nan_to_num(np.exp(target.log_share(points, nodes.log_ca, nodes.size, half_width)))
         return GridPosterior(
-            self.model, target, window, None if widths is None else widths[0], free, share, points, stretch
+            self.model,
+            target,
+            window,
+            nodes,
+            None if widths is None else widths[0],
+            free.reshape(-1, len(nodes.size)),
+            share,
         )
 
 
@@ -165,40 +174,58 @@ def _half_widths(target: Target) -> tuple[Floats, Floats]:
 
 def _better_window(posterior: GridPosterior, bounds: Window) -> Window | None:
     """Window that shows the posterior better, or None if this one will do."""
-    window, weights = posterior.window, posterior.weights
+    window = posterior.window
+    weights = posterior.weights.reshape(-1, *window.shape)
     both = weights.max(axis=0)
     likely = both > np.exp(-_DROP) * both.max()
     around = window.around(likely, (_THEN, _THEN), bounds)
     sd_ca, sd_size, thin = (max(found, 1e-3) for found in _resolution(posterior))
     needed = [CELLS_PER_SD / sd_ca, max(CELLS_PER_SD / sd_size, THINNEST / thin)]
-    least = CELLS_AT_BORDER if _border_shows(posterior) else 0
     leaves = any(_leaves(both > np.exp(-_EDGE_DROP) * both.max(), window, bounds, k) for k in (0, 1))
-    if max(needed) <= 1.0 and min(window.shape) >= least and not leaves:
+    if max(needed) <= 1.0 and not leaves:
         return None
     # shrinking the window already makes its cells smaller; cut it finer only as far as that does not suffice
     shape = []
     for k in (0, 1):
         shrink = (around.high[k] - around.low[k]) / (window.high[k] - window.low[k])
         cells = window.shape[k] * shrink * (1.15 * needed[k] if needed[k] > 1.0 else 1.0)
-        shape.append(int(np.clip(np.ceil(cells), max(_THEN, least), _LARGEST)))
+        shape.append(int(np.clip(np.ceil(cells), _THEN, _LARGEST)))
     better = Window(around.low, around.high, (shape[0], shape[1]))
     return None if better == window else better
 
 
 def _resolution(posterior: GridPosterior) -> tuple[float, float, float]:
     """Standard deviations in cells: of log Ca, of a/l, and of a/l at given Ca (and half width)."""
-    weights = posterior.weights
-    both = weights.sum(axis=0)
-    slices = weights[int(weights.sum(axis=(1, 2)).argmax())]
-    return _sd_in_cells(both.sum(axis=1)), _sd_in_cells(both.sum(axis=0)), _thinnest(slices)
+    window, nodes = posterior.window, posterior.nodes
+    row, column = (
+        (values - low) / step
+        for values, low, step in zip((nodes.log_ca, nodes.size), window.low, window.step, strict=True)
+    )
+    both = posterior.weights.sum(axis=0)
+    slices = posterior.weights[int(posterior.weights.sum(axis=1).argmax())]
+    return _sd(row, both), _sd(column, both), _sd_within(row.astype(int), column, slices)
 
 
-def _border_shows(posterior: GridPosterior) -> bool:
-    """Whether cells beside the border of the domain carry density: there a cell is either in or out."""
-    outside = np.pad(np.asarray(np.isnan(posterior.points.extent)), 1, mode="edge")
-    beside = outside[:-2, 1:-1] | outside[2:, 1:-1] | outside[1:-1, :-2] | outside[1:-1, 2:]
-    density = posterior.weights.max(axis=0)
-    return bool(np.max(density, where=beside, initial=0.0) > 0.01 * density.max())
+def _cut_cells(posterior: GridPosterior) -> Booleans | None:
+    """Cells beside the border of the domain : (i, j) bool array, or None where they carry no density."""
+    shape = posterior.window.shape
+    outside = np.asarray(np.isnan(posterior.nodes.model.extent)).reshape(shape)
+    if not outside.any():
+        return None
+    cut = _spread(outside) & _spread(~outside)
+    density = posterior.weights.max(axis=0).reshape(shape)
+    return cut if np.max(density, where=cut, initial=0.0) > 1e-4 * density.max() else None
+
+
+def _spread(cells: Booleans) -> Booleans:
+    """The cells and their eight neighbours."""
+    rows = cells.copy()
+    rows[1:] |= cells[:-1]
+    rows[:-1] |= cells[1:]
+    spread = rows.copy()
+    spread[:, 1:] |= rows[:, :-1]
+    spread[:, :-1] |= rows[:, 1:]
+    return spread
 
 
 def _leaves(likely: NDArray[np.bool_], window: Window, bounds: Window, axis: int) -> bool:
@@ -208,19 +235,13 @@ def _leaves(likely: NDArray[np.bool_], window: Window, bounds: Window, axis: int
     return (first and window.low[axis] > bounds.low[axis]) or (last and window.high[axis] < bounds.high[axis])
 
 
-def _sd_in_cells(masses: Floats) -> float:
-    place = np.arange(len(masses))
-    total = masses.sum()
-    mean = masses @ place / total
-    return float(np.sqrt(masses @ (place - mean) ** 2 / total))
+def _sd(values: Floats, weights: Floats) -> float:
+    mean = weights @ values / weights.sum()
+    return float(np.sqrt(weights @ (values - mean) ** 2 / weights.sum()))
 
 
-def _thinnest(weights: Floats) -> float:
-    """Standard deviation of a/l at given Ca in cells, averaged in square over the posterior of Ca."""
-    place = np.arange(weights.shape[1])
-    total = weights.sum(axis=1)
-    heavy = total > 1e-3 * total.max()
-    rows, total = weights[heavy], total[heavy]
-    mean = rows @ place / total
-    spread = rows @ place**2 / total - mean**2
-    return float(np.sqrt(max(total @ spread / total.sum(), 0.0)))
+def _sd_within(group: NDArray[np.intp], values: Floats, weights: Floats) -> float:
+    """Root of the mean variance within groups."""
+    mass = np.bincount(group, weights)
+    mean = np.bincount(group, weights * values) / np.maximum(mass, np.finfo(float).tiny)
+    return float(np.sqrt(weights @ (values - mean[group]) ** 2 / weights.sum()))

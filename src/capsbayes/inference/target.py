@@ -33,7 +33,7 @@ __all__ = ["Target", "evaluated"]
 
 Floats = NDArray[np.float64]
 
-_ROUNDS = 1000  # of redrawing inputs that leave the prior ranges
+_ROUNDS = 13  # of redrawing inputs that leave the prior ranges, twice as many of each at every round
 
 
 def evaluated(model: ForwardModel, ca: Floats, size: Floats, error_scale: float) -> tuple[ModelAtPoints, Floats]:
@@ -170,13 +170,19 @@ class Target:
         if width is None:
             free["half_width"] = self.half_width
         draws |= {name: masses.drawn(rng, count) for name, masses in free.items()}
-        out = np.arange(count)
-        for _ in range(_ROUNDS):
-            out = out[~self._in_range({name: values[out] for name, values in draws.items()}, model.taken(out))]
+        out = np.flatnonzero(~self._in_range(draws, model))
+        for tries in 2 ** np.arange(_ROUNDS):
             if not out.size:
                 break
-            for name, masses in free.items():
-                draws[name][out] = masses.drawn(rng, out.size)
+            row = np.repeat(out, tries)
+            again = {name: masses.drawn(rng, row.size) for name, masses in free.items()}
+            good = np.flatnonzero(
+                self._in_range({name: values[row] for name, values in draws.items()} | again, model.taken(row))
+            )
+            found, first = np.unique(row[good], return_index=True)
+            for name, values in again.items():
+                draws[name][found] = values[good[first]]
+            out = np.setdiff1d(out, found)
         return _derived(draws) | {
             "stretch_ratio": stretch_ratio,
             "axial_extent": model.extent,
