@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "surrogate"))  # for the manu
 import manufactured
 
 EXPERIMENT = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
+EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin" / "capsule.toml"
 RESULTS = {"posterior.nc", "summary.json", "corner.png", "outline.png"}
 
 
@@ -61,6 +62,18 @@ def test_one_capsule_end_to_end(capsule, database, tmp_path):
     assert set(summary["inputs"]["files"]) == {"capsule.toml", "channel.toml"}
     for name in ("corner.png", "outline.png"):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_papers_capsule_with_the_database_that_comes_with_the_library():
+    """The paper: Ca = 0.082, a/l = 0.96, v_o/U = 1.29 from L_z = 2.14 l and L_a = 1.81 l."""
+    result = run(EXAMPLE, "--engine", "quadrature", "--json")
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    for name, value in (("capillary_number", 0.082), ("size_ratio", 0.96), ("velocity_ratio", 1.29)):
+        found = summary["quantities"][name]
+        assert found["lower_68"] < value < found["upper_68"], name
+        assert summary["deterministic"][name] == pytest.approx(value, rel=0.05), name
+    assert sum(summary["variance_of_log_surface_shear_modulus"].values()) == pytest.approx(1.0)
 
 
 def test_json_is_all_that_is_printed(capsule, database):

@@ -16,7 +16,7 @@ def density_of(model, experiment, seen, **options):
 def test_a_run_that_has_every_input_as_a_coordinate_agrees_with_the_grid(model, experiment, capsule):
     """Nothing is integrated by hand here: the factored posterior and its grid are checked from outside."""
     density = density_of(model, experiment, capsule, sample_inputs=True)
-    chains = sampled(density, seed=3, effort=Effort(walkers=48, steps=1200, budget=1200))
+    chains = sampled(density, seed=3, effort=Effort(walkers=48, steps=900, budget=900))
     draws = chains.named()
     modulus = draws["viscosity"] * draws["capsule_velocity"]
     points = model({name: np.ravel(draws[name]) for name in ("capillary_number", "size_ratio")})
@@ -52,7 +52,7 @@ def test_a_run_is_doubled_while_it_is_not_enough(model, experiment, capsule):
         lengths.append(chains.steps + chains.burn_in)
         return len(lengths) == 2
 
-    sampled(density_of(model, experiment, capsule), seed=1, effort=Effort(budget=3000), enough=enough)
+    sampled(density_of(model, experiment, capsule), seed=1, effort=Effort(walkers=48), enough=enough)
     assert lengths[1] >= 2 * lengths[0]
 
 

@@ -13,7 +13,7 @@ EXPERIMENT = Experiment(
     section="square", half_width=positive_normal(25e-6, 0.25e-6), viscosity=positive_normal(0.85, 0.03)
 )
 MODEL = PolynomialModel(domain=PolynomialDomain(lowest=0.02))
-CAPSULES = 2500
+CAPSULES = 2000
 TRUTHS = ("surface_shear_modulus", "capsule_radius")
 
 
