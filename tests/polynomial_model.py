@@ -69,3 +69,21 @@ class PolynomialModel:
         z = z + (extent - length)[:, None] * rear
         y = np.broadcast_to(0.8 * np.sin(angle), z.shape)
         return np.stack([z, y], axis=-1)
+
+
+@dataclass(frozen=True)
+class FoldedModel(PolynomialModel):
+    """Two capillary numbers for one shape: the depth of the rear has its least at Ca = 0.03."""
+
+    name: str = "manufactured fold"
+
+    def __call__(self, theta, *, outline=False):
+        ca, size = np.asarray(theta["capillary_number"]), np.asarray(theta["size_ratio"])
+        inside = self.domain.contains(ca, size)
+        x, y = np.log(np.where(inside, ca, 0.03) / 0.03), np.where(inside, size, 0.96) - 0.96
+        extent = 2.10 + 0.02 * x + 3.9 * y
+        values = [
+            np.where(inside, v, np.nan) for v in (extent, extent - 0.2 - 0.2 * x**2, 1.29 - 1.2 * y, 1.1 + 0.0 * x)
+        ]
+        covariance = np.where(inside[:, None, None], self._covariance(0.0 * x, y), np.nan)
+        return Prediction(*values, covariance=covariance, inside=inside)

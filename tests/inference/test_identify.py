@@ -9,6 +9,7 @@ from capsbayes.errors import InputError
 from capsbayes.inference import Prior, Range, identify
 from capsbayes.inference.ensembles import Effort
 from capsbayes.status import Status
+from polynomial_model import FoldedModel
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +105,13 @@ def test_wrong_arguments_are_refused(model, experiment, capsule):
         identify(capsule, Tube(), experiment, seed=1)
     with pytest.raises(InputError, match="expected a shape that a case of"):
         identify(replace(capsule, axial_extent=4.0), model, experiment, seed=1)
+
+
+def test_two_modes_are_weighed_by_both_engines_or_said(experiment, capsule):
+    seen = replace(capsule, axial_extent=2.10, axial_length=1.80, axial_extent_error=0.004, axial_length_error=0.004)
+    found = identify(seen, FoldedModel(), experiment, seed=1, effort=Effort(doublings=0, budget=1500))
+    exact = found.reference["capillary_number"]
+    assert found.status in (Status.DONE, Status.ENGINES_DISAGREE, Status.NOT_MIXED)
+    if found.status is Status.DONE:
+        assert found.marginals["capillary_number"].mean == pytest.approx(exact.mean, abs=0.1 * exact.sd)
+    assert exact.sd > 0.5 * exact.mean

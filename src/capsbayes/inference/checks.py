@@ -15,6 +15,7 @@ __all__ = ["Agreement", "Gate", "agreement", "chain_gates", "ess_gates", "leanin
 
 Floats = NDArray[np.float64]
 
+FEWEST_ENSEMBLES = 4
 LARGEST_RHAT = 1.01
 FEWEST_TIMES = 50.0
 LEAST_STABLE_TIME = 0.01
@@ -28,22 +29,41 @@ LEANING_SHARE = 0.05
 
 @dataclass(frozen=True)
 class Gate:
-    """One condition, what was found, and whether it held.
+    """One condition on a number.
 
     Parameters
     ----------
     name : str
     value : float
         What was found.
-    wanted : str
-        What is wanted, for people.
-    passed : bool
+    least, most : float
+        Between which it is wanted.
+
+    Examples
+    --------
+    >>> str(Gate("stuck walkers", 2, most=0))
+    'stuck walkers: 2, wanted at most 0 (FAILED)'
     """
 
     name: str
     value: float
-    wanted: str
-    passed: bool
+    least: float = -np.inf
+    most: float = np.inf
+
+    @property
+    def passed(self) -> bool:
+        """Whether the number is where it is wanted; NaN is not."""
+        return bool(self.least <= self.value <= self.most)
+
+    @property
+    def wanted(self) -> str:
+        """What is wanted, for people."""
+        ends = {"at least": self.least, "at most": self.most}
+        return " and ".join(f"{words} {end:g}" for words, end in ends.items() if np.isfinite(end))
+
+    def as_dict(self) -> dict[str, float | str | bool]:
+        """Name, value, what is wanted and whether it passed, for files."""
+        return {"name": self.name, "value": float(self.value), "wanted": self.wanted, "passed": self.passed}
 
     def __str__(self) -> str:
         return f"{self.name}: {self.value:.4g}, wanted {self.wanted}{'' if self.passed else ' (FAILED)'}"
@@ -96,23 +116,13 @@ def chain_gates(chain: Floats) -> list[Gate]:
     unstable = float(np.max(np.abs(before / times - 1.0)))
     low, high = ACCEPTANCE
     return [
-        Gate("independent ensembles", ensembles, "at least 4", ensembles >= 4),
-        Gate("split R-hat between ensembles", rhat, f"below {LARGEST_RHAT}", rhat < LARGEST_RHAT),
-        Gate(
-            "steps over autocorrelation time",
-            steps / float(times.max()),
-            f"at least {FEWEST_TIMES:.0f}",
-            bool(steps / times.max() >= FEWEST_TIMES),
-        ),
-        Gate(
-            "change of autocorrelation time over the last twentieth",
-            unstable,
-            f"at most {LEAST_STABLE_TIME}",
-            unstable <= LEAST_STABLE_TIME,
-        ),
-        Gate("lowest acceptance", float(acceptance.min()), f"at least {low}", bool(acceptance.min() >= low)),
-        Gate("highest acceptance", float(acceptance.max()), f"at most {high}", bool(acceptance.max() <= high)),
-        Gate("stuck walkers", stuck, "none", stuck == 0),
+        Gate("independent ensembles", ensembles, least=FEWEST_ENSEMBLES),
+        Gate("split R-hat between ensembles", rhat, most=LARGEST_RHAT),
+        Gate("steps over autocorrelation time", steps / float(times.max()), least=FEWEST_TIMES),
+        Gate("change of autocorrelation time over the last twentieth", unstable, most=LEAST_STABLE_TIME),
+        Gate("lowest acceptance", float(acceptance.min()), least=low),
+        Gate("highest acceptance", float(acceptance.max()), most=high),
+        Gate("stuck walkers", stuck, most=0),
     ]
 
 
@@ -125,7 +135,7 @@ def ess_gates(draws: Mapping[str, Floats]) -> list[Gate]:
     """
     varying = [values for values in draws.values() if np.ptp(values) > 0.0]
     found = {"smallest bulk ESS": min(map(bulk_ess, varying)), "smallest tail ESS": min(map(tail_ess, varying))}
-    return [Gate(name, value, f"at least {SMALLEST_ESS:.0f}", value >= SMALLEST_ESS) for name, value in found.items()]
+    return [Gate(name, value, least=SMALLEST_ESS) for name, value in found.items()]
 
 
 def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) -> Agreement:

@@ -53,7 +53,7 @@ class Effort:
     walkers: int = 64
     steps: int = 450
     extension: float = 0.15
-    budget: int = 20_000
+    budget: int = 10_000
     doublings: int = 3
 
 
@@ -165,5 +165,5 @@ def _gathered(samplers: list[Any], log_density: LogDensity) -> Chains:
     density = np.stack([sampler.get_log_prob() for sampler in samplers], axis=1)[burn_in:]
     kept = chain[burn_in:]
     wrong = log_density.not_a_number
-    gates = [*chain_gates(kept), Gate("densities that are not a number", wrong, "none", wrong == 0)]
+    gates = [*chain_gates(kept), Gate("densities that are not a number", wrong, most=0)]
     return Chains(log_density.names, kept, density, time, burn_in, steps - burn_in, gates)

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.inference.checks import Gate
 from capsbayes.inference.lattice import Nodes, Window
 from capsbayes.inference.log_masses import LogMasses
 from capsbayes.inference.marginal import Marginal
@@ -45,6 +46,8 @@ class GridPosterior:
         Probability of each node before the prior ranges of G_s and a cut, up to a factor.
     share : array that broadcasts with it
         Probability that G_s and a lie within their ranges there.
+    gates : tuple of Gate
+        Whether the cells resolve the posterior.
     """
 
     forward: ForwardModel
@@ -54,6 +57,7 @@ class GridPosterior:
     half_width: Floats | None
     free: Floats
     share: Floats | float
+    gates: tuple[Gate, ...]
 
     @cached_property
     def weights(self) -> Floats:

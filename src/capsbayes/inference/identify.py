@@ -146,7 +146,7 @@ def _gridded(grid: GridPosterior, seed: int, effort: Effort | None) -> _Run:
     del effort
     drawn = grid.drawn(np.random.default_rng([seed, 1]), _DRAWS[0] * _DRAWS[1])
     draws = {name: values.reshape(_DRAWS) for name, values in drawn.items()}
-    return _Run(draws, np.arange(_DRAWS[0]), Quadrature.gates(grid), None)
+    return _Run(draws, np.arange(_DRAWS[0]), list(grid.gates), None)
 
 
 class _Run(NamedTuple):

@@ -121,7 +121,7 @@ class Posterior:
             "deterministic": None if self.deterministic is None else self.deterministic.as_dict(),
             "variance_of_log_surface_shear_modulus": dict(self.shares),
             "share_next_to_border": dict(self.leaning),
-            "gates": [vars(gate) for gate in self.gates],
+            "gates": [gate.as_dict() for gate in self.gates],
             "inputs": self._inputs(),
             "prior": self.prior.described(),
             "model": {"name": self.model_name, "sha256": self.model_sha256},

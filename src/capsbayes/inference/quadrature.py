@@ -29,11 +29,13 @@ __all__ = ["Quadrature"]
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
+Resolution = tuple[list[Gate], list[Gate]]  # along log Ca, along a/l
 
 FARTHEST = 5.0  # standard deviations from the nearest shape of the model, beyond which a measurement is refused
 CELLS_PER_SD = 4.0  # of both marginals
+CELLS_PER_FEATURE = 1.5  # of both marginals: each mode of several, a steep flank
+CELLS_ACROSS = 1.0  # of a/l at given Ca: across a ridge
 PARTS_AT_BORDER = 4  # along each side of a cell that the border of the domain cuts
-THINNEST = 1.0  # standard deviation of a/l at given Ca, in cells
 _FIRST, _THEN, _LARGEST = 32, 56, 512
 _COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
 _EDGE_DROP = 12.0  # at the edge of a window: what is cut off there is below 1e-5
@@ -86,26 +88,16 @@ class Quadrature:
         window = self._first_window(measurement, target)
         for _ in range(_ROUNDS):
             posterior = self._on(window, window.nodes(self.model, error_scale), target, widths)
-            better = _better_window(posterior, self.table.window)
+            resolution = _resolution(posterior)
+            better = _better_window(posterior, resolution, self.table.window)
             if better is None:
                 break
             window = better
         cut = _cut_cells(posterior)
-        if cut is None:
-            return posterior
-        nodes = window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, error_scale)
-        return self._on(window, nodes, target, widths)
-
-    @staticmethod
-    def gates(posterior: GridPosterior) -> list[Gate]:
-        """Whether the grid resolves the posterior."""
-        *sds, thin = _resolution(posterior)
-        found = {
-            "cells in a standard deviation of log Ca": (sds[0], CELLS_PER_SD),
-            "cells in a standard deviation of a/l": (sds[1], CELLS_PER_SD),
-            "cells in a standard deviation of a/l at given Ca": (thin, THINNEST),
-        }
-        return [Gate(name, value, f"at least {least:g}", value >= least) for name, (value, least) in found.items()]
+        if cut is not None:
+            nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, error_scale)
+            posterior = self._on(posterior.window, nodes, target, widths)
+        return replace(posterior, gates=tuple(gate for gates in resolution for gate in gates))
 
     def check_shape(self, measurement: Measurement, target: Target) -> None:
         """Refuse lengths that lie far from every shape of the model."""
@@ -158,6 +150,7 @@ class Quadrature:
             None if widths is None else widths[0],
             free.reshape(-1, len(nodes.size)),
             share,
+            (),
         )
 
 
@@ -172,18 +165,17 @@ def _half_widths(target: Target) -> tuple[Floats, Floats]:
     return np.exp(masses.logs[kept]), masses.masses[kept]
 
 
-def _better_window(posterior: GridPosterior, bounds: Window) -> Window | None:
+def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Window) -> Window | None:
     """Window that shows the posterior better, or None if this one will do."""
     window = posterior.window
     weights = posterior.weights.reshape(-1, *window.shape)
     both = weights.max(axis=0)
     likely = both > np.exp(-_DROP) * both.max()
     around = window.around(likely, (_THEN, _THEN), bounds)
-    sd_ca, sd_size, thin = (max(found, 1e-3) for found in _resolution(posterior))
-    needed = [CELLS_PER_SD / sd_ca, max(CELLS_PER_SD / sd_size, THINNEST / thin)]
     leaves = any(_leaves(both > np.exp(-_EDGE_DROP) * both.max(), window, bounds, k) for k in (0, 1))
-    if max(needed) <= 1.0 and not leaves:
+    if all(gate.passed for gates in resolution for gate in gates) and not leaves:
         return None
+    needed = [max(gate.least / max(gate.value, 1e-3) for gate in gates) for gates in resolution]
     # shrinking the window already makes its cells smaller; cut it finer only as far as that does not suffice
     shape = []
     for k in (0, 1):
@@ -194,16 +186,43 @@ def _better_window(posterior: GridPosterior, bounds: Window) -> Window | None:
     return None if better == window else better
 
 
-def _resolution(posterior: GridPosterior) -> tuple[float, float, float]:
-    """Standard deviations in cells: of log Ca, of a/l, and of a/l at given Ca (and half width)."""
-    window, nodes = posterior.window, posterior.nodes
-    row, column = (
-        (values - low) / step
-        for values, low, step in zip((nodes.log_ca, nodes.size), window.low, window.step, strict=True)
+def _resolution(posterior: GridPosterior) -> Resolution:
+    """Whether the cells are small enough, along log Ca and along a/l, on a window that is not split."""
+    weights = posterior.weights.reshape(-1, *posterior.window.shape)
+    both = weights.sum(axis=0)
+    across = weights[int(weights.sum(axis=(1, 2)).argmax())]
+    ca, size = both.sum(axis=1), both.sum(axis=0)
+    return (
+        [
+            _gate("standard deviation of log Ca", _sd_in_cells(ca), CELLS_PER_SD),
+            _gate("feature of log Ca", _feature_in_cells(ca), CELLS_PER_FEATURE),
+        ],
+        [
+            _gate("standard deviation of a/l", _sd_in_cells(size), CELLS_PER_SD),
+            _gate("feature of a/l", _feature_in_cells(size), CELLS_PER_FEATURE),
+            _gate("standard deviation of a/l at given Ca", _feature_in_cells(across), CELLS_ACROSS),
+        ],
     )
-    both = posterior.weights.sum(axis=0)
-    slices = posterior.weights[int(posterior.weights.sum(axis=1).argmax())]
-    return _sd(row, both), _sd(column, both), _sd_within(row.astype(int), column, slices)
+
+
+def _gate(what: str, value: float, least: float) -> Gate:
+    return Gate(f"cells in a {what}", value, least=least)
+
+
+def _sd_in_cells(masses: Floats) -> float:
+    place = np.arange(len(masses))
+    mean = masses @ place / masses.sum()
+    return float(np.sqrt(masses @ (place - mean) ** 2 / masses.sum()))
+
+
+def _feature_in_cells(masses: Floats) -> float:
+    """Standard deviation, in cells of the last axis, that a Gaussian of the same steepness has.
+
+    For a Gaussian the sum of squares over the sum of squared differences of neighbours is twice the variance; for
+    several modes it is that of the narrow ones, however far apart they are.
+    """
+    steps = float(np.sum(np.diff(masses) ** 2))
+    return float(np.sqrt(np.sum(masses**2) / max(2.0 * steps, np.finfo(float).tiny)))
 
 
 def _cut_cells(posterior: GridPosterior) -> Booleans | None:
@@ -233,15 +252,3 @@ def _leaves(likely: NDArray[np.bool_], window: Window, bounds: Window, axis: int
     index = np.nonzero(likely)[axis]
     first, last = bool(index.min() == 0), bool(index.max() == window.shape[axis] - 1)
     return (first and window.low[axis] > bounds.low[axis]) or (last and window.high[axis] < bounds.high[axis])
-
-
-def _sd(values: Floats, weights: Floats) -> float:
-    mean = weights @ values / weights.sum()
-    return float(np.sqrt(weights @ (values - mean) ** 2 / weights.sum()))
-
-
-def _sd_within(group: NDArray[np.intp], values: Floats, weights: Floats) -> float:
-    """Root of the mean variance within groups."""
-    mass = np.bincount(group, weights)
-    mean = np.bincount(group, weights * values) / np.maximum(mass, np.finfo(float).tiny)
-    return float(np.sqrt(weights @ (values - mean[group]) ** 2 / weights.sum()))

@@ -17,9 +17,9 @@ __all__ = ["starting_points"]
 
 Floats = NDArray[np.float64]
 
-_CLOUD = 2048
-_ALIVE = 256
-_ROUNDS = 12
+_CLOUD = 4096
+_ALIVE = 1024
+_ROUNDS = 24
 _WIDENING = 1.5
 
 
