@@ -53,7 +53,7 @@ def engines(database: str) -> list[tuple[str, str, str, str]]:
     capsules = simulated(measurement, model)
     engine = Quadrature(model, experiment)
     grid = [clocked(lambda one=one: engine(one)) for one in capsules]
-    intervals = [clocked(lambda one=one: [engine(one).marginal(name) for name in REPORTED[:2]]) for one in capsules]
+    intervals = [clocked(lambda one=one: list(map(engine(one).marginal, REPORTED[:2]))) for one in capsules]
     identify(measurement, model, experiment, seed=0)
     posteriors = []
     sampling = [
@@ -97,9 +97,9 @@ def run(command: list[str]) -> None:
 
 def clocked(work: Callable[[], object]) -> tuple[float, float]:
     """Seconds that some work takes, and those of the processor, in this process or in those it starts."""
-    start, processor = time.perf_counter(), sum(os.times()[:4])
+    start, processor = time.perf_counter(), time.process_time() + sum(os.times()[2:4])
     work()
-    return time.perf_counter() - start, sum(os.times()[:4]) - processor
+    return time.perf_counter() - start, time.process_time() + sum(os.times()[2:4]) - processor
 
 
 def medians(seconds: list[tuple[float, float]]) -> list[str]:
