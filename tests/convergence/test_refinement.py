@@ -65,7 +65,7 @@ def test_error_at_refinement_8_beside_12(errors):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("quantity", "rate"), enumerate((2.0, 2.5, 3.0)))
+@pytest.mark.parametrize(("quantity", "rate"), [(0, 2.0), (1, 2.5), (2, 3.0)])
 def test_lengths_and_velocity_converge(errors, quantity, rate):
     """Rates fitted to the rms over the points: 2.5 for L_z, which hangs on the sharp rim, 3.5 for L_a, 5.1 for V."""
     rms = np.sqrt(np.mean(errors[:, :, quantity] ** 2, axis=1))
