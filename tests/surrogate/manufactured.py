@@ -48,6 +48,33 @@ def cases(columns=19, rows=16):
     return np.concatenate(ca), np.repeat(size, rows)
 
 
+def two_branches():
+    """Database whose shapes jump, at a/l > 1 and Ca < 0.03, to convex ones of one length : L_z = L_a."""
+    plain = database()
+    ca, size = plain["capillary_number"], plain["size_ratio"]
+    convex = is_convex(ca, size)
+    dataset = plain.dataset.copy(deep=True)
+    for name, values in convex_lengths(ca, size).items():
+        dataset[name].values[convex] = values[convex]
+    return Database(dataset)
+
+
+def is_convex(ca, size):
+    return (size > 1.01) & (ca < 0.03)
+
+
+def convex_lengths(ca, size):
+    """Manufactured lengths of the convex branch."""
+    extent = 2.1 * size * (1 + ca)
+    return {
+        "axial_extent": extent,
+        "axial_length": extent,
+        "parachute_depth": np.zeros_like(extent),
+        "velocity_ratio": 1.9 - 0.9 * size**1.5 + ca * size,
+        "stretch_ratio": 1 + 0.5 * ca,
+    }
+
+
 def database(columns=19, rows=16, *, failed=(), **attributes):
     """Database over the manufactured map; the rows in `failed` did not converge."""
     ca, size = cases(columns, rows)

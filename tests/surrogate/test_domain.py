@@ -1,16 +1,20 @@
-import manufactured
 import numpy as np
 import pytest
 
-from capsbayes.errors import DatabaseError
 from capsbayes.surrogate import DomainOfExistence
+from capsbayes.surrogate.domain import Region
 
-DOMAIN = DomainOfExistence(
+MAIN = Region(
     np.array([0.8, 0.9, 1.0]),
     np.array([0.01, 0.01, 0.02]),
     np.array([0.15, 0.15, 0.11]),
     np.array([False, False, True]),
 )
+SECOND = Region(
+    np.array([0.95, 1.0, 1.05]), np.array([0.005, 0.006, 0.006]), np.array([0.009, 0.009, 0.009]), np.array([True] * 3)
+)
+DOMAIN = DomainOfExistence((MAIN,))
+BOTH = DomainOfExistence((MAIN, SECOND))
 
 
 @pytest.mark.parametrize(
@@ -58,16 +62,21 @@ def test_the_reason_names_the_side(ca, size, reason):
     assert reason in DOMAIN.reason(ca, size)
 
 
-def test_of_a_database_it_holds_every_converged_case_and_no_more():
-    database = manufactured.database(failed=(0, 15, 40))
-    domain, cases = DomainOfExistence.of(database), database.converged
-    assert domain.contains(cases["capillary_number"], cases["size_ratio"]).all()
-    lost = database["status"] != "DONE"
-    ca, size = database["capillary_number"][lost], database["size_ratio"][lost]
-    np.testing.assert_array_equal(domain.contains(ca, size), [False, False, True])
-    np.testing.assert_array_equal(domain.limit, manufactured.limit(domain.size_ratio) < 0.15)
+def test_regions_are_united():
+    ca, size = np.random.default_rng(5).uniform([0, 0.75], [0.2, 1.1], (500, 2)).T
+    np.testing.assert_array_equal(BOTH.contains(ca, size), MAIN.contains(ca, size) | SECOND.contains(ca, size))
+    assert BOTH.bounds == ((0.005, 0.15), (0.8, 1.05))
 
 
-def test_one_column_is_no_domain():
-    with pytest.raises(DatabaseError, match=r"at least two columns .* got 1"):
-        DomainOfExistence.of(manufactured.database(columns=1))
+@pytest.mark.parametrize(
+    ("ca", "size", "reason"),
+    [
+        (0.012, 1.0, "between two branches"),
+        (0.001, 1.0, "lowest Ca computed at this a/l is 0.006"),
+        (0.12, 1.0, "no steady shape is known above Ca = 0.11"),
+        (0.05, 1.05, "no steady shape is known above Ca = 0.009"),
+        (0.05, 1.06, "a/l runs from 0.8 to 1.05"),
+    ],
+)
+def test_the_reason_looks_at_all_regions(ca, size, reason):
+    assert reason in BOTH.reason(ca, size)

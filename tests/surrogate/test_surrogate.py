@@ -8,6 +8,8 @@ from capsbayes.errors import DatabaseError, OutsideDatabaseError
 from capsbayes.model import Domain, ForwardModel
 from capsbayes.surrogate import Surrogate
 
+NAMES = ("axial_extent", "axial_length", "velocity_ratio")
+
 
 def some_points(surrogate, count=3000, seed=7):
     """Random points of the domain : Ca (n,), a/l (n,)."""
@@ -39,7 +41,8 @@ def test_it_gives_the_manufactured_lengths(manufactured_surrogate):
 
 def test_the_table_adds_nothing_to_the_error(manufactured_surrogate):
     ca, size = some_points(manufactured_surrogate)
-    exact = manufactured_surrogate.approximation(manufactured_surrogate.chart.to_plane(ca, size))
+    (sheet,) = manufactured_surrogate.sheets
+    exact = sheet.approximation(sheet.chart.to_plane(ca, size))
     assert np.abs(manufactured_surrogate(theta(ca, size)).values - exact[:, :3]).max() < 1e-8
 
 
@@ -83,9 +86,9 @@ def test_outside_a_batch_has_a_mask_and_a_point_has_an_error(manufactured_surrog
 
 
 def test_every_corner_of_the_domain_has_a_value(manufactured_surrogate):
-    domain = manufactured_surrogate.domain
-    for border in (domain.lowest, domain.highest):
-        assert np.isfinite(manufactured_surrogate(theta(border, domain.size_ratio)).values).all()
+    (region,) = manufactured_surrogate.domain.regions
+    for border in (region.lowest, region.highest):
+        assert np.isfinite(manufactured_surrogate(theta(border, region.size_ratio)).values).all()
 
 
 def test_outlines_are_close_to_the_truth_and_have_the_predicted_extent(manufactured_surrogate):
@@ -95,16 +98,25 @@ def test_outlines_are_close_to_the_truth_and_have_the_predicted_extent(manufactu
     assert manufactured_surrogate(theta(ca, size)).outline is None
 
 
-def test_the_covariance_covers_the_error_and_is_not_absurd():
-    """Over cases held out of the database, borders included; z^2 has mean one when the variance is right."""
-    surrogate = Surrogate(manufactured.database())
+def test_no_branch_speaks_for_the_other():
+    surrogate = Surrogate(manufactured.two_branches())
     ca, size = some_points(surrogate)
-    prediction = surrogate(theta(ca, size))
-    errors = prediction.values - manufactured.lengths(ca, size)[:, :3]
-    scores = errors**2 / prediction.covariance[:, range(3), range(3)]
-    assert np.all(scores.mean(axis=0) < 1.0)
-    assert np.all(scores.mean(axis=0) > 0.05)
-    assert np.linalg.eigvalsh(prediction.covariance).min() > 0
+    prediction = surrogate(theta(ca, size), outline=True)
+    gap = surrogate.sheets[0].branch.gap.contains(ca, size)
+    convex = manufactured.is_convex(ca, size)
+    branch = manufactured.convex_lengths(ca, size)
+    expected = np.where(
+        convex[:, None], np.stack([branch[n] for n in NAMES], axis=1), manufactured.lengths(ca, size)[:, :3]
+    )
+    assert prediction.inside.all()
+    assert np.isfinite(prediction.outline).all()
+    clear = ~gap & ((size < 1.0) | (size > 1.025))  # the jump itself lies between these two columns
+    np.testing.assert_allclose(prediction.values[clear], expected[clear], atol=5e-5)
+    assert np.abs(prediction.parachute_depth[convex & clear]).max() < 1e-12
+    sd = np.sqrt(prediction.covariance[:, 0, 0])
+    jump = np.abs(branch["axial_extent"] - manufactured.lengths(ca, size)[:, 0])
+    assert np.all(sd[gap] > 0.4 * jump[gap] * (jump[gap] > 0.01))
+    assert np.median(sd[~gap]) < 1e-4
 
 
 def test_the_mesh_error_of_the_file_is_in_the_covariance(manufactured_surrogate):
@@ -112,7 +124,7 @@ def test_the_mesh_error_of_the_file_is_in_the_covariance(manufactured_surrogate)
     with_mesh, without = (s.at(capillary_number=0.05, size_ratio=0.9) for s in (manufactured_surrogate, plain))
     added = np.diag(with_mesh.covariance[0] - without.covariance[0])
     stated = np.array(list(json.loads(manufactured.MESH_ERROR).values()))
-    np.testing.assert_allclose(np.sqrt(added), stated * without.values[0], rtol=1e-3)
+    np.testing.assert_allclose(np.sqrt(added), stated * without.values[0], rtol=1e-2)
 
 
 def test_a_file_is_opened_by_its_path_and_an_unknown_name_is_refused(tmp_path, manufactured_database):

@@ -24,13 +24,24 @@ def test_the_forward_map_beats_the_inverse_and_both_find_the_case(small):
 
 def test_the_summary_counts_what_was_lost_and_can_look_at_stretched_cases_alone():
     errors = np.array([[0.1, 0.2, 0.3], [0.3, 0.2, 0.1], [np.nan, 0.0, 0.0], [0.5, 0.5, 0.5]])
-    study = LeaveOneOut("any", np.ones((4, 3)), np.array([1.05, 1.10, 1.2, 1.0]), errors)
+    depth = np.array([0.2, 0.0, 0.1, 0.1])
+    study = LeaveOneOut("any", np.ones((4, 3)), np.array([1.05, 1.10, 1.2, 1.0]), depth, errors)
     np.testing.assert_allclose(study.summary().mean, [0.3, 0.3, 0.3])
     assert (study.summary().cases, study.summary().failed) == (4, 1)
-    stretched = study.summary(stretched=True)
+    stretched = study.summary("stretched")
     np.testing.assert_allclose(stretched.mean, [0.2, 0.2, 0.2])
     np.testing.assert_allclose(stretched.sd, [0.1, 0.0, 0.1], atol=1e-12)
     assert (stretched.cases, stretched.failed) == (3, 1)
+    np.testing.assert_allclose(study.summary("parachute").mean, [0.1, 0.2, 0.3])
+
+
+def test_the_branch_of_a_left_out_case_is_read_from_its_lengths():
+    database = manufactured.two_branches()
+    study = validate_forward_map(database)
+    assert study.summary().failed == 0
+    concave = study.parachute_depth > 0
+    assert study.errors[concave, 0].mean() < 1e-3
+    assert study.errors[~concave, 1].mean() < 0.02
 
 
 def test_the_subset_is_even_and_always_the_same(small):
@@ -57,7 +68,7 @@ def test_the_command_prints_figures_and_writes_maps(tmp_path, small):
     assert figures["sha256"] == small.sha256
     assert figures["paper"]["mean"]["capillary_number"] == 0.027
     forward = [row for row in figures["relative_errors"] if row["method"] == "forward map"]
-    assert [row["count"] for row in forward if not row["stretched"]] == [100, 100]
+    assert [row["count"] for row in forward if row["which"] == "all"] == [100, 100]
     assert all(row["capillary_number"]["mean"] < 0.02 for row in forward)
     assert json.loads((tmp_path / "out" / "validation.json").read_text()) == figures
     assert (tmp_path / "out" / "errors-all.png").stat().st_size > 10_000

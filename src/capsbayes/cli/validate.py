@@ -47,14 +47,14 @@ def validate(
 
 
 def _figures(studies: Studies, sha256: str) -> dict[str, Any]:
-    from capsbayes.surrogate.validation import PAPER_ERRORS, PARAMETERS, STRETCH_LIMIT
+    from capsbayes.surrogate.validation import CHOICES, PAPER_ERRORS, PARAMETERS, STRETCH_LIMIT
 
     rows = []
     for name, pair in studies.items():
         for study in pair:
-            for stretched in (False, True):
-                summary = study.summary(stretched=stretched)
-                row: dict[str, Any] = {"cases": name, "method": study.method, "stretched": stretched}
+            for which in CHOICES:
+                summary = study.summary(which)
+                row: dict[str, Any] = {"set": name, "method": study.method, "which": which}
                 row |= {"count": summary.cases, "failed": summary.failed}
                 for k, parameter in enumerate(PARAMETERS):
                     row[parameter] = {
@@ -71,7 +71,7 @@ def _table(studies: Studies) -> Table:
     from rich.box import SIMPLE
     from rich.table import Table
 
-    from capsbayes.surrogate.validation import PAPER_ERRORS, STRETCH_LIMIT
+    from capsbayes.surrogate.validation import CHOICES, PAPER_ERRORS
 
     table = Table(title="Leave-one-out: relative error, mean ± sd [%]", box=SIMPLE, pad_edge=False)
     for heading in ("cases", "method"):
@@ -80,14 +80,14 @@ def _table(studies: Studies) -> Table:
         table.add_column(heading, justify="right", no_wrap=True)
     for name, pair in studies.items():
         for study in pair:
-            for stretched in (False, True):
-                summary = study.summary(stretched=stretched)
-                cases = f"{summary.cases}, Λ > {STRETCH_LIMIT}" if stretched else f"{summary.cases}, {name}"
+            for which, words in CHOICES.items():
+                summary = study.summary(which)
                 lost = f", {summary.failed} lost" if summary.failed else ""
-                table.add_row(cases, study.method + lost, *_percent(summary.mean, summary.sd, digits=3))
+                cases = f"{summary.cases} {name if which == 'all' else words}{lost}"
+                table.add_row(cases, study.method, *_percent(summary.mean, summary.sd, digits=2))
         table.add_section()
     published = _percent(PAPER_ERRORS["mean"], PAPER_ERRORS["sd"], digits=1)
-    table.add_row(f"Λ > {STRETCH_LIMIT}", "as published", *published)
+    table.add_row(CHOICES["stretched"], "as published", *published)
     return table
 
 

@@ -1,4 +1,4 @@
-"""Coordinates of the approximation: (log Ca, a/l) in steps over which a steady shape changes about equally."""
+"""Coordinates of the approximation: the plane (sqrt(Ca), a/l), in steps that fit the spacing of the cases."""
 
 from __future__ import annotations
 
@@ -14,38 +14,41 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Chart:
-    """Plane (log(Ca) / ca_step, (a/l) / size_step).
+    """Plane (sqrt(Ca) / ca_step, (a/l) / size_step).
 
     Parameters
     ----------
     ca_step : float
-        Change of log Ca that counts as one.
+        Change of sqrt(Ca) that counts as one.
     size_step : float
         Change of a/l that counts as one.
 
     Examples
     --------
-    >>> Chart(ca_step=0.2, size_step=0.05).to_plane(1.0, 0.9).round(6)
-    array([ 0., 18.])
+    >>> Chart(ca_step=0.01, size_step=0.025).to_plane(0.09, 0.9).round(6)
+    array([30., 36.])
     """
 
-    ca_step: float = 0.2
-    size_step: float = 0.025
+    ca_step: float
+    size_step: float
 
-    @property
-    def steps(self) -> tuple[float, float]:
-        """Both steps."""
-        return self.ca_step, self.size_step
+    @classmethod
+    def of(cls, capillary_number: Floats, size_ratio: Floats) -> Chart:
+        """Steps from cases in columns of equal a/l: the gap between columns, 3/4 of the gap along them (medians)."""
+        sizes = np.round(size_ratio, 6)
+        columns = np.unique(sizes)
+        gaps = [np.diff(np.sort(np.sqrt(capillary_number[sizes == column]))) for column in columns]
+        return cls(0.75 * float(np.median(np.concatenate(gaps))), float(np.median(np.diff(columns))))
 
     def to_plane(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> Floats:
         """Coordinates of (Ca, a/l) : (..., 2) array."""
-        return np.stack([np.log(capillary_number) / self.ca_step, np.asarray(size_ratio) / self.size_step], axis=-1)
+        return np.stack([np.sqrt(capillary_number) / self.ca_step, np.asarray(size_ratio) / self.size_step], axis=-1)
 
     def from_plane(self, coordinates: Floats) -> Floats:
         """Columns (Ca, a/l) of coordinates : (..., 2) array."""
-        return np.stack([np.exp(coordinates[..., 0] * self.ca_step), coordinates[..., 1] * self.size_step], axis=-1)
+        return np.stack([(coordinates[..., 0] * self.ca_step) ** 2, coordinates[..., 1] * self.size_step], axis=-1)
 
     def slopes(self, capillary_number: ArrayLike) -> Floats:
         """Derivatives of the two coordinates by Ca and by a/l, for the chain rule : (..., 2) array."""
-        ca = np.asarray(capillary_number, dtype=np.float64)
-        return np.stack([1.0 / (ca * self.ca_step), np.full(ca.shape, 1.0 / self.size_step)], axis=-1)
+        root = np.sqrt(np.asarray(capillary_number, dtype=np.float64))
+        return np.stack([0.5 / (root * self.ca_step), np.full(root.shape, 1.0 / self.size_step)], axis=-1)

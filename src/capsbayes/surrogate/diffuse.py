@@ -20,10 +20,10 @@ __all__ = ["DiffuseApproximation", "each_left_out", "leave_one_out"]
 
 Floats = NDArray[np.float64]
 
-DEGREE = 3
-NEIGHBOURS = 14
-DILATION = 1.8
-SOFTENING = 0.1
+DEGREE = 4
+NEIGHBOURS = 20
+DILATION = 2.0
+SOFTENING = 0.03
 SMALLEST_PIVOT = 1e-14
 
 
@@ -120,9 +120,10 @@ def each_left_out(approximation: DiffuseApproximation) -> Iterator[DiffuseApprox
 
 
 def leave_one_out(approximation: DiffuseApproximation) -> Floats:
-    """Predict each node from all others : (m, q) array."""
+    """Predict each node from all others, with wider radii where its absence asks for them : (m, q) array."""
     queries = approximation.nodes[:, None]
-    return np.concatenate([rest(query) for rest, query in zip(each_left_out(approximation), queries, strict=True)])
+    pairs = zip(each_left_out(approximation), queries, strict=True)
+    return np.concatenate([rest.covering(query)(query) for rest, query in pairs])
 
 
 def _reach(nodes: Floats, neighbours: int) -> Floats:
@@ -130,7 +131,7 @@ def _reach(nodes: Floats, neighbours: int) -> Floats:
     return np.sqrt(np.partition(squared, neighbours, axis=1)[:, neighbours])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _monomials(x, y, degree, out):  # type: ignore[no-untyped-def]
     out[0] = 1.0
     start = 0
@@ -141,7 +142,7 @@ def _monomials(x, y, degree, out):  # type: ignore[no-untyped-def]
         start += d
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _factorise(a, n):  # type: ignore[no-untyped-def]
     """Cholesky factor in place; False when the matrix is singular to working precision."""
     for j in range(n):
@@ -158,7 +159,7 @@ def _factorise(a, n):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve(a, n, b):  # type: ignore[no-untyped-def]
     """Overwrite b with the solution, from the Cholesky factor a."""
     for i in range(n):
@@ -171,7 +172,7 @@ def _solve(a, n, b):  # type: ignore[no-untyped-def]
         b[i] /= a[i, i]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _gather(u, v, nodes, radii, softening, near, weight, slope):  # type: ignore[no-untyped-def]
     """Nodes that reach (u, v), their weights with gradients; returns how many, and the farthest distance."""
     count, farthest = 0, 0.0
@@ -179,7 +180,7 @@ def _gather(u, v, nodes, radii, softening, near, weight, slope):  # type: ignore
         x, y = nodes[i, 0] - u, nodes[i, 1] - v
         reach = radii[i] ** 2
         squared = x * x + y * y
-        if squared >= reach:
+        if not squared < reach:  # NaN too
             continue
         share, soft = squared / reach, softening**2
         bump, pole = (1.0 - share) ** 4, 1.0 / (share + soft)
@@ -193,7 +194,7 @@ def _gather(u, v, nodes, radii, softening, near, weight, slope):  # type: ignore
     return count, np.sqrt(farthest)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _approximate(queries, nodes, radii, values, degree, softening, value, gradient):  # type: ignore[no-untyped-def]
     """Fill value (n, q) and gradient (n, q or 0, 2).
 
@@ -243,7 +244,7 @@ def _approximate(queries, nodes, radii, values, degree, softening, value, gradie
                     gradient[q, c, k] += factor * values[near[i], c]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _dot(a, b):  # type: ignore[no-untyped-def]
     total = 0.0
     for i in range(len(a)):

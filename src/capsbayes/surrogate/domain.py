@@ -1,9 +1,8 @@
 """Domain of existence: the part of the (Ca, a/l) plane that the steady shapes of a database cover.
 
-The cases stand in columns of equal a/l. At each column the domain runs from
-the lowest Ca that converged to the highest one, at most the limit of
-existence; between columns both borders are straight. Nothing is extrapolated:
-outside, the approximation has no answer.
+It is a union of regions between two polygonal lines over a/l, one region for
+each branch of steady shapes. Nothing outside is extrapolated: there the
+approximation has no answer.
 """
 
 from __future__ import annotations
@@ -14,33 +13,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from capsbayes.database import Database
-from capsbayes.errors import DatabaseError
-
-__all__ = ["DomainOfExistence", "inside_borders"]
+__all__ = ["DomainOfExistence", "Region", "inside_borders"]
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class DomainOfExistence:
-    """Region between two polygonal lines over a/l.
+class Region:
+    """Points between a lowest and a highest Ca, both given at columns of a/l and straight between them.
 
     Parameters
     ----------
     size_ratio : (k,) array [-]
-        a/l of the columns, rising.
+        a/l of the columns, rising, k > 1.
     lowest, highest : (k,) array [-]
         Borders in Ca at each column.
     limit : (k,) bool array
         True where the upper border is a limit of existence, False where the database merely ends.
-
-    Examples
-    --------
-    >>> domain = DomainOfExistence(np.array([0.8, 1.0]), np.array([0.01, 0.02]), np.array([0.15, 0.11]),
-    ...                            np.array([False, True]))
-    >>> domain.contains([0.05, 0.14, np.nan], [0.9, 0.9, 0.9]).tolist()
-    [True, False, False]
     """
 
     size_ratio: Floats
@@ -48,55 +37,71 @@ class DomainOfExistence:
     highest: Floats
     limit: NDArray[np.bool_]
 
-    @classmethod
-    def of(cls, database: Database) -> DomainOfExistence:
-        """Read the domain from a database's converged cases and border curve.
+    def contains(self, capillary_number: Floats, size_ratio: Floats) -> NDArray[np.bool_]:
+        """Whether each point lies in the region, borders included : (n,) bool array; NaN is outside."""
+        return _contains(capillary_number, size_ratio, self.size_ratio, self.lowest, self.highest)
 
-        Raises
-        ------
-        DatabaseError
-            When fewer than two columns of a/l hold two converged cases.
-        """
-        cases = database.converged
-        ca, size = cases["capillary_number"], np.round(cases["size_ratio"], 6)
-        columns = np.array([s for s in np.unique(size) if np.count_nonzero(size == s) > 1])
-        if len(columns) < 2:
-            raise DatabaseError(
-                f"expected at least two columns of a/l with two converged cases each, got {len(columns)}"
-            )
-        lowest = np.array([ca[size == s].min() for s in columns])
-        highest = np.array([ca[size == s].max() for s in columns])
-        nearest = np.argmin(np.abs(database["border_size_ratio"][None] - columns[:, None]), axis=1)
-        limit = database["border_kind"][nearest] == "limit of existence"
-        return cls(columns, lowest, highest, limit)
+    def borders(self, size_ratio: float) -> tuple[float, float]:
+        """Lowest and highest Ca at one a/l."""
+        return (
+            float(np.interp(size_ratio, self.size_ratio, self.lowest)),
+            float(np.interp(size_ratio, self.size_ratio, self.highest)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class DomainOfExistence:
+    """Union of regions.
+
+    Parameters
+    ----------
+    regions : tuple of Region
+        One for each branch, not overlapping.
+
+    Examples
+    --------
+    >>> region = Region(np.array([0.8, 1.0]), np.array([0.01, 0.02]), np.array([0.15, 0.11]), np.array([False, True]))
+    >>> DomainOfExistence((region,)).contains([0.05, 0.14, np.nan], [0.9, 0.9, 0.9]).tolist()
+    [True, False, False]
+    """
+
+    regions: tuple[Region, ...]
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Smallest box around the domain, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
-        return (
-            (float(self.lowest.min()), float(self.highest.max())),
-            (float(self.size_ratio[0]), float(self.size_ratio[-1])),
-        )
+        lowest = min(float(region.lowest.min()) for region in self.regions)
+        highest = max(float(region.highest.max()) for region in self.regions)
+        first = min(float(region.size_ratio[0]) for region in self.regions)
+        last = max(float(region.size_ratio[-1]) for region in self.regions)
+        return (lowest, highest), (first, last)
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> NDArray[np.bool_]:
         """Whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         ca, size = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio))
         ca, size = np.ascontiguousarray(ca, np.float64), np.ascontiguousarray(size, np.float64)
-        return _contains(ca, size, self.size_ratio, self.lowest, self.highest)
+        inside = np.zeros(len(ca), dtype=np.bool_)
+        for region in self.regions:
+            inside |= region.contains(ca, size)
+        return inside
 
     def reason(self, capillary_number: float, size_ratio: float) -> str:
         """Say on which side of the domain a point outside it lies."""
-        first, last = self.size_ratio[0], self.size_ratio[-1]
+        first, last = self.bounds[1]
         if not (np.isfinite(capillary_number) and np.isfinite(size_ratio)):
             return "expected finite numbers"
         if not first <= size_ratio <= last:
             return f"a/l runs from {first:.4g} to {last:.4g}"
-        lowest = np.interp(size_ratio, self.size_ratio, self.lowest)
-        highest = np.interp(size_ratio, self.size_ratio, self.highest)
+        here = [region for region in self.regions if region.size_ratio[0] <= size_ratio <= region.size_ratio[-1]]
+        lowest = min(region.borders(size_ratio)[0] for region in here)
+        top = max(here, key=lambda region: region.borders(size_ratio)[1])
         if capillary_number < lowest:
             return f"the lowest Ca computed at this a/l is {lowest:.4g}"
-        nearest = int(np.argmin(np.abs(self.size_ratio - size_ratio)))
-        what = "no steady shape is known above" if self.limit[nearest] else "the database ends at"
+        highest = top.borders(size_ratio)[1]
+        if capillary_number <= highest:
+            return "it lies between two branches of steady shapes"
+        nearest = int(np.argmin(np.abs(top.size_ratio - size_ratio)))
+        what = "no steady shape is known above" if top.limit[nearest] else "the database ends at"
         return f"at this a/l {what} Ca = {highest:.4g}"
 
 

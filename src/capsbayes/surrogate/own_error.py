@@ -27,9 +27,9 @@ __all__ = ["QUANTITIES", "OwnError", "mesh_error_of"]
 Floats = NDArray[np.float64]
 
 QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
-NEIGHBOURS = 8
+NEIGHBOURS = 12
 DILATION = 1.3
-SOFTENING = 1.0  # a case counts about a third of the mean at its own place
+SOFTENING = 1.0  # a case counts about a fifth of the mean at its own place
 
 
 @dataclass(frozen=True, eq=False)

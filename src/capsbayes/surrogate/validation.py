@@ -7,20 +7,20 @@ forward map by Newton's method. The relative errors are the paper's,
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.database import Database
+from capsbayes.surrogate.branches import CONVEX, branches_of
 from capsbayes.surrogate.chart import Chart
 from capsbayes.surrogate.diffuse import DiffuseApproximation, each_left_out
 from capsbayes.surrogate.inverse import DISTANCE_WEIGHTS, Inverse, inverse, rotated
 from capsbayes.surrogate.newton import solve
-from capsbayes.surrogate.surrogate import approximation_of
+from capsbayes.surrogate.sheet import approximation_of
 
-__all__ = ["PAPER_CASES", "PAPER_ERRORS", "PARAMETERS", "STRETCH_LIMIT", "LeaveOneOut"]
+__all__ = ["CHOICES", "PAPER_CASES", "PAPER_ERRORS", "PARAMETERS", "STRETCH_LIMIT", "LeaveOneOut"]
 __all__ += ["Summary", "even_subset", "validate_forward_map", "validate_inverse"]
 
 Floats = NDArray[np.float64]
@@ -29,6 +29,11 @@ PARAMETERS = ("capillary_number", "size_ratio", "velocity_ratio")
 STRETCH_LIMIT = 1.04  # the paper trusts its method above this stretch of the profile
 PAPER_CASES = 137
 PAPER_ERRORS = {"mean": (0.027, 0.002, 0.002), "sd": (0.041, 0.001, 0.002)}
+CHOICES = {
+    "all": "all",
+    "stretched": f"Λ > {STRETCH_LIMIT}",
+    "parachute": "and L_p > 0",  # a convex shape has one length, not two
+}
 STARTS = 4
 
 
@@ -55,6 +60,8 @@ class LeaveOneOut:
         (Ca, a/l, v_o/U) of the cases.
     stretch_ratio : (c,) array [-]
         Lambda of the cases.
+    parachute_depth : (c,) array [l]
+        L_p of the cases.
     errors : (c, 3) array [-]
         Relative errors; NaN where the method found no answer.
     """
@@ -62,11 +69,21 @@ class LeaveOneOut:
     method: str
     truth: Floats
     stretch_ratio: Floats
+    parachute_depth: Floats
     errors: Floats
 
-    def summary(self, *, stretched: bool = False) -> Summary:
-        """Statistics over all cases, or over the stretched ones (Lambda > 1.04) alone."""
-        chosen = self.stretch_ratio > STRETCH_LIMIT if stretched else np.ones(len(self.errors), dtype=bool)
+    def chosen(self, which: str) -> NDArray[np.bool_]:
+        """Which cases count: one of `CHOICES` : (c,) bool array."""
+        chosen = np.ones(len(self.errors), dtype=np.bool_)
+        if which != "all":
+            chosen &= self.stretch_ratio > STRETCH_LIMIT
+        if which == "parachute":
+            chosen &= self.parachute_depth > CONVEX
+        return chosen
+
+    def summary(self, which: str = "all") -> Summary:
+        """Statistics over the cases of one of `CHOICES`."""
+        chosen = self.chosen(which)
         errors = self.errors[chosen]
         found = np.all(np.isfinite(errors), axis=1)
         good = errors[found]
@@ -85,33 +102,39 @@ def validate_inverse(database: Database, *, neighbours: int = 14) -> LeaveOneOut
         found = rest(axial_extent=whole.lengths[i, 0], axial_length=whole.lengths[i, 1])
         return np.array([found.capillary_number, found.size_ratio, found.velocity_ratio])
 
-    return _study("paper's inverse", database, map(answer, range(len(whole.parameters))))
+    return _study("paper's inverse", database, np.array([answer(i) for i in range(len(whole.parameters))]))
 
 
 def validate_forward_map(database: Database) -> LeaveOneOut:
     """Leave-one-out of the forward map, inverted for (Ca, a/l) from (L_z, L_a).
 
-    The search starts at the cases whose lengths are nearest, so it knows
-    nothing of the answer; where no point gives both lengths exactly, the
-    nearest one in least squares is the answer.
+    The two lengths say whether the rear is concave, and with it the branch to
+    search. The search starts at the cases of that branch whose lengths are
+    nearest, so it knows nothing of the answer; where no point gives both
+    lengths exactly, the nearest one in least squares is the answer.
     """
-    chart, whole = Chart(), approximation_of(database, Chart())
-    cloud = rotated(whole.values[:, :2])
-
-    def answer(i: int, rest: DiffuseApproximation) -> Floats:
-        distance = (cloud - cloud[i]) ** 2 @ np.array(DISTANCE_WEIGHTS)
-        distance[i] = np.inf
-        starts = whole.nodes[np.argsort(distance, kind="stable")[:STARTS]]
-
-        def forward(point: Floats) -> tuple[Floats, Floats]:
-            value, gradient = rest.with_gradient(point[None])
-            return value[0, :2], gradient[0, :2]
-
-        point = solve(forward, whole.values[i, :2], starts).point
-        return np.append(chart.from_plane(point), rest(point[None])[0, 2])
-
-    answers = (answer(i, rest) for i, rest in enumerate(each_left_out(whole)))
+    cases = database.converged
+    chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
+    answers = np.full((len(cases), 3), np.nan)
+    for branch in branches_of(database):
+        whole = approximation_of(cases, branch, chart)
+        for row, i, rest in zip(branch.rows, range(len(branch.rows)), each_left_out(whole), strict=True):
+            point = _searched(rest, whole.values[i, :2])
+            answers[row, :2] = chart.from_plane(point)
+            answers[row, 2] = rest(point[None])[0, 2]
     return _study("forward map", database, answers)
+
+
+def _searched(rest: DiffuseApproximation, lengths: Floats) -> Floats:
+    """Point of the plane at which the approximation gives the lengths."""
+    distance = (rotated(rest.values[:, :2]) - rotated(lengths)) ** 2 @ np.array(DISTANCE_WEIGHTS)
+    starts = rest.nodes[np.argsort(distance, kind="stable")[:STARTS]]
+
+    def forward(point: Floats) -> tuple[Floats, Floats]:
+        value, gradient = rest.with_gradient(point[None])
+        return value[0, :2], gradient[0, :2]
+
+    return solve(forward, lengths, starts).point
 
 
 def even_subset(database: Database, count: int = PAPER_CASES) -> Database:
@@ -131,8 +154,8 @@ def even_subset(database: Database, count: int = PAPER_CASES) -> Database:
     return Database(cases.dataset.isel(case=np.sort(chosen)))
 
 
-def _study(method: str, database: Database, answers: Iterable[Floats]) -> LeaveOneOut:
+def _study(method: str, database: Database, answers: Floats) -> LeaveOneOut:
     cases = database.converged
     truth = np.stack([cases[name] for name in PARAMETERS], axis=1)
-    errors = np.abs(np.array(list(answers)) - truth) / truth
-    return LeaveOneOut(method, truth, cases["stretch_ratio"], errors)
+    errors = np.abs(answers - truth) / truth
+    return LeaveOneOut(method, truth, cases["stretch_ratio"], cases["parachute_depth"], errors)

@@ -1,0 +1,113 @@
+"""Branches of steady shapes: parachutes (concave rear) and, at low Ca in a narrow channel, convex shapes.
+
+From one branch to the other the shape jumps, or changes with a kink, so no
+smooth approximation may average over both. Each case belongs to the branch its
+parachute depth says. In each column of a/l the border between the branches is
+put half way (in sqrt(Ca)) between the highest convex case and the lowest
+parachute; between those two cases it is not known which branch a capsule
+takes, and that gap is kept beside the branches. Elsewhere a branch ends at its
+own last converged case.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from capsbayes.database import Database
+from capsbayes.errors import DatabaseError
+from capsbayes.surrogate.domain import Region
+
+__all__ = ["CONVEX", "Branch", "branches_of"]
+
+Floats = NDArray[np.float64]
+
+CONVEX = 1e-4  # L_p/l below which a rear counts as convex; the cases have 0, or 0.02 and more
+FEWEST_CASES = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """One branch.
+
+    Parameters
+    ----------
+    name : str
+        ``"parachute"`` or ``"convex"``.
+    rows : (c,) int array
+        Its rows among the converged cases.
+    region : Region
+        Where it stands for the steady shape.
+    gap : Region or None
+        Where the shape may be of this branch or of the other.
+    """
+
+    name: str
+    rows: NDArray[np.int64]
+    region: Region
+    gap: Region | None
+
+
+def branches_of(database: Database) -> tuple[Branch, ...]:
+    """Sort the converged cases into branches; a branch too small to approximate is left out.
+
+    Raises
+    ------
+    DatabaseError
+        When no branch has two columns of a/l with two cases each and nine cases in all.
+    """
+    cases = database.converged
+    ca, size = cases["capillary_number"], np.round(cases["size_ratio"], 6)
+    convex = cases["parachute_depth"] < CONVEX
+    columns = np.unique(size)
+    low, high = np.array([_gap(ca[(size == s) & convex], ca[(size == s) & ~convex]) for s in columns]).T
+    division = (np.sqrt(low) + np.sqrt(high)) ** 2 / 4  # NaN where a column has no convex case
+    limit = _is_limit(cases, columns)
+    split = np.isfinite(division)
+    gap = _gap_region(columns, low, high, np.array([ca[size == s].min() for s in columns]))
+    below = ca < division[np.searchsorted(columns, size)]
+    branches = []
+    for name, member in (("parachute", ~convex & ~below), ("convex", convex)):
+        rows = np.flatnonzero(member)
+        kept = np.array([np.count_nonzero(size[rows] == s) > 1 for s in columns], dtype=bool)
+        if np.count_nonzero(kept) < 2 or len(rows) < FEWEST_CASES:
+            continue
+        lowest = np.array([ca[rows][size[rows] == s].min() for s in columns[kept]])
+        highest = np.array([ca[rows][size[rows] == s].max() for s in columns[kept]])
+        if name == "parachute":
+            lowest = np.where(split[kept], division[kept], lowest)
+        else:
+            highest = division[kept]
+        branches.append(Branch(name, rows, Region(columns[kept], lowest, highest, limit[kept]), gap))
+    if not branches:
+        raise DatabaseError(
+            f"expected at least {FEWEST_CASES} converged cases of one kind, and two columns of a/l with two each, "
+            f"got {len(ca)} cases in {len(columns)} columns"
+        )
+    return tuple(branches)
+
+
+def _gap(convex: Floats, parachute: Floats) -> tuple[float, float]:
+    """Highest convex and lowest parachute Ca of one column; parachutes below a convex case are passed over."""
+    if not convex.size:
+        return np.nan, np.nan
+    above = parachute[parachute > convex.max()]
+    return float(convex.max()), float(above.min() if above.size else convex.max())
+
+
+def _gap_region(columns: Floats, low: Floats, high: Floats, lowest: Floats) -> Region | None:
+    """Gap over the columns that have one, closing towards the lowest case of the columns beside them."""
+    split = np.isfinite(low)
+    if not split.any() or len(columns) < 2:
+        return None
+    beside = binary_dilation(split) & ~split
+    low, high, kept = np.where(beside, lowest, low), np.where(beside, lowest, high), split | beside
+    return Region(columns[kept], low[kept], high[kept], np.zeros(np.count_nonzero(kept), dtype=bool))
+
+
+def _is_limit(cases: Database, columns: Floats) -> NDArray[np.bool_]:
+    nearest = np.argmin(np.abs(cases["border_size_ratio"][None] - columns[:, None]), axis=1)
+    return cases["border_kind"][nearest] == "limit of existence"

@@ -1,0 +1,168 @@
+"""One smooth sheet of the map (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline): the cases of one branch.
+
+Moving least squares make it, a fine table makes it fast, and leave-one-out
+residuals say how far it can be trusted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, binary_erosion
+
+from capsbayes.database import Database
+from capsbayes.errors import DatabaseError
+from capsbayes.surrogate.branches import Branch
+from capsbayes.surrogate.chart import Chart
+from capsbayes.surrogate.diffuse import DiffuseApproximation, leave_one_out
+from capsbayes.surrogate.domain import Region, inside_borders
+from capsbayes.surrogate.own_error import OwnError, mesh_error_of
+from capsbayes.surrogate.table import HermiteTable, hermite
+
+__all__ = ["COLUMNS", "Sheet", "approximation_of"]
+
+Floats = NDArray[np.float64]
+
+COLUMNS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
+CELLS = (240, 180)
+FLOOR = 1e-5  # of each standard deviation: several times the table's own error
+BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases on (in more columns than), degree, k
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Fast forward map of one branch.
+
+    Parameters
+    ----------
+    cases : Database
+        The converged cases.
+    branch : Branch
+        Which of them belong to the sheet, and the region it stands for.
+    chart : Chart
+        Coordinates of the approximation.
+    rival : DiffuseApproximation, optional
+        The other branch: in the gap between the two, their difference is part of the error.
+    """
+
+    cases: Database
+    branch: Branch
+    chart: Chart
+    rival: DiffuseApproximation | None = None
+    approximation: DiffuseApproximation = field(init=False, repr=False)
+    table: HermiteTable = field(init=False, repr=False)
+    lattice_covariance: Floats = field(init=False, repr=False)
+    _outlines: DiffuseApproximation = field(init=False, repr=False)
+    _frame: tuple[Any, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        region, rows = self.branch.region, self.branch.rows
+        lattice, wanted = _lattice(region, self.chart)
+        try:
+            approximation = approximation_of(self.cases, self.branch, self.chart).covering(_scouts(lattice, wanted))
+        except ValueError as error:
+            raise DatabaseError(f"the {self.branch.name} cases cannot be approximated: {error}") from error
+        low, high = lattice[0, 0], lattice[-1, -1]
+        table = HermiteTable.of(approximation.with_gradient, low, high, cells=CELLS, wanted=wanted)
+        steps = (self.chart.ca_step, self.chart.size_step, *table.origin, *table.step)
+        made = {
+            "approximation": approximation,
+            "table": table,
+            "_outlines": replace(approximation, values=self.cases["profile"][rows].reshape(len(rows), -1)),
+            "_frame": (region.size_ratio, region.lowest, region.highest, *(float(step) for step in steps)),
+        }
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "lattice_covariance", self._covariance(lattice, wanted))
+
+    def _covariance(self, lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
+        """Own error on the table's lattice: left-out cases, mesh, and in the gap the doubt between the branches."""
+        residuals = (leave_one_out(self.approximation) - self.approximation.values)[:, :3]
+        covariance = np.full((*wanted.shape, 3, 3), np.nan)
+        covariance[wanted] = OwnError(self.approximation.nodes, residuals).covariance(lattice[wanted])
+        values = self.table.coefficients[:, :, 0, :3]
+        mesh = mesh_error_of(self.cases.dataset.attrs) * values
+        covariance[..., range(3), range(3)] += mesh**2 + FLOOR**2
+        if self.rival is not None and self.branch.gap is not None:
+            ca, size = self.chart.from_plane(lattice.reshape(-1, 2)).T.copy()
+            doubtful = self.branch.gap.contains(ca, size).reshape(wanted.shape) & wanted
+            points = lattice[doubtful]
+            jump = self.rival(points)[:, :3] - values[doubtful]
+            known = np.isfinite(jump).all(axis=1)
+            jump[~known] = jump[known][np.argmax(np.abs(jump[known, 1]))] if known.any() else 0.0
+            covariance[doubtful] += jump[:, :, None] * jump[:, None, :] / 2  # either branch with the same probability
+        return covariance
+
+    def predict(self, ca: Floats, size: Floats, values: Floats, covariance: Floats, inside: NDArray[np.bool_]) -> None:
+        """Fill in the points of the region: values (n, 4), covariance (n, 3, 3), inside (n,)."""
+        _predict(ca, size, self._frame, self.table.coefficients, self.lattice_covariance, values, covariance, inside)
+
+    def slopes(self, ca: Floats, size: Floats) -> Floats:
+        """Derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) at points of the region : (n, 3, 2) array."""
+        by_plane = self.table.with_gradient(self.chart.to_plane(ca, size))[1][:, :3]
+        return by_plane * self.chart.slopes(ca)[:, None, :]
+
+    def outlines(self, ca: Floats, size: Floats) -> Floats:
+        """Mid-plane outlines at points of the region : (n, p, 2) array."""
+        return self._outlines(self.chart.to_plane(ca, size)).reshape(len(ca), self._outlines.values.shape[1] // 2, 2)
+
+
+def approximation_of(cases: Database, branch: Branch, chart: Chart) -> DiffuseApproximation:
+    """Moving least squares of (L_z, L_a, v_o/U, Lambda) over one branch, of a degree that its cases can bear."""
+    rows = branch.rows
+    nodes = chart.to_plane(cases["capillary_number"][rows], cases["size_ratio"][rows])
+    values = np.stack([cases[name][rows] for name in COLUMNS], axis=1)
+    columns = len(branch.region.size_ratio)
+    degree, neighbours = next((d, k) for fewest, d, k in BASES if len(rows) >= fewest and columns > d)
+    return DiffuseApproximation(nodes, values, degree=degree, neighbours=min(neighbours, len(rows) - 2))
+
+
+def _lattice(region: Region, chart: Chart) -> tuple[Floats, NDArray[np.bool_]]:
+    """Points of the table's lattice (i, j, 2), and which of them lie in the region or within two cells of it."""
+    ends = region.lowest.min(), region.highest.max()
+    low, high = chart.to_plane(np.array(ends), region.size_ratio[[0, -1]])
+    axes = [np.linspace(low[k], high[k], CELLS[k] + 1) for k in range(2)]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    ca, size = chart.from_plane(lattice.reshape(-1, 2)).T
+    size = np.clip(size, region.size_ratio[0], region.size_ratio[-1])  # rounding must not push the outer rows out
+    inside = region.contains(np.ascontiguousarray(ca), size).reshape(lattice.shape[:2])
+    return lattice, binary_dilation(inside, np.ones((5, 5), dtype=bool))
+
+
+def _scouts(lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
+    """Lattice points where too rare cases would show first: the rim of the region, and some within : (n, 2)."""
+    scouts = wanted & ~binary_erosion(wanted)
+    scouts[::8, ::8] |= wanted[::8, ::8]
+    return lattice[scouts]
+
+
+@njit(cache=True, nogil=True)
+def _predict(ca, size, frame, coefficients, errors, values, covariance, inside):  # type: ignore[no-untyped-def]
+    columns, lowest, highest, ca_step, size_step, x_origin, y_origin, x_step, y_step = frame
+    one, no_slopes = np.empty(coefficients.shape[3]), np.empty((0, 2))
+    for n in range(len(ca)):
+        if not inside_borders(ca[n], size[n], columns, lowest, highest):
+            continue
+        inside[n] = True
+        x = (np.sqrt(ca[n]) / ca_step - x_origin) / x_step
+        y = (size[n] / size_step - y_origin) / y_step
+        hermite(x, y, coefficients, one, no_slopes)
+        values[n] = one
+        _bilinear(x, y, errors, covariance[n])
+
+
+@njit(cache=True, nogil=True)
+def _bilinear(x, y, lattice, out):  # type: ignore[no-untyped-def]
+    """Convex mean of the matrices at the four lattice points around, so that it stays a covariance."""
+    i = min(max(int(x), 0), lattice.shape[0] - 2)
+    j = min(max(int(y), 0), lattice.shape[1] - 2)
+    s, t = x - i, y - j
+    for k in range(3):
+        for m in range(3):
+            left = (1.0 - t) * lattice[i, j, k, m] + t * lattice[i, j + 1, k, m]
+            right = (1.0 - t) * lattice[i + 1, j, k, m] + t * lattice[i + 1, j + 1, k, m]
+            out[k, m] = (1.0 - s) * left + s * right
