@@ -5,6 +5,28 @@ squares. Each case carries its own radius, a multiple of the distance to its
 k-th neighbour, and its weight is a smooth function of distance over that
 radius; so weights, and with them value and gradient, vary smoothly with the
 query, wherever the cases are dense or rare.
+
+What was tried, by leave-one-out over the 303 parachutes of the shipped
+square-neo-hookean database: mean error of Ca [%] over the 173 with
+Lambda > 1.04, from the residuals of (L_z, L_a) through the inverse of their
+gradient. One thing is changed at a time.
+
+==================  =======================================================================
+as chosen           0.27: degree 4, k = 20, dilation 2, weight (1 - s)^4 / (s + 0.03) with
+                    s = (distance/radius)^2, plane (sqrt(Ca), a/l), branches apart
+degree              1: 0.65, 2: 0.43, 3: 0.34, 5: 0.33 (with k = 6, 9, 13, 28)
+neighbours          k = 17: 0.30, 26: 0.31
+dilation            1.7: 0.34, 2.5: 0.34
+softening           0.003: 0.27, 0.1: 0.28, 0.3: 0.31
+weight              the paper's 2 D^3 - 3 D^2 + 1: 0.49, Wendland's C2: 0.35, (1 - s)^4 without
+                    the pole: 0.39, exponent 2 or 6 with it: 0.32, 0.29
+plane               log(Ca): 0.28, Ca: 0.32; both steps as if cases lay half as far, or twice as
+                    far apart along Ca: 0.30, 0.37
+branches together   0.39, and several per cent at low Ca, where the shape jumps
+==================  =======================================================================
+
+A pole in the weight makes the approximation nearly interpolate: it pays as the
+cases carry little noise. Softening by 0.03 keeps the derivatives tame.
 """
 
 from __future__ import annotations

@@ -42,6 +42,15 @@ class Surrogate:
         Where it has an answer.
     sheets : tuple of Sheet
         One for each branch of steady shapes.
+
+    Examples
+    --------
+    >>> model = Surrogate.open("square-neo-hookean")
+    >>> capsule = model.at(capillary_number=0.082, size_ratio=0.96)
+    >>> [round(float(value), 2) for value in capsule.values[0]]
+    [2.15, 1.82, 1.3]
+    >>> int(model({"capillary_number": np.array([0.05, 0.5]), "size_ratio": np.array([0.9, 0.9])}).inside.sum())
+    1
     """
 
     database: Database
