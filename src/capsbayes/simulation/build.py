@@ -148,7 +148,8 @@ def _cluster(address: str) -> Any:
     from distributed import Client
 
     try:
-        return Client(address, timeout=10.0)
+        # not the process's default: xarray would ask a client that never connected for its locks
+        return Client(address, timeout=10.0, set_as_default=False)
     except (OSError, RuntimeError, ValueError) as error:  # no one there, or no address at all
         reason = " ".join(str(error).split())[:120]
         raise InputError("scheduler", "", "address of a running dask scheduler", f"{address!r} ({reason})") from error
