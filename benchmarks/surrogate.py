@@ -59,7 +59,7 @@ def main() -> None:
     known, held_out = split(sheet.cases, sheet.branch)
     chart = sheet.chart
     methods: dict[str, tuple[Callable[[Database, Chart], Predict], int]] = {
-        "MLS without table": (moving_least_squares, BATCH),
+        "MLS, no table": (moving_least_squares, BATCH),
         "RBF, thin plate": (radial("thin_plate_spline"), SMALL_BATCH),
         "RBF, cubic": (radial("cubic"), SMALL_BATCH),
         "RBF, quintic": (radial("quintic"), SMALL_BATCH),

@@ -109,5 +109,7 @@ def _gap_region(columns: Floats, low: Floats, high: Floats, lowest: Floats) -> R
 
 
 def _is_limit(cases: Database, columns: Floats) -> NDArray[np.bool_]:
+    if not len(cases["border_size_ratio"]):
+        return np.zeros(len(columns), dtype=np.bool_)
     nearest = np.argmin(np.abs(cases["border_size_ratio"][None] - columns[:, None]), axis=1)
     return cases["border_kind"][nearest] == "limit of existence"
