@@ -28,7 +28,7 @@ __all__ = ["COLUMNS", "Sheet", "approximation_of"]
 Floats = NDArray[np.float64]
 
 COLUMNS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
-CELLS = (240, 180)
+CELLS = (160, 120)
 FLOOR = 1e-5  # of each standard deviation: several times the table's own error
 BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases on (in more columns than), degree, k
 
