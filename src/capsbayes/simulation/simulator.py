@@ -124,7 +124,7 @@ class Simulator:
     section : str
         Section of the channel: ``"square"``.
     refinement : int
-        Elements along the edge of an octahedron's face, at least 4; 8 is good to about 0.5 % in L_z, 12 to 0.2 %.
+        Elements along the edge of an octahedron's face, at least 4; 8 is good to about 0.3 % in L_z, 12 to 0.07 %.
     bending : float
         Bending stiffness over G_s a^2 [-]; regularises wrinkles where the membrane is compressed.
     pre_inflation : float

@@ -13,6 +13,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.errors import InputError
+
 __all__ = ["Channel", "SquareChannel", "WallPoints", "section_named"]
 
 Array = NDArray[np.float64]
@@ -109,8 +111,6 @@ def _midpoints(length: float, spacing: float) -> tuple[Array, float]:
 
 def section_named(name: str) -> Channel:
     """The channel with the section called `name`."""
-    from capsbayes.errors import InputError
-
     sections: dict[str, type[Channel]] = {SquareChannel.name: SquareChannel}
     if name not in sections:
         raise InputError("section", "", f"one of {', '.join(sections)}", repr(name))
