@@ -1,8 +1,8 @@
-"""Time and memory of a steady state from a neighbouring one, and the mesh's error, in printed tables.
+"""Time of a steady state by Newton's method and by time steps, in printed tables.
 
 Run ``python benchmarks/simulator.py``. One core; compilation and the walls'
 factorisation are done before the clock starts. The neighbours are those of a
-database: one step in Ca.
+database: one step in Ca. Accuracy is the business of ``capsbayes verify``.
 """
 
 from __future__ import annotations
@@ -15,22 +15,10 @@ from rich.console import Console
 from rich.table import Table
 
 from capsbayes import Simulator
-from capsbayes.membrane import NeoHookean
-from capsbayes.simulation.rigid import rigid_sphere
-from capsbayes.simulation.steady_state import SteadyProblem
-from capsbayes.stokes.channel import SquareChannel
-from capsbayes.stokes.walls import Walls
+from capsbayes.simulation.outlines import profile
+from capsbayes.simulation.transient import transient
 
 COLUMNS = {0.8: (0.04, 0.05, 0.06, 0.08, 0.1), 0.95: (0.04, 0.05, 0.06, 0.07, 0.08, 0.09), 1.1: (0.03, 0.04, 0.05)}
-CAPSULE = {"capillary_number": 0.082, "size_ratio": 0.96}
-RIGID = {
-    0.3: (1.990163, 0.024220),
-    0.5: (1.808701, 0.320879),
-    0.7: (1.563738, 1.94190),
-    0.8: (1.42899, 4.3363),
-    0.85: (1.36050, 6.5400),
-    0.9: (1.2916, 10.198),
-}
 
 
 def speed(refinement: int) -> tuple[np.ndarray, np.ndarray]:
@@ -47,11 +35,21 @@ def speed(refinement: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array(seconds), np.array(steps)
 
 
-def shape(simulator: Simulator) -> np.ndarray:
-    """L_z, L_a, v_o/U, dP+ of the capsule of the paper."""
-    state = simulator.run(**CAPSULE)
-    profile = state.profile
-    return np.array([profile.axial_extent, profile.axial_length, state.velocity_ratio, state.extra_pressure_drop])
+def ways(refinement: int) -> list[tuple[str, float, float, float]]:
+    """Ways to the steady shape at Ca = 0.12, a/l = 0.9: name, seconds, L_z and v_o/U."""
+    simulator, case = Simulator(refinement=refinement), {"capillary_number": 0.12, "size_ratio": 0.9}
+    neighbour = simulator.run(**case | {"capillary_number": 0.11})
+    begin = time.process_time()
+    state = simulator.run(**case, start=neighbour)
+    rows = [("Newton from Ca = 0.11", time.process_time() - begin, state.profile.axial_extent, state.velocity_ratio)]
+    problem = simulator.problem
+    for scheme in ("semi-implicit", "explicit"):
+        begin = time.process_time()
+        (end,) = transient(problem, problem.at_rest(*case.values()), [50.0], scheme=scheme, steady=1e-3)
+        seconds = time.process_time() - begin
+        outline = profile(problem.mesh, problem.mesh.expanded(end.iterate.free))
+        rows.append((f"{scheme} to t = {end.time:.1f}", seconds, outline.axial_extent, end.iterate.velocity))
+    return rows
 
 
 def main() -> None:
@@ -65,21 +63,13 @@ def main() -> None:
         table.add_row(str(refinement), *map(str, row))
     console.print(table)
 
-    table = Table("refinement / walls", "L_z/l", "L_a/l", "v_o/U", "dP+ l/(mu U)")
-    table.title = "the paper's capsule, Ca = 0.082, a/l = 0.96 (paper: 2.14, 1.81, 1.29)"
-    for refinement in (6, 8, 12):
-        table.add_row(str(refinement), *(f"{value:.4f}" for value in shape(Simulator(refinement=refinement))))
-    for walls in (Walls(spacing=0.065, far_spacing=0.13), Walls(end=4.0)):
-        values = shape(Simulator(refinement=8, walls=walls))
-        table.add_row(f"8, spacing {walls.spacing}, end {walls.end}", *(f"{value:.4f}" for value in values))
-    console.print(table)
-
-    table = Table("a/l", "V/U", "reference", "dP+", "reference")
-    table.title = "rigid sphere on the axis, refinement 12"
-    for size_ratio, (velocity, drop) in RIGID.items():
-        motion = rigid_sphere(SteadyProblem(NeoHookean(), SquareChannel(), 12, 0.0), size_ratio)
-        values = (f"{motion.velocity_ratio:.6f}", f"{velocity}", f"{motion.extra_pressure_drop:.5f}", f"{drop}")
-        table.add_row(str(size_ratio), *values)
+    table = Table("refinement", "way", "s", "times Newton's", "L_z/l", "v_o/U")
+    table.title = "steady shape at Ca = 0.12, a/l = 0.9: by Newton's method, and in time from rest to speeds < 1e-3"
+    for refinement in (6, 8):
+        rows = ways(refinement)
+        for way, seconds, extent, velocity in rows:
+            ratio = seconds / rows[0][1]
+            table.add_row(str(refinement), way, f"{seconds:.1f}", f"{ratio:.0f}", f"{extent:.4f}", f"{velocity:.4f}")
     console.print(table)
 
 

@@ -28,6 +28,8 @@ def arrays(cases=CASES):
     values["status"] = np.array(["DONE", "DONE", "NO_STEADY_STATE", "DONE", "NOT_CONVERGED"])[:cases]
     values["border_kind"] = np.array(["limit of existence", "limit of the database"])
     values["axial_extent"][2] = np.nan
+    values["effect_value"] = np.array([0.0, 0.1, 0.0, 0.1, 0.1])[:cases]
+    values["border_effect_value"] = np.array([0.0, 0.1])
     return {name: value for name, value in values.items() if name not in ("axis", "plane")}
 
 
@@ -35,6 +37,7 @@ def attributes():
     values = dict.fromkeys(ATTRIBUTES, "text") | {
         "bending": 2e-4,
         "pre_inflation": 0.0,
+        "null_value": 0.0,
         "settings": '{"refinement": 8}',
     }
     del values["sha256"]
@@ -91,6 +94,29 @@ def test_converged_keeps_the_done_rows_only(database, tmp_path):
     assert done.sha256 == database.sha256
     done.write(tmp_path / "done.nc")
     assert len(Database.read(tmp_path / "done.nc")) == 3
+
+
+def test_the_rows_of_one_value_of_an_effect(database):
+    np.testing.assert_array_equal(database.values, [0.0, 0.1])
+    one = database.at_value(0.1)
+    np.testing.assert_array_equal(one["capillary_number"], database["capillary_number"][[1, 3, 4]])
+    np.testing.assert_array_equal(one["border_size_ratio"], database["border_size_ratio"][1:])
+    assert one.sha256 == database.sha256
+    assert len(database.at_value(0.05)) == 0
+
+
+def test_a_plain_file_from_before_there_were_effects_is_read(file):
+    with h5py.File(file, "a") as raw:
+        for name in ("effect_value", "border_effect_value"):
+            del raw[name]
+        for name in ("effect", "null_value"):
+            del raw.attrs[name]
+    with pytest.raises(DatabaseError, match="its content does not match its sha256"):
+        Database.read(file)
+    old = Database.open("square-neo-hookean")
+    assert (old.effect, old.null_value) == ("none", 0.0)
+    np.testing.assert_array_equal(old.values, [0.0])
+    assert len(old.at_value(0.0)) == len(old)
 
 
 def test_hash_knows_every_value_and_the_pedigree_but_not_the_date(database):

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 _HOME = {
     "Database": "capsbayes.database",
+    "GeneralisedHooke": "capsbayes.membrane",
     "NeoHookean": "capsbayes.membrane",
     "Profile": "capsbayes.profile",
     "Simulator": "capsbayes.simulation",
+    "Skalak": "capsbayes.membrane",
     "Status": "capsbayes.status",
     "SteadyState": "capsbayes.simulation",
     "Surrogate": "capsbayes.surrogate",
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
     from capsbayes.inference import Posterior
     from capsbayes.inference.identify import identify
     from capsbayes.measurement import Measurement
-    from capsbayes.membrane import NeoHookean
+    from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
     from capsbayes.profile import Profile
     from capsbayes.simulation import Simulator, SteadyState, build_database
     from capsbayes.status import Status

@@ -3,6 +3,9 @@
 Lengths are over the half width l of the channel, velocities over the mean
 undisturbed velocity U, pressures over mu U/l, tensions over G_s. The file is
 plain NetCDF-4; ``xarray.open_dataset(path, engine="h5netcdf")`` reads it.
+
+An *effect* file varies one more parameter of the simulator: it has one row for
+each case at each of a few values. A plain file has the effect "none".
 """
 
 from __future__ import annotations
@@ -23,7 +26,10 @@ from numpy.typing import ArrayLike, NDArray
 from capsbayes.errors import DatabaseError
 from capsbayes.status import Status
 
-__all__ = ["ATTRIBUTES", "VARIABLES", "Database", "Variable"]
+__all__ = ["ATTRIBUTES", "NO_EFFECT", "VARIABLES", "Database", "Variable"]
+
+NO_EFFECT = "none"
+"""Attribute `effect` of a plain database."""
 
 
 class Variable(NamedTuple):
@@ -51,6 +57,7 @@ _CASE, _BORDER = ("case",), ("border",)
 VARIABLES: dict[str, Variable] = {
     "capillary_number": Variable(_CASE, "f", "Ca", "1", "capillary number mu U / G_s"),
     "size_ratio": Variable(_CASE, "f", "a/l", "1", "radius at rest over half width"),
+    "effect_value": Variable(_CASE, "f", "e", "1", "value of the parameter named by the attribute effect"),
     "axial_extent": Variable(_CASE, "f", "L_z", "l", "maximum extension along the flow"),
     "axial_length": Variable(_CASE, "f", "L_a", "l", "length on the axis"),
     "parachute_depth": Variable(_CASE, "f", "L_p", "l", "depth of the concave rear L_z - L_a"),
@@ -70,6 +77,7 @@ VARIABLES: dict[str, Variable] = {
     "silhouette": Variable(("case", "point", "plane"), "f", "(z, y)", "l", "outline seen along x, from the nose"),
     "border_size_ratio": Variable(_BORDER, "f", "a/l", "1", "size ratio of each point of the upper border"),
     "border_capillary_number": Variable(_BORDER, "f", "Ca", "1", "largest capillary number with a steady state"),
+    "border_effect_value": Variable(_BORDER, "f", "e", "1", "value of the effect of each point of the upper border"),
     "border_kind": Variable(_BORDER, "U", "kind", "1", "limit of existence, or limit of the database"),
     "axis": Variable(("axis",), "U", "axis", "1", "coordinate of a node"),
     "plane": Variable(("plane",), "U", "plane", "1", "coordinate of an outline's point"),
@@ -83,12 +91,16 @@ ATTRIBUTES = (
     "section",
     "bending",
     "pre_inflation",
+    "effect",
+    "null_value",
     "settings",
     "version",
     "created",
     "sha256",
 )
 """Every attribute a file must hold; `settings` is JSON, `created` alone is left out of the hash."""
+
+Floats = NDArray[np.float64]
 
 _COORDINATES: dict[str, tuple[str, ...]] = {"axis": ("x", "y", "z"), "plane": ("z", "y")}
 
@@ -172,8 +184,10 @@ class Database:
         for name in dataset.variables:
             if dataset[name].dtype.kind in "OT":  # text of variable length comes back as objects
                 dataset[name] = dataset[name].astype("U")
+        unchanged = _content_hash(dataset) == dataset.attrs.get("sha256")
+        dataset = _with_effect(dataset)
         _check(dataset, str(path))
-        if _content_hash(dataset) != dataset.attrs["sha256"]:
+        if not unchanged:
             raise DatabaseError(f"{path}: its content does not match its sha256; it was damaged or changed by hand")
         return cls(dataset)
 
@@ -198,8 +212,12 @@ class Database:
         for folder in _shipped_folders():
             if (folder / f"{name}.nc").is_file():
                 return cls.read(folder / f"{name}.nc")
-        known = sorted({path.stem for folder in _shipped_folders() for path in folder.glob("*.nc")})
-        raise DatabaseError(f"no database {name!r} comes with the library; it has {', '.join(known) or 'none'}")
+        raise DatabaseError(f"no database {name!r} comes with the library; it has {', '.join(cls.shipped()) or 'none'}")
+
+    @staticmethod
+    def shipped() -> list[str]:
+        """Names of the databases that come with the library."""
+        return sorted({path.stem for folder in _shipped_folders() for path in folder.glob("*.nc")})
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file whole or not at all.
@@ -244,6 +262,29 @@ class Database:
         return dict(json.loads(self.dataset.attrs["settings"]))
 
     @property
+    def effect(self) -> str:
+        """Name of the simulator's parameter that varies, ``"none"`` in a plain database."""
+        return str(self.dataset.attrs["effect"])
+
+    @property
+    def null_value(self) -> float:
+        """Value of the effect at which it is absent, or that of the base where there is no such value."""
+        return float(self.dataset.attrs["null_value"])
+
+    @property
+    def values(self) -> Floats:
+        """Values of the effect, rising : (k,) array."""
+        return np.unique(self["effect_value"])
+
+    def at_value(self, value: float) -> Database:
+        """The cases and borders of one value of the effect, with the hash of the whole."""
+        chosen = {
+            dimension: np.flatnonzero(self[name] == value)
+            for dimension, name in (("case", "effect_value"), ("border", "border_effect_value"))
+        }
+        return Database(self.dataset.isel(chosen))
+
+    @property
     def converged(self) -> Database:
         """The cases that ended as they should, with the hash of the whole."""
         return Database(self.dataset.isel(case=np.flatnonzero(self["status"] == Status.DONE.name)))
@@ -253,6 +294,15 @@ def _shipped_folders() -> tuple[Path, ...]:
     """Where shipped files lie: in the installed package, or in the source tree."""
     package = Path(__file__).resolve().parent
     return package / "databases", package.parents[1] / "data" / "databases"
+
+
+def _with_effect(dataset: xr.Dataset) -> xr.Dataset:
+    """A plain file written before there were effects, with what it lacks."""
+    if "effect" in dataset.attrs:
+        return dataset
+    lacking = {name: VARIABLES[name].dims for name in ("effect_value", "border_effect_value")}
+    zeros = {name: (dims, np.zeros(dataset.sizes.get(dims[0], 0))) for name, dims in lacking.items()}
+    return dataset.assign(zeros).assign_attrs(effect=NO_EFFECT, null_value=0.0)
 
 
 def _check(dataset: xr.Dataset, where: str) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-__all__ = ["PARAMETERS", "Parameter"]
+__all__ = ["COORDINATES", "PARAMETERS", "Parameter"]
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,12 @@ _TABLE = (
     Parameter("capsule_radius", "a", "a", "m", "um", 1e6, "radius of the capsule at rest"),
     _ratio("bending", "B", "B", "bending modulus of the membrane", "G_s a^2"),
     _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
+    _ratio("rest_aspect", "A_0", "A_0", "axis of the shape at rest along the flow over that across"),
+    _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area beside a shear"),
     # of the experiment
     Parameter("half_width", "l", r"\ell", "m", "um", 1e6, "half width of the channel"),
+    _ratio("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "radius of the corners of the channel's section"),
+    _ratio("section_aspect", "b/l", r"b/\ell", "depth of the channel along the direction of view over the width seen"),
     Parameter("viscosity", "mu", r"\mu", "Pa s", "Pa s", 1.0, "viscosity of the suspending liquid"),
     Parameter("mean_velocity", "U", "U", "m/s", "mm/s", 1e3, "mean velocity of the undisturbed flow"),
     Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
@@ -98,3 +102,6 @@ _TABLE = (
 
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _TABLE})
 """Every quantity by name."""
+
+COORDINATES = ("pre_inflation", "bending", "hardening", "rest_aspect", "corner_radius", "section_aspect")
+"""Those that a forward model may have beside the capillary number and the size ratio."""

@@ -27,6 +27,10 @@ class Status(enum.Enum):
     NOT_MIXED = "The chains did not pass their convergence gates within the budget; do not use the intervals."
     LEANS_ON_BORDER = "The posterior leans on the border of the database: its intervals are cut there, not measured."
     LEANS_ON_PRIOR = "The posterior leans on a range of its prior: widen the range, or read the intervals as cut there."
+    LEANS_ON_TWO_SHAPES = (
+        "The posterior leans on low capillary numbers at which two steady shapes are stable: "
+        "its intervals hold for a capsule that was started from rest."
+    )
     GRID_TOO_COARSE = "The grid did not resolve the posterior within its largest size; do not use the intervals."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
 

@@ -21,7 +21,7 @@ CSV = "size_ratio,capillary_number,note\n0.9,0.05,middle\n0.9,0.06,\n0.8,0.5,too
 def build(tmp_path, monkeypatch):
     """The command with a simulator in closed form; it returns exit status, output and error lines."""
 
-    def simulator(*, law, section, refinement, bending, pre_inflation):
+    def simulator(*, refinement, **others):
         return AnalyticSimulator(refinement=refinement)
 
     monkeypatch.setattr(capsbayes.simulation, "Simulator", simulator, raising=False)
@@ -47,6 +47,14 @@ def test_builds_the_cases_of_a_file(build, tmp_path):
     assert database.sha256 in result.output
 
 
+def test_builds_an_effect_database(build, tmp_path):
+    result = build("--cases", "cases.csv", "--effect", "limit", "--values", "0.16,0.175,0.2")
+    assert result.exit_code == 0, result.output
+    database = Database.read(tmp_path / "shapes.nc")
+    assert (database.effect, database.null_value, list(database.values)) == ("limit", 0.175, [0.16, 0.175, 0.2])
+    assert "cases in" in result.output
+
+
 def test_prints_json(build):
     outcome = json.loads(build("--cases", "cases.csv", "--json").output)
     assert outcome["statuses"] == {"DONE": 2, "NO_STEADY_STATE": 1}
@@ -65,11 +73,33 @@ def test_exit_status_is_1_when_nothing_converged(build, tmp_path):
         (["--cases", "cases.csv", "--grid", "default"], "build: --cases, --grid: expected one of the two, got both"),
         (["--grid", "fine"], "build: --grid: expected one of default, got 'fine'"),
         (["--cases", "none.csv"], "none.csv: expected a readable CSV file, got FileNotFoundError"),
-        (["--grid", "default", "--law", "rubber"], "build: --law: expected one of neo-hookean, got 'rubber'"),
-        (["--grid", "default", "--section", "star"], "build: --section: expected one of square, got 'star'"),
+        (
+            ["--grid", "default", "--law", "rubber"],
+            "law: expected one of neo-hookean, skalak:hardening=1.0, hooke:poisson_ratio=0.5, got 'rubber'",
+        ),
+        (
+            ["--grid", "default", "--section", "star"],
+            "section: expected one of square, rectangular, circular, got 'star'",
+        ),
         (["--grid", "default", "--refinement", "1"], "build: --refinement: expected a whole number from 2 on, got 1"),
         (["--grid", "default", "--bending", "-1"], "build: --bending: expected a number not below 0, got -1.0"),
         (["--grid", "default", "--bending", "nan"], "build: --bending: expected a number not below 0, got nan"),
+        (
+            ["--grid", "default", "--effect", "bending"],
+            "build: --effect, --values: expected both or neither, got only one",
+        ),
+        (
+            ["--grid", "default", "--effect", "bending", "--values", "0,few"],
+            "build: --values: expected numbers with commas between them, got '0,few'",
+        ),
+        (
+            ["--grid", "default", "--effect", "bending", "--values", "0,1", "--compare", "12"],
+            "build: --compare: expected nothing beside --effect, got 12",
+        ),
+        (
+            ["--grid", "default", "--effect", "limit", "--values", "0.175,0.2"],
+            "build: values: expected at least 3 values of limit, the simulator's own 0.175 among them, got 0.175, 0.2",
+        ),
         (["--grid", "default", "--workers", "0"], "build: --workers: expected at least 1, got 0"),
     ],
 )
@@ -102,5 +132,5 @@ def test_default_grid_covers_the_plane_and_is_denser_at_low_ca():
     capillary_numbers, size_ratios = (sorted(set(values)) for values in zip(*grid, strict=True))
     assert len(grid) == len(set(grid)) == len(capillary_numbers) * len(size_ratios)
     assert (size_ratios[0], size_ratios[-1]) == (0.7, 1.15)
-    assert (capillary_numbers[0], capillary_numbers[-1]) == (0.0075, 0.15)
+    assert (capillary_numbers[0], capillary_numbers[-1]) == (0.003, 0.15)
     assert capillary_numbers[1] - capillary_numbers[0] < capillary_numbers[-1] - capillary_numbers[-2]

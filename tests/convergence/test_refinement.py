@@ -5,8 +5,8 @@ import pytest
 
 from capsbayes import Database, Simulator, Status
 from capsbayes.membrane import NeoHookean
+from capsbayes.simulation.problem import Problem
 from capsbayes.simulation.rigid import rigid_sphere
-from capsbayes.simulation.steady_state import SteadyProblem
 from capsbayes.stokes.channel import SquareChannel
 from capsbayes.stokes.single_layer import SingleLayer
 from capsbayes.surface import octasphere
@@ -34,8 +34,7 @@ def test_single_layer_of_a_translating_sphere_converges_at_third_order():
 @pytest.mark.slow
 def test_pressure_drop_of_a_rigid_sphere_converges_at_third_order():
     drops = [
-        rigid_sphere(SteadyProblem(NeoHookean(), SquareChannel(), n, 0.0), 0.7).extra_pressure_drop
-        for n in (4, 6, 8, 16)
+        rigid_sphere(Problem(NeoHookean(), SquareChannel(), n, 0.0), 0.7).extra_pressure_drop for n in (4, 6, 8, 16)
     ]
     assert fitted_rate(np.array([4, 6, 8]), np.abs(np.array(drops[:3]) - drops[3])) > 2.9
 
@@ -50,7 +49,7 @@ def errors():
     truth = np.stack([shipped[name][rows] for name in QUANTITIES], axis=-1)
     values = []
     for refinement in REFINEMENTS:
-        simulator, state = Simulator(refinement=int(refinement)), None
+        simulator, state = Simulator(refinement=int(refinement)), "rest"
         for capillary_number, size_ratio in POINTS:
             state = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio, start=state)
             assert state.status is Status.DONE

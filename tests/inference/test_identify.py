@@ -9,7 +9,7 @@ from capsbayes.errors import InputError
 from capsbayes.inference import Prior, Range, identify
 from capsbayes.inference.ensembles import Effort
 from capsbayes.status import Status
-from polynomial_model import FoldedModel
+from polynomial_model import FoldedModel, PolynomialDomain, PolynomialModel
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +61,18 @@ def test_too_little_sampling_is_said(model, experiment, capsule):
     found = identify(capsule, model, experiment, seed=1, effort=Effort(walkers=16, steps=40, budget=40))
     assert found.status is Status.NOT_MIXED
     assert not all(gate.passed for gate in found.gates)
+
+
+class TwoShapesBelow(PolynomialModel):
+    """The same model, with another stable shape up to a Ca."""
+
+    unsettled = PolynomialDomain(highest=0.1)
+
+
+def test_a_posterior_where_two_shapes_are_stable_says_so(experiment, capsule):
+    found = identify(capsule, TwoShapesBelow(), experiment, seed=1, engine="quadrature")
+    assert found.status is Status.LEANS_ON_TWO_SHAPES
+    assert "started from rest" in str(found.status)
 
 
 def test_a_posterior_cut_by_the_domain_leans_on_it(model, experiment, capsule_from_the_side):

@@ -34,12 +34,14 @@ class AnalyticState:
     residual: float = 1e-9
     slack: float = 1e-5
     iterations: int = 4
+    limit: float = np.nan
+    parachute: bool = False
 
     @property
     def profile(self):
         angle = np.linspace(0.0, np.pi, 101)
         depth = 1.0 + 3.0 * self.capillary_number
-        z = np.cos(angle) + depth * (1 - np.cos(angle)) ** 2 / 4 + self.memory
+        z = np.cos(angle) + (depth * (1 - np.cos(angle)) ** 2 / 4 if self.parachute else 0.0) + self.memory
         return Profile.from_half(np.stack([self.size_ratio * z, self.size_ratio * np.sin(angle)], axis=1))
 
     @property
@@ -51,12 +53,13 @@ class AnalyticState:
 class AnalyticSimulator:
     """Steady states exist up to Ca = `limit` - 0.1 (a/l), and from `lowest` on.
 
-    Each run is noted as a line in the file `journal`; the case `bad` raises.
+    Below Ca = `snap` there is another branch, that of a capsule at rest. Each run is noted as a line in the file
+    `journal`; the case `bad` raises.
     """
 
     limit: float = 0.175
     lowest: float = 0.0
-    reach: float = np.inf
+    snap: float = 0.0
     bad: tuple[float, float] | None = None
     journal: str = ""
     seconds: float = 0.0
@@ -72,23 +75,26 @@ class AnalyticSimulator:
             "pre_inflation": 0.0,
         }
 
-    def run(self, *, capillary_number, size_ratio, start=None):
+    def run(self, *, capillary_number, size_ratio, start="rest"):
         if self.journal:
             with open(self.journal, "a") as lines:
-                lines.write(f"{size_ratio} {capillary_number} {start and start.capillary_number}\n")
+                lines.write(f"{size_ratio} {capillary_number} {getattr(start, 'capillary_number', start)}\n")
         time.sleep(self.seconds)
         if (capillary_number, size_ratio) == self.bad:
             raise FloatingPointError("no inverse")
-        origin = 0.0 if start is None else start.memory + 1e-3 * start.capillary_number
-        far = start is not None and abs(np.log(capillary_number / start.capillary_number)) > self.reach
-        status = Status.DONE
-        if capillary_number > self.limit - 0.1 * size_ratio:
-            status = Status.NO_STEADY_STATE
-        elif capillary_number < self.lowest or far:
+        origin = 0.0 if isinstance(start, str) else start.memory + 1e-3 * start.capillary_number
+        parachute = capillary_number >= self.snap if start == "rest" else start == "parachute" or start.parachute
+        end = self.limit - 0.1 * size_ratio if parachute else self.snap
+        status, limit = Status.DONE, np.nan
+        if capillary_number > end:
+            status, limit = Status.NO_STEADY_STATE, end
+        elif capillary_number < self.lowest:
             status = Status.NOT_CONVERGED
         rng = np.random.default_rng(int(1e6 * capillary_number))
         nodes = rng.random((6, 3)) + origin
-        return AnalyticState(capillary_number, size_ratio, nodes, nodes[:, :2], origin / np.pi, status)
+        return AnalyticState(
+            capillary_number, size_ratio, nodes, nodes[:, :2], origin / np.pi, status, limit=limit, parachute=parachute
+        )
 
 
 def main():

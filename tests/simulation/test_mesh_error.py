@@ -24,7 +24,7 @@ class MeshedSimulator(AnalyticSimulator):
 
 
 def outcome(ca, size, status=Status.DONE, **values):
-    return Outcome(ca, size, None, status, values)
+    return Outcome(ca, size, "rest", status, values)
 
 
 def test_five_converged_cases_of_different_columns_are_chosen():

@@ -1,7 +1,10 @@
 import numpy as np
 import pytest
 
-from capsbayes.stokes.channel import SquareChannel
+from capsbayes.stokes.circular import CircularChannel
+from capsbayes.stokes.rectangular import RectangularChannel
+from capsbayes.stokes.rounded_square import RoundedSquareChannel
+from capsbayes.stokes.square import SquareChannel
 from capsbayes.stokes.stokeslet import images_gradient, images_matrix
 from capsbayes.stokes.walls import WallOperator, Walls
 from capsbayes.surface import D4
@@ -14,25 +17,39 @@ def test_stokeslet_and_its_gradient():
     np.testing.assert_allclose(images_matrix(target, source, identity), np.diag([0.5, 0.5, 1.0]))
     rng = np.random.default_rng(4)
     targets, sources, forces = rng.normal(size=(5, 3)), rng.normal(size=(4, 3)) + 4, rng.normal(size=(4, 3))
-    gradient = images_gradient(targets, sources, D4, forces)
+    gradient = images_gradient(targets, sources, D4.operations, forces)
     for axis in range(3):
         shift = 1e-6 * np.eye(3)[axis]
-        change = images_matrix(targets + shift, sources, D4) - images_matrix(targets - shift, sources, D4)
+        change = images_matrix(targets + shift, sources, D4.operations) - images_matrix(
+            targets - shift, sources, D4.operations
+        )
         difference = (change @ forces.ravel()).reshape(-1, 3) / 2e-6
         np.testing.assert_allclose(gradient[:, :, axis], difference, atol=1e-7)
 
 
-@pytest.mark.slow
-def test_velocity_on_the_walls_is_cancelled_between_the_collocation_points():
-    """A ring of Stokeslets 0.3 from the wall; the residual is measured at other points."""
-    channel = SquareChannel()
-    operator = WallOperator(channel, Walls(), D4)
-    source = np.array([[0.7, 0.2, 0.1]])
+@pytest.mark.parametrize(
+    ("channel", "walls"),
+    [
+        (SquareChannel(), Walls()),
+        (CircularChannel(), Walls()),
+        (RoundedSquareChannel(0.02), Walls()),
+        (RoundedSquareChannel(0.3), Walls()),
+        (RectangularChannel(1.2), Walls(spacing=0.16, far_spacing=0.3)),
+        pytest.param(RectangularChannel(0.8), Walls(), marks=pytest.mark.slow),
+    ],
+)
+def test_velocity_on_the_walls_is_cancelled_between_the_collocation_points(channel, walls):
+    """A ring of Stokeslets four spacings from the wall; the residual is measured at other points."""
+    operator = WallOperator(channel, walls)
+    turns = channel.symmetry.operations
+    side = float(np.max(channel.outline(walls.spacing, 0.0)[0][:, 0]))
+    source = np.array([[side - 4.0 * walls.spacing, 0.2, 0.1]])
     force = np.array([0.3, -0.2, 1.0])
-    on_wall = images_matrix(operator.points, source, D4) @ force
+    on_wall = images_matrix(operator.points, source, turns) @ force
     strengths = operator.strengths(on_wall)
-    y, z = (array.ravel() for array in np.meshgrid(np.linspace(0, 0.99, 28), np.linspace(-1.5, 1.5, 41)))
-    probes = np.column_stack([np.ones_like(y), y, z])
-    left = images_matrix(probes, source, D4) @ force + operator.velocity_matrix(probes) @ strengths.ravel()
-    assert np.max(np.abs(left)) < 0.01 * np.max(np.abs(on_wall))
-    assert np.sqrt(np.mean(left**2)) < 1e-3 * np.sqrt(np.mean(on_wall**2))
+    ring, _ = channel.outline(0.037, 0.0)
+    axial = np.linspace(-1.5, 1.5, 41)
+    probes = np.column_stack([np.tile(ring, (len(axial), 1)), np.repeat(axial, len(ring))])
+    left = images_matrix(probes, source, turns) @ force + operator.velocity_matrix(probes) @ strengths.ravel()
+    assert np.max(np.abs(left)) < 5e-3 * np.max(np.abs(on_wall))
+    assert np.sqrt(np.mean(left**2)) < 5e-4 * np.sqrt(np.mean(on_wall**2))

@@ -16,7 +16,7 @@ def test_counts_of_elements_nodes_and_free_coordinates(refinement, unknowns):
 @pytest.mark.parametrize("operation", range(8))
 def test_every_operation_of_the_group_maps_the_mesh_onto_itself(operation):
     mesh = octasphere(5)
-    turned = mesh.nodes @ D4[operation].T
+    turned = mesh.nodes @ D4.operations[operation].T
     distance = np.linalg.norm(turned[:, None] - mesh.nodes[None], axis=-1)
     assert np.max(np.min(distance, axis=1)) < 1e-12
 
@@ -33,10 +33,10 @@ def test_elements_are_counterclockwise_seen_from_outside():
     assert np.all(np.einsum("ei,ei->e", np.cross(b - a, c - a), a) > 0)
 
 
-def test_octant_is_the_quarter_of_positive_x_and_y():
+def test_quarter_is_that_of_positive_x_and_y():
     mesh = octasphere(4)
-    assert np.all(mesh.nodes[mesh.octant][..., :2] > -1e-12)
-    assert 4 * len(mesh.octant) == len(mesh.elements)
+    assert np.all(mesh.nodes[mesh.quarter][..., :2] > -1e-12)
+    assert 4 * len(mesh.quarter) == len(mesh.elements)
 
 
 def test_prolongation_keeps_a_smooth_symmetric_field():

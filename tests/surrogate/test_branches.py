@@ -2,8 +2,9 @@ import manufactured
 import numpy as np
 import pytest
 
+from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
-from capsbayes.surrogate.branches import branches_of
+from capsbayes.surrogate.branches import branches_of, unsettled_region
 
 
 def test_one_branch_holds_every_converged_case_and_no_more():
@@ -50,3 +51,40 @@ def test_the_gap_lies_between_the_last_cases_of_the_branches():
 def test_one_column_is_no_domain():
     with pytest.raises(DatabaseError, match=r"two columns of a/l with two each, got 16 cases in 1 columns"):
         branches_of(manufactured.database(columns=1))
+
+
+def test_a_snap_through_that_the_database_names_divides_the_branches():
+    plain = manufactured.two_branches()
+    split = manufactured.is_convex(0.02, np.unique(plain["size_ratio"]))
+    borders = plain.dataset.isel(border=np.concatenate([np.arange(len(split)), np.flatnonzero(split)])).copy(deep=True)
+    borders["border_kind"].values[len(split) :] = "snap-through"
+    borders["border_capillary_number"].values[len(split) :] = 0.0299
+    parachute, convex = branches_of(Database(borders))
+    np.testing.assert_array_equal(convex.region.highest, 0.0299)
+    np.testing.assert_array_equal(parachute.region.lowest[split], 0.0299)
+    np.testing.assert_array_equal(parachute.region.limit, branches_of(plain)[0].region.limit)
+
+
+def test_where_the_rear_turns_concave_smoothly_the_branches_meet_at_the_onset():
+    """The depth of a rear that flattens as a quartic grows as the square of the distance from the onset."""
+    plain = manufactured.database()
+    dataset = plain.dataset.copy(deep=True)
+    dataset["parachute_depth"].values[:] = 1e3 * np.maximum(plain["capillary_number"] - 0.03, 0.0) ** 2
+    parachute, convex = branches_of(Database(dataset))
+    np.testing.assert_allclose(convex.region.highest, 0.03, rtol=1e-9)
+    np.testing.assert_array_equal(parachute.region.lowest, convex.region.highest)
+
+
+def test_below_the_snap_through_the_shape_is_unsettled():
+    plain = manufactured.database()
+    assert unsettled_region(plain) is None
+    dataset = plain.dataset.copy(deep=True)
+    dataset["border_kind"].values[[4, 6]] = "snap-through"
+    dataset["border_kind"].values[5] = "lost from rest"
+    dataset["border_capillary_number"].values[4:7] = 0.012, 0.008, 0.016
+    region = unsettled_region(Database(dataset))
+    size = dataset["border_size_ratio"].values[4:7]
+    np.testing.assert_array_equal(region.size_ratio, size)
+    np.testing.assert_allclose(region.highest, [0.012, 0.016, 0.016])
+    np.testing.assert_array_equal(region.contains(np.full(3, 0.014), size), [False, True, True])
+    assert not region.contains(np.array([0.012]), np.array([size[0] - 0.01]))[0]

@@ -8,20 +8,34 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from capsbayes.database import Database
 
 
 def build(
     out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
-    law: Annotated[str, typer.Option(help="Membrane law.")] = "neo-hookean",
-    section: Annotated[str, typer.Option(help="Section of the channel.")] = "square",
+    law: Annotated[
+        str, typer.Option(help="Membrane law: neo-hookean, skalak:hardening=1 or hooke:poisson_ratio=0.5.")
+    ] = "neo-hookean",
+    section: Annotated[str, typer.Option(help="Section of the channel: square, rectangular or circular.")] = "square",
+    corner_radius: Annotated[float, typer.Option(help="Radius of a square section's corners over l.")] = 0.0,
+    section_aspect: Annotated[float, typer.Option(help="Depth of the section over the width seen, b/l.")] = 1.0,
     refinement: Annotated[int, typer.Option(help="Fineness n of the mesh: 8 is quick, 12 is fit to publish.")] = 8,
     bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
     pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
+    rest_aspect: Annotated[float, typer.Option(help="Axis at rest along the flow over that across.")] = 1.0,
     cases: Annotated[
         Path | None, typer.Option(help="CSV file with the columns capillary_number and size_ratio.")
     ] = None,
-    grid: Annotated[str | None, typer.Option(help="Instead of --cases: 'default', 380 cases.")] = None,
+    grid: Annotated[str | None, typer.Option(help="Instead of --cases: 'default', 418 cases.")] = None,
+    effect: Annotated[
+        str | None,
+        typer.Option(help="One more parameter to vary over --values, as pre_inflation, or hardening of the law."),
+    ] = None,
+    values: Annotated[
+        str | None, typer.Option(help="Values of --effect, as 0,0.01,0.05: at least three, the usual one among them.")
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask cluster, tcp://host:port; otherwise this machine.")
     ] = None,
@@ -35,28 +49,50 @@ def build(
 
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """
-    import json
-    import time
-
-    from capsbayes.cli.choices import one_of
-    from capsbayes.membrane import LAWS
+    from capsbayes.membrane import law_named
     from capsbayes.simulation.build import build_database
+    from capsbayes.simulation.build_effect import build_effect_database
+    from capsbayes.stokes.sections import section_named
 
-    chosen = _chosen_cases(cases, grid)
-    membrane = one_of("build", "--law", law, LAWS)
-    one_of("build", "--section", section, {"square": None})
+    chosen, varied = _chosen_cases(cases, grid), _values(effect, values)
+    membrane = law_named(law)
+    section_named(section, corner_radius, section_aspect)
     _require("--refinement", refinement >= 2, "a whole number from 2 on", refinement)
     _require("--bending", bending >= 0.0, "a number not below 0", bending)
     _require("--pre-inflation", pre_inflation >= 0.0, "a number not below 0", pre_inflation)
     _require("--compare", compare is None or compare > refinement, "more than --refinement", compare)
+    _require("--compare", compare is None or effect is None, "nothing beside --effect", compare)
     _require("--workers", workers is None or workers >= 1, "at least 1", workers)
     from capsbayes.simulation import Simulator  # slow to import: after every check of the input
 
     simulator = Simulator(
-        law=membrane(), section=section, refinement=refinement, bending=bending, pre_inflation=pre_inflation
+        law=membrane,
+        section=section,
+        refinement=refinement,
+        bending=bending,
+        pre_inflation=pre_inflation,
+        corner_radius=corner_radius,
+        section_aspect=section_aspect,
+        rest_aspect=rest_aspect,
     )
+
+    def make() -> Database:
+        if effect is None:
+            return build_database(simulator, chosen, out=out, scheduler=scheduler, workers=workers, compare=compare)
+        return build_effect_database(
+            simulator, chosen, effect=effect, values=varied, out=out, scheduler=scheduler, workers=workers
+        )
+
+    report(make, out, as_json=as_json)
+
+
+def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
+    """Make a database and print what came of it; exit status 1 if not one case converged."""
+    import json
+    import time
+
     begin = time.perf_counter()
-    database = build_database(simulator, chosen, out=out, scheduler=scheduler, workers=workers, compare=compare)
+    database = make()
     summary = _summary(database, out, time.perf_counter() - begin)
     typer.echo(json.dumps(summary, indent=2) if as_json else _as_text(summary))
     if not len(database.converged):
@@ -74,6 +110,18 @@ def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, flo
         return read_cases(cases)
     one_of("build", "--grid", str(grid), {"default": None})
     return default_grid()
+
+
+def _values(effect: str | None, text: str | None) -> list[float]:
+    """The numbers of --values, which comes with --effect."""
+    from capsbayes.errors import InputError
+
+    if (effect is None) != (text is None):
+        raise InputError("build", "--effect, --values", "both or neither", "only one")
+    try:
+        return [float(value) for value in (text or "").split(",") if value]
+    except ValueError:
+        raise InputError("build", "--values", "numbers with commas between them", repr(text)) from None
 
 
 def _require(option: str, holds: bool, expected: str, got: object) -> None:

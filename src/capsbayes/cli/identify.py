@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -28,6 +28,13 @@ def identify(
         str | None,
         typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
     ] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Prior of the further coordinate of the database, as pre_inflation='0 .. 0.1' (uniform) or "
+            "pre_inflation='0.03 +/- 0.01'; default: uniform over the database."
+        ),
+    ] = None,
     engine: Annotated[
         str | None, typer.Option(help="emcee or quadrature; default: emcee, checked by quadrature.")
     ] = None,
@@ -44,10 +51,11 @@ def identify(
     from capsbayes.surrogate import Surrogate
 
     _check_folder(out)
-    measurement, prior = Measurement.read(capsule), Prior.read(capsule)
+    measurement = Measurement.read(capsule)
+    believed = Prior.read(capsule).with_coordinates(_coordinates(prior or []), where="--prior")
     known = Experiment.read(experiment or _named(measurement))
     model = Surrogate.open(database or f"{known.section}-neo-hookean")
-    posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=prior)
+    posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
     if out is not None:
         _write(posterior, out)
     if as_json:
@@ -56,6 +64,20 @@ def identify(
         _print(posterior, out)
     if not posterior.status.ok:
         raise typer.Exit(1)
+
+
+def _coordinates(priors: list[str]) -> dict[str, str]:
+    """Name and text of each option ``--prior NAME=TEXT``."""
+    from capsbayes.errors import InputError
+    from capsbayes.parameters import COORDINATES
+
+    texts = {}
+    for prior in priors:
+        name, equals, text = prior.partition("=")
+        if name not in COORDINATES or not equals:
+            raise InputError("--prior", "", f"NAME=TEXT with one of the names {', '.join(COORDINATES)}", repr(prior))
+        texts[name] = text
+    return texts
 
 
 def _named(measurement: Measurement) -> Path:
@@ -83,13 +105,14 @@ def _write(posterior: Posterior, out: Path) -> None:
     import tempfile
 
     from capsbayes.report import corner_plot, outline_figure
+    from capsbayes.report.corner_plot import SHOWN
 
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out, prefix=".unfinished-") as folder:
         unfinished = Path(folder)
         posterior.write(unfinished / "posterior.nc")
         (unfinished / "summary.json").write_text(json.dumps(posterior.as_dict(), indent=2) + "\n")
-        corner_plot(posterior).savefig(unfinished / "corner.png", dpi=110)
+        corner_plot(posterior, (*SHOWN, *posterior.prior.coordinates)).savefig(unfinished / "corner.png", dpi=110)
         if posterior.outlines is not None:
             outline_figure(posterior).savefig(unfinished / "outline.png", dpi=140)
         for made in sorted(unfinished.iterdir()):
@@ -116,7 +139,8 @@ def _print(posterior: Posterior, out: Path | None) -> None:
     console.print(
         f"Priors: G_s {prior.surface_shear_modulus.shape} from {1e3 * prior.surface_shear_modulus.low:g} to "
         f"{1e3 * prior.surface_shear_modulus.high:g} mN/m, a {prior.capsule_radius.shape} from "
-        f"{1e6 * prior.capsule_radius.low:g} to {1e6 * prior.capsule_radius.high:g} um."
+        f"{1e6 * prior.capsule_radius.low:g} to {1e6 * prior.capsule_radius.high:g} um"
+        f"{''.join(map(_as_text, prior.coordinates.items()))}."
     )
     console.print(f"Model: {posterior.model_name}, sha256 {posterior.model_sha256[:12]}; seed {posterior.seed}.")
     if out is not None:
@@ -124,12 +148,19 @@ def _print(posterior: Posterior, out: Path | None) -> None:
     console.print(f"Status: {posterior.status}", style="green" if posterior.status.ok else "bold red")
 
 
+def _as_text(coordinate: tuple[str, Any]) -> str:
+    from capsbayes.parameters import PARAMETERS
+
+    name, distribution = coordinate
+    low, high = distribution.ppf([0.025, 0.975])
+    return f", {PARAMETERS[name].symbol} {distribution.dist.name}, 95 % from {low:.3g} to {high:.3g}"
+
+
 def _quantities(posterior: Posterior) -> Table:
     from rich import box
     from rich.markup import escape
     from rich.table import Table
 
-    from capsbayes.inference.posterior import REPORTED
     from capsbayes.parameters import PARAMETERS
 
     table = Table(
@@ -143,8 +174,8 @@ def _quantities(posterior: Posterior) -> Table:
     for heading in ("median", "68 %", "95 %", *others, "paper"):
         table.add_column(heading, justify="right", no_wrap=True)
     paper = posterior.deterministic.as_dict() if posterior.deterministic else {}
-    for name in REPORTED:
-        one, marginal = PARAMETERS[name], posterior.marginals[name]
+    for name, marginal in posterior.marginals.items():
+        one = PARAMETERS[name]
         digits = _digits(marginal.sd * one.scale)
         values = [
             (marginal.median,),

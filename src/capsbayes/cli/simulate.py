@@ -14,11 +14,16 @@ if TYPE_CHECKING:
 def simulate(
     ca: Annotated[float, typer.Option(help="Capillary number mu U / G_s.")],
     size: Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over half width.")],
-    law: Annotated[str, typer.Option(help="Membrane law.")] = "neo-hookean",
-    section: Annotated[str, typer.Option(help="Section of the channel.")] = "square",
+    law: Annotated[
+        str, typer.Option(help="Membrane law: neo-hookean, skalak:hardening=1 or hooke:poisson_ratio=0.5.")
+    ] = "neo-hookean",
+    section: Annotated[str, typer.Option(help="Section of the channel: square, rectangular or circular.")] = "square",
+    corner_radius: Annotated[float, typer.Option(help="Radius of a square section's corners over l.")] = 0.0,
+    section_aspect: Annotated[float, typer.Option(help="Depth of the section over the width seen, b/l.")] = 1.0,
     refinement: Annotated[int, typer.Option(help="Fineness n of the mesh: 8 is quick, 12 is fit to publish.")] = 8,
     bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
     pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
+    rest_aspect: Annotated[float, typer.Option(help="Axis at rest along the flow over that across.")] = 1.0,
     out: Annotated[Path | None, typer.Option(help="Write the membrane for ParaView, a .vtu file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the shape, a .png, .pdf or .svg file.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
@@ -31,16 +36,18 @@ def simulate(
 
     _check_suffix("--out", out, (".vtu",))
     _check_suffix("--plot", plot, (".png", ".pdf", ".svg"))
-    from capsbayes.cli.choices import one_of
-    from capsbayes.membrane import LAWS
+    from capsbayes.membrane import law_named
     from capsbayes.simulation import Simulator
 
     simulator = Simulator(
-        law=one_of("simulate", "--law", law, LAWS)(),
+        law=law_named(law),
         section=section,
         refinement=refinement,
         bending=bending,
         pre_inflation=pre_inflation,
+        corner_radius=corner_radius,
+        section_aspect=section_aspect,
+        rest_aspect=rest_aspect,
     )
     state = _run(simulator, ca, size)
     result = _summary(state)
@@ -116,11 +123,15 @@ _ROWS = (
 )
 
 
+_USUAL = {"pre_inflation": 0.0, "corner_radius": 0.0, "section_aspect": 1.0, "rest_aspect": 1.0}
+
+
 def _as_text(state: SteadyState, summary: dict[str, Any]) -> str:
     settings = state.settings
+    unusual = [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
     lines = [
         f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['section']} "
-        f"section, refinement {settings['refinement']}, bending {settings['bending']:g}",
+        f"section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual),
         summary["message"],
     ]
     if state.status.ok:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capsbayes.inference.convergence import autocorrelation_time, bulk_ess, split_rhat, tail_ess
 from capsbayes.inference.marginal import Marginal
+from capsbayes.parameters import COORDINATES
 
 __all__ = ["Agreement", "Gate", "agreement", "chain_gates", "ess_gates", "leaning"]
 
@@ -77,7 +78,7 @@ class Agreement:
     ----------
     mean, sd, quantile : float
         Largest difference of the means and of the quantiles, in standard deviations, and of the standard deviations,
-        relative; over the logarithms of all quantities.
+        relative; over the logarithms of all quantities but a further coordinate of the model, taken as it is.
     worst : str
         The quantity that differs most.
     passed : bool
@@ -146,13 +147,13 @@ def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) ->
     draws : mapping of arrays
         Of the quantities themselves.
     reference : mapping of Marginal
-        Of their logarithms.
+        Of their logarithms; of those of `COORDINATES`, which may vanish, of the quantities themselves.
     """
     means, sds, quantiles = {}, {}, {}
     for name, other in reference.items():
         if other.sd <= 1e-12:
             continue
-        this = Marginal.of_draws(np.log(draws[name]))
+        this = Marginal.of_draws(draws[name] if name in COORDINATES else np.log(draws[name]))
         means[name] = abs(this.mean - other.mean) / other.sd
         sds[name] = abs(this.sd / other.sd - 1.0)
         ends = ("median", "lower_68", "upper_68", "lower_95", "upper_95")
@@ -164,7 +165,9 @@ def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) ->
     )
 
 
-def leaning(draws: Mapping[str, Floats], names: Sequence[str], contains) -> float:  # type: ignore[no-untyped-def]
+def leaning(  # type: ignore[no-untyped-def]
+    draws: Mapping[str, Floats], names: Sequence[str], contains, held: Sequence[str] = ()
+) -> float:
     """Share of the posterior within half a standard deviation of a border.
 
     Parameters
@@ -175,6 +178,8 @@ def leaning(draws: Mapping[str, Floats], names: Sequence[str], contains) -> floa
         Those in which the border lies.
     contains : callable
         Takes one array for each name and says which points are within.
+    held : sequence of str
+        Further quantities that it takes, which are not moved; the steps are those of the others given these.
 
     Returns
     -------
@@ -183,11 +188,20 @@ def leaning(draws: Mapping[str, Floats], names: Sequence[str], contains) -> floa
         logarithms takes beyond the border.
     """
     logs = np.stack([np.log(np.ravel(draws[name])) for name in names])
-    logs = logs[:, :: max(1, logs.shape[1] // 4000)]
-    values, axes = np.linalg.eigh(np.atleast_2d(np.cov(logs)))
+    every = slice(None, None, max(1, logs.shape[1] // 4000))
+    logs, others = logs[:, every], [np.ravel(draws[name])[every] for name in held]
+    values, axes = np.linalg.eigh(np.atleast_2d(np.cov(_given(logs, others))))
     out = np.zeros(logs.shape[1], dtype=bool)
     for value, axis in zip(values, axes.T, strict=True):
         for sign in (-1.0, 1.0):
             moved = np.exp(logs + sign * _NUDGE * np.sqrt(max(value, 0.0)) * axis[:, None])
-            out |= ~contains(*moved)
+            out |= ~contains(*moved, *others)
     return float(out.mean())
+
+
+def _given(logs: Floats, held: Sequence[Floats]) -> Floats:
+    """What is left of each row once a parabola in each of the held quantities is taken out : (names, n) array."""
+    if not held:
+        return logs
+    basis = np.stack([np.ones(logs.shape[1]), *held, *(one**2 for one in held)], axis=1)
+    return logs - (basis @ np.linalg.lstsq(basis, logs.T, rcond=None)[0]).T

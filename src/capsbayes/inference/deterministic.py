@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 
 from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
 from capsbayes.inference.inputs import Inputs
@@ -14,7 +15,10 @@ __all__ = ["DeterministicAnswer", "deterministic_answer"]
 
 @dataclass(frozen=True)
 class DeterministicAnswer:
-    """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`."""
+    """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`.
+
+    `assumed` holds the null value of a further coordinate of the model, which the procedure does not know.
+    """
 
     surface_shear_modulus: float
     capsule_radius: float
@@ -22,10 +26,12 @@ class DeterministicAnswer:
     capillary_number: float
     size_ratio: float
     velocity_ratio: float
+    assumed: Mapping[str, float] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, float]:
-        """Quantities by name."""
-        return asdict(self)
+        """Quantities by name, those assumed among them."""
+        quantities = asdict(self)
+        return quantities | quantities.pop("assumed")
 
 
 def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: Inputs) -> DeterministicAnswer | None:
@@ -50,6 +56,7 @@ def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: 
         viscosity=inputs.viscosity.centre, mean_velocity=flow, capillary_number=found.capillary_number
     )
     radius = capsule_radius(size_ratio=found.size_ratio, half_width=inputs.half_width.centre)
-    return DeterministicAnswer(
-        float(modulus), float(radius), float(flow), found.capillary_number, found.size_ratio, found.velocity_ratio
-    )
+    coordinate = getattr(model, "coordinate", None)
+    assumed = {} if coordinate is None else {coordinate: model.domain.null_value}  # type: ignore[attr-defined]
+    shape = found.capillary_number, found.size_ratio, found.velocity_ratio
+    return DeterministicAnswer(float(modulus), float(radius), float(flow), *shape, assumed)

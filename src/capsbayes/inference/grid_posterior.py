@@ -43,7 +43,9 @@ class GridPosterior:
     half_width : (k,) array or None [m]
         Nodes of l, where it is a dimension.
     free : (k or 1, n) array
-        Probability of each node before the prior ranges of G_s and a cut, up to a factor.
+        Probability of each node before the prior ranges of G_s and a cut, over that of the likeliest.
+    log_scale : float
+        Log density of the likeliest, so that posteriors of one measurement can be weighed against each other.
     share : array that broadcasts with it
         Probability that G_s and a lie within their ranges there.
     gates : tuple of Gate
@@ -56,6 +58,7 @@ class GridPosterior:
     nodes: Nodes
     half_width: Floats | None
     free: Floats
+    log_scale: float
     share: Floats | float
     gates: tuple[Gate, ...]
 
@@ -66,6 +69,12 @@ class GridPosterior:
         return weights / weights.sum()
 
     @cached_property
+    def log_evidence(self) -> float:
+        """Log of the integral of the posterior density over (log Ca, a/l), up to a constant of the measurement."""
+        with np.errstate(divide="ignore"):
+            return float(np.log(np.sum(self.free * self.share) * np.prod(self.window.step)) + self.log_scale)
+
+    @cached_property
     def cut(self) -> bool:
         """Whether a prior range of G_s or a cuts into the posterior."""
         share = np.broadcast_to(self.share, self.free.shape)[self.free > _NEGLIGIBLE * self.free.max()]
@@ -73,21 +82,21 @@ class GridPosterior:
 
     def marginal(self, name: str) -> Marginal:
         """Summary of one quantity, named as in `capsbayes.parameters`."""
-        if self.cut and name not in self._node_logs:
+        if not self.has_masses(name):
             return Marginal.of_draws(self._many_draws[name])
-        return self._masses(name).marginal()
+        return self.masses(name).marginal()
 
     def log_marginal(self, name: str) -> Marginal:
         """Summary of the logarithm of one quantity."""
-        if self.cut and name not in self._node_logs:
+        if not self.has_masses(name):
             return Marginal.of_draws(np.log(self._many_draws[name]))
-        return self._masses(name).log_marginal()
+        return self.masses(name).log_marginal()
 
     def probability_below(self, name: str, value: float) -> float:
         """Posterior probability that a quantity is below a value [SI]: uniform over capsules if value is the truth."""
-        if self.cut and name not in self._node_logs:
+        if not self.has_masses(name):
             return float(np.mean(self._many_draws[name] <= value))
-        return float(self._masses(name).below(np.array([np.log(value)]))[0])
+        return float(self.masses(name).below(np.array([np.log(value)]))[0])
 
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
         """Independent draws of all quantities, spread within the cells of the grid.
@@ -154,7 +163,11 @@ class GridPosterior:
             "stretch_ratio": (np.log(nodes.stretch_ratio), 0.0),
         }
 
-    def _masses(self, name: str) -> LogMasses:
+    def has_masses(self, name: str) -> bool:
+        """Whether the masses of a quantity are its distribution: no prior range cuts it, or the node determines it."""
+        return not self.cut or name in self._node_logs
+
+    def masses(self, name: str) -> LogMasses:
         """Distribution of a quantity as a product of a function of the node and independent inputs."""
         target = self.target
         if name in self._node_logs:

@@ -17,13 +17,15 @@ from capsbayes.inference.ensembles import Chains, Effort, sampled
 from capsbayes.inference.grid_posterior import GridPosterior
 from capsbayes.inference.log_density import LogDensity
 from capsbayes.inference.marginal import Marginal
+from capsbayes.inference.mixed_posterior import MixedPosterior
+from capsbayes.inference.mixed_quadrature import exact_engine
 from capsbayes.inference.posterior import REPORTED, Posterior
 from capsbayes.inference.prior import Prior
-from capsbayes.inference.quadrature import Quadrature
 from capsbayes.inference.shares import variance_shares
 from capsbayes.inference.target import evaluated
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
+from capsbayes.parameters import COORDINATES
 from capsbayes.status import Status
 
 __all__ = ["ENGINES", "identify"]
@@ -31,6 +33,7 @@ __all__ = ["ENGINES", "identify"]
 Floats = NDArray[np.float64]
 
 ENGINES = ("emcee", "quadrature")
+_TWO_SHAPES = "two shapes"
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
 _OUTLINES = 200
 
@@ -52,7 +55,7 @@ def identify(
     measurement : Measurement
         Lengths and velocity, with their errors.
     model : ForwardModel
-        For example a `Surrogate`.
+        For example a `Surrogate`. If it has a further coordinate, as pre-inflation, this is a nuisance.
     experiment : Experiment
         Channel and liquid.
     engine : str
@@ -60,7 +63,7 @@ def identify(
     seed : int
         Of all randomness; stored in the result.
     prior : Prior, optional
-        Of G_s and a.
+        Of G_s and a, and of a further coordinate of the model.
     effort : Effort, optional
         How much emcee samples.
 
@@ -82,12 +85,13 @@ def identify(
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
     _check_section(model, experiment)
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would only wait for each other
-        quadrature = Quadrature(model, experiment, prior)
+        quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
         run = _sampled if engine == "emcee" else _gridded
         draws, ensemble, gates, agreed = run(grid, seed, effort)
-        exact = {name: grid.marginal(name) for name in REPORTED}
-        marginals = {name: Marginal.of_draws(draws[name]) for name in REPORTED} if agreed else exact
+        reported = _reported(grid)
+        exact = {name: grid.marginal(name) for name in reported}
+        marginals = {name: Marginal.of_draws(draws[name]) for name in reported} if agreed else exact
         leans = _leaning(draws, model, quadrature.prior)
         return Posterior(
             draws=draws,
@@ -120,7 +124,12 @@ def _check_section(model: ForwardModel, experiment: Experiment) -> None:
         raise InputError(where, "section", f'"{section}", that of the model', f'"{experiment.section}"')
 
 
-def _sampled(grid: GridPosterior, seed: int, effort: Effort | None) -> _Run:
+def _reported(grid: GridPosterior | MixedPosterior) -> tuple[str, ...]:
+    coordinate = grid.target.coordinate
+    return REPORTED if coordinate is None else (*REPORTED, coordinate.name)
+
+
+def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:
     """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
     log_density = LogDensity(grid.forward, grid.target)
     shape = {name: grid.log_marginal(name) for name in log_density.names}
@@ -132,16 +141,20 @@ def _sampled(grid: GridPosterior, seed: int, effort: Effort | None) -> _Run:
     kept = chains.thinned()
     steps, ensembles, walkers, _ = kept.coordinates.shape
     nodes = {name: np.ravel(values) for name, values in kept.named().items()}
-    points, stretch = evaluated(grid.forward, nodes["capillary_number"], nodes["size_ratio"], grid.target.error_scale)
+    place = nodes["capillary_number"], nodes["size_ratio"], grid.target.error_scale
+    coordinate = grid.target.coordinate
+    points, stretch = evaluated(
+        grid.forward, *place, {} if coordinate is None else {coordinate.name: nodes[coordinate.name]}
+    )
     rng = np.random.default_rng([seed, 1])
     flat = grid.target.completed(rng, nodes, points, stretch) | {"lp": np.ravel(kept.log_density)}
     draws = {name: values.reshape(steps, -1).T for name, values in flat.items()}
-    gates = [*chains.gates, *ess_gates({name: draws[name] for name in REPORTED})]
-    agreed = agreement(draws, {name: grid.log_marginal(name) for name in REPORTED})
+    gates = [*chains.gates, *ess_gates({name: draws[name] for name in _reported(grid)})]
+    agreed = agreement(draws, {name: grid.log_marginal(name) for name in _reported(grid)})
     return _Run(draws, np.repeat(np.arange(ensembles), walkers), gates, agreed)
 
 
-def _gridded(grid: GridPosterior, seed: int, effort: Effort | None) -> _Run:
+def _gridded(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:
     """Draw from the grid, independently."""
     del effort
     drawn = grid.drawn(np.random.default_rng([seed, 1]), _DRAWS[0] * _DRAWS[1])
@@ -159,7 +172,11 @@ class _Run(NamedTuple):
 
 
 def _leaning(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
-    shares = {"model": leaning(draws, ("capillary_number", "size_ratio"), model.domain.contains)}
+    place = ("capillary_number", "size_ratio")
+    shares = {"model": leaning(draws, place, model.domain.contains, tuple(prior.coordinates))}
+    unsettled = getattr(model, "unsettled", None)
+    if unsettled is not None:
+        shares[_TWO_SHAPES] = float(np.mean(unsettled.contains(*(np.ravel(draws[name]) for name in place))))
     for name, one in (
         ("surface_shear_modulus", prior.surface_shear_modulus),
         ("capsule_radius", prior.capsule_radius),
@@ -171,9 +188,9 @@ def _leaning(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
 
 def _outlines(draws: Mapping[str, Floats], model: ForwardModel) -> Floats | None:
     """Outlines of some draws, evenly taken."""
-    ca, size = np.ravel(draws["capillary_number"]), np.ravel(draws["size_ratio"])
-    some = np.linspace(0, len(ca) - 1, _OUTLINES).astype(int)
-    return model({"capillary_number": ca[some], "size_ratio": size[some]}, outline=True).outline
+    names = [name for name in ("capillary_number", "size_ratio", *COORDINATES) if name in draws]
+    some = np.linspace(0, draws[names[0]].size - 1, _OUTLINES).astype(int)
+    return model({name: np.ravel(draws[name])[some] for name in names}, outline=True).outline
 
 
 def _status(gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str, float]) -> Status:
@@ -184,6 +201,8 @@ def _status(gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str,
         return Status.ENGINES_DISAGREE
     if leans["model"] > LEANING_SHARE:
         return Status.LEANS_ON_BORDER
-    if max(leans.values()) > LEANING_SHARE:
+    if max(share for name, share in leans.items() if name != _TWO_SHAPES) > LEANING_SHARE:
         return Status.LEANS_ON_PRIOR
+    if leans.get(_TWO_SHAPES, 0.0) > LEANING_SHARE:
+        return Status.LEANS_ON_TWO_SHAPES
     return Status.DONE

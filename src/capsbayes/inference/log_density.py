@@ -16,7 +16,7 @@ _INPUTS = ("viscosity", "half_width", "capsule_velocity")
 
 
 class LogDensity:
-    """Log posterior density over (log Ca, a/l) and the inputs that are sampled with them.
+    """Log posterior density over (log Ca, a/l), the model's further coordinate, and the inputs sampled with them.
 
     Only the inputs that the shape depends on are sampled by default; the
     others are integrated out exactly and drawn afterwards. With
@@ -34,6 +34,8 @@ class LogDensity:
     ----------
     names : tuple of str
         Coordinates; the first is the logarithm of the capillary number.
+    sampled : tuple of str
+        Those of them that are inputs.
     not_a_number : int
         Points inside the model's domain whose density came out NaN; they count as impossible.
     """
@@ -43,25 +45,29 @@ class LogDensity:
         sampled = [name for name in _INPUTS if sample_inputs and not getattr(target.inputs, name).known]
         if not sample_inputs and target.shape_depends_on_half_width:
             sampled = ["half_width"]
-        self.names = ("capillary_number", "size_ratio", *sampled)
+        self.sampled = tuple(sampled)
+        further = () if target.coordinate is None else (target.coordinate.name,)
+        self.names = ("capillary_number", "size_ratio", *further, *sampled)
         self.not_a_number = 0
 
     def __call__(self, coordinates: Floats) -> Floats:
         """Log density : (n, d) -> (n,) array, -inf where the density vanishes or is not a number."""
         theta = self.named(coordinates)
         impossible = np.zeros(len(coordinates), dtype=bool)
-        for name in self.names[2:]:
+        for name in self.sampled:
             impossible |= theta[name] <= 0.0
             theta[name] = np.where(impossible, getattr(self.target.inputs, name).centre, theta[name])
-        points, _ = evaluated(self.model, theta["capillary_number"], theta["size_ratio"], self.target.error_scale)
+        further = {name: theta[name] for name in self.names[2 : len(self.names) - len(self.sampled)]}
+        place = theta["capillary_number"], theta["size_ratio"]
+        points, _ = evaluated(self.model, *place, self.target.error_scale, further)
         outside = np.isnan(points.extent)
         density = self._all(theta, points) if self.sample_inputs else self._integrated(theta, points, coordinates)
+        if self.target.coordinate is not None:
+            density = density + self.target.coordinate.log_density(theta[self.target.coordinate.name])
         wrong = np.isnan(density)
         if wrong.any():
-            domain = self.model.domain
-            self.not_a_number += int(
-                np.count_nonzero(wrong & domain.contains(theta["capillary_number"], theta["size_ratio"]))
-            )
+            inside = self.model.domain.contains(*place, *further.values())
+            self.not_a_number += int(np.count_nonzero(wrong & inside))
         return np.where(wrong | outside | impossible, -np.inf, density)
 
     def named(self, coordinates: Floats) -> dict[str, Floats]:
@@ -84,6 +90,6 @@ class LogDensity:
         full = {name: theta.get(name, np.full(count, getattr(inputs, name).centre)) for name in _INPUTS} | theta
         density = self.target.likelihood.log_density(points, full["half_width"])
         density = density + self.target.prior.log_density(full, points.velocity_ratio)
-        for name in self.names[2:]:
+        for name in self.sampled:
             density = density + getattr(inputs, name).log_density(theta[name])
         return density

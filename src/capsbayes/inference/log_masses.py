@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +85,25 @@ class LogMasses:
         size = int(left.max()) + 2
         masses = np.bincount(left, weights * (1.0 - share), size) + np.bincount(left + 1, weights * share, size)
         return cls(low, step, masses / masses.sum(), mean, variance)
+
+    @classmethod
+    def mixed(cls, parts: Sequence[LogMasses], weights: Floats) -> LogMasses:
+        """One of several distributions, each with its probability.
+
+        Parameters
+        ----------
+        parts : sequence of LogMasses
+        weights : (n,) array
+            Probabilities, summing to one.
+        """
+        means = np.array([part.mean for part in parts])
+        mean = float(weights @ means)
+        variance = float(weights @ (np.array([part.variance for part in parts]) + (means - mean) ** 2))
+        steps = [part.step for part in parts if len(part.masses) > 1]
+        logs = np.concatenate([part.logs for part in parts])
+        masses = np.concatenate([weight * part.masses for weight, part in zip(weights, parts, strict=True)])
+        laid = cls.of_nodes(logs, masses, max(steps, default=np.sqrt(variance) / CELLS_PER_SD))
+        return cls(laid.start, laid.step, laid.masses, mean, variance)
 
     @property
     def logs(self) -> Floats:

@@ -40,7 +40,7 @@ REPORTED = (
     "velocity_ratio",
     "stretch_ratio",
 )
-"""Quantities whose intervals are reported and whose chains are checked."""
+"""Quantities whose intervals are reported and whose chains are checked, beside a further coordinate of the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class Posterior:
         """Table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""
         import pandas as pd
 
-        rows = {name: self.marginals[name].as_dict() for name in REPORTED}
+        rows = {name: marginal.as_dict() for name, marginal in self.marginals.items()}
         table = pd.DataFrame.from_dict(rows, orient="index")
         table.insert(0, "unit", [PARAMETERS[name].unit for name in rows])
         return table
@@ -122,12 +122,21 @@ class Posterior:
             "share_next_to_border": dict(self.leaning),
             "gates": [gate.as_dict() for gate in self.gates],
             "inputs": self._inputs(),
-            "prior": self.prior.described(),
+            "prior": self._priors(),
             "model": {"name": self.model_name, "sha256": self.model_sha256},
             "engine": self.engine,
             "seed": self.seed,
             "version": __version__,
         }
+
+    def _priors(self) -> dict[str, Any]:
+        described = self.prior.described()
+        for name, distribution in self.prior.coordinates.items():
+            low, high = distribution.support()
+            parameters = {"mean": float(distribution.mean()), "sd": float(distribution.std())}
+            described[name] = {"distribution": distribution.dist.name, "low": float(low), "high": float(high)}
+            described[name] |= {**parameters, "unit": PARAMETERS[name].unit}
+        return described
 
     def _inputs(self) -> dict[str, Any]:
         seen, known = self.measurement, self.experiment

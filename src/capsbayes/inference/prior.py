@@ -2,7 +2,9 @@
 
 G_s is log-uniform and a uniform by default, each over a range the user can
 change; the mean velocity U of the flow is log-uniform without limits. They
-are independent of each other and of the inputs (viscosity, half width).
+are independent of each other, of the inputs (viscosity, half width) and of a
+further coordinate of the model, which has any distribution and leaves the
+following as it is.
 
 The posterior is worked out in (log Ca, a/l, v_o), where the model and the
 measured velocity live. At given viscosity mu and half width l
@@ -23,8 +25,9 @@ the model.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,13 +36,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
+from capsbayes.parameters import COORDINATES
 from capsbayes.quantity import quantity
 
-__all__ = ["Prior", "Range", "log_jacobian"]
+__all__ = ["Prior", "Range", "coordinate_prior", "log_jacobian"]
 
 Floats = NDArray[np.float64]
 
 _SHAPES = ("log-uniform", "uniform")
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_TEXT = re.compile(rf"{_NUMBER}\s*(\.\.|\+/-|±)\s*{_NUMBER}")
 _UNITS = {"surface_shear_modulus": ("N/m", "10 mN/m"), "capsule_radius": ("m", "25 um")}
 
 
@@ -95,16 +101,21 @@ class Prior:
         Default: log-uniform from 0.1 mN/m to 10 N/m, two decades about all microcapsules known.
     capsule_radius : Range [m]
         Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
+    coordinates : mapping of str to frozen distribution of scipy.stats
+        Of the further coordinate of the model, as ``{"pre_inflation": scipy.stats.uniform(0.0, 0.1)}``. Default:
+        uniform over the range of the model.
     """
 
     surface_shear_modulus: Range = Range("log-uniform", 1e-4, 10.0)
     capsule_radius: Range = Range("uniform", 1e-6, 1e-3)
+    coordinates: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: str | Path) -> Prior:
         """Read the table ``[prior]`` of a measurement's file; what it does not state keeps its default.
 
-        Each key holds ``{ distribution = "log-uniform", low = "1 mN/m", high = "1 N/m" }``.
+        Each key holds ``{ distribution = "log-uniform", low = "1 mN/m", high = "1 N/m" }``, but that of a further
+        coordinate of the model a text, see `coordinate_prior`.
 
         Raises
         ------
@@ -112,8 +123,15 @@ class Prior:
             Naming file, key, what was expected and what was found.
         """
         file = InputFile.read(path)
-        stated = file.table("prior", optional=tuple(_UNITS))
-        return cls(**{key: _range(str(path), key, value) for key, value in stated.items()})
+        stated, where = file.table("prior", optional=(*_UNITS, *COORDINATES)), str(path)
+        ranges: dict[str, Any] = {key: _range(where, key, value) for key, value in stated.items() if key in _UNITS}
+        texts = {key: value for key, value in stated.items() if key in COORDINATES}
+        return cls(**ranges).with_coordinates(texts, where=f"{where}: prior")
+
+    def with_coordinates(self, texts: Mapping[str, object], *, where: str = "prior") -> Prior:
+        """The same with priors of further coordinates of the model in text form, see `coordinate_prior`."""
+        read = {name: coordinate_prior(text, where=where, key=name) for name, text in texts.items()}
+        return replace(self, coordinates={**self.coordinates, **read})
 
     def log_density(self, theta: Mapping[str, Floats], velocity_ratio: Floats) -> Floats:
         """Log prior density in (log Ca, a/l, v_o) at given viscosity and half width.
@@ -140,12 +158,42 @@ class Prior:
         )
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Ranges in SI, for reports and files."""
+        """Ranges of G_s and a in SI, for reports and files."""
         return {
             key: {"distribution": one.shape, "low": one.low, "high": one.high, "unit": unit}
             for key, (unit, _) in _UNITS.items()
             for one in [getattr(self, key)]
         }
+
+
+def coordinate_prior(text: object, *, where: str, key: str) -> Any:
+    """Distribution of a coordinate from its text form.
+
+    Parameters
+    ----------
+    text : str
+        ``"0 .. 0.1"``, uniform between two limits, or ``"0.03 +/- 0.01"``, normal.
+    where, key : str
+        What it is the prior of, for the message of an error.
+
+    Returns
+    -------
+    frozen distribution of scipy.stats
+
+    Examples
+    --------
+    >>> coordinate_prior("0..0.1", where="prior", key="pre_inflation").ppf(0.5).item()
+    0.05
+    """
+    from scipy.stats import norm, uniform  # half a second to import
+
+    found = _TEXT.fullmatch(str(text).strip())
+    numbers = [float(found[1]), float(found[3])] if found else [np.nan, np.nan]
+    if found and found[2] == ".." and numbers[0] < numbers[1]:
+        return uniform(numbers[0], numbers[1] - numbers[0])
+    if found and found[2] != ".." and numbers[1] > 0.0:
+        return norm(*numbers)
+    raise InputError(where, key, 'a range as "0 .. 0.1" or a value with its error as "0.03 +/- 0.01"', repr(text))
 
 
 def log_jacobian(*, half_width: ArrayLike, capsule_velocity: ArrayLike) -> Floats:

@@ -140,7 +140,8 @@ class Quadrature:
         log_density = target.log_density(points, nodes.log_ca, nodes.size, half_width)
         if widths is not None:
             log_density = log_density + np.log(widths[1])[:, None]
-        free = np.nan_to_num(np.exp(log_density - np.nanmax(log_density))) * nodes.side**2
+        log_scale = float(np.nanmax(log_density))
+        free = np.nan_to_num(np.exp(log_density - log_scale)) * nodes.side**2
         share = np.nan_to_num(np.exp(target.log_share(points, nodes.log_ca, nodes.size, half_width)))
         return GridPosterior(
             self.model,
@@ -149,6 +150,7 @@ class Quadrature:
             nodes,
             None if widths is None else widths[0],
             free.reshape(-1, len(nodes.size)),
+            log_scale,
             share,
             (),
         )

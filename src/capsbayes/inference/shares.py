@@ -1,8 +1,9 @@
 """Which input owns how much of the uncertainty of G_s.
 
 Viscosity and velocity multiply G_s and are independent of the shape: they own
-their variance of log G_s, exactly. For every other input the posterior is
-worked out again with that input's error halved. Were log G_s linear in it, its
+their variance of log G_s, exactly. A further coordinate of the model owns the
+variance of the mean of log G_s from one of its values to another. For every
+other input the posterior is worked out again with that input's error halved. Were log G_s linear in it, its
 part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved),
 and the parts would add up to V; what is missing to one is owed to the prior
 and to the curvature of the model.
@@ -14,6 +15,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from capsbayes.inference.grid_posterior import GridPosterior
+from capsbayes.inference.mixed_posterior import MixedPosterior
+from capsbayes.inference.mixed_quadrature import MixedQuadrature
 from capsbayes.inference.quadrature import Quadrature
 from capsbayes.measurement import Measurement
 
@@ -22,14 +25,19 @@ __all__ = ["variance_shares"]
 REST = "prior and curvature"
 
 
-def variance_shares(engine: Quadrature, measurement: Measurement, posterior: GridPosterior) -> dict[str, float]:
+AnyPosterior = GridPosterior | MixedPosterior
+
+
+def variance_shares(
+    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior
+) -> dict[str, float]:
     """Share of the variance of log G_s owed to each input.
 
     Parameters
     ----------
-    engine : Quadrature
+    engine : Quadrature or MixedQuadrature
     measurement : Measurement
-    posterior : GridPosterior
+    posterior : GridPosterior or MixedPosterior
         Of that measurement.
 
     Returns
@@ -42,6 +50,8 @@ def variance_shares(engine: Quadrature, measurement: Measurement, posterior: Gri
         "viscosity": target.viscosity.variance / total,
         "capsule_velocity": target.capsule_velocity.variance / total,
     }
+    if isinstance(posterior, MixedPosterior):
+        shares[posterior.coordinate.name] = posterior.variance_between("surface_shear_modulus") / total
     for name, halved in _each_halved(engine, measurement, posterior):
         shares[name] = (total - _variance(halved)) / (0.75 * total)
     if not target.shape_depends_on_half_width:
@@ -49,13 +59,13 @@ def variance_shares(engine: Quadrature, measurement: Measurement, posterior: Gri
     return shares | {REST: 1.0 - sum(shares.values())}
 
 
-def _variance(posterior: GridPosterior) -> float:
+def _variance(posterior: AnyPosterior) -> float:
     return posterior.log_marginal("surface_shear_modulus").sd ** 2
 
 
 def _each_halved(
-    engine: Quadrature, measurement: Measurement, posterior: GridPosterior
-) -> Iterator[tuple[str, GridPosterior]]:
+    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior
+) -> Iterator[tuple[str, AnyPosterior]]:
     inputs = posterior.target.inputs
     half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
     yield "axial_extent", engine(half, inputs=inputs)

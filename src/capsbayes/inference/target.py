@@ -1,7 +1,7 @@
 """The posterior density over (log Ca, a/l) with the other inputs integrated out, and their draws given the shape.
 
-The shape depends on (Ca, a/l) alone, and on the half width l where the lengths
-are in metres. Viscosity mu and velocity v_o enter only through
+The shape depends on (Ca, a/l), on the further coordinate of the model if it has
+one, and on the half width l where the lengths are in metres. Viscosity mu and velocity v_o enter only through
 G_s = mu v_o / (Ca r), l only through a = l (a/l). With the prior density
 p(log G_s) p(a) l / v_o of `capsbayes.inference.prior` and power-law shapes
 p(log G_s) ~ G_s^g, p(log a) ~ a^k inside their ranges, everything factors:
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
+from capsbayes.inference.coordinate import Coordinate
 from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.inference.log_masses import LogMasses
@@ -36,7 +37,9 @@ Floats = NDArray[np.float64]
 _ROUNDS = 13  # of redrawing inputs that leave the prior ranges, twice as many of each at every round
 
 
-def evaluated(model: ForwardModel, ca: Floats, size: Floats, error_scale: float) -> tuple[ModelAtPoints, Floats]:
+def evaluated(
+    model: ForwardModel, ca: Floats, size: Floats, error_scale: float, coordinate: Mapping[str, Floats] | None = None
+) -> tuple[ModelAtPoints, Floats]:
     """Evaluate a model and read Lambda too; outside its domain everything is NaN.
 
     Parameters
@@ -45,8 +48,10 @@ def evaluated(model: ForwardModel, ca: Floats, size: Floats, error_scale: float)
     ca, size : (n,) arrays [-]
     error_scale : float
         Factor on the model's own standard errors.
+    coordinate : mapping of (n,) array, optional
+        The further coordinate of the model by name.
     """
-    prediction = model({"capillary_number": ca, "size_ratio": size})
+    prediction = model({"capillary_number": ca, "size_ratio": size, **(coordinate or {})})
     return ModelAtPoints.of(prediction, error_scale=error_scale), prediction.stretch_ratio
 
 
@@ -61,17 +66,27 @@ class Target:
     inputs : Inputs
     error_scale : float
         Factor on the model's own standard errors, one but for studies.
+    coordinate : Coordinate, optional
+        Further coordinate of the model, on which the shape depends too.
     """
 
     likelihood: LengthsLikelihood
     prior: Prior
     inputs: Inputs
     error_scale: float = 1.0
+    coordinate: Coordinate | None = None
 
     @classmethod
-    def of(cls, measurement: Measurement, inputs: Inputs, prior: Prior, error_scale: float = 1.0) -> Target:
+    def of(
+        cls,
+        measurement: Measurement,
+        inputs: Inputs,
+        prior: Prior,
+        error_scale: float = 1.0,
+        coordinate: Coordinate | None = None,
+    ) -> Target:
         """Posterior given a measurement."""
-        return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale)
+        return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale, coordinate)
 
     @property
     def shape_depends_on_half_width(self) -> bool:
@@ -149,8 +164,8 @@ class Target:
         ----------
         rng : Generator
         nodes : mapping
-            ``capillary_number``, ``size_ratio`` and, where it is a dimension, ``half_width``: (n,) arrays drawn from
-            the integrated posterior.
+            ``capillary_number``, ``size_ratio`` and, where they are dimensions, ``half_width`` and the further
+            coordinate of the model: (n,) arrays drawn from the integrated posterior.
         model : ModelAtPoints
             The model there.
         stretch_ratio : (n,) array

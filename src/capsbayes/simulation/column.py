@@ -1,17 +1,18 @@
 """All cases of one size ratio, one after the other, each from a converged neighbour.
 
 A steady state costs little when it starts from a near one. A column is walked
-from a middle capillary number outward: first upward, until no steady state
-exists any more, then downward. The walk is a fixed program of runs whose
-outcomes are kept, so a walk that was cut off takes up its thread by walking
-again over what is kept, and ends with the same numbers as an undisturbed one.
+upward from the lowest capillary number, along the branch of a capsule at rest.
+Where that branch ends in a fold the capsule snaps through to a parachute, and
+the walk goes on along the parachutes until they end too. The walk is a fixed
+program of runs whose outcomes are kept, so a walk that was cut off takes up its
+thread by walking again over what is kept, and ends with the same numbers as an
+undisturbed one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,20 +22,25 @@ from capsbayes.status import Status
 __all__ = [
     "LIMIT_OF_DATABASE",
     "LIMIT_OF_EXISTENCE",
+    "LOST",
     "OUTLINE_POINTS",
+    "SNAP_THROUGH",
     "Border",
     "Runs",
     "SteadySimulator",
-    "limit_of_existence",
     "walk",
 ]
 
 LIMIT_OF_EXISTENCE = "limit of existence"
 LIMIT_OF_DATABASE = "limit of the database"
 
+SNAP_THROUGH = "snap-through"
+LOST = "lost from rest"
+
 OUTLINE_POINTS = 256
-_FIRST_CAPILLARY_NUMBER = 0.05
-_LIMIT_TOLERANCE = 0.01  # relative, of the capillary number at the limit of existence
+_FIRST_TRIED = (0.01, 0.02, 0.05)  # where to begin if the lowest case does not converge
+_BELOW_LIMIT, _ABOVE_LIMIT = (0.96, 0.99), 1.02  # of the Ca at a fold: cases that are run beside those asked for
+_SHALLOW = 0.1  # depth of the rear over a that no capsule exceeds before it snaps through; parachutes at their limit do
 _FAILURES_DOWNWARD = 2  # in a row, after which the lower cases are not tried
 
 
@@ -45,12 +51,21 @@ class SteadySimulator(Protocol):
     def settings(self) -> dict[str, Any]:
         """Everything that decides its answers."""
 
-    def run(self, *, capillary_number: float, size_ratio: float, start: Any = None) -> Any:
+    def run(self, *, capillary_number: float, size_ratio: float, start: Any = "rest") -> Any:
         """Steady state of one case."""
 
 
+Start = Outcome | Literal["rest", "parachute"]
+
+
 class Border(NamedTuple):
-    """Upper end of a column: largest capillary number with a steady state, and what ends it there."""
+    """End of a branch in a column: the capillary number there, and what ends it.
+
+    `kind` is LIMIT_OF_EXISTENCE or LIMIT_OF_DATABASE at the upper end of the column. Below it, where the shapes that a
+    capsule at rest begins with end, it is SNAP_THROUGH: up to there a parachute may be stable as well. Where that
+    branch was lost without a fold, as where the membrane wrinkles, it is LOST: which shape a capsule reaches from
+    there to the snap-through is not established.
+    """
 
     size_ratio: float
     capillary_number: float
@@ -59,16 +74,19 @@ class Border(NamedTuple):
 
 @dataclass(frozen=True)
 class Runs:
-    """The runs of one column: from the kept outcome if there is one, else by the simulator."""
+    """The runs of one column: from the kept outcome if there is one, else by the simulator.
+
+    A case is started from another's outcome or, see `Simulator.run`, from ``"rest"`` or from a ``"parachute"``.
+    """
 
     simulator: SteadySimulator
     parts: Parts
     size_ratio: float
     final: dict[float, Outcome] = field(default_factory=dict)
 
-    def __call__(self, capillary_number: float, start: Outcome | None) -> Outcome:
+    def __call__(self, capillary_number: float, start: Start) -> Outcome:
         """End of one case started from another's steady state; never raises for the case's sake."""
-        origin = None if start is None else start.capillary_number
+        origin = start if isinstance(start, str) else start.capillary_number
         outcome = self.parts.find(capillary_number, self.size_ratio, origin)
         if outcome is None:
             outcome = self._computed(capillary_number, start, origin)
@@ -76,21 +94,21 @@ class Runs:
         self.final[capillary_number] = outcome
         return outcome
 
-    def skip(self, capillary_number: float, start: Outcome | None, status: Status) -> None:
+    def skip(self, capillary_number: float, start: Outcome, status: Status) -> None:
         """Give a case its status without running it."""
-        origin = None if start is None else start.capillary_number
+        origin = start.capillary_number
         outcome = self.parts.find(capillary_number, self.size_ratio, origin)
         if outcome is None:
             outcome = Outcome(capillary_number, self.size_ratio, origin, status)
             self.parts.save(outcome)
         self.final[capillary_number] = outcome
 
-    def _computed(self, capillary_number: float, start: Outcome | None, origin: float | None) -> Outcome:
+    def _computed(self, capillary_number: float, start: Start, origin: float | str) -> Outcome:
         try:
             state = self.simulator.run(
                 capillary_number=capillary_number,
                 size_ratio=self.size_ratio,
-                start=None if start is None else start.state,
+                start=start if isinstance(start, str) else start.state,
             )
             row = _row(state)
         except Exception as error:  # the other cases go on; this one says that it broke off
@@ -100,8 +118,8 @@ class Runs:
         return Outcome(capillary_number, self.size_ratio, origin, state.status, row, kept)
 
 
-def walk(run: Runs, capillary_numbers: list[float]) -> Border | None:
-    """Run every case of a column; the outcomes are then in ``run.final``.
+def walk(run: Runs, capillary_numbers: list[float]) -> list[Border]:
+    """Run every case of a column, and some more at the ends of its branches; the outcomes are then in ``run.final``.
 
     Parameters
     ----------
@@ -111,71 +129,72 @@ def walk(run: Runs, capillary_numbers: list[float]) -> Border | None:
 
     Returns
     -------
-    Border or None
-        None when not one case converged.
+    list of Border
+        Empty when not one case converged.
     """
     ordered = sorted(capillary_numbers)
     first = _first_converged(run, ordered)
     if first is None:
-        return None
-    border = _upward(run, first, [value for value in ordered if value > first.capillary_number])
+        return []
+    borders = _upward(run, first, [value for value in ordered if value > first.capillary_number])
     _downward(run, first, [value for value in reversed(ordered) if value < first.capillary_number])
-    return border
-
-
-def limit_of_existence(
-    run: Callable[[float, Outcome | None], Outcome],
-    below: Outcome,
-    above: Outcome,
-    *,
-    tolerance: float = _LIMIT_TOLERANCE,
-) -> tuple[Outcome, Outcome]:
-    """Narrow the limit of existence between two cases by bisection.
-
-    Parameters
-    ----------
-    run : callable
-        Outcome of a capillary number started from an outcome.
-    below, above : Outcome
-        A case that converged and a higher one that did not.
-    tolerance : float
-        Relative distance at which to stop.
-
-    Returns
-    -------
-    below, above : Outcome
-        The same, at most `tolerance` apart.
-    """
-    while above.capillary_number > (1.0 + tolerance) * below.capillary_number:
-        middle = float(f"{np.sqrt(below.capillary_number * above.capillary_number):.6g}")
-        outcome = run(middle, below)
-        if outcome.done:
-            below = outcome
-        else:
-            above = outcome
-    return below, above
+    return borders
 
 
 def _first_converged(run: Runs, ordered: list[float]) -> Outcome | None:
-    by_distance = sorted(ordered, key=lambda value: (abs(np.log(value / _FIRST_CAPILLARY_NUMBER)), value))
-    return next((outcome for outcome in (run(value, None) for value in by_distance) if outcome.done), None)
+    nearest = [min(ordered, key=lambda value: abs(np.log(value / tried))) for tried in _FIRST_TRIED]
+    candidates = dict.fromkeys([ordered[0], *nearest, *ordered])
+    return next((outcome for outcome in (run(value, "rest") for value in candidates) if outcome.done), None)
 
 
-def _upward(run: Runs, first: Outcome, values: list[float]) -> Border:
+def _upward(run: Runs, first: Outcome, values: list[float]) -> list[Border]:
+    borders: list[Border] = []
     last = first
     for position, value in enumerate(values):
         outcome = run(value, last)
-        if not outcome.done and outcome.status is not Status.RAISED:
-            last, above = limit_of_existence(run, last, outcome)
-            if above is outcome:  # everything below it converged: it may only have been too far a step
-                outcome = above = run(value, last)
-            if not outcome.done:
-                _give_up_above(run, last, above, values[position + 1 :])
-                kind = LIMIT_OF_EXISTENCE if above.status is Status.NO_STEADY_STATE else LIMIT_OF_DATABASE
-                return Border(run.size_ratio, last.capillary_number, kind)
-        if outcome.done:
-            last = outcome
-    return Border(run.size_ratio, last.capillary_number, LIMIT_OF_DATABASE)
+        if outcome.status is Status.RAISED:
+            continue
+        if not outcome.done:
+            limit = _limit(outcome, last)
+            _approach(run, last, limit)
+            beyond = run(value, "parachute") if _shallow(last) and not borders else outcome
+            if not beyond.done:
+                run.final[value] = outcome
+                kind = LIMIT_OF_EXISTENCE if outcome.status is Status.NO_STEADY_STATE else LIMIT_OF_DATABASE
+                _give_up_above(run, last, outcome, values[position + 1 :])
+                return [*borders, Border(run.size_ratio, limit, kind)]
+            folded = outcome.status is Status.NO_STEADY_STATE
+            borders.append(Border(run.size_ratio, limit, SNAP_THROUGH if folded else LOST))
+            just_above = _rounded(_ABOVE_LIMIT * limit)
+            if just_above < value:
+                run(just_above, beyond)
+            outcome = beyond
+        last = outcome
+    return [*borders, Border(run.size_ratio, last.capillary_number, LIMIT_OF_DATABASE)]
+
+
+def _shallow(outcome: Outcome) -> bool:
+    """Whether the rear is so little concave that the capsule may still snap through to a parachute."""
+    return bool(outcome.variables["parachute_depth"] < _SHALLOW * outcome.size_ratio)
+
+
+def _limit(outcome: Outcome, last: Outcome) -> float:
+    """Ca at which the branch of `last` ended on the way to a case, as far as it is known."""
+    limit = float(outcome.variables.get("limit", np.nan))
+    return limit if limit > last.capillary_number else last.capillary_number
+
+
+def _approach(run: Runs, last: Outcome, limit: float) -> None:
+    """Run cases between the last converged one and the end of its branch."""
+    for share in _BELOW_LIMIT:
+        value = _rounded(share * limit)
+        if value > 1.01 * last.capillary_number:
+            outcome = run(value, last)
+            last = outcome if outcome.done else last
+
+
+def _rounded(capillary_number: float) -> float:
+    return float(f"{capillary_number:.4g}")
 
 
 def _give_up_above(run: Runs, last: Outcome, above: Outcome, values: list[float]) -> None:
@@ -202,6 +221,7 @@ def _row(state: Any) -> dict[str, Any]:
         "residual": float(state.residual),
         "slack": float(state.slack),
         "iterations": int(state.iterations),
+        "limit": float(state.limit),
     }
     if state.status is not Status.DONE:
         return row

@@ -8,20 +8,22 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 
-__all__ = ["default_grid", "read_cases"]
+__all__ = ["Cases", "default_grid", "effect_grid", "read_cases", "stiffening_grid", "wide_grid"]
 
 Cases = list[tuple[float, float]]
 
 # fmt: off
 _CAPILLARY_NUMBERS = (
-    0.0075, 0.01, 0.0125, 0.015, 0.0175, 0.02, 0.025, 0.03, 0.035, 0.04,
+    0.003, 0.005, 0.0075, 0.01, 0.0125, 0.015, 0.0175, 0.02, 0.025, 0.03, 0.035, 0.04,
     0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.135, 0.15,
 )
 # fmt: on
+_HIGHER = (0.175, 0.2, 0.25, 0.3)  # where laws that stiffen still have steady states
+_OF_EFFECTS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.115, 0.13)
 
 
 def default_grid() -> Cases:
-    """Cases (Ca, a/l) with a/l from 0.70 to 1.15 and Ca from 0.0075 to 0.15.
+    """Cases (Ca, a/l) with a/l from 0.70 to 1.15 by 0.025 and Ca from 0.003 to 0.15.
 
     Returns
     -------
@@ -31,10 +33,29 @@ def default_grid() -> Cases:
     Examples
     --------
     >>> len(default_grid()), default_grid()[0], default_grid()[-1]
-    (380, (0.0075, 0.7), (0.15, 1.15))
+    (418, (0.003, 0.7), (0.15, 1.15))
     """
-    size_ratios = [round(0.7 + 0.025 * column, 3) for column in range(19)]
-    return [(capillary_number, size_ratio) for size_ratio in size_ratios for capillary_number in _CAPILLARY_NUMBERS]
+    return _grid(_CAPILLARY_NUMBERS, 0.7, 0.025, 19)
+
+
+def wide_grid() -> Cases:
+    """The cases of `default_grid` in every second column."""
+    return _grid(_CAPILLARY_NUMBERS, 0.7, 0.05, 10)
+
+
+def stiffening_grid() -> Cases:
+    """The cases of `wide_grid`, and Ca up to 0.3."""
+    return _grid(_CAPILLARY_NUMBERS + _HIGHER, 0.7, 0.05, 10)
+
+
+def effect_grid() -> Cases:
+    """Cases (Ca, a/l) with a/l from 0.75 to 1.05 by 0.05 and Ca from 0.02 to 0.13."""
+    return _grid(_OF_EFFECTS, 0.75, 0.05, 7)
+
+
+def _grid(capillary_numbers: tuple[float, ...], first: float, step: float, columns: int) -> Cases:
+    size_ratios = [round(first + step * column, 3) for column in range(columns)]
+    return [(capillary_number, size_ratio) for size_ratio in size_ratios for capillary_number in capillary_numbers]
 
 
 def read_cases(path: str | os.PathLike[str]) -> Cases:

@@ -45,22 +45,18 @@ class Enclosure(NamedTuple):
     moment_gradient: Array
 
 
-class _Octant:
-    """Geometry of the quarter x >= 0, y >= 0, whose integrals count four times."""
+class _Integral:
+    """Integrals over the surface of a symmetric function: one element of each orbit, times their number."""
 
     def __init__(self, mesh: OctaSphere) -> None:
         rule = dunavant(6)
-        self.elements = mesh.octant
-        self.weights = 4.0 * rule.weights
+        self.elements, multiplicity = mesh.orbits
+        self.weights = multiplicity[:, None] * rule.weights
         self.shapes = p2(rule.points)
         self.slopes = p2_gradient(rule.points)
         rows = (3 * self.elements[:, :, None] + np.arange(3)).ravel()
         self.scatter: sp.csr_matrix = mesh.expansion[rows]
         self.scatter_transposed: sp.csr_matrix = self.scatter.T.tocsr()
-        tangents = self.tangents(mesh.nodes)
-        self.metric = np.einsum("eqai,eqbi->eqab", tangents, tangents)
-        self.determinant = np.linalg.det(self.metric)
-        self.rest_area = self.weights * np.sqrt(self.determinant)
 
     def tangents(self, nodes: Array) -> Array:
         return np.einsum("qka,eki->eqai", self.slopes, nodes[self.elements])
@@ -76,20 +72,30 @@ class _Octant:
         return (self.scatter_transposed @ (blocks @ self.scatter)).toarray()
 
 
+class _RestMetric(NamedTuple):
+    """Metric (e, q, 2, 2), its determinant (e, q) and the weighted area (e, q) of a surface at rest."""
+
+    metric: Array
+    determinant: Array
+    area: Array
+
+
 @dataclass(frozen=True)
 class MembraneLoad:
-    """The membrane of a capsule that is a sphere of given radius at rest.
+    """The membrane of a capsule that is a sphere of given radius at rest, or a spheroid of the same volume.
 
     Attributes
     ----------
     mesh : OctaSphere
     law : MembraneLaw
     radius : float
-        Radius of the sphere at rest over l.
+        Radius over l of the sphere at rest. It carries the density and the mass matrix of a spheroid too.
     bending : float
         Bending stiffness over G_s a^2, in the quadratic form 1/2 B a^2 G_s int |Lap_0 (x - X)|^2 dS_0.
     pre_inflation : float
-        The rest sphere is inflated from the unstressed radius a / (1 + pre_inflation).
+        The shape at rest is inflated from an unstressed one 1 + pre_inflation times smaller.
+    rest_aspect : float
+        Axis of the shape at rest along the flow over that across.
     """
 
     mesh: OctaSphere
@@ -97,11 +103,12 @@ class MembraneLoad:
     radius: float
     bending: float
     pre_inflation: float = 0.0
+    rest_aspect: float = 1.0
 
     @property
     def rest(self) -> Array:
-        """Free coordinates of the sphere at rest."""
-        return self.radius * self.mesh.reduced(self.mesh.nodes[self.mesh.wedge])
+        """Free coordinates of the shape at rest."""
+        return self.radius * self.mesh.reduced(_spheroid(self.mesh, self.rest_aspect)[self.mesh.wedge])
 
     @property
     def mass(self) -> Array:
@@ -114,17 +121,17 @@ class MembraneLoad:
 
     def elasticity(self, free: Array) -> Elasticity:
         """Stretching and bending energy and its derivatives at the shape with free coordinates `free`."""
-        octant = _octant(self.mesh)
+        integral, rest = _integral(self.mesh), _rest_metric(self.mesh, self.rest_aspect)
         unstressed = self.radius / (1.0 + self.pre_inflation)
-        metric, determinant = octant.metric * unstressed**2, octant.determinant * unstressed**4
-        inverse = np.linalg.inv(metric)
-        tangents = octant.tangents(self.mesh.expanded(free))
+        metric, determinant = rest.metric * unstressed**2, rest.determinant * unstressed**4
+        inverse = np.linalg.inv(metric).astype(float)
+        tangents = integral.tangents(self.mesh.expanded(free))
         m = np.einsum("eqai,eqbi->eqab", tangents, tangents)
         area_ratio = (m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2) / determinant
         w, w1, w2, w11, w12, w22 = self.law.derivatives(np.einsum("eqab,eqab->eq", inverse, m) - 2, area_ratio - 1)
-        weight = octant.rest_area * unstressed**2
+        weight = rest.area * unstressed**2
         # variations of the metric: h_ab[k, i] = d a_ab / d x_ki
-        slope_s, slope_t = octant.slopes[..., 0], octant.slopes[..., 1]
+        slope_s, slope_t = integral.slopes[..., 0], integral.slopes[..., 1]
         a_s, a_t = tangents[:, :, 0], tangents[:, :, 1]
 
         def outer(slope: Array, vector: Array) -> Array:
@@ -159,21 +166,21 @@ class MembraneLoad:
         bent = stiffness @ change
         return Elasticity(
             float(np.sum(weight * w) + 0.5 * change @ bent),
-            octant.gathered(gradient) + bent,
-            octant.assembled(tangent) + stiffness,
+            integral.gathered(gradient) + bent,
+            integral.assembled(tangent) + stiffness,
         )
 
     def enclosure(self, free: Array) -> Enclosure:
         """Volume inside the membrane and its first moment along z."""
-        octant = _octant(self.mesh)
+        integral = _integral(self.mesh)
         nodes = self.mesh.expanded(free)
-        tangents = octant.tangents(nodes)
-        points = np.einsum("qk,eki->eqi", octant.shapes, nodes[octant.elements])
-        normal = np.cross(tangents[:, :, 0], tangents[:, :, 1]) * octant.weights[None, :, None]
+        tangents = integral.tangents(nodes)
+        points = np.einsum("qk,eki->eqi", integral.shapes, nodes[integral.elements])
+        normal = np.cross(tangents[:, :, 0], tangents[:, :, 1]) * integral.weights[..., None]
         z = points[..., 2]
 
         def gradient(weight: Array) -> Array:
-            return octant.gathered(np.einsum("eq,qk,eqi->eki", weight, octant.shapes, normal, optimize=True))
+            return integral.gathered(np.einsum("eq,qk,eqi->eki", weight, integral.shapes, normal, optimize=True))
 
         return Enclosure(
             float(np.sum(z * normal[..., 2])),
@@ -192,7 +199,8 @@ class MembraneLoad:
             return np.einsum("eqai,eqbi->eqab", tangents, tangents)
 
         unstressed = self.radius / (1.0 + self.pre_inflation)
-        strain = np.linalg.solve(metric(self.mesh.nodes) * unstressed**2, metric(nodes))
+        rest = metric(_spheroid(self.mesh, self.rest_aspect)) * unstressed**2
+        strain = np.linalg.solve(rest, metric(nodes))
         half = np.trace(strain, axis1=-2, axis2=-1) / 2
         spread = np.sqrt(np.maximum(half**2 - np.linalg.det(strain), 0.0))
         stretch = np.sqrt(np.stack([half + spread, half - spread], axis=-1))
@@ -203,23 +211,36 @@ class MembraneLoad:
         return total / count[:, None]
 
 
+def _spheroid(mesh: OctaSphere, aspect: float) -> Array:
+    """Nodes (N, 3) of the spheroid about z with this ratio of axes and the unit sphere's volume."""
+    across = aspect ** (-1.0 / 3.0)
+    return mesh.nodes * [across, across, aspect * across]
+
+
 @lru_cache(maxsize=8)
-def _octant(mesh: OctaSphere) -> _Octant:
-    return _Octant(mesh)
+def _integral(mesh: OctaSphere) -> _Integral:
+    return _Integral(mesh)
+
+
+@lru_cache(maxsize=8)
+def _rest_metric(mesh: OctaSphere, aspect: float) -> _RestMetric:
+    integral = _integral(mesh)
+    tangents = integral.tangents(_spheroid(mesh, aspect))
+    metric = np.einsum("eqai,eqbi->eqab", tangents, tangents)
+    determinant = np.linalg.det(metric)
+    return _RestMetric(metric, determinant, integral.weights * np.sqrt(determinant))
 
 
 @lru_cache(maxsize=8)
 def _scalar_forms(mesh: OctaSphere) -> tuple[Array, Array]:
     """Mass and stiffness (F, F) of the Laplacian on the unit sphere, applied to each Cartesian component."""
-    octant = _octant(mesh)
-    inverse = np.linalg.inv(octant.metric)
-    mass = np.einsum("eq,qk,ql->ekl", octant.rest_area, octant.shapes, octant.shapes, optimize=True)
-    stiffness = np.einsum(
-        "eq,qka,eqab,qlb->ekl", octant.rest_area, octant.slopes, inverse, octant.slopes, optimize=True
-    )
+    integral, sphere = _integral(mesh), _rest_metric(mesh, 1.0)
+    inverse = np.linalg.inv(sphere.metric)
+    mass = np.einsum("eq,qk,ql->ekl", sphere.area, integral.shapes, integral.shapes, optimize=True)
+    stiffness = np.einsum("eq,qka,eqab,qlb->ekl", sphere.area, integral.slopes, inverse, integral.slopes, optimize=True)
 
     def assembled(form: Array) -> Array:
-        return octant.assembled(np.einsum("ekl,ij->ekilj", form, np.eye(3)).reshape(-1, 18, 18))
+        return integral.assembled(np.einsum("ekl,ij->ekilj", form, np.eye(3)).reshape(-1, 18, 18))
 
     return assembled(mass), assembled(stiffness)
 

@@ -80,7 +80,7 @@ def _edges(mesh: OctaSphere, nodes: Array) -> tuple[Array, Array]:
         if (i + 1, j) in index and (i, j + 1) in index:
             pairs.append((index[i + 1, j], index[i, j + 1]))
     first, second = np.array(pairs).T
-    points = (p2(grid) @ nodes[mesh.octant])[..., [2, 1]]
+    points = (p2(grid) @ nodes[mesh.quarter])[..., [2, 1]]
     return points[:, first].reshape(-1, 2), points[:, second].reshape(-1, 2)
 
 

@@ -33,9 +33,9 @@ class Outcome:
     ----------
     capillary_number, size_ratio : float
         The case [-].
-    start : float or None
-        Capillary number of the steady state it was started from, None when
-        it was started from rest.
+    start : float or str
+        Capillary number of the steady state it was started from, ``"rest"``, or ``"parachute"`` for the first
+        parachute found.
     status : Status
     variables : dict of str to value
         The case's row of the database; without NaN only if `status` is DONE.
@@ -47,7 +47,7 @@ class Outcome:
 
     capillary_number: float
     size_ratio: float
-    start: float | None
+    start: float | str
     status: Status
     variables: dict[str, Any] = field(default_factory=dict)
     state: Any = None
@@ -103,7 +103,7 @@ class Parts:
             parts._replace(kept, text.encode())
         return parts
 
-    def find(self, capillary_number: float, size_ratio: float, start: float | None) -> Outcome | None:
+    def find(self, capillary_number: float, size_ratio: float, start: float | str) -> Outcome | None:
         """Outcome of a case already finished from this start, or converged from any other.
 
         Returns
@@ -159,8 +159,8 @@ def _case_name(capillary_number: float, size_ratio: float) -> str:
     return f"size-{size_ratio!r}_ca-{capillary_number!r}"
 
 
-def _start_name(start: float | None) -> str:
-    return "rest" if start is None else repr(start)
+def _start_name(start: float | str) -> str:
+    return start if isinstance(start, str) else repr(start)
 
 
 def _compare(folder: Path, kept: str, asked: str) -> None:

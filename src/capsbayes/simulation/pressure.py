@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.simulation.steady_state import Iterate, SteadyProblem
+from capsbayes.simulation.problem import Iterate, Problem
 from capsbayes.stokes.single_layer import SingleLayer
 from capsbayes.stokes.stokeslet import pressure_kernel
 from capsbayes.stokes.walls import wall_operator
-from capsbayes.surface.octasphere import D4
 
 __all__ = ["far_pressure_drop", "pressures"]
 
@@ -18,7 +17,7 @@ Array = NDArray[np.float64]
 _FAR = 0.9  # of the half length that is represented
 
 
-def pressures(problem: SteadyProblem, iterate: Iterate) -> tuple[float, float]:
+def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
     """Inner pressure and extra pressure drop, both over mu U / l.
 
     The inner pressure is that of the liquid inside over the pressure that the undisturbed flow would have at the
@@ -27,7 +26,7 @@ def pressures(problem: SteadyProblem, iterate: Iterate) -> tuple[float, float]:
 
     Parameters
     ----------
-    problem : SteadyProblem
+    problem : Problem
     iterate : Iterate
         A steady state.
 
@@ -38,8 +37,7 @@ def pressures(problem: SteadyProblem, iterate: Iterate) -> tuple[float, float]:
     mesh, channel = problem.mesh, problem.channel
     elastic = problem.membrane(iterate.size_ratio).elasticity(iterate.free)
     nodes = mesh.expanded(iterate.free)
-    speed, _ = channel.undisturbed(nodes[mesh.wedge])
-    flow = mesh.basis.T @ np.column_stack([0 * speed, 0 * speed, speed]).ravel()
+    flow = mesh.reduced(channel.undisturbed(nodes[mesh.wedge])[0])
     drop = elastic.gradient @ flow / (iterate.capillary_number * channel.area)
     on_axis = nodes[np.hypot(mesh.nodes[:, 0], mesh.nodes[:, 1]) < 1e-12, 2]
     middle, end = float(np.mean(on_axis)), _FAR * problem.walls.end
@@ -48,22 +46,22 @@ def pressures(problem: SteadyProblem, iterate: Iterate) -> tuple[float, float]:
     return float(inside), float(drop)
 
 
-def far_pressure_drop(problem: SteadyProblem, iterate: Iterate) -> float:
+def far_pressure_drop(problem: Problem, iterate: Iterate) -> float:
     """Pressure of the disturbance far upstream less that far downstream, over mu U / l: dP+ by another route."""
     end = _FAR * problem.walls.end
     upstream, downstream = _disturbance(problem, iterate, np.array([-end, end]))
     return float(upstream - downstream)
 
 
-def _disturbance(problem: SteadyProblem, iterate: Iterate, z: Array) -> Array:
+def _disturbance(problem: Problem, iterate: Iterate, z: Array) -> Array:
     """Pressure (p,) of the membrane's and the walls' disturbance at points `z` of the axis."""
     mesh = problem.mesh
-    density = problem.density(iterate, problem.membrane(iterate.size_ratio).elasticity(iterate.free))
+    density = problem.density(iterate, problem.membrane(iterate.size_ratio).elasticity(iterate.free).gradient)
     layer = SingleLayer(mesh, iterate.size_ratio, mesh.expanded(iterate.free), mesh.expanded(density))
-    operator = wall_operator(problem.channel, problem.walls, D4)
+    operator = wall_operator(problem.channel, problem.walls)
     strengths = operator.strengths(layer.matrices(operator.points).velocity @ (mesh.basis @ density))
-    sources = np.concatenate([operator.sources @ turn.T for turn in D4])
-    forces = np.concatenate([strengths @ turn.T for turn in D4])
+    sources = np.concatenate([operator.sources @ turn.T for turn in problem.mesh.symmetry.operations])
+    forces = np.concatenate([strengths @ turn.T for turn in problem.mesh.symmetry.operations])
     points = np.column_stack([0 * z, 0 * z, z])
     walls: Array = np.einsum("tsi,si->t", pressure_kernel(points, sources), forces)
     return layer.pressure(points) + walls

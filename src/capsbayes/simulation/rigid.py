@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from capsbayes.simulation.steady_state import SteadyProblem
+from capsbayes.simulation.problem import Problem
 from capsbayes.stokes.single_layer import SingleLayer
 from capsbayes.stokes.walls import wall_operator
-from capsbayes.surface.octasphere import D4
 
 __all__ = ["RigidMotion", "rigid_sphere"]
 
@@ -21,7 +20,7 @@ class RigidMotion(NamedTuple):
     extra_pressure_drop: float
 
 
-def rigid_sphere(problem: SteadyProblem, size_ratio: float) -> RigidMotion:
+def rigid_sphere(problem: Problem, size_ratio: float) -> RigidMotion:
     """Motion of a force-free rigid sphere on the axis.
 
     The traction f solves v_inf + (single layer) + (walls) = V e_z on the sphere with zero total force; its constant
@@ -29,7 +28,7 @@ def rigid_sphere(problem: SteadyProblem, size_ratio: float) -> RigidMotion:
 
     Parameters
     ----------
-    problem : SteadyProblem
+    problem : Problem
         Only its mesh, section and walls matter.
     size_ratio : float
         Radius over the half width.
@@ -42,12 +41,11 @@ def rigid_sphere(problem: SteadyProblem, size_ratio: float) -> RigidMotion:
     nodes = size_ratio * mesh.nodes
     targets = nodes[mesh.wedge]
     layer = SingleLayer(mesh, size_ratio, nodes)
-    operator = wall_operator(channel, problem.walls, D4)
+    operator = wall_operator(channel, problem.walls)
     answer = operator.answer(operator.velocity_matrix(targets))
     influence = layer.matrices(targets, target_nodes=mesh.wedge).velocity
     influence = influence - answer @ layer.matrices(operator.points).velocity
-    speed, _ = channel.undisturbed(targets)
-    flow = basis.T @ np.column_stack([0 * speed, 0 * speed, speed]).ravel()
+    flow = mesh.reduced(channel.undisturbed(targets)[0])
     axial = basis.T @ np.tile([0.0, 0.0, 1.0], len(targets))
     normal = mesh.reduced(mesh.nodes[mesh.wedge])
     mass = problem.membrane(size_ratio).mass

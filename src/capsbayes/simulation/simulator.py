@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
-from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,36 +12,32 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
 from capsbayes.membrane import MembraneLaw, NeoHookean
-from capsbayes.profile import Profile
-from capsbayes.simulation import outlines
-from capsbayes.simulation.continuation import SLACK_LIMIT, BranchEnd, first_state, followed
+from capsbayes.simulation.continuation import BranchEnd, followed, parachute, reached_from_rest
+from capsbayes.simulation.moment import Moment, first_shape, moments
 from capsbayes.simulation.pressure import pressures
-from capsbayes.simulation.steady_state import Iterate, NewtonResult, SteadyProblem
+from capsbayes.simulation.problem import Iterate, Problem
+from capsbayes.simulation.shape import Shape
+from capsbayes.simulation.steady_state import NewtonResult, steady_state
+from capsbayes.simulation.transient import Scheme
 from capsbayes.status import Status
-from capsbayes.stokes.channel import section_named
+from capsbayes.stokes.sections import section_named
 from capsbayes.stokes.walls import Walls
-from capsbayes.surface.octasphere import octasphere
 from capsbayes.surface.prolongation import prolonged
 
 __all__ = ["Simulator", "SteadyState"]
 
 Array = NDArray[np.float64]
+Start: TypeAlias = "SteadyState | Literal['rest', 'parachute']"
 
 
 @dataclass(frozen=True, eq=False)
-class SteadyState:
+class SteadyState(Shape):
     """A capsule that moves without changing its shape. Lengths over l, velocities over U, tensions over G_s.
 
     Attributes
     ----------
-    capillary_number, size_ratio : float
-        The case asked for [-].
-    settings : mapping
-        The simulator's settings.
-    nodes : (w, 3) array [l]
-        Nodes of the wedge 0 <= y <= x; the flow is along z, the centroid at the origin.
-    velocity_ratio : float
-        V = v_o / U [-].
+    capillary_number, size_ratio, settings, nodes, velocity_ratio
+        See :class:`Shape`.
     inner_pressure : float
         Pressure inside, over that of the undisturbed flow at the centroid [mu U / l].
     extra_pressure_drop : float
@@ -61,15 +54,12 @@ class SteadyState:
         Where it is not ``DONE``, the shape is that of the last steady state on the way to the case.
     detail : str
         What else there is to say about `status`.
+    limit : float
+        Where a branch of steady states ended in a fold, the Ca there; else NaN.
     along_ca : (f + 2,) array
         Derivative of shape, velocity and slack along Ca: starts the next case.
     """
 
-    capillary_number: float
-    size_ratio: float
-    settings: Mapping[str, Any]
-    nodes: Array
-    velocity_ratio: float
     inner_pressure: float
     extra_pressure_drop: float
     principal_tensions: Array
@@ -78,39 +68,14 @@ class SteadyState:
     iterations: int
     status: Status
     detail: str
+    limit: float
     along_ca: Array = field(repr=False)
 
     @property
-    def surface_nodes(self) -> Array:
-        """All nodes of the membrane (N, 3) [l]."""
-        mesh = octasphere(self.settings["refinement"])
-        return np.einsum("nij,nj->ni", mesh.operation, self.nodes[mesh.wedge_of])
-
-    @property
-    def profile(self) -> Profile:
-        """Outline in the plane x = 0 [l]."""
-        return outlines.profile(octasphere(self.settings["refinement"]), self.surface_nodes)
-
-    @property
-    def silhouette(self) -> Profile:
-        """Outline of the whole capsule seen along x [l]."""
-        return outlines.silhouette(octasphere(self.settings["refinement"]), self.surface_nodes)
-
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the membrane as a VTK unstructured grid (``.vtu``) of quadratic triangles, for ParaView."""
-        import meshio
-
-        path = Path(path)
-        if path.suffix != ".vtu":
-            raise InputError(str(path), "", "a file name that ends in .vtu", repr(path.suffix))
+    def point_data(self) -> dict[str, Array]:
+        """The principal tensions; see :attr:`Shape.point_data`."""
         names = ("larger principal tension / G_s", "smaller principal tension / G_s")
-        tensions = dict(zip(names, self.principal_tensions.T, strict=True))
-        cells = [("triangle6", octasphere(self.settings["refinement"]).elements)]
-        mesh = meshio.Mesh(self.surface_nodes, cells, point_data=tensions)
-        partial = path.with_name(f".{path.name}.{os.getpid()}.vtu")
-        mesh.write(partial)
-        os.replace(partial, path)
-        return path
+        return dict(zip(names, self.principal_tensions.T, strict=True))
 
 
 @dataclass(frozen=True)
@@ -122,13 +87,20 @@ class Simulator:
     law : MembraneLaw
         Law of the membrane.
     section : str
-        Section of the channel: ``"square"``.
+        Section of the channel: ``"square"``, ``"rectangular"`` or ``"circular"``.
     refinement : int
         Elements along the edge of an octahedron's face, at least 4; 8 is good to about 0.3 % in L_z, 12 to 0.07 %.
     bending : float
         Bending stiffness over G_s a^2 [-]; regularises wrinkles where the membrane is compressed.
     pre_inflation : float
         Inflation alpha of the sphere at rest from its unstressed radius a / (1 + alpha) [-].
+    corner_radius : float
+        Radius of the corners of a square section over l [-].
+    section_aspect : float
+        Depth of the section along the direction of view over the width seen, b / l, of a rectangle or of a square that
+        is not quite one, from 0.5 to 2 [-]; from 0.8 to 1.5 the first state is found.
+    rest_aspect : float
+        Axis of the shape at rest along the flow over that across, from 0.5 to 2 [-].
     walls : Walls
         How finely the walls are represented.
 
@@ -145,16 +117,21 @@ class Simulator:
     refinement: int = 8
     bending: float = 2e-4
     pre_inflation: float = 0.0
+    corner_radius: float = 0.0
+    section_aspect: float = 1.0
+    rest_aspect: float = 1.0
     walls: Walls = field(default_factory=Walls)
 
     def __post_init__(self) -> None:
-        section_named(self.section)
+        section_named(self.section, self.corner_radius, self.section_aspect)
         if self.refinement < 4:
             raise InputError("Simulator", "refinement", "at least 4", str(self.refinement))
         for name in ("bending", "pre_inflation"):
             value = getattr(self, name)
             if not 0 <= value < 1:
                 raise InputError("Simulator", name, "a number from 0 to 1", str(value))
+        if not 0.5 <= self.rest_aspect <= 2.0:
+            raise InputError("Simulator", "rest_aspect", "a number from 0.5 to 2", str(self.rest_aspect))
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -165,6 +142,9 @@ class Simulator:
             "refinement": self.refinement,
             "bending": self.bending,
             "pre_inflation": self.pre_inflation,
+            "corner_radius": self.corner_radius,
+            "section_aspect": self.section_aspect,
+            "rest_aspect": self.rest_aspect,
             "walls": asdict(self.walls),
         }
 
@@ -173,14 +153,15 @@ class Simulator:
         return replace(self, refinement=refinement)
 
     @property
-    def problem(self) -> SteadyProblem:
+    def problem(self) -> Problem:
         """The discrete equations."""
-        return SteadyProblem(
-            self.law, section_named(self.section), self.refinement, self.bending, self.pre_inflation, self.walls
+        channel = section_named(self.section, self.corner_radius, self.section_aspect)
+        return Problem(
+            self.law, channel, self.refinement, self.bending, self.pre_inflation, self.rest_aspect, self.walls
         )
 
     def run(
-        self, *, capillary_number: float, size_ratio: float, start: SteadyState | None = None, threads: int = 1
+        self, *, capillary_number: float, size_ratio: float, start: Start = "rest", threads: int = 1
     ) -> SteadyState:
         """Steady state of one case.
 
@@ -190,9 +171,10 @@ class Simulator:
             Ca = mu U / G_s, positive.
         size_ratio : float
             a/l, between 0.2 and 1.3.
-        start : SteadyState, optional
-            A neighbouring steady state to start from, of any mesh; by default the branch is followed from a first
-            state near rest, which takes some ten seconds more.
+        start : SteadyState or str
+            ``"rest"``: the state that a capsule started from rest reaches. ``"parachute"``: the parachute, which at
+            low Ca may be stable as well. A neighbouring steady state, of any mesh: the one on its branch, which is
+            some ten seconds quicker to find.
         threads : int
             Threads of the linear algebra.
 
@@ -206,35 +188,96 @@ class Simulator:
         InputError
             If the case is not a possible one.
         """
-        _check("capillary_number", capillary_number, 0.0, 10.0)
-        _check("size_ratio", size_ratio, 0.2, 1.3)
+        _check("run", "capillary_number", capillary_number, 0.0, 10.0)
+        _check("run", "size_ratio", size_ratio, 0.2, 1.3)
+        if isinstance(start, str) and start not in ("rest", "parachute"):
+            raise InputError("Simulator.run", "start", "'rest', 'parachute' or a SteadyState", repr(start))
         with threadpool_limits(limits=threads):
             problem = self.problem
-            first = _first(problem) if start is None else self._taken_up(problem, start)
-            if start is not None and not first.converged:
-                first = _first(problem)
-            if not first.converged:
-                return self._state(problem, first, capillary_number, size_ratio, Status.NOT_CONVERGED)
-            end, status = _reached(problem, first, capillary_number, size_ratio)
-            return self._state(problem, end.result, capillary_number, size_ratio, status)
+            if not isinstance(start, str):
+                first = self._taken_up(problem, start)
+                if first.converged:
+                    end = followed(problem, first, capillary_number, size_ratio)
+                    return self._state(problem, end, capillary_number, size_ratio)
+            find = parachute if start == "parachute" else reached_from_rest
+            end = find(problem, capillary_number, size_ratio)
+            return self._state(problem, end, capillary_number, size_ratio)
 
-    def _taken_up(self, problem: SteadyProblem, start: SteadyState) -> NewtonResult:
+    def transient(
+        self,
+        *,
+        capillary_number: float,
+        size_ratio: float,
+        until: float,
+        every: float = 0.1,
+        start: Shape | None = None,
+        scheme: Scheme = "semi-implicit",
+        viscosity_ratio: float = 1.0,
+        threads: int = 1,
+    ) -> Iterator[Moment]:
+        """Follow one capsule in time.
+
+        Parameters
+        ----------
+        capillary_number : float
+            Ca = mu U / G_s, positive.
+        size_ratio : float
+            a/l, between 0.2 and 1.3.
+        until : float
+            Time U t / l at which to end.
+        every : float
+            Time U dt / l between two moments.
+        start : Moment or SteadyState, optional
+            Shape at time 0; by default that at rest, squeezed to 0.95 of the channel's width where it is wider.
+        scheme : str
+            ``"semi-implicit"``, or ``"explicit"``, whose steps are some twenty times shorter.
+        viscosity_ratio : float
+            Viscosity of the liquid inside over that outside [-]: 1.
+        threads : int
+            Threads of the linear algebra.
+
+        Returns
+        -------
+        iterator of Moment
+            The first is the start; the last is at `until`, or the one at which the capsule has become steady.
+
+        Raises
+        ------
+        InputError
+            If the case is not a possible one.
+        CapsbayesError
+            On the way, if the mesh becomes so distorted that no time step is short enough.
+        """
+        _check("transient", "capillary_number", capillary_number, 0.0, 10.0)
+        _check("transient", "size_ratio", size_ratio, 0.2, 1.3)
+        _check("transient", "until", until, 0.0, 1000.0)
+        _check("transient", "every", every, 0.0, 1000.0)
+        if scheme not in get_args(Scheme):
+            raise InputError("Simulator.transient", "scheme", f"one of {', '.join(get_args(Scheme))}", repr(scheme))
+        if viscosity_ratio != 1.0:
+            expected = "1, because the double layer of liquids of unequal viscosities is not computed"
+            advice = "the steady shape does not depend on it"
+            raise InputError("Simulator.transient", "viscosity_ratio", expected, f"{viscosity_ratio:g}", advice)
+        problem = self.problem
+        first = first_shape(problem, capillary_number, size_ratio, start)
+        times = [*np.arange(0.0, until - 1e-9, every), until]
+        return moments(problem, self.settings, first, times, scheme, threads)
+
+    def _taken_up(self, problem: Problem, start: SteadyState) -> NewtonResult:
         """A steady state of this or another mesh as the start of a branch."""
-        mesh = octasphere(start.settings["refinement"])
-        free, along_ca = mesh.reduced(start.nodes), start.along_ca
+        mesh, along_ca = start.mesh, start.along_ca
+        free = mesh.reduced(start.nodes)
         if mesh is not problem.mesh:
             free = prolonged(free, mesh, problem.mesh)
             along_ca = np.zeros(len(free) + 2)
         iterate = Iterate(free, start.velocity_ratio, start.slack, start.capillary_number, start.size_ratio)
         taken = NewtonResult(iterate, start.status.ok, start.residual, 0, along_ca)
-        return taken if dict(start.settings) == self.settings else problem.solve(iterate)
+        return taken if dict(start.settings) == self.settings else steady_state(problem, iterate)
 
-    def _state(
-        self, problem: SteadyProblem, result: NewtonResult, capillary_number: float, size_ratio: float, status: Status
-    ) -> SteadyState:
-        iterate = result.iterate
+    def _state(self, problem: Problem, end: BranchEnd, capillary_number: float, size_ratio: float) -> SteadyState:
+        result, iterate = end.result, end.result.iterate
         detail = ""
-        if status in (Status.NO_STEADY_STATE, Status.NOT_CONVERGED):
+        if end.status in (Status.NO_STEADY_STATE, Status.NOT_CONVERGED):
             detail = f"The branch was followed to Ca = {iterate.capillary_number:.4g}, a/l = {iterate.size_ratio:.4g}."
         inside, drop = pressures(problem, iterate)
         return SteadyState(
@@ -249,39 +292,13 @@ class Simulator:
             residual=result.residual,
             slack=float(iterate.slack),
             iterations=result.iterations,
-            status=status,
+            status=end.status,
             detail=detail,
+            limit=end.limit,
             along_ca=result.tangent,
         )
 
 
-def _check(name: str, value: float, above: float, below: float) -> None:
+def _check(method: str, name: str, value: float, above: float, below: float) -> None:
     if not above < value < below:
-        raise InputError("Simulator.run", name, f"a number between {above:g} and {below:g}", f"{value:g}")
-
-
-@lru_cache(maxsize=8)
-def _first(problem: SteadyProblem) -> NewtonResult:
-    return first_state(problem)
-
-
-def _reached(
-    problem: SteadyProblem, first: NewtonResult, capillary_number: float, size_ratio: float
-) -> tuple[BranchEnd, Status]:
-    """End of the branch on the way to a case: a larger size before a larger Ca, a smaller Ca before any size."""
-    here = first.iterate
-    if capillary_number < here.capillary_number:
-        legs = [(capillary_number, here.size_ratio), (capillary_number, size_ratio)]
-    else:
-        legs = [(here.capillary_number, size_ratio), (capillary_number, size_ratio)]
-    end = BranchEnd(first, 1.0)
-    for leg in legs:
-        before = end.result.iterate
-        if leg == (before.capillary_number, before.size_ratio):
-            continue
-        end = followed(problem, end.result, *leg)
-        if end.reached < 1.0:
-            rising = leg[0] > before.capillary_number and leg[1] == before.size_ratio
-            return end, Status.NO_STEADY_STATE if rising else Status.NOT_CONVERGED
-    resolved = abs(end.result.iterate.slack) < SLACK_LIMIT
-    return end, Status.DONE if resolved else Status.UNRESOLVED
+        raise InputError(f"Simulator.{method}", name, f"a number between {above:g} and {below:g}", f"{value:g}")

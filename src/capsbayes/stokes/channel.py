@@ -1,46 +1,69 @@
-"""The undisturbed flow of a channel section, and the points that stand for its walls.
+"""An undisturbed flow, and the channels that have one: what the sections share.
 
-Lengths are over the half width l, velocities over the mean velocity U, so the
-walls of the square section are x = +-1 and y = +-1.
+Lengths are over the half width l, velocities over the mean velocity U. The
+flow is along z; the picture shows y, in which the half width is one; x is the
+direction of view.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.errors import InputError
+from capsbayes.surface.symmetry import Symmetry
 
-__all__ = ["Channel", "SquareChannel", "WallPoints", "section_named"]
+__all__ = ["Channel", "Flow", "WallPoints", "midpoints", "unidirectional"]
 
 Array = NDArray[np.float64]
 
 
 class WallPoints(NamedTuple):
-    """Points (p, 3) of one wedge 0 <= y <= x and the wall area (p,) each stands for."""
+    """Points (p, 3), one of each orbit of the section's symmetry, and the wall area (p,) each stands for."""
 
     points: Array
     areas: Array
 
 
-class Channel(ABC):
-    """A straight channel along z whose section has the symmetry of the square."""
+class Flow(ABC):
+    """An undisturbed flow and its symmetry."""
 
-    name: ClassVar[str]
-    area: ClassVar[float]
-    """Area of the section over l^2."""
-    pressure_gradient: ClassVar[float]
-    """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
+    symmetry: ClassVar[Symmetry]
+
+    @property
+    @abstractmethod
+    def pressure_gradient(self) -> float:
+        """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
 
     @abstractmethod
     def undisturbed(self, points: Array) -> tuple[Array, Array]:
-        """Axial velocity (p,) of the undisturbed flow at `points` (p, 3), and its gradient along x, y, z (p, 3)."""
+        """Velocity (p, 3) at `points` (p, 3), and its gradient: entry [p, i, j] is that of component i along j."""
+
+
+class Channel(Flow):
+    """A straight channel along z.
+
+    A section says where its points are; those of `outline` and `filling` lie in the wedge of the section's symmetry,
+    0 <= y <= x under D4 and 0 <= x, y under D2.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def area(self) -> float:
+        """Area of the section over l^2."""
 
     @abstractmethod
+    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+        """Points (p, 2) `spacing` apart on the wall moved `outwards`, and the length (p,) each stands for."""
+
+    @abstractmethod
+    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+        """Points (p, 2) `spacing` apart that fill the section so widened, and the area (p,) each stands for."""
+
     def wall_points(self, axial: Array, steps: Array, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
         """Points on the downstream half of the section's wall and on its end cap, moved outwards.
 
@@ -56,62 +79,48 @@ class Channel(ABC):
         end : float
             Axial position of the cap.
         """
-
-
-_ODD = np.arange(1, 160, 2)
-_RATE = 0.5 * np.pi * _ODD
-_SIGN = (-1.0) ** ((_ODD - 1) // 2)
-_SERIES = 16 / np.pi**3 * _SIGN / _ODD**3
-
-
-@dataclass(frozen=True)
-class SquareChannel(Channel):
-    """Square section of half width one."""
-
-    name: ClassVar[str] = "square"
-    area: ClassVar[float] = 4.0
-    pressure_gradient: ClassVar[float] = float(1.0 / (1 / 3 - np.sum(64 * np.tanh(_RATE) / (np.pi * _ODD) ** 5)))
-
-    def undisturbed(self, points: Array) -> tuple[Array, Array]:
-        """Fourier series of the unidirectional flow; see :meth:`Channel.undisturbed`."""
-        x, y = points[:, :1], points[:, 1:2]
-        cosine, sine = np.cos(_RATE * x), np.sin(_RATE * x)
-        # cosh(k y)/cosh(k) without overflow
-        rise, fall = np.exp(_RATE * (np.abs(y) - 1)), np.exp(-_RATE * (np.abs(y) + 1))
-        even = (rise + fall) / (1 + np.exp(-2 * _RATE))
-        odd = np.sign(y) * (rise - fall) / (1 + np.exp(-2 * _RATE))
-        scale = self.pressure_gradient
-        value = 0.5 * scale * ((1 - x[:, 0] ** 2) - 2 * (_SERIES * cosine * even).sum(1))
-        gradient = np.zeros_like(points)
-        gradient[:, 0] = scale * (-x[:, 0] + (_SERIES * _RATE * sine * even).sum(1))
-        gradient[:, 1] = -scale * (_SERIES * _RATE * cosine * odd).sum(1)
-        return value, gradient
-
-    def wall_points(self, axial: Array, steps: Array, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
-        """Half of the wall x = 1 and an eighth of the cap; see :meth:`Channel.wall_points`."""
         points, areas = [], []
         for z, step in zip(axial, steps, strict=True):
-            side = 1.0 + offset * step
-            across, width = _midpoints(side, step)
-            points.append(np.column_stack([np.full_like(across, side), across, np.full_like(across, z)]))
-            areas.append(np.full_like(across, step * width))
-        across, width = _midpoints(1.0 + offset * cap_spacing, cap_spacing)
-        i, j = (array.ravel() for array in np.meshgrid(np.arange(len(across)), np.arange(len(across)), indexing="ij"))
-        i, j = i[j <= i], j[j <= i]
-        points.append(np.column_stack([across[i], across[j], np.full(len(i), end + offset * cap_spacing)]))
-        areas.append(width**2 * np.where(i == j, 0.5, 1.0))
+            ring, lengths = self.outline(step, offset * step)
+            points.append(_at(ring, z))
+            areas.append(step * lengths)
+        cap, cap_areas = self.filling(cap_spacing, offset * cap_spacing)
+        points.append(_at(cap, end + offset * cap_spacing))
+        areas.append(cap_areas)
         return WallPoints(np.concatenate(points), np.concatenate(areas))
 
 
-def _midpoints(length: float, spacing: float) -> tuple[Array, float]:
-    """Midpoints of equal steps of at most `spacing` that fill `length`, and the step."""
-    count = max(int(np.ceil(length / spacing)), 2)
+def _at(points: Array, z: float) -> Array:
+    return np.column_stack([points, np.full(len(points), z)])
+
+
+def midpoints(length: float, spacing: float) -> tuple[Array, float]:
+    """Midpoints of equal steps of at most `spacing` that fill `length`, and the step.
+
+    Examples
+    --------
+    >>> midpoints(1.0, 0.3)
+    (array([0.125, 0.375, 0.625, 0.875]), 0.25)
+    """
+    count = int(np.ceil(length / spacing))
     return (np.arange(count) + 0.5) * length / count, length / count
 
 
-def section_named(name: str) -> Channel:
-    """The channel with the section called `name`."""
-    sections: dict[str, type[Channel]] = {SquareChannel.name: SquareChannel}
-    if name not in sections:
-        raise InputError("section", "", f"one of {', '.join(sections)}", repr(name))
-    return sections[name]()
+def unidirectional(axial: Array, along_x: Array, along_y: Array) -> tuple[Array, Array]:
+    """Velocity (p, 3) and gradient (p, 3, 3) of a flow along z from its axial component and that one's slopes (p,)."""
+    velocity, gradient = np.zeros((len(axial), 3)), np.zeros((len(axial), 3, 3))
+    velocity[:, 2], gradient[:, 2, 0], gradient[:, 2, 1] = axial, along_x, along_y
+    return velocity, gradient
+
+
+def __getattr__(name: str) -> Any:
+    """The names that moved to their own files."""
+    if name == "SquareChannel":
+        from capsbayes.stokes.square import SquareChannel
+
+        return SquareChannel
+    if name == "section_named":
+        from capsbayes.stokes.sections import section_named
+
+        return section_named
+    raise AttributeError(name)

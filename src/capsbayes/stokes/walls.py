@@ -78,12 +78,10 @@ class WallOperator:
     ----------
     channel : Channel
     walls : Walls
-    operations : (g, 3, 3) array
-        Operations of the symmetry group.
     """
 
-    def __init__(self, channel: Channel, walls: Walls, operations: Array) -> None:
-        self.channel, self.walls, self.operations = channel, walls, operations
+    def __init__(self, channel: Channel, walls: Walls) -> None:
+        self.channel, self.walls, self.operations = channel, walls, channel.symmetry.operations
         axial, steps = _axial(
             walls.spacing, walls.far_spacing, walls.near, walls.end + walls.offset * walls.far_spacing
         )
@@ -143,9 +141,9 @@ def _mirrored_columns(matrix: Array) -> Array:
     return matrix * np.tile(_MIRROR, matrix.shape[1] // 3)
 
 
-def wall_operator(channel: Channel, walls: Walls, operations: Array) -> WallOperator:
+def wall_operator(channel: Channel, walls: Walls) -> WallOperator:
     """The operator of a section; the same one is returned for the same arguments."""
     key = (channel, walls)
     if key not in _OPERATORS:
-        _OPERATORS[key] = WallOperator(channel, walls, operations)
+        _OPERATORS[key] = WallOperator(channel, walls)
     return _OPERATORS[key]

@@ -1,10 +1,10 @@
-"""P2 mesh of the unit sphere that keeps the symmetry of a square channel.
+"""P2 mesh of the unit sphere that keeps the symmetry of a channel.
 
 The sphere is an octahedron with poles on the z axis; corner ring i of an octant lies
 at the polar angle proportional to i and holds i equal steps in azimuth, so that
-elements have nearly one size everywhere. The dihedral group D4 about z (four
-quarter turns, with mirrors) maps the mesh onto itself; only the nodes of the
-wedge 0 <= y <= x are unknowns of a symmetric problem.
+elements have nearly one size everywhere. Of the groups that map the mesh onto
+itself, the problem's decides which nodes are unknowns: one of each orbit, which
+together make the wedge.
 """
 
 from __future__ import annotations
@@ -16,19 +16,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from capsbayes.surface.symmetry import D4, Symmetry
+
 Array = NDArray[np.float64]
 
-__all__ = ["D4", "OctaSphere", "octasphere"]
-
-
-def _dihedral() -> Array:
-    """The eight operations of D4 about z (8, 3, 3), the identity first."""
-    swap = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    signs = [np.diag([sx, sy, 1.0]) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
-    return np.array([sign @ other for other in (np.eye(3), swap) for sign in signs])
-
-
-D4 = _dihedral()
+__all__ = ["OctaSphere", "octasphere"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +36,17 @@ class OctaSphere:
     elements : (T, 6) int array
         Nodes of each triangle, corners then midsides, counterclockwise seen from outside;
         the first T/4 lie in x >= 0, y >= 0.
+    symmetry : Symmetry
     wedge : (W,) int array
-        The nodes of 0 <= y <= x.
+        The unknown nodes, one of each orbit: those of 0 <= y <= x under D4.
     wedge_of : (N,) int array
         Position in `wedge` of the node each node is an image of.
     operation : (N, 3, 3) array [-]
-        The operation of D4 that maps the wedge node onto the node.
+        The operation that maps the wedge node onto the node.
     """
 
     refinement: int
+    symmetry: Symmetry
     nodes: Array
     elements: NDArray[np.int64]
     wedge: NDArray[np.int64]
@@ -60,25 +54,27 @@ class OctaSphere:
     operation: Array
 
     @property
-    def octant(self) -> NDArray[np.int64]:
-        """Elements of the quarter x >= 0, y >= 0 (T/4, 6): a symmetric integral is four times theirs."""
+    def quarter(self) -> NDArray[np.int64]:
+        """Elements of the quarter x >= 0, y >= 0 (T/4, 6)."""
         return self.elements[: len(self.elements) // 4]
+
+    @cached_property
+    def orbits(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """One element (r, 6) of each orbit, and how many (r,) it stands for in a symmetric integral."""
+        first, orbit, _ = self.symmetry.orbits(np.mean(self.nodes[self.elements[:, :3]], axis=1))
+        return self.elements[first], np.bincount(orbit)
+
+    @cached_property
+    def images(self) -> NDArray[np.int64]:
+        """(g, N) int: the node that each operation maps onto each node."""
+        place = {key: node for node, key in enumerate(map(tuple, np.round(self.nodes * 1e9).astype(np.int64)))}
+        sources = np.round(self.nodes @ self.symmetry.operations * 1e9).astype(np.int64)
+        return np.array([[place[tuple(key)] for key in keys] for keys in sources])
 
     @cached_property
     def basis(self) -> sp.csr_matrix:
         """(3 W, F) sparse: directions in which symmetry leaves each wedge node free, orthonormal columns."""
-        blocks = []
-        for x, y, _ in self.nodes[self.wedge]:
-            on_plane, on_diagonal = y < 1e-12, abs(x - y) < 1e-12
-            if on_plane and on_diagonal:
-                free = [[0.0, 0.0, 1.0]]
-            elif on_plane:
-                free = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-            elif on_diagonal:
-                free = [[np.sqrt(0.5), np.sqrt(0.5), 0.0], [0.0, 0.0, 1.0]]
-            else:
-                free = np.eye(3).tolist()
-            blocks.append(np.array(free).T)
+        blocks = [self.symmetry.free_directions(point) for point in self.nodes[self.wedge]]
         return sp.csr_matrix(sp.block_diag(blocks, format="csr"))
 
     @cached_property
@@ -133,7 +129,7 @@ def _octant(refinement: int) -> tuple[Array, NDArray[np.int64]]:
 
 
 @lru_cache(maxsize=8)
-def octasphere(refinement: int) -> OctaSphere:
+def octasphere(refinement: int, symmetry: Symmetry = D4) -> OctaSphere:
     """Mesh with 8 refinement**2 elements and 16 refinement**2 + 2 nodes."""
     points, triangles = _octant(refinement)
     all_points: list[Array] = []
@@ -149,20 +145,5 @@ def octasphere(refinement: int) -> OctaSphere:
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     nodes = stacked[first]
     elements = inverse.ravel()[np.concatenate(all_triangles)]
-    wedge, wedge_of, operation = _wedge(nodes)
-    return OctaSphere(refinement, nodes, elements, wedge, wedge_of, operation)
-
-
-def _wedge(nodes: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """The wedge's nodes, and for every node its wedge node and the operation between them."""
-    x, y, _ = nodes.T
-    wedge = np.flatnonzero((y > -1e-12) & (y < x + 1e-12))
-    key_of = {tuple(np.round(nodes[node] * 1e9).astype(np.int64)): place for place, node in enumerate(wedge)}
-    wedge_of, operation = np.empty(len(nodes), np.int64), np.empty((len(nodes), 3, 3))
-    for candidate in D4[::-1]:  # the identity last, so that it wins on the wedge itself
-        keys = np.round(nodes @ candidate * 1e9).astype(np.int64)  # inverse of an orthogonal matrix on the left
-        for node, key in enumerate(map(tuple, keys)):
-            place = key_of.get(key)
-            if place is not None:
-                wedge_of[node], operation[node] = place, candidate
-    return wedge, wedge_of, operation
+    wedge, wedge_of, operation = symmetry.orbits(nodes)
+    return OctaSphere(refinement, symmetry, nodes, elements, wedge, wedge_of, symmetry.operations[operation])

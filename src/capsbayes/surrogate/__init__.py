@@ -2,7 +2,16 @@
 
 from capsbayes.surrogate.diffuse import DiffuseApproximation
 from capsbayes.surrogate.domain import DomainOfExistence
+from capsbayes.surrogate.effect_surrogate import EffectSurrogate
 from capsbayes.surrogate.inverse import Inverse, InverseResult, inverse
 from capsbayes.surrogate.surrogate import Surrogate
 
-__all__ = ["DiffuseApproximation", "DomainOfExistence", "Inverse", "InverseResult", "Surrogate", "inverse"]
+__all__ = [
+    "DiffuseApproximation",
+    "DomainOfExistence",
+    "EffectSurrogate",
+    "Inverse",
+    "InverseResult",
+    "Surrogate",
+    "inverse",
+]

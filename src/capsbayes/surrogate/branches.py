@@ -2,11 +2,12 @@
 
 From one branch to the other the shape jumps, or changes with a kink, so no
 smooth approximation may average over both. Each case belongs to the branch its
-parachute depth says. In each column of a/l the border between the branches is
-put half way (in sqrt(Ca)) between the highest convex case and the lowest
-parachute; between those two cases it is not known which branch a capsule
-takes, and that gap is kept beside the branches. Elsewhere a branch ends at its
-own last converged case.
+parachute depth says. In each column of a/l the border between the branches lies
+between the highest convex case and the lowest parachute: at the snap-through if
+the database names one; where the rear turns concave smoothly, at the onset; else
+half way in sqrt(Ca). Between those two cases it is not known which branch a
+capsule takes, and that gap is kept beside the branches. Elsewhere a branch ends
+at its own last converged case.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ Floats = NDArray[np.float64]
 
 CONVEX = 1e-4  # L_p/l below which a rear counts as convex; the cases have 0, or 0.02 and more
 FEWEST_CASES = 9
+SAME_COLUMN = 1e-6
+SNAP_THROUGH = "snap-through"  # the kind of border at which the shapes reached from rest end
+LOST = "lost from rest"  # the kind of border at which they could not be followed further
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +68,7 @@ def branches_of(database: Database) -> tuple[Branch, ...]:
     convex = cases["parachute_depth"] < CONVEX
     columns = np.unique(size)
     low, high = np.array([_gap(ca[(size == s) & convex], ca[(size == s) & ~convex]) for s in columns]).T
-    division = (np.sqrt(low) + np.sqrt(high)) ** 2 / 4  # NaN where a column has no convex case
+    division = np.array([_division(cases, *ends) for ends in zip(columns, low, high, strict=True)])
     limit = _is_limit(cases, columns)
     split = np.isfinite(division)
     gap = _gap_region(columns, low, high, np.array([ca[size == s].min() for s in columns]))
@@ -90,12 +94,41 @@ def branches_of(database: Database) -> tuple[Branch, ...]:
     return tuple(branches)
 
 
+def unsettled_region(database: Database) -> Region | None:
+    """Where the database holds the shape reached from rest but another is stable too, or which is reached is not known.
+
+    It lies below the snap-through; in a column where the branch from rest was lost before any fold, up to the highest
+    snap-through of all columns.
+    """
+    size, ca, kind = (database[f"border_{name}"] for name in ("size_ratio", "capillary_number", "kind"))
+    marked = (kind == SNAP_THROUGH) | (kind == LOST)
+    if np.count_nonzero(marked) < 2:
+        return None
+    order = np.flatnonzero(marked)[np.argsort(size[marked])]
+    highest = np.where(kind[order] == LOST, ca[marked].max(), ca[order])
+    lowest = np.full(len(order), database["capillary_number"].min())
+    return Region(size[order], lowest, highest, np.zeros(len(order), dtype=np.bool_))
+
+
 def _gap(convex: Floats, parachute: Floats) -> tuple[float, float]:
     """Highest convex and lowest parachute Ca of one column; parachutes below a convex case are passed over."""
     if not convex.size:
         return np.nan, np.nan
     above = parachute[parachute > convex.max()]
     return float(convex.max()), float(above.min() if above.size else convex.max())
+
+
+def _division(cases: Database, column: float, low: float, high: float) -> float:
+    """Border between the branches in the gap of one column, NaN where it has no convex case."""
+    named = (np.abs(cases["border_size_ratio"] - column) < SAME_COLUMN) & (cases["border_kind"] == SNAP_THROUGH)
+    candidates = list(cases["border_capillary_number"][named])
+    above = (np.abs(cases["size_ratio"] - column) < SAME_COLUMN) & (cases["capillary_number"] >= high)
+    ca = cases["capillary_number"][above]
+    first = np.argsort(ca)[:2]
+    ca, root = ca[first], np.sqrt(cases["parachute_depth"][above][first])
+    if len(ca) == 2 and root[0] < root[1]:  # where a rear turns concave smoothly, its depth grows as a square
+        candidates.append(ca[0] - root[0] * (ca[1] - ca[0]) / (root[1] - root[0]))
+    return next((float(found) for found in candidates if low <= found <= high), (low**0.5 + high**0.5) ** 2 / 4)
 
 
 def _gap_region(columns: Floats, low: Floats, high: Floats, lowest: Floats) -> Region | None:
@@ -109,7 +142,8 @@ def _gap_region(columns: Floats, low: Floats, high: Floats, lowest: Floats) -> R
 
 
 def _is_limit(cases: Database, columns: Floats) -> NDArray[np.bool_]:
-    if not len(cases["border_size_ratio"]):
+    upper = ~np.isin(cases["border_kind"], (SNAP_THROUGH, LOST))
+    if not upper.any():
         return np.zeros(len(columns), dtype=np.bool_)
-    nearest = np.argmin(np.abs(cases["border_size_ratio"][None] - columns[:, None]), axis=1)
-    return cases["border_kind"][nearest] == "limit of existence"
+    nearest = np.argmin(np.abs(cases["border_size_ratio"][upper] - columns[:, None]), axis=1)
+    return cases["border_kind"][upper][nearest] == "limit of existence"

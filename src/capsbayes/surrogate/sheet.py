@@ -23,7 +23,7 @@ from capsbayes.surrogate.domain import Region, inside_borders
 from capsbayes.surrogate.own_error import OwnError, mesh_error_of
 from capsbayes.surrogate.table import HermiteTable, hermite
 
-__all__ = ["COLUMNS", "Sheet", "approximation_of"]
+__all__ = ["COLUMNS", "Sheet", "approximation_of", "bilinear"]
 
 Floats = NDArray[np.float64]
 
@@ -47,12 +47,15 @@ class Sheet:
         Coordinates of the approximation.
     rival : DiffuseApproximation, optional
         The other branch: in the gap between the two, their difference is part of the error.
+    cells : tuple of int
+        Of the table, along sqrt(Ca) and a/l.
     """
 
     cases: Database
     branch: Branch
     chart: Chart
     rival: DiffuseApproximation | None = None
+    cells: tuple[int, int] = CELLS
     approximation: DiffuseApproximation = field(init=False, repr=False)
     table: HermiteTable = field(init=False, repr=False)
     lattice_covariance: Floats = field(init=False, repr=False)
@@ -61,13 +64,13 @@ class Sheet:
 
     def __post_init__(self) -> None:
         region, rows = self.branch.region, self.branch.rows
-        lattice, wanted = _lattice(region, self.chart)
+        lattice, wanted = _lattice(region, self.chart, self.cells)
         try:
             approximation = approximation_of(self.cases, self.branch, self.chart).covering(_scouts(lattice, wanted))
         except ValueError as error:
             raise DatabaseError(f"the {self.branch.name} cases cannot be approximated: {error}") from error
         low, high = lattice[0, 0], lattice[-1, -1]
-        table = HermiteTable.of(approximation.with_gradient, low, high, cells=CELLS, wanted=wanted)
+        table = HermiteTable.of(approximation.with_gradient, low, high, cells=self.cells, wanted=wanted)
         steps = (self.chart.ca_step, self.chart.size_step, *table.origin, *table.step)
         made = {
             "approximation": approximation,
@@ -101,6 +104,11 @@ class Sheet:
         """Fill in the points of the region: values (n, 4), covariance (n, 3, 3), inside (n,)."""
         _predict(ca, size, self._frame, self.table.coefficients, self.lattice_covariance, values, covariance, inside)
 
+    @property
+    def frame(self) -> tuple[float, ...]:
+        """Steps of the chart along sqrt(Ca) and a/l, origin of the table (2), its steps (2)."""
+        return self._frame[3:]
+
     def slopes(self, ca: Floats, size: Floats) -> Floats:
         """Derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) at points of the region : (n, 3, 2) array."""
         by_plane = self.table.with_gradient(self.chart.to_plane(ca, size))[1][:, :3]
@@ -121,11 +129,11 @@ def approximation_of(cases: Database, branch: Branch, chart: Chart) -> DiffuseAp
     return DiffuseApproximation(nodes, values, degree=degree, neighbours=min(neighbours, len(rows) - 2))
 
 
-def _lattice(region: Region, chart: Chart) -> tuple[Floats, NDArray[np.bool_]]:
+def _lattice(region: Region, chart: Chart, cells: tuple[int, int]) -> tuple[Floats, NDArray[np.bool_]]:
     """Points of the table's lattice (i, j, 2), and which of them lie in the region or within two cells of it."""
     ends = region.lowest.min(), region.highest.max()
     low, high = chart.to_plane(np.array(ends), region.size_ratio[[0, -1]])
-    axes = [np.linspace(low[k], high[k], CELLS[k] + 1) for k in range(2)]
+    axes = [np.linspace(low[k], high[k], cells[k] + 1) for k in range(2)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     ca, size = chart.from_plane(lattice.reshape(-1, 2)).T
     size = np.clip(size, region.size_ratio[0], region.size_ratio[-1])  # rounding must not push the outer rows out
@@ -152,11 +160,11 @@ def _predict(ca, size, frame, coefficients, errors, values, covariance, inside):
         y = (size[n] / size_step - y_origin) / y_step
         hermite(x, y, coefficients, one, no_slopes)
         values[n] = one
-        _bilinear(x, y, errors, covariance[n])
+        bilinear(x, y, errors, covariance[n])
 
 
 @njit(cache=True, nogil=True)
-def _bilinear(x, y, lattice, out):  # type: ignore[no-untyped-def]
+def bilinear(x, y, lattice, out):  # type: ignore[no-untyped-def]
     """Convex mean of the matrices at the four lattice points around, so that it stays a covariance."""
     i = min(max(int(x), 0), lattice.shape[0] - 2)
     j = min(max(int(y), 0), lattice.shape[1] - 2)

@@ -7,6 +7,7 @@ them there is no answer.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,13 +15,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from capsbayes.database import Database
+from capsbayes.database import NO_EFFECT, Database
 from capsbayes.errors import OutsideDatabaseError
 from capsbayes.prediction import Prediction
-from capsbayes.surrogate.branches import branches_of
+from capsbayes.surrogate.branches import branches_of, unsettled_region
 from capsbayes.surrogate.chart import Chart
-from capsbayes.surrogate.domain import DomainOfExistence
-from capsbayes.surrogate.sheet import COLUMNS, Sheet, approximation_of
+from capsbayes.surrogate.domain import DomainOfExistence, Region
+from capsbayes.surrogate.effect_surrogate import SLICE_CELLS, EffectSurrogate, check_values
+from capsbayes.surrogate.sheet import CELLS, COLUMNS, Sheet, approximation_of
 
 __all__ = ["Surrogate"]
 
@@ -35,6 +37,8 @@ class Surrogate:
     ----------
     database : Database
         Steady shapes, in columns of equal a/l.
+    cells : tuple of int
+        Of the tables of its sheets, along sqrt(Ca) and a/l.
 
     Attributes
     ----------
@@ -42,6 +46,8 @@ class Surrogate:
         Where it has an answer.
     sheets : tuple of Sheet
         One for each branch of steady shapes.
+    unsettled : Region or None
+        Where it holds for a capsule that was started from rest: another steady shape is stable too.
 
     Examples
     --------
@@ -54,8 +60,10 @@ class Surrogate:
     """
 
     database: Database
+    cells: tuple[int, int] = CELLS
     domain: DomainOfExistence = field(init=False, repr=False)
     sheets: tuple[Sheet, ...] = field(init=False, repr=False)
+    unsettled: Region | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         cases = self.database.converged
@@ -64,20 +72,50 @@ class Surrogate:
         object.__setattr__(self, "domain", DomainOfExistence(tuple(branch.region for branch in branches)))
         smooth = [approximation_of(cases, branch, chart) for branch in branches]
         rivals = smooth[::-1] if len(branches) == 2 else [None]
-        sheets = tuple(Sheet(cases, branch, chart, rival) for branch, rival in zip(branches, rivals, strict=True))
+        pairs = zip(branches, rivals, strict=True)
+        sheets = tuple(Sheet(cases, branch, chart, rival, self.cells) for branch, rival in pairs)
         object.__setattr__(self, "sheets", sheets)
+        object.__setattr__(self, "unsettled", unsettled_region(cases))
 
     @classmethod
-    def open(cls, source: str | Path) -> Surrogate:
-        """Make a surrogate of a shipped database (by name) or of a file (by path, with its ending .nc)."""
+    def open(cls, source: str | Path) -> Surrogate | EffectSurrogate:
+        """Make a surrogate of a shipped database (by name) or of a file (by path, with its ending .nc).
+
+        The base of an effect database is the shipped one of its section and law, if there is one.
+        """
         is_file = isinstance(source, Path) or str(source).endswith(".nc")
-        return cls(Database.read(source) if is_file else Database.open(str(source)))
+        database = Database.read(source) if is_file else Database.open(str(source))
+        base = _name(database)
+        shipped = database.effect != NO_EFFECT and base in Database.shipped()
+        return cls.from_database(database, base=Database.open(base) if shipped else None)
+
+    @classmethod
+    def from_database(cls, database: Database, *, base: Database | None = None) -> Surrogate | EffectSurrogate:
+        """Make a surrogate; that of an effect database has the effect as one more coordinate.
+
+        Parameters
+        ----------
+        database : Database
+        base : Database, optional
+            For an effect database, a plain one of a finer mesh at the null value; by default the null slice itself.
+
+        Raises
+        ------
+        DatabaseError
+            If an effect database has too few values or not the null value, or if the base is of another section.
+        """
+        if database.effect == NO_EFFECT:
+            return cls(database)
+        check_values(database)
+        slices = {value: cls(database.at_value(value), SLICE_CELLS) for value in database.values}
+        return EffectSurrogate(
+            database, tuple(slices.values()), slices[database.null_value] if base is None else cls(base)
+        )
 
     @property
     def name(self) -> str:
         """Section and law, for results."""
-        attributes = self.database.dataset.attrs
-        return f"{attributes['section']}-{attributes['law']}".lower()
+        return _name(self.database)
 
     @property
     def sha256(self) -> str:
@@ -132,6 +170,11 @@ class Surrogate:
             here = sheet.branch.region.contains(ca, size)
             outlines[here] = sheet.outlines(ca[here], size[here])
         return outlines
+
+
+def _name(database: Database) -> str:
+    attributes = database.dataset.attrs
+    return re.sub(r"[^a-z0-9]+", "-", f"{attributes['section']}-{attributes['law']}".lower())
 
 
 def _pair(capillary_number: ArrayLike, size_ratio: ArrayLike) -> tuple[Floats, Floats]:

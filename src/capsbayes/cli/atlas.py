@@ -1,0 +1,50 @@
+"""``capsbayes atlas``: the maps of a database."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def atlas(
+    database: Annotated[str, typer.Argument(help="Name of a shipped database, or path of a .nc file.")],
+    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("atlas"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print the list of files as JSON.")] = False,
+) -> None:
+    """Draw what a database covers: its cases and borders, velocities, lengths and shapes."""
+    import json
+
+    from rich.console import Console
+
+    from capsbayes.database import Database
+    from capsbayes.report.atlas import atlas as figures_of
+
+    whole = Database.read(database) if database.endswith(".nc") else Database.open(database)
+    with Console(stderr=True).status("Drawing ..."):
+        paths = _write(figures_of(whole), out)
+    if as_json:
+        files = [{"file": str(path), "bytes": path.stat().st_size} for path in paths]
+        counts = {"cases": len(whole), "converged": len(whole.converged)}
+        typer.echo(json.dumps({"sha256": whole.sha256, **counts, "files": files}, indent=2))
+        return
+    typer.echo(f"{len(whole.converged)} of {len(whole)} cases with a steady state")
+    for path in paths:
+        typer.echo(f"  {path}  {path.stat().st_size / 1000:.0f} kB")
+
+
+def _write(figures: dict[str, Figure], out: Path) -> list[Path]:
+    from capsbayes.errors import InputError
+
+    paths = [out / f"{name}.png" for name in figures]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for path, figure in zip(paths, figures.values(), strict=True):
+            figure.savefig(path, dpi=160)
+    except OSError as error:
+        raise InputError("atlas", "--out", "a folder that can be written", str(error)) from error
+    return paths

@@ -1,0 +1,27 @@
+"""``capsbayes rebuild``: make a database that comes with the library again, from nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def rebuild(
+    name: Annotated[str, typer.Argument(help="Name of the database, as square-neo-hookean.")],
+    out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a dask cluster, tcp://host:port; otherwise this machine.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+) -> None:
+    """Simulate every case of a shipped database; started again, it goes on where it was.
+
+    Exit status: 0 done, 1 not one case converged, 2 bad input.
+    """
+    from capsbayes.cli.build import report
+    from capsbayes.simulation.recipes import build_shipped
+
+    report(lambda: build_shipped(name, out=out, scheduler=scheduler, workers=workers), out, as_json=as_json)

@@ -1,0 +1,135 @@
+"""``capsbayes transient``: one capsule on its way from rest to the steady state."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from capsbayes.simulation.moment import Moment
+
+
+def transient(
+    ca: Annotated[float, typer.Option(help="Capillary number mu U / G_s.")],
+    size: Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over half width.")],
+    until: Annotated[float, typer.Option(help="Time U t / l at which to end.")],
+    every: Annotated[float, typer.Option(help="Time U dt / l between two rows of the table.")] = 0.2,
+    law: Annotated[
+        str, typer.Option(help="Membrane law: neo-hookean, skalak:hardening=1 or hooke:poisson_ratio=0.5.")
+    ] = "neo-hookean",
+    section: Annotated[str, typer.Option(help="Section of the channel: square, rectangular or circular.")] = "square",
+    corner_radius: Annotated[float, typer.Option(help="Radius of a square section's corners over l.")] = 0.0,
+    section_aspect: Annotated[float, typer.Option(help="Depth of the section over the width seen, b/l.")] = 1.0,
+    refinement: Annotated[int, typer.Option(help="Fineness n of the mesh: 6 is quick, 8 shows the rear rim.")] = 8,
+    bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
+    pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
+    rest_aspect: Annotated[float, typer.Option(help="Axis at rest along the flow over that across.")] = 1.0,
+    viscosity_ratio: Annotated[float, typer.Option(help="Viscosity inside over that outside: 1.")] = 1.0,
+    scheme: Annotated[str, typer.Option(help="Time steps: semi-implicit or explicit.")] = "semi-implicit",
+    table: Annotated[Path | None, typer.Option(help="Write the table, a .csv file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the membranes for ParaView, a .pvd file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw four moments, a .png, .pdf or .svg file.")] = None,
+) -> None:
+    """Follow one capsule from rest and print its lengths and velocity over time.
+
+    It ends before `until` when the capsule has become steady. Exit status: 0 done, 2 bad input.
+    """
+    _check_suffix("--table", table, (".csv",))
+    _check_suffix("--out", out, (".pvd",))
+    _check_suffix("--plot", plot, (".png", ".pdf", ".svg"))
+    from capsbayes.membrane import law_named
+    from capsbayes.simulation import Simulator
+    from capsbayes.simulation.moment import save_series
+
+    simulator = Simulator(
+        law=law_named(law),
+        section=section,
+        refinement=refinement,
+        bending=bending,
+        pre_inflation=pre_inflation,
+        corner_radius=corner_radius,
+        section_aspect=section_aspect,
+        rest_aspect=rest_aspect,
+    )
+    way = simulator.transient(
+        capillary_number=ca,
+        size_ratio=size,
+        until=until,
+        every=every,
+        scheme=scheme,  # type: ignore[arg-type]  # checked there
+        viscosity_ratio=viscosity_ratio,
+    )
+    moments = _followed(way, until)
+    rows = [_row(moment) for moment in moments]
+    typer.echo("\n".join(["".join(f"{name:>10}" for name in _COLUMNS.values())] + ["".join(row) for row in rows]))
+    typer.echo(_end(moments[-1]))
+    if table is not None:
+        lines = [",".join(_COLUMNS)] + [",".join(cell.strip() for cell in row) for row in rows]
+        table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if out is not None:
+        save_series(moments, out)
+    if plot is not None:
+        from capsbayes.report.transient_plot import write_transient_figure
+
+        write_transient_figure(_chosen(moments), plot)
+
+
+def _check_suffix(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
+    from capsbayes.errors import InputError
+
+    if path is None:
+        return
+    if path.suffix not in suffixes:
+        raise InputError("transient", option, f"a file name that ends in {' or '.join(suffixes)}", repr(str(path)))
+    if not path.parent.is_dir():
+        raise InputError("transient", option, "a folder that exists", repr(str(path.parent)))
+
+
+def _followed(way: Iterator[Moment], until: float) -> list[Moment]:
+    """All moments, with a progress bar on a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    layout = (BarColumn(), TextColumn("U t / l = {task.completed:.2f} of {task.total:g}"), TimeElapsedColumn())
+    moments = []
+    with Progress(*layout, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("time", total=until)
+        for moment in way:
+            moments.append(moment)
+            bar.update(task, completed=moment.time)
+    return moments
+
+
+_COLUMNS = {
+    "time": "U t / l",
+    "axial_extent": "L_z / l",
+    "axial_length": "L_a / l",
+    "velocity_ratio": "v_o / U",
+    "speed": "speed / U",
+}
+
+
+def _row(moment: Moment) -> list[str]:
+    profile = moment.profile
+    lengths = (profile.axial_extent, profile.axial_length, moment.velocity_ratio)
+    return [f"{moment.time:10.4g}", *(f"{value:10.4f}" for value in lengths), f"{moment.speed:10.1e}"]
+
+
+def _end(last: Moment) -> str:
+    from capsbayes.simulation.transient import STEADY
+
+    if last.speed < STEADY:
+        return "Steady."
+    return f"Not yet steady: the fastest node moves at {last.speed:.2g} U, seen from the centroid."
+
+
+def _chosen(moments: list[Moment]) -> list[Moment]:
+    """The start, the moments nearest to a twelfth and a quarter of the time, and the end."""
+    end = moments[-1].time
+    chosen = [min(moments, key=lambda moment: abs(moment.time - share * end)) for share in (0.0, 1 / 12, 0.25, 1.0)]
+    return list(dict.fromkeys(chosen))

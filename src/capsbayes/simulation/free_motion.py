@@ -1,0 +1,80 @@
+"""Motion of a membrane that is not steady: dx/dt = v(x) - V e_z + s n, seen from its centroid.
+
+V holds the centroid and the slack s the volume, which the flow keeps only up
+to the mesh's error. Where symmetry alone holds the centroid, V is zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from capsbayes.simulation.problem import Iterate, Problem
+
+__all__ = ["FreeMotion", "Rate"]
+
+Array = NDArray[np.float64]
+
+
+class Rate(NamedTuple):
+    """dx/dt (F,) of a shape, V and s, and the directions (F, c) in which s and V act."""
+
+    change: Array
+    velocity: float
+    slack: float
+    across: Array
+
+    @property
+    def speed(self) -> float:
+        """Of the fastest node beside the centroid [U]."""
+        return float(np.max(np.abs(self.change)))
+
+
+class FreeMotion:
+    """Motion at the capillary number and size of `start`, as a function of the shape's free coordinates (F,)."""
+
+    def __init__(self, problem: Problem, start: Iterate) -> None:
+        self.problem, self.start = problem, start
+        self.membrane = problem.membrane(start.size_ratio)
+        self.volume = 4.0 / 3.0 * np.pi * start.size_ratio**3
+        self.drifts = bool(np.mean(problem.flow.symmetry.operations[:, 2, 2]) > 0.0)
+
+    def rate(self, free: Array) -> Rate:
+        """dx/dt of a shape."""
+        motion = self.problem.motion(self._seen_from_walls(free))
+        across, along = self._across(motion.normal, motion.axial), self._gaps(free)[1]
+        pull = -np.linalg.solve(along @ across, along @ motion.error)
+        return Rate(motion.error + across @ pull, float(0.0 - np.sum(pull[1:])), float(pull[0]), across)
+
+    def jacobian(self, free: Array) -> Array:
+        """Derivative (F, F) of dx/dt, but for the turning of the normals that s acts along."""
+        motion, slopes = self.problem.linearised(self._seen_from_walls(free))
+        across, along = self._across(motion.normal, motion.axial), self._gaps(free)[1]
+        return slopes.along_shape - across @ np.linalg.solve(along @ across, along @ slopes.along_shape)
+
+    def held(self, free: Array, across: Array) -> Array:
+        """The shape moved along `across` to its volume and centroid."""
+        gaps, along = self._gaps(free)
+        return free - across @ np.linalg.solve(along @ across, gaps)
+
+    def changes(self, free: Array) -> Array:
+        """Orthonormal changes (F, F - c) of a shape that keep volume and centroid."""
+        return scipy.linalg.null_space(self._gaps(free)[1])
+
+    def _seen_from_walls(self, free: Array) -> Iterate:
+        return replace(self.start, free=free, velocity=0.0, slack=0.0)
+
+    def _across(self, normal: Array, axial: Array) -> Array:
+        return np.column_stack([normal, axial] if self.drifts else [normal])
+
+    def _gaps(self, free: Array) -> tuple[Array, Array]:
+        """Excess (c,) of the volume and of its axial moment, and their gradients (c, F)."""
+        inside = self.membrane.enclosure(free)
+        if not self.drifts:
+            return np.array([inside.volume - self.volume]), inside.volume_gradient[None]
+        gaps = np.array([inside.volume - self.volume, inside.moment])
+        return gaps, np.stack([inside.volume_gradient, inside.moment_gradient])

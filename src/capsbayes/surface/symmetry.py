@@ -1,0 +1,86 @@
+"""Symmetry groups under which a flow, its channel and the mesh of the capsule are the same.
+
+Only one node of each orbit is unknown, and sums over the surface run over one
+element of each orbit. All operations are signed permutations of the axes,
+because the mesh has the symmetry of an octahedron.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["C2H", "D2", "D4", "Symmetry"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Symmetry:
+    """A group of turns and mirrors.
+
+    Attributes
+    ----------
+    name : str
+        Schoenflies' symbol of the rotations, and what they stand for.
+    operations : (g, 3, 3) array [-]
+        Orthogonal matrices, the identity first.
+    """
+
+    name: str
+    operations: Array
+
+    def __reduce__(self) -> str:
+        return self.name  # one object in every process, so that what is cached by it is found
+
+    def orbits(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Orbits of points that the group maps onto themselves as a set.
+
+        Parameters
+        ----------
+        points : (p, 3) array
+
+        Returns
+        -------
+        representatives : (r,) int array
+            One point of each orbit, the one with the largest x, of these with the largest y, then z; in rising order.
+        orbit : (p,) int array
+            Position in `representatives` of each point's.
+        operation : (p,) int array
+            First operation that maps the representative onto the point.
+        """
+        keys = np.round(points * 1e9).astype(np.int64)
+        place = {tuple(key): index for index, key in enumerate(keys)}
+        images = np.round(np.einsum("gij,pj->pgi", self.operations, points) * 1e9).astype(np.int64)
+        leaders = np.array([place[max(map(tuple, of_one))] for of_one in images])
+        representatives, orbit = np.unique(leaders, return_inverse=True)
+        operation = np.empty(len(points), np.int64)
+        for leader in representatives:
+            for index in reversed(range(len(self.operations))):  # the first operation wins
+                operation[place[tuple(images[leader, index])]] = index
+        return representatives, orbit, operation
+
+    def free_directions(self, point: Array) -> Array:
+        """Orthonormal columns (3, f): the vectors at `point` (3,) that every operation which keeps it leaves alone."""
+        keeping = np.linalg.norm(self.operations @ point - point, axis=1) < 1e-9
+        columns: list[Array] = []
+        for column in np.mean(self.operations[keeping], axis=0).T:
+            rest = column - sum(((column @ other) * other for other in columns), np.zeros(3))
+            if np.linalg.norm(rest) > 1e-9:
+                columns.append(rest / np.linalg.norm(rest))
+        return np.array(columns).T
+
+
+_SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_MIRRORS = [np.diag([sx, sy, 1.0]) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
+
+D4 = Symmetry("D4", np.array([mirror @ other for other in (np.eye(3), _SWAP) for mirror in _MIRRORS]))
+"""The square's about z: four quarter turns with mirrors; representatives have 0 <= y <= x."""
+
+D2 = Symmetry("D2", np.array(_MIRRORS))
+"""The rectangle's about z: a half turn with mirrors; representatives have 0 <= x, y."""
+
+C2H = Symmetry("C2H", np.array([np.diag([sx, s, s]) for sx in (1.0, -1.0) for s in (1.0, -1.0)]))
+"""That of a shear flow along z in the plane x = 0: the half turn about x and the mirror x -> -x."""

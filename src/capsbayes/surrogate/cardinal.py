@@ -1,0 +1,92 @@
+"""Interpolation along one coordinate as weights of the values at its knots.
+
+Between two knots a cubic has at either end the value there and the slope of
+the parabola through it and its neighbours: smooth, exact for parabolas, and
+with small weights however unevenly the knots lie. It is linear in the values,
+so one set of weights serves every quantity. Where the values at some knots are
+missing it goes through the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+__all__ = ["FEWEST_KNOTS", "CardinalCubics"]
+
+Floats = NDArray[np.float64]
+
+FEWEST_KNOTS = 3  # with one left out, two still say how the values change
+
+
+@dataclass(frozen=True, eq=False)
+class CardinalCubics:
+    """Weights of the values at k knots, as cubics in each of the k - 1 intervals.
+
+    Parameters
+    ----------
+    knots : (k,) array
+        Rising.
+    known : (k,) bool array
+        Whether there is a value at each knot, at least `FEWEST_KNOTS` of them.
+
+    Attributes
+    ----------
+    cubics : (k - 1, 4, k) array
+        In each interval the coefficients, from the constant on, of the weights as polynomials of the distance from
+        the interval's lower knot; NaN beyond the known knots.
+    left_out : (k - 1, 2, k) array
+        In each interval, for the known knots at its two ends, the weights that give the value there from all other
+        known knots less the value itself, over the root of the number of such knots: the mean square of the two is
+        the sum of squares. Zero at the first and the last known knot, which others cannot give.
+    ends : (k - 1, 2) array
+        The known knots next to each interval.
+
+    Examples
+    --------
+    >>> cubics = CardinalCubics(np.array([0.0, 1.0, 2.0, 4.0]), np.ones(4, dtype=bool))
+    >>> cubics.weights(1.5).round(4).tolist()
+    [-0.0625, 0.5833, 0.5, -0.0208]
+    """
+
+    knots: Floats
+    known: NDArray[np.bool_]
+    cubics: Floats = field(init=False, repr=False)
+    left_out: Floats = field(init=False, repr=False)
+    ends: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        count, rows = len(self.knots), np.flatnonzero(self.known)
+        if len(rows) < FEWEST_KNOTS:
+            raise ValueError(f"known: expected at least {FEWEST_KNOTS} knots with a value, got {len(rows)}")
+        cubics, ends = np.full((count - 1, 4, count), np.nan), np.full((count - 1, 2), np.nan)
+        left_out = np.zeros((count - 1, 2, count))
+        spline = _through(self.knots[rows], np.eye(count)[rows])
+        for i in range(rows[0], rows[-1]):
+            for power in range(4):
+                cubics[i, power] = spline(self.knots[i], nu=power) / factorial(power)
+            around = rows[rows <= i][-1], rows[rows > i][0]
+            ends[i] = self.knots[list(around)]
+            inner = [rows[0] < end < rows[-1] for end in around]
+            for side, end in enumerate(around):
+                if inner[side]:
+                    others = rows[rows != end]
+                    rest = _through(self.knots[others], np.eye(count)[others])
+                    left_out[i, side] = (rest(self.knots[end]) - np.eye(count)[end]) / np.sqrt(sum(inner))
+        for name, value in {"cubics": cubics, "left_out": left_out, "ends": ends}.items():
+            object.__setattr__(self, name, value)
+
+    def weights(self, place: float) -> Floats:
+        """Weights of the values at the knots in the value at a place : (k,) array, NaN beyond the known knots."""
+        interval = int(np.clip(np.searchsorted(self.knots, place, side="right") - 1, 0, len(self.knots) - 2))
+        powers = (place - self.knots[interval]) ** np.arange(4)
+        return np.asarray(powers @ self.cubics[interval])
+
+
+def _through(knots: Floats, values: Floats) -> CubicHermiteSpline:
+    slopes = np.gradient(values, knots, axis=0, edge_order=2 if len(knots) > 2 else 1)
+    return CubicHermiteSpline(knots, values, slopes)

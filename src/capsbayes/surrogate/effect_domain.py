@@ -1,0 +1,89 @@
+"""Domain of existence of an effect surrogate: a part of the (Ca, a/l) plane for each value of the effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.surrogate.effect_kernel import Weighing, covered
+
+__all__ = ["EffectDomain", "FixedDomain"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class EffectDomain:
+    """Points (Ca, a/l) of each value of the effect.
+
+    Parameters
+    ----------
+    weighing : Weighing
+        Its borders bound the domain.
+    logarithmic : bool
+        Whether the places of the slices are logarithms of the effect.
+    null_value : float
+        Value of the effect where none is given.
+    """
+
+    weighing: Weighing
+    logarithmic: bool
+    null_value: float
+
+    def place(self, value: ArrayLike) -> Floats:
+        """Places along the effect of given values : array, NaN for one that has none."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.log(value) if self.logarithmic else np.asarray(value, dtype=np.float64)
+
+    def contains(
+        self, capillary_number: ArrayLike, size_ratio: ArrayLike, value: ArrayLike | None = None
+    ) -> NDArray[np.bool_]:
+        """Whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
+        effect = self.place(self.null_value if value is None else value)
+        arrays = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio), effect)
+        ca, size, place = (np.ascontiguousarray(array, np.float64) for array in arrays)
+        return np.asarray(covered(ca, size, place, self.weighing), dtype=np.bool_)
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Smallest box around the domains of all slices, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
+        knots = np.exp(self.weighing.knots) if self.logarithmic else self.weighing.knots
+        boxes = [self.at(value).bounds for value in knots]
+        return (min(box[0][0] for box in boxes), max(box[0][1] for box in boxes)), boxes[0][1]
+
+    def at(self, value: float) -> FixedDomain:
+        """The part of the plane at one value."""
+        return FixedDomain(self, value)
+
+    def borders(self, value: float) -> Floats:
+        """Lowest Ca, division of the sheets and highest Ca in each column at one value : (3, c) array."""
+        place, knots = float(self.place(value)), self.weighing.knots
+        interval = int(np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2))
+        powers = (place - knots[interval]) ** np.arange(4)
+        return np.asarray(np.tensordot(powers, self.weighing.borders[interval], axes=1))
+
+
+@dataclass(frozen=True, eq=False)
+class FixedDomain:
+    """The domain at one value of the effect.
+
+    Parameters
+    ----------
+    whole : EffectDomain
+    value : float
+    """
+
+    whole: EffectDomain
+    value: float
+
+    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> NDArray[np.bool_]:
+        """Whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
+        return self.whole.contains(capillary_number, size_ratio, self.value)
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Smallest box around it, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
+        borders, columns = self.whole.borders(self.value), self.whole.weighing.columns
+        return (float(borders[0].min()), float(borders[2].max())), (float(columns[0]), float(columns[-1]))

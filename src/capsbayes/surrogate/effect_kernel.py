@@ -1,0 +1,223 @@
+"""The compiled evaluation of an effect surrogate: base plus weighted slices, at corresponding points.
+
+With w_j the weights of the slices along the effect, T_j the slices and B the
+base, each taken at the point that corresponds to the query,
+
+    prediction = B + sum_j w_j T_j - T_null
+
+so that at the null value, where w is one for the null slice alone, it is the
+base, and what the mesh of the slices does to all of them alike drops out.
+Where base or null slice do not have the sheet, the slices stand alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from capsbayes.surrogate.registration import place
+from capsbayes.surrogate.sheet import bilinear
+from capsbayes.surrogate.table import hermite
+
+__all__ = ["Stack", "Weighing", "corresponding", "covered", "evaluate"]
+
+Floats = NDArray[np.float64]
+
+
+class Stack(NamedTuple):
+    """Tables of k surrogates.
+
+    Parameters
+    ----------
+    frames : (2, k, 6) array
+        For each sheet what `Sheet.frame` says.
+    rows : int
+        Number i of lattice points of a table along sqrt(Ca).
+    coefficients : (2 k i, j, 4, q) array
+        The tables one behind the other, sheet by sheet: taking one out of an array costs as much as reading it.
+    errors : (2 k i, j, 3, 3) array
+    borders : (k, 3, c) array
+        Lowest Ca, division, highest Ca in each column.
+    known : (2, k, c - 1) bool array
+        Which of them have a sheet between two columns.
+    """
+
+    frames: Floats
+    rows: int
+    coefficients: Floats
+    errors: Floats
+    borders: Floats
+    known: NDArray[np.bool_]
+
+
+class Weighing(NamedTuple):
+    """How the k slices are weighed.
+
+    Parameters
+    ----------
+    knots : (k,) array
+        Places of the slices along the effect.
+    null : int
+        Which of them is the null slice.
+    columns : (c,) array
+        Columns of a/l.
+    borders : (k - 1, 4, 3, c) array
+        Borders of the sheets as functions of the effect, see `moving_borders`.
+    which : (2, c - 1) int array
+        Row of the following arrays to use for each sheet between two columns, -1 for none.
+    cubics, left_out, ends : (m, k - 1, ...) arrays
+        See `CardinalCubics`.
+    """
+
+    knots: Floats
+    null: int
+    columns: Floats
+    borders: Floats
+    which: NDArray[np.int64]
+    cubics: Floats
+    left_out: Floats
+    ends: Floats
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _located(ca, size, effect, weighing, position):  # type: ignore[no-untyped-def]
+    """Interval of the effect, sheet, column and row of the weights for one point; the last is -1 outside the domain."""
+    knots = weighing.knots
+    if not (knots[0] <= effect <= knots[-1]):
+        return 0, 0, 0, -1
+    interval = 0
+    while interval < len(knots) - 2 and effect >= knots[interval + 1]:
+        interval += 1
+    distance = effect - knots[interval]
+    sheet, column = place(ca, size, distance, weighing.columns, weighing.borders[interval], position)
+    if sheet < 0:
+        return interval, 0, column, -1
+    row = weighing.which[sheet, column]
+    if row >= 0 and np.isnan(weighing.ends[row, interval, 0]):
+        if distance > 0.0 or interval == 0 or np.isnan(weighing.ends[row, interval - 1, 0]):
+            return interval, sheet, column, -1
+        interval -= 1  # exactly on the last slice that has the sheet
+    return interval, sheet, column, row
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def covered(ca, size, effect, weighing):  # type: ignore[no-untyped-def]
+    """Whether each point lies in the domain : (n,) bool array."""
+    inside, position = np.empty(len(ca), np.bool_), np.empty(2)
+    for n in range(len(ca)):
+        inside[n] = _located(ca[n], size[n], effect[n], weighing, position)[3] >= 0
+    return inside
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _weigh(effect, interval, row, weighing, weights):  # type: ignore[no-untyped-def]
+    """Fill in the weights (k,) of the slices."""
+    distance = effect - weighing.knots[interval]
+    cubics = weighing.cubics[row, interval]
+    for j in range(len(weights)):
+        weights[j] = cubics[0, j] + distance * (cubics[1, j] + distance * (cubics[2, j] + distance * cubics[3, j]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _there(j, sheet, column, position, stack):  # type: ignore[no-untyped-def]
+    """Ca at which surrogate j has the point that corresponds."""
+    below, above = (1, 2) if sheet == 0 else (0, 1)
+    share, borders = position[1], stack.borders
+    low = (1.0 - share) * borders[j, below, column] + share * borders[j, below, column + 1]
+    high = (1.0 - share) * borders[j, above, column] + share * borders[j, above, column + 1]
+    return low + position[0] * (high - low)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _read(j, sheet, column, position, size, stack, value, no_slopes, error):  # type: ignore[no-untyped-def]
+    """Fill in value (q,) and error (3, 3) of surrogate j at the point that corresponds."""
+    frames, rows = stack.frames, stack.rows
+    x = (np.sqrt(_there(j, sheet, column, position, stack)) / frames[sheet, j, 0] - frames[sheet, j, 2]) / frames[
+        sheet, j, 4
+    ]
+    y = (size / frames[sheet, j, 1] - frames[sheet, j, 3]) / frames[sheet, j, 5]
+    x = min(max(x, 0.0), rows - 1.000000001) + rows * (sheet * frames.shape[1] + j)  # never in the next table
+    hermite(x, y, stack.coefficients, value, no_slopes)
+    bilinear(x, y, stack.errors, error)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def corresponding(ca, size, effect, stack, base, weighing, sheets, places, weights):  # type: ignore[no-untyped-def]
+    """Fill in for each point its sheet (n,), -1 outside, and Ca and weight (n, k + 1) of each slice and of the base."""
+    position, count = np.empty(2), len(weighing.knots)
+    for n in range(len(ca)):
+        interval, sheet, column, row = _located(ca[n], size[n], effect[n], weighing, position)
+        sheets[n] = sheet if row >= 0 else -1
+        if row < 0:
+            continue
+        _weigh(effect[n], interval, row, weighing, weights[n, :count])
+        weights[n, count] = 0.0
+        if base.known[sheet, 0, column] and stack.known[sheet, weighing.null, column]:
+            weights[n, weighing.null] -= 1.0
+            weights[n, count] = 1.0
+        for j in range(count):
+            places[n, j] = _there(j, sheet, column, position, stack)
+        places[n, count] = _there(0, sheet, column, position, base)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside):  # type: ignore[no-untyped-def]
+    """Fill in the points of the domain: values (n, q), covariance (n, 3, 3), inside (n,).
+
+    The covariance adds up, as independent errors: those of the base; those of
+    the slices with the squares of their weights; that of the interpolation
+    between the slices; and the change of the mesh's error with the effect, as
+    large as that error itself at a distance from the null value of the whole
+    range.
+    """
+    count, null, q = len(weighing.knots), weighing.null, values.shape[1]
+    width = weighing.knots[-1] - weighing.knots[0]
+    position, weights, no_slopes = np.empty(2), np.empty(count), np.empty((0, 2))
+    found, of_base, error = np.zeros((count, q)), np.empty(q), np.empty((3, 3))
+    for n in range(len(ca)):
+        interval, sheet, column, row = _located(ca[n], size[n], effect[n], weighing, position)
+        if row < 0:
+            continue
+        _weigh(effect[n], interval, row, weighing, weights)
+        left_out, total = weighing.left_out[row, interval], covariance[n]
+        values[n] = 0.0
+        total[:] = 0.0
+        corrected = base.known[sheet, 0, column] and stack.known[sheet, null, column]
+        if corrected:
+            weights[null] -= 1.0
+            _read(0, sheet, column, position, size[n], base, of_base, no_slopes, total)
+            values[n] = of_base
+        for j in range(count):
+            if weights[j] == 0.0 and left_out[0, j] == 0.0 and left_out[1, j] == 0.0 and not (corrected and j == null):
+                continue
+            _read(j, sheet, column, position, size[n], stack, found[j], no_slopes, error)
+            for k in range(q):
+                values[n, k] += weights[j] * found[j, k]
+            for k in range(3):
+                for m in range(3):
+                    total[k, m] += weights[j] ** 2 * error[k, m]
+        first, last = weighing.ends[row, interval]
+        bump = 4.0 * (effect[n] - first) * (last - effect[n]) / (last - first) ** 2
+        for side in range(2):
+            _add_missed(bump, left_out[side], found, total)
+        if corrected:
+            far = (effect[n] - weighing.knots[null]) / width
+            for k in range(3):
+                total[k, k] += (far * (of_base[k] - found[null, k])) ** 2
+        values[n, 0] = max(values[n, 0], values[n, 1])  # an onset interpolated to within rounding
+        inside[n] = True
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _add_missed(factor, left_out, found, covariance):  # type: ignore[no-untyped-def]
+    """Add the square of what the other slices miss when one is left out."""
+    missed = (0.0, 0.0, 0.0)
+    for j in range(len(left_out)):
+        share = factor * left_out[j]
+        missed = missed[0] + share * found[j, 0], missed[1] + share * found[j, 1], missed[2] + share * found[j, 2]
+    for k in range(3):
+        for m in range(3):
+            covariance[k, m] += missed[k] * missed[m]

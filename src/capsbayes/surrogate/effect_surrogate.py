@@ -1,0 +1,261 @@
+"""A surrogate with one more coordinate: how the shapes change with the parameter that an effect database varies.
+
+One surrogate per value of the parameter, the *slices*, on a mesh that may be
+coarse; a *base* surrogate on a finer mesh at the null value. The effect enters
+as the difference of slices from the null slice, added to the base, so that the
+error of the coarse mesh is not taken for physics.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.database import Database
+from capsbayes.errors import DatabaseError, OutsideDatabaseError
+from capsbayes.prediction import Prediction
+from capsbayes.surrogate.cardinal import FEWEST_KNOTS, CardinalCubics
+from capsbayes.surrogate.effect_domain import EffectDomain, FixedDomain
+from capsbayes.surrogate.effect_kernel import Stack, Weighing, corresponding, evaluate
+from capsbayes.surrogate.registration import SHEETS, Borders, matched, moving_borders
+from capsbayes.surrogate.sheet import COLUMNS
+
+if TYPE_CHECKING:
+    from capsbayes.surrogate.surrogate import Surrogate
+
+__all__ = ["SLICE_CELLS", "EffectSurrogate", "FixedEffect", "check_values"]
+
+Floats = NDArray[np.float64]
+
+SLICE_CELLS = (80, 60)  # a fourth of the memory of the base's tables, which is what takes time to read
+LOGARITHMIC = ("hardening",)  # shapes are smooth functions of its logarithm: it runs over decades
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSurrogate:
+    """Forward model (Ca, a/l, effect) -> (L_z, L_a, v_o/U, Lambda, outline).
+
+    Parameters
+    ----------
+    effect_database : Database
+        Steady shapes at a few values of one parameter.
+    base : Surrogate, optional
+        Of a finer mesh at the null value; by default the null slice itself.
+
+    Attributes
+    ----------
+    slices : tuple of Surrogate
+        One for each value.
+    domain : EffectDomain
+        Where it has an answer; for parachutes and for convex shapes alike between values that have them.
+    """
+
+    effect_database: Database
+    slices: tuple[Surrogate, ...] = field(repr=False)
+    base: Surrogate = field(repr=False)
+    domain: EffectDomain = field(init=False, repr=False)
+    _stack: Stack = field(init=False, repr=False)
+    _base_stack: Stack = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        database, slices, base = self.effect_database, self.slices, self.base
+        if base.database.dataset.attrs["section"] != database.dataset.attrs["section"]:
+            expected = f"a {database.dataset.attrs['section']} section"
+            raise DatabaseError(f"base of {database.effect!r}: expected {expected}, got {base.name}")
+        values, null = database.values, int(np.searchsorted(database.values, database.null_value))
+        columns = _common_columns([*slices, base])
+        borders = [Borders.of(one, columns) for one in slices]
+        base_borders, borders[null] = matched(Borders.of(base, columns), borders[null])
+        logarithmic = database.effect in LOGARITHMIC
+        knots = np.log(values) if logarithmic else values
+        moving = moving_borders(knots, borders, null, base_borders)
+        weighing = Weighing(knots, null, columns, moving, *_cardinal(knots, borders))
+        made = {
+            "domain": EffectDomain(weighing, logarithmic, database.null_value),
+            "_stack": _stacked(slices, borders),
+            "_base_stack": _stacked([base], [base_borders]),
+        }
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def coordinate(self) -> str:
+        """Name of the coordinate that is added to (Ca, a/l), as in `capsbayes.parameters`."""
+        return self.effect_database.effect
+
+    @property
+    def coordinate_range(self) -> tuple[float, float]:
+        """Lowest and highest value of the coordinate."""
+        values = self.effect_database.values
+        return float(values[0]), float(values[-1])
+
+    @property
+    def database(self) -> Database:
+        """The cases of the base."""
+        return self.base.database
+
+    @property
+    def name(self) -> str:
+        """Section, law and coordinate, for results."""
+        return f"{self.base.name} with {self.coordinate}"
+
+    @property
+    def sha256(self) -> str:
+        """Fingerprint of both databases."""
+        return hashlib.sha256(f"{self.base.sha256} {self.effect_database.sha256}".encode()).hexdigest()
+
+    def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
+        """Predict a batch; outside the domain NaN, with ``inside`` False.
+
+        Parameters
+        ----------
+        theta : mapping
+            ``"capillary_number"``, ``"size_ratio"`` and the coordinate, arrays (n,) [-]; without the coordinate, its
+            null value is meant.
+        outline : bool
+            Whether to predict the mid-plane outlines too.
+        """
+        ca, size, place = self._points(theta)
+        values, covariance = np.full((len(ca), len(COLUMNS)), np.nan), np.full((len(ca), 3, 3), np.nan)
+        inside = np.zeros(len(ca), dtype=np.bool_)
+        tables = self._stack, self._base_stack, self.domain.weighing
+        evaluate(ca, size, place, *tables, values, covariance, inside)
+        shapes = self._outlines(ca, size, place) if outline else None
+        columns = values.T.copy()
+        return Prediction(columns[0], columns[1], columns[2], columns[3], covariance, inside, shapes)
+
+    def at(
+        self, *, capillary_number: float, size_ratio: float, outline: bool = False, **coordinate: float
+    ) -> Prediction:
+        """Predict one point, as ``at(capillary_number=0.05, size_ratio=0.9, pre_inflation=0.02)``.
+
+        Raises
+        ------
+        OutsideDatabaseError
+            When the point lies outside the domain.
+        """
+        theta = {"capillary_number": capillary_number, "size_ratio": size_ratio, **coordinate}
+        prediction = self({name: np.array([value]) for name, value in theta.items()}, outline=outline)
+        if not prediction.inside[0]:
+            value, (low, high) = coordinate.get(self.coordinate, self.domain.null_value), self.coordinate_range
+            reason = f"at {self.coordinate} = {value:.4g}, of {low:.4g} to {high:.4g}, no steady shape is stored there"
+            raise OutsideDatabaseError(capillary_number, size_ratio, reason)
+        return prediction
+
+    def fixed(self, value: float) -> FixedEffect:
+        """The forward model (Ca, a/l) at one value of the coordinate."""
+        return FixedEffect(self, value)
+
+    def _points(self, theta: Mapping[str, ArrayLike]) -> list[Floats]:
+        effect = self.domain.place(theta.get(self.coordinate, self.domain.null_value))
+        arrays = (np.atleast_1d(theta["capillary_number"]), np.atleast_1d(theta["size_ratio"]), effect)
+        return [np.ascontiguousarray(array, np.float64) for array in np.broadcast_arrays(*arrays)]
+
+    def _outlines(self, ca: Floats, size: Floats, effect: Floats) -> Floats:
+        surrogates = [*self.slices, self.base]
+        sheets, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(surrogates)))
+        places = np.empty_like(weights)
+        corresponding(ca, size, effect, self._stack, self._base_stack, self.domain.weighing, sheets, places, weights)
+        outlines = np.full((len(ca), self.effect_database.dataset.sizes["point"], 2), np.nan)
+        outlines[sheets >= 0] = 0.0
+        for j, surrogate in enumerate(surrogates):
+            for sheet in surrogate.sheets:
+                here = (sheets == SHEETS.index(sheet.branch.name)) & (weights[:, j] != 0.0)
+                outlines[here] += weights[here, j, None, None] * sheet.outlines(places[here, j], size[here])
+        return outlines
+
+
+@dataclass(frozen=True, eq=False)
+class FixedEffect:
+    """Forward model (Ca, a/l) at one value of the coordinate of an effect surrogate.
+
+    Parameters
+    ----------
+    model : EffectSurrogate
+    value : float
+    """
+
+    model: EffectSurrogate
+    value: float
+
+    @property
+    def name(self) -> str:
+        """That of the model, with the value."""
+        return f"{self.model.base.name} at {self.model.coordinate} = {self.value:g}"
+
+    @property
+    def sha256(self) -> str:
+        """That of the model."""
+        return self.model.sha256
+
+    @property
+    def domain(self) -> FixedDomain:
+        """Where it has an answer."""
+        return self.model.domain.at(self.value)
+
+    @property
+    def database(self) -> Database:
+        """The cases of the base."""
+        return self.model.database
+
+    def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
+        """Predict a batch."""
+        held = np.full(np.shape(theta["capillary_number"]), self.value)
+        return self.model({**theta, self.model.coordinate: held}, outline=outline)
+
+
+def check_values(database: Database) -> None:
+    """Refuse an effect database whose values do not make a coordinate."""
+    values = database.values
+    if len(values) < FEWEST_KNOTS or database.null_value not in values:
+        expected = f"at least {FEWEST_KNOTS} values of {database.effect}, {database.null_value:g} among them"
+        raise DatabaseError(f"effect database: expected {expected}, got {', '.join(f'{value:g}' for value in values)}")
+
+
+def _common_columns(surrogates: list[Surrogate]) -> Floats:
+    """Every column of a/l of any surrogate that lies within the columns of all of them."""
+    regions = [[sheet.branch.region.size_ratio for sheet in one.sheets] for one in surrogates]
+    first = max(min(columns[0] for columns in several) for several in regions)
+    last = min(max(columns[-1] for columns in several) for several in regions)
+    every = np.unique(np.round(np.concatenate([columns for several in regions for columns in several]), 6))
+    return every[(every >= first - 1e-9) & (every <= last + 1e-9)]
+
+
+def _cardinal(knots: Floats, borders: list[Borders]) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
+    """Which weights hold for each sheet between each two columns, and the weights for each set of known slices."""
+    known = np.stack([one.known for one in borders], axis=-1)  # (sheet, column, slice)
+    enough = known.sum(axis=-1) >= FEWEST_KNOTS
+    sets, which = np.unique(known[enough], axis=0, return_inverse=True)
+    cardinal = [CardinalCubics(knots, one) for one in sets]
+    rows = np.full(enough.shape, -1, dtype=np.int64)
+    rows[enough] = np.ravel(which)
+    cubics, left_out, ends = (
+        np.stack([getattr(one, name) for one in cardinal]) for name in ("cubics", "left_out", "ends")
+    )
+    return rows, cubics, left_out, ends
+
+
+def _stacked(surrogates: Sequence[Surrogate], borders: Sequence[Borders]) -> Stack:
+    cells = tuple(count + 1 for count in surrogates[0].cells)
+    shape = (len(SHEETS), len(surrogates))
+    frames = np.ones((*shape, 6))
+    coefficients = np.full((*shape, *cells, 4, len(COLUMNS)), np.nan)
+    errors = np.full((*shape, *cells, 3, 3), np.nan)
+    for j, surrogate in enumerate(surrogates):
+        for sheet in surrogate.sheets:
+            k = SHEETS.index(sheet.branch.name)
+            frames[k, j], errors[k, j] = sheet.frame, sheet.lattice_covariance
+            coefficients[k, j] = sheet.table.coefficients
+    return Stack(
+        frames,
+        cells[0],
+        coefficients.reshape(-1, *coefficients.shape[3:]),
+        errors.reshape(-1, *errors.shape[3:]),
+        np.stack([one.capillary_number for one in borders]),
+        np.stack([one.known for one in borders], axis=1),
+    )

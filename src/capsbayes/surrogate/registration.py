@@ -1,0 +1,170 @@
+"""Which point of one slice corresponds to which point of another: the borders of the sheets move with the effect.
+
+A *slice* is the surrogate of one value of the effect. In every column of a/l
+its convex shapes lie between a lowest Ca and a division, its parachutes
+between the division and a highest Ca. All three move: a pre-inflated capsule
+stays convex up to a higher Ca and exists up to a higher one. Points of two
+slices correspond when they have the same a/l, lie on the same sheet, and
+divide the range of Ca of that sheet in the same ratio. So a capsule at the
+onset of its dimple is compared with one at the onset, and no value of one
+sheet is ever mixed with one of the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+if TYPE_CHECKING:
+    from capsbayes.surrogate.surrogate import Surrogate
+
+__all__ = ["SHEETS", "Borders", "matched", "moving_borders", "place"]
+
+Floats = NDArray[np.float64]
+
+PARACHUTE, CONVEX = 0, 1
+SHEETS = ("parachute", "convex")
+"""Names of the branches, in the order of the numbers that stand for them."""
+ROUNDING = 1e-9  # of a/l
+
+
+@dataclass(frozen=True, eq=False)
+class Borders:
+    """Borders of the sheets of one slice.
+
+    Parameters
+    ----------
+    size_ratio : (c,) array [-]
+        Columns, rising.
+    capillary_number : (3, c) array [-]
+        Lowest Ca, division and highest Ca in each column, straight between them.
+    limit : (c,) bool array
+        Whether the highest Ca is a limit of existence.
+    known : (2, c - 1) bool array
+        Whether the slice has parachutes, and convex shapes, between each two columns.
+    """
+
+    size_ratio: Floats
+    capillary_number: Floats
+    limit: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, surrogate: Surrogate, columns: Floats) -> Borders:
+        """Read them off a surrogate at given columns, within its own."""
+        regions = {sheet.branch.name: sheet.branch.region for sheet in surrogate.sheets}
+        middle = (columns[1:] + columns[:-1]) / 2
+        known, ends = np.zeros((2, len(middle)), dtype=np.bool_), np.full((2, 2, len(columns)), np.nan)
+        for row, name in enumerate(SHEETS):
+            region = regions.get(name)
+            if region is not None:
+                first, last = region.size_ratio[[0, -1]]
+                known[row] = (middle > first) & (middle < last)
+                inside = (columns > first - ROUNDING) & (columns < last + ROUNDING)
+                for end, border in enumerate((region.lowest, region.highest)):
+                    ends[row, end, inside] = np.interp(columns[inside], region.size_ratio, border)
+        (lowest_parachute, highest_parachute), (lowest_convex, highest_convex) = ends
+        division = np.where(np.isnan(highest_convex), lowest_parachute, highest_convex)
+        lowest = np.where(np.isnan(lowest_convex), lowest_parachute, lowest_convex)
+        highest = np.where(np.isnan(highest_parachute), highest_convex, highest_parachute)
+        last = surrogate.sheets[0].branch.region  # of the parachutes, if it has any
+        limit = np.interp(columns, last.size_ratio, last.limit) == 1.0
+        return cls(columns, np.stack([lowest, division, highest]), limit, known)
+
+    def with_convex_of(self, other: Borders) -> Borders:
+        """The same, with the other's lowest Ca and division at columns where only the other has convex shapes."""
+        mine, theirs = self.capillary_number, other.capillary_number
+        lacking = (mine[1] <= mine[0]) & (theirs[1] > theirs[0]) & (theirs[1] < mine[2])
+        return replace(self, capillary_number=np.where(lacking & (np.arange(3) < 2)[:, None], theirs, mine))
+
+
+def matched(base: Borders, null: Borders) -> tuple[Borders, Borders]:
+    """Base and null slice made to correspond at equal Ca but for their divisions, and their limits of existence.
+
+    A column ends where the computation of one of the two ends, unless both end in a fold: this moves with the mesh,
+    and the shapes with it.
+    """
+    base, null = base.with_convex_of(null), null.with_convex_of(base)
+    ends = []
+    for one, other in ((base, null), (null, base)):
+        mine, theirs = one.capillary_number, other.capillary_number
+        highest = np.where(base.limit & null.limit, mine[2], np.minimum(mine[2], theirs[2]))
+        lowest = np.minimum(np.maximum(mine[0], theirs[0]), highest)
+        ends.append(replace(one, capillary_number=np.stack([lowest, np.clip(mine[1], lowest, highest), highest])))
+    return ends[0], ends[1]
+
+
+def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Borders) -> Floats:
+    """Borders as functions of the effect: those of the base, moved as the slices' are.
+
+    Parameters
+    ----------
+    knots : (k,) array
+        Places of the slices along the effect.
+    slices : list of k Borders
+        Of the same columns.
+    null : int
+        Which of them corresponds to the base.
+    base : Borders
+
+    Returns
+    -------
+    (k - 1, 4, 3, c) array
+        In each interval between knots cubics of the distance from its lower knot, coefficients from the constant on,
+        monotone between the slices.
+    """
+    borders = np.stack([one.capillary_number for one in slices])
+    cubics = PchipInterpolator(knots, borders).c.transpose(1, 0, 2, 3)[:, ::-1].copy()
+    cubics[:, 0] += base.capillary_number - borders[null]
+    return cubics
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-def]
+    """Sheet (0 or 1, -1 if none), column and position of one point between the borders of one interval.
+
+    Parameters
+    ----------
+    ca, size, distance : float
+        The point, and its distance from the lower knot of the interval.
+    columns : (c,) array
+    cubics : (4, 3, c) array
+        Borders in this interval.
+    out : (2,) array
+        Filled with the position within the range of Ca of the sheet, from 0 to 1, and that between the columns.
+    """
+    if not (columns[0] <= size <= columns[-1]):
+        return -1, 0
+    left, right = 0, len(columns) - 1
+    while right - left > 1:
+        middle = (left + right) // 2
+        if columns[middle] <= size:
+            left = middle
+        else:
+            right = middle
+    share = (size - columns[left]) / (columns[right] - columns[left])
+    lowest = _border(cubics, 0, left, share, distance)
+    highest = _border(cubics, 2, left, share, distance)
+    division = min(max(_border(cubics, 1, left, share, distance), lowest), highest)
+    if not (lowest <= ca <= highest):
+        return -1, left
+    out[1] = share
+    if ca < division:
+        out[0] = (ca - lowest) / (division - lowest)
+        return CONVEX, left
+    out[0] = (ca - division) / max(highest - division, 1e-300)
+    return PARACHUTE, left
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _border(cubics, which, column, share, distance):  # type: ignore[no-untyped-def]
+    left = right = 0.0
+    for power in range(3, -1, -1):
+        left = left * distance + cubics[power, which, column]
+        right = right * distance + cubics[power, which, column + 1]
+    return (1.0 - share) * left + share * right

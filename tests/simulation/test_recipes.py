@@ -1,0 +1,31 @@
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.simulation.recipes import RECIPES, recipe_named
+from capsbayes.simulation.simulator import Simulator
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_every_recipe_can_be_followed(name):
+    recipe = recipe_named(name)
+    assert isinstance(recipe.simulator, Simulator)
+    assert len(set(recipe.cases)) == len(recipe.cases) >= 60
+    if recipe.effect:
+        owner = recipe.simulator if hasattr(recipe.simulator, recipe.effect) else recipe.simulator.law
+        assert getattr(owner, recipe.effect) in recipe.values
+        assert recipe.simulator.refinement == 8
+    else:
+        assert len(recipe.cases) >= 200
+        assert recipe.simulator.refinement == 12
+
+
+def test_pre_inflation_covers_the_whole_range():
+    for section in ("square", "circular"):
+        recipe = recipe_named(f"{section}-pre-inflation")
+        assert min(ca for ca, _ in recipe.cases) == 0.003
+        assert recipe.values == (0.0, 0.01, 0.025, 0.05, 0.1)
+
+
+def test_unknown_recipe_names_those_there_are():
+    with pytest.raises(InputError, match=r"recipe: expected one of square-neo-hookean, .*, got 'oval'"):
+        recipe_named("oval")

@@ -1,0 +1,39 @@
+"""Every example script runs and prints the number it should."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+from capsbayes import Simulator, build_database
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+SCRIPTS = sorted(path.relative_to(EXAMPLES).as_posix() for path in EXAMPLES.rglob("*.py"))
+
+NUMBERS = {"own_law/own_law.py": ("v_o/U", 1.416, 0.002)}
+"""For each script a name that it prints before an equals sign, its value on a fine mesh, and the relative tolerance."""
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_an_example_prints_its_number(script, capsys):
+    name, value, tolerance = NUMBERS[script]
+    runpy.run_path(str(EXAMPLES / script), run_name="__main__")
+    printed = re.search(rf"^{re.escape(name)} = (\S+)$", capsys.readouterr().out, re.MULTILINE)
+    assert printed is not None
+    assert float(printed[1]) == pytest.approx(value, rel=tolerance)
+
+
+def test_a_law_of_ones_own_makes_a_database_that_states_it(tmp_path, monkeypatch):
+    spec = importlib.util.spec_from_file_location("own_law", EXAMPLES / "own_law" / "own_law.py")
+    own_law = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "own_law", own_law)  # where pickle looks for the law's class
+    spec.loader.exec_module(own_law)
+    simulator = Simulator(law=own_law.EvansSkalak(4.0), refinement=4)
+    database = build_database(simulator, [(0.05, 0.8)], out=tmp_path / "own.nc", scheduler="synchronous")
+    assert list(database["status"]) == ["DONE"]
+    assert database.settings["law"] == "Evans-Skalak K = 4.0"
