@@ -40,7 +40,7 @@ class AnalyticState:
     @property
     def profile(self):
         angle = np.linspace(0.0, np.pi, 101)
-        depth = 1.0 + 3.0 * self.capillary_number
+        depth = 1.5 + 3.0 * self.capillary_number
         z = np.cos(angle) + (depth * (1 - np.cos(angle)) ** 2 / 4 if self.parachute else 0.0) + self.memory
         return Profile.from_half(np.stack([self.size_ratio * z, self.size_ratio * np.sin(angle)], axis=1))
 
@@ -53,13 +53,14 @@ class AnalyticState:
 class AnalyticSimulator:
     """Steady states exist up to Ca = `limit` - 0.1 (a/l), and from `lowest` on.
 
-    Below Ca = `snap` there is another branch, that of a capsule at rest. Each run is noted as a line in the file
-    `journal`; the case `bad` raises.
+    Below Ca = `snap` there is another branch, that of a capsule at rest, from whose end the capsule jumps to the
+    parachutes, or is lost. Each run is noted as a line in the file `journal`; the case `bad` raises.
     """
 
     limit: float = 0.175
     lowest: float = 0.0
     snap: float = 0.0
+    jumps: bool = True
     bad: tuple[float, float] | None = None
     journal: str = ""
     seconds: float = 0.0
@@ -84,6 +85,8 @@ class AnalyticSimulator:
             raise FloatingPointError("no inverse")
         origin = 0.0 if isinstance(start, str) else start.memory + 1e-3 * start.capillary_number
         parachute = capillary_number >= self.snap if start == "rest" else start == "parachute" or start.parachute
+        jumped = self.jumps and not isinstance(start, str) and not parachute and capillary_number > self.snap
+        parachute |= jumped
         end = self.limit - 0.1 * size_ratio if parachute else self.snap
         status, limit = Status.DONE, np.nan
         if capillary_number > end:
@@ -93,7 +96,14 @@ class AnalyticSimulator:
         rng = np.random.default_rng(int(1e6 * capillary_number))
         nodes = rng.random((6, 3)) + origin
         return AnalyticState(
-            capillary_number, size_ratio, nodes, nodes[:, :2], origin / np.pi, status, limit=limit, parachute=parachute
+            capillary_number,
+            size_ratio,
+            nodes,
+            nodes[:, :2],
+            origin / np.pi,
+            status,
+            limit=limit,
+            parachute=parachute,
         )
 
 

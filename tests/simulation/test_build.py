@@ -93,9 +93,27 @@ def test_each_case_starts_from_its_converged_neighbour(tmp_path):
     ]
 
 
-def test_where_the_branch_from_rest_ends_the_walk_goes_on_with_parachutes(tmp_path):
+def test_where_a_capsule_snaps_through_is_enclosed(tmp_path):
     journal = tmp_path / "journal"
-    simulator = AnalyticSimulator(snap=0.031, journal=str(journal))
+    simulator = AnalyticSimulator(snap=0.033, journal=str(journal))
+    database = build_database(simulator, CASES[8:16], out=tmp_path / "a.nc", scheduler=HERE)
+    steps = [tuple(line.split()[1:]) for line in journal.read_text().splitlines()]
+    assert steps[2:8] == [
+        ("0.03", "0.02"),
+        ("0.05", "0.03"),  # jumps
+        ("0.03873", "0.03"),  # jumps
+        ("0.03409", "0.03"),  # jumps
+        ("0.03198", "0.03"),
+        ("0.06", "0.05"),
+    ]
+    assert list(database["border_kind"]) == ["snap-through", "limit of existence"]
+    np.testing.assert_allclose(database["border_capillary_number"], [0.03302, 0.085])
+    assert status_of(database, 0.03198, 0.9) is status_of(database, 0.03409, 0.9) is Status.DONE
+
+
+def test_where_the_branch_from_rest_is_lost_the_walk_goes_on_with_parachutes(tmp_path):
+    journal = tmp_path / "journal"
+    simulator = AnalyticSimulator(snap=0.031, jumps=False, journal=str(journal))
     database = build_database(simulator, CASES[8:16], out=tmp_path / "a.nc", scheduler=HERE)
     steps = [tuple(line.split()[1:]) for line in journal.read_text().splitlines()]
     assert steps[:8] == [
@@ -154,15 +172,13 @@ def test_the_same_call_again_computes_nothing(tmp_path):
     assert not journal.exists()
 
 
-def test_added_cases_leave_the_finished_ones_alone(tmp_path):
+def test_added_cases_leave_those_with_the_same_neighbour_alone(tmp_path):
     out, journal = tmp_path / "shapes.nc", tmp_path / "journal"
     before = build_database(AnalyticSimulator(), CASES, out=out, scheduler=HERE)
     added = [(0.055, 0.9), (0.07, 0.9), (0.05, 0.95)]
     database = build_database(AnalyticSimulator(journal=str(journal)), CASES + added, out=out, scheduler=HERE)
     computed = {tuple(map(float, line.split()[1::-1])) for line in journal.read_text().splitlines()}
-    done_before = set(zip(before.converged["capillary_number"], before.converged["size_ratio"], strict=True))
-    assert computed >= set(added)
-    assert not computed & done_before
+    assert computed == {*added, (0.06, 0.9), (0.08, 0.9)}
     assert len(database) == len(before) + 3
 
 

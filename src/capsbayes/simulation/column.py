@@ -40,7 +40,8 @@ LOST = "lost from rest"
 OUTLINE_POINTS = 256
 _FIRST_TRIED = (0.01, 0.02, 0.05)  # where to begin if the lowest case does not converge
 _BELOW_LIMIT, _ABOVE_LIMIT = (0.96, 0.99), 1.02  # of the Ca at a fold: cases that are run beside those asked for
-_SHALLOW = 0.1  # depth of the rear over a that no capsule exceeds before it snaps through; parachutes at their limit do
+_DEEP = 0.1  # depth of the rear over a that a capsule exceeds once it has snapped through
+_BRACKET, _JUMP = 1.08, 0.05  # of two Ca between which it snaps through, and of their depths over a
 _FAILURES_DOWNWARD = 2  # in a row, after which the lower cases are not tried
 
 
@@ -154,10 +155,12 @@ def _upward(run: Runs, first: Outcome, values: list[float]) -> list[Border]:
         outcome = run(value, last)
         if outcome.status is Status.RAISED:
             continue
+        if outcome.done and _deep(outcome) and not _deep(last):
+            borders += _snap_through(run, last, outcome)
         if not outcome.done:
             limit = _limit(outcome, last)
             _approach(run, last, limit)
-            beyond = run(value, "parachute") if _shallow(last) and not borders else outcome
+            beyond = run(value, "parachute") if not _deep(last) and not borders else outcome
             if not beyond.done:
                 run.final[value] = outcome
                 kind = LIMIT_OF_EXISTENCE if outcome.status is Status.NO_STEADY_STATE else LIMIT_OF_DATABASE
@@ -173,9 +176,21 @@ def _upward(run: Runs, first: Outcome, values: list[float]) -> list[Border]:
     return [*borders, Border(run.size_ratio, last.capillary_number, LIMIT_OF_DATABASE)]
 
 
-def _shallow(outcome: Outcome) -> bool:
-    """Whether the rear is so little concave that the capsule may still snap through to a parachute."""
-    return bool(outcome.variables["parachute_depth"] < _SHALLOW * outcome.size_ratio)
+def _snap_through(run: Runs, last: Outcome, beyond: Outcome) -> list[Border]:
+    """Enclose the Ca at which a capsule snaps through; none if the shape turns out to change smoothly."""
+    while beyond.capillary_number > _BRACKET * last.capillary_number:
+        between = run(_rounded((last.capillary_number * beyond.capillary_number) ** 0.5), last)
+        if not between.done:
+            break
+        last, beyond = (last, between) if _deep(between) else (between, beyond)
+    if beyond.variables["parachute_depth"] - last.variables["parachute_depth"] < _JUMP * run.size_ratio:
+        return []
+    return [Border(run.size_ratio, _rounded((last.capillary_number * beyond.capillary_number) ** 0.5), SNAP_THROUGH)]
+
+
+def _deep(outcome: Outcome) -> bool:
+    """Whether the rear is so concave that the capsule does not snap through any more."""
+    return bool(outcome.variables["parachute_depth"] > _DEEP * outcome.size_ratio)
 
 
 def _limit(outcome: Outcome, last: Outcome) -> float:

@@ -1,11 +1,11 @@
 """Follow branches of steady states: the one of a capsule at rest, and that of the parachutes.
 
 At low Ca a capsule has one of two shapes. Followed up from rest its rear stays
-convex until that branch ends in a fold, where a capsule snaps through to a
-parachute. The parachutes go down to a fold at a lower Ca, so that between the
-two folds both shapes exist: a capsule started from rest takes the first. With
-enough pre-inflation or bending stiffness one branch leads smoothly from one
-shape to the other.
+convex until that branch ends or becomes unstable, where a capsule snaps through
+to a parachute. The parachutes go down to a fold at a lower Ca, so that between
+the two both shapes exist: a capsule started from rest takes the first. In wide
+capsules, and with enough pre-inflation or bending stiffness, one branch leads
+smoothly from one shape to the other.
 
 Newton's iteration from rest converges at a low Ca. A parachute is found with a
 strong bending stiffness, which is then lowered.
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from capsbayes.simulation.arclength import ArcPoint, fold, interpolated, traced
 from capsbayes.simulation.problem import Iterate, Problem
+from capsbayes.simulation.settling import is_shallow, may_buckle, settled
 from capsbayes.simulation.steady_state import NewtonResult, bordered, steady_residual, steady_state
 from capsbayes.status import Status
 from capsbayes.surface.prolongation import prolonged
@@ -37,8 +38,9 @@ SLACK_LIMIT = 5e-4
 _REST = (0.006, 0.75)  # Ca and a/l of the first state near rest
 _BENDINGS = (5e-3, 1e-3)
 _PARACHUTE = (0.05, 0.8)
+_ONE_SHAPE = 0.03  # Ca above which no other shape than the parachute has been seen where the branch from rest ended
 _COARSE = 6
-_AT_ONCE = 0.5  # change of log Ca up to which one step may do
+_AT_ONCE = 0.55  # change of log Ca up to which one step may do
 _LONGEST, _SHORTEST = 0.1, 0.005  # first step in a/l, and the one below which a branch is taken to end
 _EASY = 5  # iterations after which the next step is longer
 
@@ -65,6 +67,9 @@ class BranchEnd:
 def followed(problem: Problem, start: NewtonResult, capillary_number: float, size_ratio: float) -> BranchEnd:
     """Follow the branch of `start` to another case: a larger size before a larger Ca, a smaller Ca before any size.
 
+    A shape that has not snapped through yet is left, on the way to a larger Ca, for the one that a capsule started
+    from rest reaches.
+
     Parameters
     ----------
     problem : Problem
@@ -76,9 +81,9 @@ def followed(problem: Problem, start: NewtonResult, capillary_number: float, siz
     -------
     BranchEnd
     """
-    legs = [(_along_size, size_ratio), (_along_ca, capillary_number)]
+    legs = [(_along_size, size_ratio), (_upward, capillary_number)]
     if capillary_number < start.iterate.capillary_number:
-        legs.reverse()
+        legs = [(_along_ca, capillary_number), (_along_size, size_ratio)]
     end = BranchEnd(start, Status.DONE)
     for follow, target in legs:
         end = follow(problem, end.result, target)
@@ -95,12 +100,16 @@ def reached_from_rest(problem: Problem, capillary_number: float, size_ratio: flo
     BranchEnd
         Where there is none, the end of the parachutes' branch.
     """
-    start = near_rest(problem, size_ratio)
-    if start.status is Status.DONE:
-        end = _along_ca(problem, start.result, capillary_number)
-        if end.status is Status.DONE:
+    far = capillary_number > _ONE_SHAPE
+    if far:
+        end = parachute(problem, capillary_number, size_ratio)
+        if end.status is not Status.NOT_CONVERGED:
             return end
-    return parachute(problem, capillary_number, size_ratio)
+    start = near_rest(problem, size_ratio)
+    if start.status is not Status.DONE:
+        return start if far else parachute(problem, capillary_number, size_ratio)
+    end = followed(problem, start.result, capillary_number, size_ratio)
+    return end if end.status is Status.DONE else parachute(problem, capillary_number, size_ratio)
 
 
 def parachute(problem: Problem, capillary_number: float, size_ratio: float) -> BranchEnd:
@@ -193,15 +202,35 @@ def _size_tangent(problem: Problem, iterate: Iterate) -> Array:
     return tangent
 
 
+def _upward(problem: Problem, start: NewtonResult, capillary_number: float) -> BranchEnd:
+    """Follow a branch to a larger Ca, or where it may have become unstable, a capsule from rest in time."""
+    if not is_shallow(problem, start.iterate):
+        return _along_ca(problem, start, capillary_number)
+    trial = _at_once(problem, start, capillary_number)
+    if trial is not None and not may_buckle(problem, trial.iterate):
+        return BranchEnd(trial, _resolved(trial))
+    if capillary_number < _ONE_SHAPE or may_buckle(problem, start.iterate):
+        taken = settled(problem, capillary_number, start.iterate.size_ratio)
+        if taken is not None:
+            return BranchEnd(taken, _resolved(taken))
+    return _along_ca(problem, start, capillary_number)
+
+
+def _at_once(problem: Problem, start: NewtonResult, capillary_number: float) -> NewtonResult | None:
+    """The state of a branch at another Ca by one step along the tangent, if that will do."""
+    if abs(np.log(capillary_number / start.iterate.capillary_number)) > _AT_ONCE:
+        return None
+    predicted = _predicted(start, capillary_number)
+    return _near(problem, predicted, 0.002 + 0.3 * _displacement(predicted, start.iterate))
+
+
 def _along_ca(problem: Problem, start: NewtonResult, capillary_number: float) -> BranchEnd:
     """Follow a branch at constant a/l: at once along the tangent, or by tracing it."""
     if capillary_number == start.iterate.capillary_number:
         return BranchEnd(start, _resolved(start))
-    if abs(np.log(capillary_number / start.iterate.capillary_number)) < _AT_ONCE:
-        predicted = _predicted(start, capillary_number)
-        trial = _near(problem, predicted, 0.002 + 0.3 * _displacement(predicted, start.iterate))
-        if trial is not None:
-            return BranchEnd(trial, _resolved(trial))
+    trial = _at_once(problem, start, capillary_number)
+    if trial is not None:
+        return BranchEnd(trial, _resolved(trial))
     rising = capillary_number > start.iterate.capillary_number
     before: ArcPoint | None = None
     for point in traced(problem, start, rising=rising):

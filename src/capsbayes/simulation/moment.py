@@ -41,7 +41,7 @@ class Moment(Shape):
     slack: float
 
 
-def first_shape(problem: Problem, capillary_number: float, size_ratio: float, start: Shape | None) -> Iterate:
+def first_shape(problem: Problem, capillary_number: float, size_ratio: float, start: Shape | None = None) -> Iterate:
     """Where a transient starts: from `start` scaled to the size, or at rest, squeezed if it does not fit.
 
     A capsule wider than 0.95 of the channel becomes longer and narrower by one factor, at the same volume.

@@ -104,7 +104,7 @@ class Parts:
         return parts
 
     def find(self, capillary_number: float, size_ratio: float, start: float | str) -> Outcome | None:
-        """Outcome of a case already finished from this start, or converged from any other.
+        """Outcome of a case already finished from this start.
 
         Returns
         -------
@@ -117,8 +117,7 @@ class Parts:
         """
         case = _case_name(capillary_number, size_ratio)
         same = sorted(self.folder.glob(f"{case}_from-{_start_name(start)}.*.part"))
-        converged = sorted(self.folder.glob(f"{case}_from-*.{Status.DONE.name}.part"))
-        return next((outcome for outcome in map(self._load, same + converged) if outcome is not None), None)
+        return next((outcome for outcome in map(self._load, same) if outcome is not None), None)
 
     def save(self, outcome: Outcome) -> None:
         """Keep an outcome, whole or not at all."""

@@ -173,8 +173,8 @@ class Simulator:
             a/l, between 0.2 and 1.3.
         start : SteadyState or str
             ``"rest"``: the state that a capsule started from rest reaches. ``"parachute"``: the parachute, which at
-            low Ca may be stable as well. A neighbouring steady state, of any mesh: the one on its branch, which is
-            some ten seconds quicker to find.
+            low Ca may be stable as well. A neighbouring steady state, of any mesh: the one on its branch, which is some
+            ten seconds quicker to find; at low Ca where that may be unstable, the one reached from rest.
         threads : int
             Threads of the linear algebra.
 
