@@ -284,6 +284,17 @@ class Database:
         }
         return Database(self.dataset.isel(chosen))
 
+    def plain_relative(self) -> Database | None:
+        """The plain database of the same section and law that comes with the library, if there is one."""
+        for folder in _shipped_folders():
+            for path in sorted(folder.glob("*.nc")):
+                with xr.open_dataset(path, engine="h5netcdf") as opened:
+                    attributes = opened.attrs
+                same = all(attributes[name] == self.dataset.attrs[name] for name in ("section", "law"))
+                if same and attributes.get("effect", NO_EFFECT) == NO_EFFECT:
+                    return Database.read(path)
+        return None
+
     @property
     def converged(self) -> Database:
         """The cases that ended as they should, with the hash of the whole."""

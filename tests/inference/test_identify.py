@@ -9,7 +9,7 @@ from capsbayes.errors import InputError
 from capsbayes.inference import Prior, Range, identify
 from capsbayes.inference.ensembles import Effort
 from capsbayes.status import Status
-from polynomial_model import FoldedModel, PolynomialDomain, PolynomialModel
+from polynomial_model import FoldedModel, PolynomialModel
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,8 @@ def test_too_little_sampling_is_said(model, experiment, capsule):
 class TwoShapesBelow(PolynomialModel):
     """The same model, with another stable shape up to a Ca."""
 
-    unsettled = PolynomialDomain(highest=0.1)
+    def unsettled(self, theta):
+        return theta["capillary_number"] < 0.1
 
 
 def test_a_posterior_where_two_shapes_are_stable_says_so(experiment, capsule):

@@ -174,9 +174,9 @@ class _Run(NamedTuple):
 def _leaning(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
     place = ("capillary_number", "size_ratio")
     shares = {"model": leaning(draws, place, model.domain.contains, tuple(prior.coordinates))}
-    unsettled = getattr(model, "unsettled", None)
-    if unsettled is not None:
-        shares[_TWO_SHAPES] = float(np.mean(unsettled.contains(*(np.ravel(draws[name]) for name in place))))
+    if hasattr(model, "unsettled"):
+        drawn = {name: np.ravel(values) for name, values in draws.items() if name in (*place, *COORDINATES)}
+        shares[_TWO_SHAPES] = float(np.mean(model.unsettled(drawn)))
     for name, one in (
         ("surface_shear_modulus", prior.surface_shear_modulus),
         ("capsule_radius", prior.capsule_radius),

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -147,6 +147,19 @@ class EffectSurrogate:
             raise OutsideDatabaseError(capillary_number, size_ratio, reason)
         return prediction
 
+    def unsettled(self, theta: Mapping[str, ArrayLike]) -> NDArray[np.bool_]:
+        """Where it holds for a capsule that was started from rest only, as another shape is stable too : (n,) array.
+
+        So where that is true of one of the two slices beside the point.
+        """
+        ca, size, place = self._points(theta)
+        cases = {"capillary_number": ca, "size_ratio": size}
+        each = np.stack([one.unsettled(cases) for one in self.slices])
+        knots = self.domain.weighing.knots
+        below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
+        points = np.arange(len(ca))
+        return each[below, points] | (each[below + 1, points] & (place > knots[below]))
+
     def fixed(self, value: float) -> FixedEffect:
         """The forward model (Ca, a/l) at one value of the coordinate."""
         return FixedEffect(self, value)
@@ -205,8 +218,14 @@ class FixedEffect:
 
     def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
         """Predict a batch."""
-        held = np.full(np.shape(theta["capillary_number"]), self.value)
-        return self.model({**theta, self.model.coordinate: held}, outline=outline)
+        return self.model(self._held(theta), outline=outline)
+
+    def unsettled(self, theta: Mapping[str, ArrayLike]) -> NDArray[np.bool_]:
+        """See that of the model."""
+        return self.model.unsettled(self._held(theta))
+
+    def _held(self, theta: Mapping[str, Any]) -> dict[str, Any]:
+        return {**theta, self.model.coordinate: np.full(np.shape(theta["capillary_number"]), self.value)}
 
 
 def check_values(database: Database) -> None:

@@ -46,8 +46,6 @@ class Surrogate:
         Where it has an answer.
     sheets : tuple of Sheet
         One for each branch of steady shapes.
-    unsettled : Region or None
-        Where it holds for a capsule that was started from rest: another steady shape is stable too.
 
     Examples
     --------
@@ -63,7 +61,7 @@ class Surrogate:
     cells: tuple[int, int] = CELLS
     domain: DomainOfExistence = field(init=False, repr=False)
     sheets: tuple[Sheet, ...] = field(init=False, repr=False)
-    unsettled: Region | None = field(init=False, repr=False)
+    _unsettled: Region | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         cases = self.database.converged
@@ -75,7 +73,7 @@ class Surrogate:
         pairs = zip(branches, rivals, strict=True)
         sheets = tuple(Sheet(cases, branch, chart, rival, self.cells) for branch, rival in pairs)
         object.__setattr__(self, "sheets", sheets)
-        object.__setattr__(self, "unsettled", unsettled_region(cases))
+        object.__setattr__(self, "_unsettled", unsettled_region(cases))
 
     @classmethod
     def open(cls, source: str | Path) -> Surrogate | EffectSurrogate:
@@ -85,9 +83,8 @@ class Surrogate:
         """
         is_file = isinstance(source, Path) or str(source).endswith(".nc")
         database = Database.read(source) if is_file else Database.open(str(source))
-        base = _name(database)
-        shipped = database.effect != NO_EFFECT and base in Database.shipped()
-        return cls.from_database(database, base=Database.open(base) if shipped else None)
+        base = database.plain_relative() if database.effect != NO_EFFECT else None
+        return cls.from_database(database, base=base)
 
     @classmethod
     def from_database(cls, database: Database, *, base: Database | None = None) -> Surrogate | EffectSurrogate:
@@ -139,6 +136,11 @@ class Surrogate:
             sheet.predict(ca, size, values.T, covariance, inside)
         shapes = self._outlines(ca, size) if outline else None
         return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
+
+    def unsettled(self, theta: Mapping[str, ArrayLike]) -> NDArray[np.bool_]:
+        """Where it holds for a capsule that was started from rest only, as another shape is stable too : (n,) array."""
+        ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
+        return np.zeros(len(ca), dtype=np.bool_) if self._unsettled is None else self._unsettled.contains(ca, size)
 
     def at(self, *, capillary_number: float, size_ratio: float, outline: bool = False) -> Prediction:
         """Predict one point.
