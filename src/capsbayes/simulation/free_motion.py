@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from capsbayes.simulation.problem import Iterate, Problem
+from capsbayes.simulation.problem import Iterate, Motion, Problem
 
 __all__ = ["FreeMotion", "Rate"]
 
@@ -45,16 +45,15 @@ class FreeMotion:
 
     def rate(self, free: Array) -> Rate:
         """dx/dt of a shape."""
-        motion = self.problem.motion(self._seen_from_walls(free))
-        across, along = self._across(motion.normal, motion.axial), self._gaps(free)[1]
-        pull = -np.linalg.solve(along @ across, along @ motion.error)
-        return Rate(motion.error + across @ pull, float(0.0 - np.sum(pull[1:])), float(pull[0]), across)
+        return self._rate(self.problem.motion(self._seen_from_walls(free)), self._gaps(free)[1])
 
-    def jacobian(self, free: Array) -> Array:
-        """Derivative (F, F) of dx/dt, but for the turning of the normals that s acts along."""
+    def linearised(self, free: Array) -> tuple[Rate, Array]:
+        """dx/dt of a shape and its derivative (F, F), but for the turning of the normals that s acts along."""
         motion, slopes = self.problem.linearised(self._seen_from_walls(free))
-        across, along = self._across(motion.normal, motion.axial), self._gaps(free)[1]
-        return slopes.along_shape - across @ np.linalg.solve(along @ across, along @ slopes.along_shape)
+        along = self._gaps(free)[1]
+        rate = self._rate(motion, along)
+        held = rate.across @ np.linalg.solve(along @ rate.across, along @ slopes.along_shape)
+        return rate, slopes.along_shape - held
 
     def held(self, free: Array, across: Array) -> Array:
         """The shape moved along `across` to its volume and centroid."""
@@ -65,11 +64,13 @@ class FreeMotion:
         """Orthonormal changes (F, F - c) of a shape that keep volume and centroid."""
         return scipy.linalg.null_space(self._gaps(free)[1])
 
+    def _rate(self, motion: Motion, along: Array) -> Rate:
+        across = np.column_stack([motion.normal, motion.axial] if self.drifts else [motion.normal])
+        pull = -np.linalg.solve(along @ across, along @ motion.error)
+        return Rate(motion.error + across @ pull, float(0.0 - np.sum(pull[1:])), float(pull[0]), across)
+
     def _seen_from_walls(self, free: Array) -> Iterate:
         return replace(self.start, free=free, velocity=0.0, slack=0.0)
-
-    def _across(self, normal: Array, axial: Array) -> Array:
-        return np.column_stack([normal, axial] if self.drifts else [normal])
 
     def _gaps(self, free: Array) -> tuple[Array, Array]:
         """Excess (c,) of the volume and of its axial moment, and their gradients (c, F)."""

@@ -64,7 +64,7 @@ def settled(problem: Problem, capillary_number: float, size_ratio: float) -> New
     motion, free, patience = FreeMotion(problem, here), here.free, 0
     identity = np.eye(len(free))
     for step in range(_STEPS):
-        rate, jacobian = motion.rate(free), motion.jacobian(free)
+        rate, jacobian = motion.linearised(free)
         if not np.isfinite(rate.speed):
             return None
         if rate.speed < _SLOW and step >= patience:

@@ -141,7 +141,7 @@ class _Rosenbrock:
 
     def __call__(self, free: Array, rate: Rate, length: float) -> tuple[Array, float]:
         if np.max(np.abs(free - self.reference)) > _MOVED * self.motion.start.size_ratio:
-            self.reference, self.jacobian = free, self.motion.jacobian(free)
+            self.reference, self.jacobian = free, self.motion.linearised(free)[1]
         factor = scipy.linalg.lu_factor(np.eye(len(free)) - _GAMMA * length * self.jacobian)
         first = length * scipy.linalg.lu_solve(factor, rate.change)
         if _too_far(first, self.motion):
@@ -180,6 +180,6 @@ def growth_rates(problem: Problem, iterate: Iterate) -> NDArray[np.complex128]:
     """
     motion = FreeMotion(problem, iterate)
     allowed = motion.changes(iterate.free)
-    matrix = allowed.T @ motion.jacobian(iterate.free) @ allowed
+    matrix = allowed.T @ motion.linearised(iterate.free)[1] @ allowed
     rates: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(complex)
     return rates[np.argsort(-rates.real)]

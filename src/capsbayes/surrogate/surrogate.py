@@ -65,8 +65,8 @@ class Surrogate:
 
     def __post_init__(self) -> None:
         cases = self.database.converged
-        chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
         branches = branches_of(self.database)
+        chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
         object.__setattr__(self, "domain", DomainOfExistence(tuple(branch.region for branch in branches)))
         smooth = [approximation_of(cases, branch, chart) for branch in branches]
         rivals = smooth[::-1] if len(branches) == 2 else [None]
