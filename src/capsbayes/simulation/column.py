@@ -41,7 +41,8 @@ OUTLINE_POINTS = 256
 _FIRST_TRIED = (0.01, 0.02, 0.05)  # where to begin if the lowest case does not converge
 _BELOW_LIMIT, _ABOVE_LIMIT = (0.96, 0.99), 1.02  # of the Ca at a fold: cases that are run beside those asked for
 _DEEP = 0.1  # depth of the rear over a that a capsule exceeds once it has snapped through
-_BRACKET, _JUMP = 1.08, 0.05  # of two Ca between which it snaps through, and of their depths over a
+_FALL = 0.015  # share of L_z that is lost in a snap-through, and not from one parachute to the next
+_BRACKET = 1.08  # of the Ca on either side of a snap-through
 _FAILURES_DOWNWARD = 2  # in a row, after which the lower cases are not tried
 
 
@@ -155,7 +156,7 @@ def _upward(run: Runs, first: Outcome, values: list[float]) -> list[Border]:
         outcome = run(value, last)
         if outcome.status is Status.RAISED:
             continue
-        if outcome.done and _deep(outcome) and not _deep(last):
+        if not _deep(last) and _fallen(last, outcome):
             borders += _snap_through(run, last, outcome)
         if not outcome.done:
             limit = _limit(outcome, last)
@@ -182,10 +183,15 @@ def _snap_through(run: Runs, last: Outcome, beyond: Outcome) -> list[Border]:
         between = run(_rounded((last.capillary_number * beyond.capillary_number) ** 0.5), last)
         if not between.done:
             break
-        last, beyond = (last, between) if _deep(between) else (between, beyond)
-    if beyond.variables["parachute_depth"] - last.variables["parachute_depth"] < _JUMP * run.size_ratio:
+        last, beyond = (last, between) if _fallen(last, between) else (between, beyond)
+    if not _fallen(last, beyond):
         return []
     return [Border(run.size_ratio, _rounded((last.capillary_number * beyond.capillary_number) ** 0.5), SNAP_THROUGH)]
+
+
+def _fallen(last: Outcome, outcome: Outcome) -> bool:
+    """Whether the capsule has become so much shorter as a parachute is that came from a convex shape."""
+    return outcome.done and outcome.variables["axial_extent"] < (1.0 - _FALL) * last.variables["axial_extent"]
 
 
 def _deep(outcome: Outcome) -> bool:
