@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 
-__all__ = ["Profile"]
+__all__ = ["Profile", "vertex_normals"]
 
 Floats = NDArray[np.float64]
 
@@ -194,6 +194,12 @@ class Profile:
         float
         """
         return max(_furthest(self.points, other.points), _furthest(other.points, self.points))
+
+
+def vertex_normals(points: Floats) -> Floats:
+    """Outward unit normals (p, 2) at the vertices of a closed outline like a `Profile`'s."""
+    chord = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    return np.stack([chord[:, 1], -chord[:, 0]], axis=1) / np.hypot(*chord.T)[:, None]
 
 
 def _bad(expected: str, got: str, advice: str = "") -> InputError:

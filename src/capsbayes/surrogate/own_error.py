@@ -63,6 +63,10 @@ class OwnError:
         )
         object.__setattr__(self, "_field", smooth)
 
+    def shares(self, queries: Floats) -> Floats:
+        """Share of each case in the mean at points of the plane : (n, 2) -> (n, m) array, none negative."""
+        return self._field.shape_functions(queries)
+
     def covariance(self, queries: Floats) -> Floats:
         """Covariance at points of the plane : (n, 2) -> (n, 3, 3) array."""
         return self._field(queries).reshape(len(queries), 3, 3)

@@ -7,6 +7,7 @@ residuals say how far it can be trusted.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
+from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.branches import Branch
 from capsbayes.surrogate.chart import Chart
 from capsbayes.surrogate.diffuse import DiffuseApproximation, leave_one_out
@@ -84,9 +86,8 @@ class Sheet:
 
     def _covariance(self, lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
         """Own error on the table's lattice: left-out cases, mesh, and in the gap the doubt between the branches."""
-        residuals = (leave_one_out(self.approximation) - self.approximation.values)[:, :3]
         covariance = np.full((*wanted.shape, 3, 3), np.nan)
-        covariance[wanted] = OwnError(self.approximation.nodes, residuals).covariance(lattice[wanted])
+        covariance[wanted] = self._own_error.covariance(lattice[wanted])
         values = self.table.coefficients[:, :, 0, :3]
         mesh = mesh_error_of(self.cases.dataset.attrs) * values
         covariance[..., range(3), range(3)] += mesh**2 + FLOOR**2
@@ -117,6 +118,35 @@ class Sheet:
     def outlines(self, ca: Floats, size: Floats) -> Floats:
         """Mid-plane outlines at points of the region : (n, p, 2) array."""
         return self._outlines(self.chart.to_plane(ca, size)).reshape(len(ca), self._outlines.values.shape[1] // 2, 2)
+
+    def outline_modes(self, ca: float, size: float) -> Floats:
+        """Own error of the outline at one point, as displacements along its normals : (k, p) array.
+
+        Independent of each other, each one standard deviation: those of left-out cases around, as far as they count
+        there, and the mesh's, as a stretch along the flow and of the rear on the axis.
+        """
+        place = self.chart.to_plane(np.array([ca]), np.array([size]))
+        outline = self.outlines(np.array([ca]), np.array([size]))[0]
+        normal = vertex_normals(outline)
+        shares = self._own_error.shares(place)[0]
+        near = shares > 1e-6
+        left_out = np.sqrt(shares[near, None]) * self._outline_residuals[near]
+        extent, length, _ = mesh_error_of(self.cases.dataset.attrs)
+        rear = np.clip(-normal[:, 0], 0.0, None) * (np.abs(outline[:, 1]) < 0.5 * outline[:, 1].max())
+        return np.stack([*left_out, extent * outline[:, 0] * normal[:, 0], length * np.ptp(outline[:, 0]) * rear])
+
+    @cached_property
+    def _own_error(self) -> OwnError:
+        residuals = (leave_one_out(self.approximation) - self.approximation.values)[:, :3]
+        return OwnError(self.approximation.nodes, residuals)
+
+    @cached_property
+    def _outline_residuals(self) -> Floats:
+        """Normal displacement of each case's outline when the case is left out (m, p); a case without has zeros."""
+        own = self._outlines.values.reshape(len(self._outlines.values), -1, 2)
+        away = leave_one_out(self._outlines).reshape(own.shape) - own
+        normals = np.stack([vertex_normals(outline) for outline in own])
+        return np.asarray(np.nan_to_num(np.sum(away * normals, axis=-1)))
 
 
 def approximation_of(cases: Database, branch: Branch, chart: Chart) -> DiffuseApproximation:

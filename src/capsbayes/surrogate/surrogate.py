@@ -157,6 +157,26 @@ class Surrogate:
             raise OutsideDatabaseError(capillary_number, size_ratio, reason)
         return prediction
 
+    def outline_modes(self, *, capillary_number: float, size_ratio: float) -> Floats:
+        """Own error of the mid-plane outline at one point, as independent displacements along its normals.
+
+        Returns
+        -------
+        (k, p) array [l]
+            Each one standard deviation.
+
+        Raises
+        ------
+        OutsideDatabaseError
+            When the point lies outside the domain.
+        """
+        ca, size = np.array([capillary_number]), np.array([size_ratio])
+        for sheet in self.sheets:
+            if sheet.branch.region.contains(ca, size)[0]:
+                return sheet.outline_modes(capillary_number, size_ratio)
+        reason = self.domain.reason(capillary_number, size_ratio)
+        raise OutsideDatabaseError(capillary_number, size_ratio, reason)
+
     def gradient(self, *, capillary_number: ArrayLike, size_ratio: ArrayLike) -> Floats:
         """Derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) : (n, 3, 2) array, NaN outside the domain."""
         ca, size = _pair(capillary_number, size_ratio)

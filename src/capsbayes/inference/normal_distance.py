@@ -1,0 +1,122 @@
+"""Normal distances between a measured outline and predicted ones."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["Footing", "footing", "normal_distances"]
+
+Floats = NDArray[np.float64]
+
+
+class Footing(NamedTuple):
+    """Where measured points (m, 2) stand on one outline.
+
+    Parameters
+    ----------
+    distance : (m,) array
+        Normal distance, positive outside.
+    place : (m,) array
+        Number of the outline's vertex before the nearest point, and the share of the edge from there on.
+    normal : (m, 2) array
+        Outward unit normal there.
+    """
+
+    distance: Floats
+    place: Floats
+    normal: Floats
+
+
+def footing(points: Floats, outline: Floats) -> Footing:
+    """Where measured points stand on one closed outline.
+
+    Parameters
+    ----------
+    points : (m, 2) array
+        Consecutive, columns (z, y), in the sense of the outline.
+    outline : (p, 2) array
+        Vertices, as of a `Profile`: z and y turn counter-clockwise, the interior on the left.
+    """
+    count = len(points)
+    distance, place, normal = np.empty(count), np.empty(count), np.empty((count, 2))
+    _nearest(_contiguous(points), _contiguous(outline), distance, place, normal)
+    return Footing(distance, place, normal)
+
+
+def normal_distances(points: Floats, outlines: Floats) -> Floats:
+    """Normal distances of measured points from each of n outlines, positive outside.
+
+    Parameters
+    ----------
+    points : (m, 2) array
+    outlines : (n, p, 2) array
+        A row of NaN gives NaN.
+
+    Returns
+    -------
+    (n, m) array
+    """
+    distances = np.empty((len(outlines), len(points)))
+    _all_distances(_contiguous(points), _contiguous(outlines), distances)
+    return distances
+
+
+def _contiguous(array: Floats) -> Floats:
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _all_distances(points, outlines, distances):  # type: ignore[no-untyped-def]
+    place, normal = np.empty(len(points)), np.empty((len(points), 2))
+    for n in range(len(outlines)):
+        if np.isnan(outlines[n, 0, 0]):
+            distances[n] = np.nan
+        else:
+            _nearest(points, outlines[n], distances[n], place, normal)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyped-def]
+    """Fill in distance, place and normal of each point: the first looks everywhere, the others near the one before.
+
+    So no point jumps from the outer side of a thin rim to its inner side.
+    """
+    count = len(outline)
+    reach, best = count, 0
+    for i in range(len(points)):
+        z, y = points[i]
+        square, edge, share = np.inf, 0, 0.0
+        for k in range(-(reach // 2), reach - reach // 2):
+            j = (best + k) % count
+            z0, y0 = outline[j]
+            along_z, along_y = outline[(j + 1) % count, 0] - z0, outline[(j + 1) % count, 1] - y0
+            length = along_z * along_z + along_y * along_y
+            t = min(max(((z - z0) * along_z + (y - y0) * along_y) / max(length, 1e-300), 0.0), 1.0)
+            away_z, away_y = z - z0 - t * along_z, y - y0 - t * along_y
+            found = away_z * away_z + away_y * away_y
+            if found < square:
+                square, edge, share = found, j, t
+        _normal_at(outline, edge, share, normal[i])
+        foot_z = outline[edge, 0] + share * (outline[(edge + 1) % count, 0] - outline[edge, 0])
+        foot_y = outline[edge, 1] + share * (outline[(edge + 1) % count, 1] - outline[edge, 1])
+        outward = (z - foot_z) * normal[i, 0] + (y - foot_y) * normal[i, 1]
+        distance[i] = np.sqrt(square) if outward >= 0.0 else -np.sqrt(square)
+        place[i] = edge + share
+        best, reach = edge, min(count, 8 + 6 * count // len(points))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _normal_at(outline, edge, share, out):  # type: ignore[no-untyped-def]
+    """Outward unit normal, turning from that of one vertex to that of the next along the edge."""
+    count = len(outline)
+    before, after, next_after = (edge - 1) % count, (edge + 1) % count, (edge + 2) % count
+    # the normal of a vertex is that of the chord between its neighbours
+    start_z, start_y = outline[after, 1] - outline[before, 1], outline[before, 0] - outline[after, 0]
+    end_z, end_y = outline[next_after, 1] - outline[edge, 1], outline[edge, 0] - outline[next_after, 0]
+    z, y = (1.0 - share) * start_z + share * end_z, (1.0 - share) * start_y + share * end_y
+    size = np.sqrt(z * z + y * y)
+    out[0], out[1] = z / size, y / size
