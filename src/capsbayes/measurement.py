@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
+from capsbayes.measured_outline import MeasuredOutline
 from capsbayes.quantity import Quantity, quantity
 from capsbayes.status import Status
 
@@ -42,6 +43,8 @@ class Measurement:
     over_half_width : bool
         Whether the lengths are over l (measured against the walls on the same
         picture) or in metres.
+    outline : MeasuredOutline, optional
+        The whole edge, over l; it then takes the place of the lengths, which only say where to look.
     source : str
         File the measurement was read from, empty if none.
     sha256 : str
@@ -72,6 +75,7 @@ class Measurement:
     axial_length_error: float | None = None
     length_correlation: float = 0.0
     over_half_width: bool = True
+    outline: MeasuredOutline | None = None
     source: str = ""
     sha256: str = ""
     experiment_file: Path | None = None
@@ -85,6 +89,8 @@ class Measurement:
             raise InputError(
                 where, "axial_length", f"at most the axial extent {self.axial_extent:g}", f"{self.axial_length:g}"
             )
+        if self.outline is not None and not self.over_half_width:
+            raise InputError(where, "outline", "lengths over l, as the outline is", "lengths in metres", "divide by l")
         if not (isinstance(self.length_correlation, (int, float)) and -1.0 < self.length_correlation < 1.0):
             raise InputError(where, "length_correlation", "a number between -1 and 1", repr(self.length_correlation))
 

@@ -7,7 +7,8 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.inference.normal_distance import footing, normal_distances
-from capsbayes.inference.outline_likelihood import OutlineLikelihood, OutlineNoise, Pose
+from capsbayes.inference.outline_likelihood import OutlineLikelihood
+from capsbayes.measured_outline import OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 

@@ -6,11 +6,12 @@ from capsbayes.experiment import Experiment, positive_normal
 from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.likelihood import ModelAtPoints
 from capsbayes.inference.prior import Prior, Range
-from capsbayes.inference.target import Target, evaluated
+from capsbayes.inference.target import Target
 
 
 def points_of(model, ca, size):
-    return evaluated(model, np.asarray(ca), np.asarray(size), 1.0)[0]
+    prediction = model({"capillary_number": np.asarray(ca), "size_ratio": np.asarray(size)})
+    return ModelAtPoints.of(prediction)
 
 
 @pytest.mark.parametrize("modulus", [Range("log-uniform", 0.03, 0.045), Range("uniform", 1e-3, 1.0)])

@@ -16,7 +16,7 @@ from capsbayes.inference.checks import Gate
 from capsbayes.inference.lattice import Nodes, Window
 from capsbayes.inference.log_masses import LogMasses
 from capsbayes.inference.marginal import Marginal
-from capsbayes.inference.target import Target, evaluated
+from capsbayes.inference.target import Target
 from capsbayes.model import ForwardModel
 
 __all__ = ["GridPosterior"]
@@ -67,6 +67,12 @@ class GridPosterior:
         """Posterior probability of each node : (k or 1, n) array."""
         weights = self.free * self.share
         return weights / weights.sum()
+
+    @property
+    def likeliest(self) -> tuple[float, float]:
+        """Ca and a/l of the node with the largest probability in its piece."""
+        node = int(np.argmax(self.weights.sum(axis=0) / self.nodes.side**2))
+        return float(np.exp(self.nodes.log_ca[node])), float(self.nodes.size[node])
 
     @cached_property
     def log_evidence(self) -> float:
@@ -126,7 +132,8 @@ class GridPosterior:
         nodes = {"capillary_number": np.exp(place[0]), "size_ratio": place[1]}
         if self.half_width is not None:
             nodes["half_width"] = self.half_width[width] * np.where(inside, change, 1.0)
-        at, stretch = evaluated(self.forward, nodes["capillary_number"], nodes["size_ratio"], self.target.error_scale)
+        ca, size = nodes["capillary_number"], nodes["size_ratio"]
+        at, stretch = self.target.evaluated(self.forward, ca, size, density=False)
         return self.target.completed(rng, nodes, at, stretch)
 
     @cached_property
@@ -148,7 +155,7 @@ class GridPosterior:
     def _ratio(self) -> tuple[Floats, float]:
         """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
         weights, nodes, width = self._kept
-        mean, variance = self.target.likelihood.velocity_ratio(nodes.model, self.target.width_at(width))
+        mean, variance = self.target.velocity_ratio(nodes.model, width)
         return np.log(mean), float(weights @ (np.maximum(variance, 0.0) / mean**2))
 
     @cached_property

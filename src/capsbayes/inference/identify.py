@@ -22,7 +22,6 @@ from capsbayes.inference.mixed_quadrature import exact_engine
 from capsbayes.inference.posterior import REPORTED, Posterior
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.shares import variance_shares
-from capsbayes.inference.target import evaluated
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import COORDINATES
@@ -141,11 +140,10 @@ def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | N
     kept = chains.thinned()
     steps, ensembles, walkers, _ = kept.coordinates.shape
     nodes = {name: np.ravel(values) for name, values in kept.named().items()}
-    place = nodes["capillary_number"], nodes["size_ratio"], grid.target.error_scale
     coordinate = grid.target.coordinate
-    points, stretch = evaluated(
-        grid.forward, *place, {} if coordinate is None else {coordinate.name: nodes[coordinate.name]}
-    )
+    further = {} if coordinate is None else {coordinate.name: nodes[coordinate.name]}
+    place = nodes["capillary_number"], nodes["size_ratio"]
+    points, stretch = grid.target.evaluated(grid.forward, *place, further, density=False)
     rng = np.random.default_rng([seed, 1])
     flat = grid.target.completed(rng, nodes, points, stretch) | {"lp": np.ravel(kept.log_density)}
     draws = {name: values.reshape(steps, -1).T for name, values in flat.items()}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.inference.likelihood import ModelAtPoints
-from capsbayes.inference.target import evaluated
+from capsbayes.inference.target import Target
 from capsbayes.model import ForwardModel
 
 __all__ = ["CoarseTable", "Nodes", "Window"]
@@ -42,9 +42,13 @@ class Nodes:
     stretch_ratio: Floats
 
     @classmethod
-    def at(cls, forward: ForwardModel, log_ca: Floats, size: Floats, side: Floats, error_scale: float) -> Nodes:
-        """Evaluate a model at centres of pieces."""
-        return cls(log_ca, size, side, *evaluated(forward, np.exp(log_ca), size, error_scale))
+    def at(cls, forward: ForwardModel, log_ca: Floats, size: Floats, side: Floats, target: Target | None) -> Nodes:
+        """Evaluate a model at centres of pieces: what a posterior needs of it, or its lengths."""
+        ca = np.exp(log_ca)
+        if target is not None:
+            return cls(log_ca, size, side, *target.evaluated(forward, ca, size))
+        prediction = forward({"capillary_number": ca, "size_ratio": size})
+        return cls(log_ca, size, side, ModelAtPoints.of(prediction), prediction.stretch_ratio)
 
     def taken(self, index: NDArray[np.intp] | Booleans) -> Nodes:
         """Some of the nodes."""
@@ -92,13 +96,13 @@ class Window:
         steps = self.step
         return tuple(self.low[k] + steps[k] * (np.arange(self.shape[k]) + 0.5) for k in (0, 1))  # type: ignore[return-value]
 
-    def nodes(self, forward: ForwardModel, error_scale: float) -> Nodes:
+    def nodes(self, forward: ForwardModel, target: Target | None = None) -> Nodes:
         """One node for each cell, row by row of log Ca."""
         log_ca, size = self.axes
         places = np.repeat(log_ca, len(size)), np.tile(size, len(log_ca))
-        return Nodes.at(forward, *places, np.ones(len(places[0])), error_scale)
+        return Nodes.at(forward, *places, np.ones(len(places[0])), target)
 
-    def split(self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, error_scale: float) -> Nodes:
+    def split(self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, target: Target) -> Nodes:
         """Replace the nodes of some cells by those of smaller pieces inside the model's domain.
 
         Parameters
@@ -115,7 +119,7 @@ class Window:
         log_ca = nodes.log_ca[chosen, None, None] + self.step[0] * offsets[:, None]
         size = nodes.size[chosen, None, None] + self.step[1] * offsets
         log_ca, size = (grid.ravel() for grid in np.broadcast_arrays(log_ca, size))
-        pieces = Nodes.at(forward, log_ca, size, np.full(log_ca.size, 1.0 / parts), error_scale)
+        pieces = Nodes.at(forward, log_ca, size, np.full(log_ca.size, 1.0 / parts), target)
         return nodes.taken(~chosen).joined(pieces.taken(np.isfinite(pieces.model.extent)))
 
     def around(self, likely: Booleans, shape: tuple[int, int], bounds: Window) -> Window:
@@ -163,7 +167,7 @@ class CoarseTable:
         """Tabulate a model; done once for many capsules."""
         (ca_low, ca_high), (size_low, size_high) = forward.domain.bounds
         window = Window((float(np.log(ca_low)), size_low), (float(np.log(ca_high)), size_high), _COARSE)
-        nodes = window.nodes(forward, 1.0)
+        nodes = window.nodes(forward)
         model = nodes.model
         (z_u, z_s), (a_u, a_s) = (_changes(one.reshape(_COARSE)) for one in (model.extent, model.length))
         wide = replace(

@@ -32,6 +32,8 @@ class ModelAtPoints:
         Covariance of the model's own error in L_z and L_a.
     zr, ar, rr : arrays
         The same with v_o/U.
+    outline : array or None
+        Log density of the measured outline given the model's, where there is one.
     """
 
     extent: Floats
@@ -43,6 +45,7 @@ class ModelAtPoints:
     zr: Floats
     ar: Floats
     rr: Floats
+    outline: Floats | None = None
 
     @classmethod
     def of(cls, prediction: Prediction, *, error_scale: float = 1.0) -> ModelAtPoints:
@@ -57,13 +60,17 @@ class ModelAtPoints:
 
     def taken(self, index: Any) -> ModelAtPoints:
         """Some of the points, by a numpy index."""
-        return ModelAtPoints(*(getattr(self, field.name)[index] for field in fields(self)))
+        return ModelAtPoints(*(None if one is None else one[index] for one in self._arrays))  # type: ignore[arg-type]
 
     def joined(self, other: ModelAtPoints) -> ModelAtPoints:
         """These points and others."""
-        return ModelAtPoints(
-            *(np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self))
-        )
+        pairs = zip(self._arrays, other._arrays, strict=True)
+        joined = (None if one is None or rest is None else np.concatenate([one, rest]) for one, rest in pairs)
+        return ModelAtPoints(*joined)  # type: ignore[arg-type]
+
+    @property
+    def _arrays(self) -> list[Floats | None]:
+        return [getattr(self, field.name) for field in fields(self)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.inference.target import Target, evaluated
+from capsbayes.inference.target import Target
 from capsbayes.model import ForwardModel
 
 __all__ = ["LogDensity"]
@@ -59,7 +59,7 @@ class LogDensity:
             theta[name] = np.where(impossible, getattr(self.target.inputs, name).centre, theta[name])
         further = {name: theta[name] for name in self.names[2 : len(self.names) - len(self.sampled)]}
         place = theta["capillary_number"], theta["size_ratio"]
-        points, _ = evaluated(self.model, *place, self.target.error_scale, further)
+        points, _ = self.target.evaluated(self.model, *place, further)
         outside = np.isnan(points.extent)
         density = self._all(theta, points) if self.sample_inputs else self._integrated(theta, points, coordinates)
         if self.target.coordinate is not None:

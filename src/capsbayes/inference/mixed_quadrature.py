@@ -9,6 +9,7 @@ until the cells resolve it, and until the grids of neighbouring values overlap.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +23,7 @@ from capsbayes.inference.coordinate import Coordinate
 from capsbayes.inference.grid_posterior import GridPosterior
 from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.mixed_posterior import MixedPosterior
+from capsbayes.inference.outline_likelihood import OutlineLikelihood
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.quadrature import Quadrature
 from capsbayes.inference.target import Target
@@ -36,6 +38,7 @@ CELLS_PER_SD = 3.0  # of the coordinate's marginal
 SDS_PER_SHIFT = 1.0  # of log Ca at given coordinate over its shift to the next cell
 _FIRST, _LAST = 4, 7  # halvings of the prior
 _DROP = 14.0  # of the log probability of a cell, within which the next halving goes on
+_PILOTS = (0.5, 0.25, 0.75, 0.1, 0.9)  # shares of the prior below values whose likeliest shape may be a pilot
 _COUNTS = 1e-4  # probability of a cell whose gates count
 
 
@@ -78,6 +81,8 @@ class MixedQuadrature:
         """
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         target = Target.of(measurement, inputs, self.prior, error_scale, self.coordinate)
+        if measurement.outline is not None:  # one covariance for all values, so that they can be weighed
+            target = replace(target, outline=self._outline(measurement, target))
         cells = np.arange(2**_FIRST)
         for halvings in range(_FIRST, _LAST + 1):
             posterior = self._on(cells, 0.5**halvings, measurement, target)
@@ -103,12 +108,21 @@ class MixedQuadrature:
             raise refused
         return MixedPosterior(self.model, target, np.array(shares), width, parts)
 
+    def _outline(self, measurement: Measurement, target: Target) -> OutlineLikelihood | None:
+        """That whose pilot is the likeliest shape at the first value near the middle that has such a shape."""
+        for share in _PILOTS:
+            with contextlib.suppress(InputError):
+                return self._part(share, measurement, target).target.outline
+        return None
+
     def _part(self, share: float, measurement: Measurement, target: Target) -> GridPosterior:
         if share not in self._engines:
             value = float(self.coordinate.values(share))
             plain = replace(self.prior, coordinates={})
             self._engines[share] = Quadrature(self.model.fixed(value), self.experiment, plain)
-        return self._engines[share](measurement, inputs=target.inputs, error_scale=target.error_scale)
+        return self._engines[share](
+            measurement, inputs=target.inputs, error_scale=target.error_scale, outline=target.outline
+        )
 
 
 def exact_engine(model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> Any:

@@ -12,97 +12,20 @@ near the posterior and kept for all others.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from capsbayes.errors import InputError
 from capsbayes.inference.normal_distance import Footing, footing, normal_distances
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 
-__all__ = ["OutlineLikelihood", "OutlineNoise", "Pose"]
+__all__ = ["OutlineLikelihood", "outline_likelihood"]
 
 Floats = NDArray[np.float64]
 
 _FITS = 5  # of the pose to the pilot; three suffice from half a radius away
-
-
-@dataclass(frozen=True)
-class OutlineNoise:
-    """Errors of the points of an outline along their normals: Gaussian, correlated as exp(-distance / length).
-
-    Parameters
-    ----------
-    scale : float
-        Standard deviation, over l.
-    correlation_length : float
-        Along the arc, over l; zero for independent errors.
-    white : float
-        Share of the variance that is independent from point to point.
-    """
-
-    scale: float
-    correlation_length: float
-    white: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, good in (
-            ("scale", self.scale > 0.0),
-            ("correlation_length", self.correlation_length >= 0.0),
-            ("white", 0.0 <= self.white <= 1.0),
-        ):
-            if not good:
-                expected = {"scale": "a positive number", "white": "a number from 0 to 1"}
-                raise InputError(
-                    "OutlineNoise",
-                    name,
-                    expected.get(name, "a number that is not negative"),
-                    f"{getattr(self, name):g}",
-                )
-
-    def covariance(self, points: Floats) -> Floats:
-        """Covariance (m, m) of the errors at the vertices (m, 2) of a closed outline."""
-        edges = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
-        arc = np.concatenate([[0.0], np.cumsum(edges)])
-        apart = np.abs(arc[:-1, None] - arc[:-1])
-        apart = np.minimum(apart, arc[-1] - apart)
-        same = np.eye(len(points))
-        smooth = np.exp(-apart / self.correlation_length) if self.correlation_length else same
-        covariance: Floats = self.scale**2 * ((1.0 - self.white) * smooth + self.white * same)
-        return covariance
-
-    def drawn(self, rng: np.random.Generator, points: Floats, count: int) -> Floats:
-        """Errors drawn for the vertices (m, 2) of a closed outline : (count, m) array."""
-        factor = scipy.linalg.cholesky(
-            self.covariance(points) + 1e-12 * self.scale**2 * np.eye(len(points)), lower=True
-        )
-        return np.asarray(rng.standard_normal((count, len(points))) @ factor.T)
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Standard deviations of what an outline has besides its shape.
-
-    Parameters
-    ----------
-    along, across : float
-        Shift along and across the flow, over l.
-    tilt : float
-        Of the flow direction on the picture [rad].
-    offset : float
-        Of all edges along their normals, over l: how far too far out a halo or a threshold puts them.
-    """
-
-    along: float = 1.0
-    across: float = 1.0
-    tilt: float = 0.05
-    offset: float = 0.0
-
-    def directions(self, points: Floats, normal: Floats) -> Floats:
-        """Change of the normal distances by one standard deviation of each : (m, 4) array."""
-        turned = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
-        each = [self.along * normal[:, 0], self.across * normal[:, 1], self.tilt * turned]
-        return np.stack([*each, np.full(len(points), self.offset)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +86,29 @@ class OutlineLikelihood:
         square = np.sum(self.whitened(outlines) ** 2, axis=1)
         constant = np.sum(np.log(np.diag(self._factor))) + 0.5 * len(self.points) * np.log(2.0 * np.pi)
         return np.asarray(-0.5 * square - constant)
+
+
+def outline_likelihood(
+    model: Any, measured: MeasuredOutline, capillary_number: float, size_ratio: float, error_scale: float = 1.0
+) -> OutlineLikelihood:
+    """Likelihood of a measured outline with the shape of a model as its pilot.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Its own error is that of its method `outline_modes`, if it has one.
+    measured : MeasuredOutline
+    capillary_number, size_ratio : float
+        Where the pilot is, within the model's domain.
+    error_scale : float
+        Factor on the model's own error.
+    """
+    theta = {"capillary_number": np.array([capillary_number]), "size_ratio": np.array([size_ratio])}
+    pilot = model(theta, outline=True).outline[0]
+    modes = None
+    if hasattr(model, "outline_modes"):
+        modes = error_scale * model.outline_modes(capillary_number=capillary_number, size_ratio=size_ratio)
+    return OutlineLikelihood(measured.points, measured.noise, pilot, measured.pose, modes)
 
 
 def _aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:

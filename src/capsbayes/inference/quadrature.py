@@ -20,6 +20,7 @@ from capsbayes.inference.checks import Gate
 from capsbayes.inference.grid_posterior import GridPosterior
 from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.lattice import CoarseTable, Nodes, Window
+from capsbayes.inference.outline_likelihood import OutlineLikelihood, outline_likelihood
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.target import Target
 from capsbayes.measurement import Measurement
@@ -40,6 +41,7 @@ _FIRST, _THEN, _LARGEST = 32, 56, 512
 _COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
 _EDGE_DROP = 12.0  # at the edge of a window: what is cut off there is below 1e-5
 _ROUNDS = 12
+_PILOTS = 2  # shapes at which the covariance of an outline is made, one after the other
 _WIDTHS = (33, 129)  # fewest and most nodes of the half width
 _WIDTH_REACH = 5.5  # standard deviations of l on either side
 
@@ -64,7 +66,12 @@ class Quadrature:
         self.inputs = Inputs.of_experiment(experiment)
 
     def __call__(
-        self, measurement: Measurement, *, inputs: Inputs | None = None, error_scale: float = 1.0
+        self,
+        measurement: Measurement,
+        *,
+        inputs: Inputs | None = None,
+        error_scale: float = 1.0,
+        outline: OutlineLikelihood | None = None,
     ) -> GridPosterior:
         """Posterior of one capsule.
 
@@ -75,6 +82,8 @@ class Quadrature:
             In place of those of the measurement and the experiment.
         error_scale : float
             Factor on the model's own standard errors.
+        outline : OutlineLikelihood, optional
+            In place of that of the measured outline with the likeliest shape as its pilot.
 
         Raises
         ------
@@ -84,10 +93,22 @@ class Quadrature:
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         target = Target.of(measurement, inputs, self.prior, error_scale)
         self.check_shape(measurement, target)
-        widths = _half_widths(target) if target.shape_depends_on_half_width else None
         window = self._first_window(measurement, target)
+        if measurement.outline is None:
+            return self._refined(window, target)
+        if outline is not None:
+            return self._refined(window, replace(target, outline=outline))
+        posterior = self._on(window, window.nodes(self.model, target), target, None)
+        for _ in range(_PILOTS):
+            pilot = outline_likelihood(self.model, measurement.outline, *posterior.likeliest, error_scale)
+            posterior = self._refined(posterior.window, replace(target, outline=pilot))
+        return posterior
+
+    def _refined(self, window: Window, target: Target) -> GridPosterior:
+        """Posterior on a window that shows it well."""
+        widths = _half_widths(target) if target.shape_depends_on_half_width else None
         for _ in range(_ROUNDS):
-            posterior = self._on(window, window.nodes(self.model, error_scale), target, widths)
+            posterior = self._on(window, window.nodes(self.model, target), target, widths)
             resolution = _resolution(posterior)
             better = _better_window(posterior, resolution, self.table.window)
             if better is None:
@@ -95,7 +116,7 @@ class Quadrature:
             window = better
         cut = _cut_cells(posterior)
         if cut is not None:
-            nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, error_scale)
+            nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, target)
             posterior = self._on(posterior.window, nodes, target, widths)
         return replace(posterior, gates=tuple(gate for gates in resolution for gate in gates))
 

@@ -67,6 +67,12 @@ def _each_halved(
     engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior
 ) -> Iterator[tuple[str, AnyPosterior]]:
     inputs = posterior.target.inputs
+    if measurement.outline is not None:
+        noise = measurement.outline.noise
+        sharper = replace(measurement.outline, noise=replace(noise, scale=0.5 * noise.scale))
+        yield "outline", engine(replace(measurement, outline=sharper), inputs=inputs)
+        yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)
+        return
     half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
     yield "axial_extent", engine(half, inputs=inputs)
     if measurement.axial_length_error is not None:

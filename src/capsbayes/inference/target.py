@@ -15,7 +15,7 @@ a function of one number each, whatever the distributions of the inputs are.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,33 +26,16 @@ from capsbayes.inference.coordinate import Coordinate
 from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.inference.log_masses import LogMasses
+from capsbayes.inference.outline_likelihood import OutlineLikelihood
 from capsbayes.inference.prior import Prior, Range
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 
-__all__ = ["Target", "evaluated"]
+__all__ = ["Target"]
 
 Floats = NDArray[np.float64]
 
 _ROUNDS = 13  # of redrawing inputs that leave the prior ranges, twice as many of each at every round
-
-
-def evaluated(
-    model: ForwardModel, ca: Floats, size: Floats, error_scale: float, coordinate: Mapping[str, Floats] | None = None
-) -> tuple[ModelAtPoints, Floats]:
-    """Evaluate a model and read Lambda too; outside its domain everything is NaN.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    ca, size : (n,) arrays [-]
-    error_scale : float
-        Factor on the model's own standard errors.
-    coordinate : mapping of (n,) array, optional
-        The further coordinate of the model by name.
-    """
-    prediction = model({"capillary_number": ca, "size_ratio": size, **(coordinate or {})})
-    return ModelAtPoints.of(prediction, error_scale=error_scale), prediction.stretch_ratio
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +51,8 @@ class Target:
         Factor on the model's own standard errors, one but for studies.
     coordinate : Coordinate, optional
         Further coordinate of the model, on which the shape depends too.
+    outline : OutlineLikelihood, optional
+        Takes the place of the lengths' likelihood, which then only says where to look.
     """
 
     likelihood: LengthsLikelihood
@@ -75,6 +60,7 @@ class Target:
     inputs: Inputs
     error_scale: float = 1.0
     coordinate: Coordinate | None = None
+    outline: OutlineLikelihood | None = None
 
     @classmethod
     def of(
@@ -87,6 +73,36 @@ class Target:
     ) -> Target:
         """Posterior given a measurement."""
         return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale, coordinate)
+
+    def evaluated(
+        self,
+        model: ForwardModel,
+        ca: Floats,
+        size: Floats,
+        coordinate: Mapping[str, Floats] | None = None,
+        *,
+        density: bool = True,
+    ) -> tuple[ModelAtPoints, Floats]:
+        """Evaluate a model and read Lambda too; outside its domain everything is NaN.
+
+        Parameters
+        ----------
+        model : ForwardModel
+        ca, size : (n,) arrays [-]
+        coordinate : mapping of (n,) array, optional
+            The further coordinate of the model by name.
+        density : bool
+            Whether what `log_density` reads is needed: that of outlines costs a hundred times as much as all else.
+        """
+        theta = {"capillary_number": ca, "size_ratio": size, **(coordinate or {})}
+        outlined = density and self.outline is not None
+        prediction = model(theta, outline=True) if outlined else model(theta)
+        points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
+        if outlined:
+            assert self.outline is not None
+            assert prediction.outline is not None, "asked for"
+            points = replace(points, outline=self.outline.log_density(prediction.outline))
+        return points, prediction.stretch_ratio
 
     @property
     def shape_depends_on_half_width(self) -> bool:
@@ -135,7 +151,9 @@ class Target:
         array
             NaN where the model has no answer.
         """
-        log_density = self.likelihood.log_density(model, self.width_at(half_width))
+        log_density = model.outline
+        if log_density is None:
+            log_density = self.likelihood.log_density(model, self.width_at(half_width))
         if self.prior.surface_shear_modulus.power:
             log_density = log_density - log_ca - _log(model.velocity_ratio)
         if self.prior.capsule_radius.power != 1:
@@ -154,6 +172,12 @@ class Target:
             radius, limits = size * half_width, self.prior.capsule_radius
             share = share + np.where((radius >= limits.low) & (radius <= limits.high), 0.0, -np.inf)
         return share
+
+    def velocity_ratio(self, model: ModelAtPoints, half_width: Floats | None) -> tuple[Floats, Floats]:
+        """Mean and variance of the true v_o/U, which the lengths correct and the outline does not : arrays."""
+        if self.outline is not None:
+            return model.velocity_ratio, model.rr
+        return self.likelihood.velocity_ratio(model, self.width_at(half_width))
 
     def completed(
         self, rng: np.random.Generator, nodes: Mapping[str, Floats], model: ModelAtPoints, stretch_ratio: Floats
@@ -179,7 +203,7 @@ class Target:
         count = len(nodes["capillary_number"])
         draws = dict(nodes)
         width = nodes.get("half_width")
-        mean, variance = self.likelihood.velocity_ratio(model, self.width_at(width))
+        mean, variance = self.velocity_ratio(model, width)
         draws["velocity_ratio"] = mean + np.sqrt(np.maximum(variance, 0.0)) * rng.standard_normal(count)
         free = {"viscosity": self.viscosity, "capsule_velocity": self.capsule_velocity}
         if width is None:

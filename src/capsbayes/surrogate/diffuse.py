@@ -226,6 +226,7 @@ def _approximate(queries, nodes, radii, values, degree, softening, value, gradie
     g_k = A^-1 (d_k p(0) - sum_j d_k w_j (g . p_j) p_j).
     """
     m, terms = len(nodes), (degree + 1) * (degree + 2) // 2
+    slopes = 2 if gradient.shape[1] else 0
     near, weight, slope = np.empty(m, np.int64), np.empty(m), np.empty((m, 2))
     basis, moment = np.empty((m, terms)), np.empty((terms, terms))
     solution = np.empty((3, terms))
@@ -246,7 +247,7 @@ def _approximate(queries, nodes, radii, values, degree, softening, value, gradie
         solution[:] = 0.0
         solution[0, 0] = 1.0
         _solve(moment, terms, solution[0])
-        for k in range(2):
+        for k in range(slopes):
             if terms > 1:  # a constant has no slope of its own, only that of its weights
                 solution[k + 1, k + 1] = 1.0 / scale
             for i in range(count):
@@ -260,7 +261,7 @@ def _approximate(queries, nodes, radii, values, degree, softening, value, gradie
             plain = _dot(solution[0], basis[i])
             for c in range(value.shape[1]):
                 value[q, c] += weight[i] * plain * values[near[i], c]
-            for k in range(2):
+            for k in range(slopes):
                 factor = weight[i] * _dot(solution[k + 1], basis[i]) + slope[i, k] * plain
                 for c in range(gradient.shape[1]):
                     gradient[q, c, k] += factor * values[near[i], c]

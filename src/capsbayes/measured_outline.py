@@ -1,0 +1,135 @@
+"""An outline as it was measured: points along the edge of the capsule, and how wrong they may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+
+__all__ = ["MeasuredOutline", "OutlineNoise", "Pose"]
+
+Floats = NDArray[np.float64]
+
+_FEWEST = 16
+
+
+@dataclass(frozen=True)
+class OutlineNoise:
+    """Errors of the points of an outline along their normals: Gaussian, correlated as exp(-distance / length).
+
+    Parameters
+    ----------
+    scale : float
+        Standard deviation, over l.
+    correlation_length : float
+        Along the arc, over l; zero for independent errors.
+    white : float
+        Share of the variance that is independent from point to point.
+    """
+
+    scale: float
+    correlation_length: float
+    white: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, good in (
+            ("scale", self.scale > 0.0),
+            ("correlation_length", self.correlation_length >= 0.0),
+            ("white", 0.0 <= self.white <= 1.0),
+        ):
+            if not good:
+                expected = {"scale": "a positive number", "white": "a number from 0 to 1"}
+                raise InputError(
+                    "OutlineNoise",
+                    name,
+                    expected.get(name, "a number that is not negative"),
+                    f"{getattr(self, name):g}",
+                )
+
+    def covariance(self, points: Floats) -> Floats:
+        """Covariance (m, m) of the errors at the vertices (m, 2) of a closed outline."""
+        edges = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+        arc = np.concatenate([[0.0], np.cumsum(edges)])
+        apart = np.abs(arc[:-1, None] - arc[:-1])
+        apart = np.minimum(apart, arc[-1] - apart)
+        same = np.eye(len(points))
+        smooth = np.exp(-apart / self.correlation_length) if self.correlation_length else same
+        covariance: Floats = self.scale**2 * ((1.0 - self.white) * smooth + self.white * same)
+        return covariance
+
+    def drawn(self, rng: np.random.Generator, points: Floats, count: int) -> Floats:
+        """Errors drawn for the vertices (m, 2) of a closed outline : (count, m) array."""
+        factor = scipy.linalg.cholesky(
+            self.covariance(points) + 1e-12 * self.scale**2 * np.eye(len(points)), lower=True
+        )
+        return np.asarray(rng.standard_normal((count, len(points))) @ factor.T)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Standard deviations of what an outline has besides its shape.
+
+    Parameters
+    ----------
+    along, across : float
+        Shift along and across the flow, over l.
+    tilt : float
+        Of the flow direction on the picture [rad].
+    offset : float
+        Of all edges along their normals, over l: how far too far out a halo or a threshold puts them.
+    """
+
+    along: float = 1.0
+    across: float = 1.0
+    tilt: float = 0.05
+    offset: float = 0.0
+
+    def directions(self, points: Floats, normal: Floats) -> Floats:
+        """Change of the normal distances by one standard deviation of each : (m, 4) array."""
+        turned = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
+        each = [self.along * normal[:, 0], self.across * normal[:, 1], self.tilt * turned]
+        return np.stack([*each, np.full(len(points), self.offset)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredOutline:
+    """Edge of a capsule in its mid-plane.
+
+    Parameters
+    ----------
+    points : (m, 2) array [l]
+        Consecutive vertices of a closed outline, columns (z, y), at least 16, in either sense and of any place and
+        tilt.
+    noise : OutlineNoise
+    pose : Pose
+        What it may have besides the capsule's shape.
+
+    Raises
+    ------
+    InputError
+        If the points are not such an outline.
+    """
+
+    points: Floats
+    noise: OutlineNoise
+    pose: Pose = field(default_factory=Pose)
+
+    def __post_init__(self) -> None:
+        points = np.array(self.points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < _FEWEST:
+            expected = f"an array (m, 2) with m >= {_FEWEST}"
+            raise InputError("measurement", "outline", expected, f"shape {points.shape}")
+        if not np.isfinite(points).all():
+            raise InputError("measurement", "outline", "finite coordinates", "NaN or infinite ones")
+        if np.array_equal(points[0], points[-1]):
+            points = points[:-1]
+        z, y = points.T
+        if np.sum(z * np.roll(y, -1) - np.roll(z, -1) * y) < 0.0:
+            points = points[::-1]
+        points = np.ascontiguousarray(points)
+        points.setflags(write=False)
+        object.__setattr__(self, "points", points)
