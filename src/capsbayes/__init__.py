@@ -23,7 +23,9 @@ _HOME = {
     "Surrogate": "capsbayes.surrogate",
     "build_database": "capsbayes.simulation",
     "Experiment": "capsbayes.experiment",
+    "MeasuredOutline": "capsbayes.measured_outline",
     "Measurement": "capsbayes.measurement",
+    "OutlineNoise": "capsbayes.measured_outline",
     "Posterior": "capsbayes.inference",
     "identify": "capsbayes.inference",
 }
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.inference import Posterior
     from capsbayes.inference.identify import identify
+    from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
     from capsbayes.measurement import Measurement
     from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
     from capsbayes.profile import Profile

@@ -31,14 +31,14 @@ def test_the_coarse_table_widens_by_the_change_across_a_cell(model):
 
 def test_cells_cut_by_the_border_are_split_into_the_pieces_inside(model):
     window = Window((np.log(0.10), 0.9), (np.log(0.15), 1.1), (10, 10))
-    nodes = window.nodes(model, 1.0)
+    nodes = window.nodes(model)
     inside = np.isfinite(nodes.model.extent)
-    split = window.split(nodes, np.ones((10, 10), dtype=bool), 8, model, 1.0)
+    split = window.split(nodes, np.ones((10, 10), dtype=bool), 8, model)
     assert np.all(np.isfinite(split.model.extent))
     area = np.sum(split.side**2) / 100.0
     sizes = np.linspace(0.9, 1.1, 2001)
     exact = np.mean((np.log(model.domain.limit(sizes)) - np.log(0.10)) / np.log(1.5))
     assert area == pytest.approx(exact, abs=2e-3)
     assert abs(inside.mean() - exact) > 2e-3
-    untouched = window.split(nodes, np.zeros((10, 10), dtype=bool), 8, model, 1.0)
+    untouched = window.split(nodes, np.zeros((10, 10), dtype=bool), 8, model)
     np.testing.assert_array_equal(untouched.log_ca, nodes.log_ca)

@@ -18,7 +18,7 @@ def brute_force(quadrature, seen, experiment, shape=(1500, 1500), prior=None):
     target = Target.of(seen, Inputs.of(seen, experiment), prior or Prior())
     bounds = quadrature.table.window
     window = Window(bounds.low, bounds.high, shape)
-    nodes = window.nodes(quadrature.model, 1.0)
+    nodes = window.nodes(quadrature.model)
     points, log_ca, size = nodes.model, nodes.log_ca, nodes.size
     density = target.log_density(points, log_ca, size) + target.log_share(points, log_ca, size)
     weights = np.nan_to_num(np.exp(density - np.nanmax(density)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,9 +20,12 @@ from capsbayes.inference.log_density import LogDensity
 from capsbayes.inference.marginal import Marginal
 from capsbayes.inference.mixed_posterior import MixedPosterior
 from capsbayes.inference.mixed_quadrature import exact_engine
+from capsbayes.inference.outline_likelihood import OutlineLikelihood
 from capsbayes.inference.posterior import REPORTED, Posterior
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.shares import variance_shares
+from capsbayes.inference.tabulated_outline import TabulatedOutline
+from capsbayes.inference.target import Target
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import COORDINATES
@@ -35,6 +39,7 @@ ENGINES = ("emcee", "quadrature")
 _TWO_SHAPES = "two shapes"
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
 _OUTLINES = 200
+_TRIED, _TABLE_ERROR, _BEYOND = 500, 0.02, 4  # draws at which a table of log densities is tried; nodes beyond the grid
 
 
 def identify(
@@ -130,7 +135,8 @@ def _reported(grid: GridPosterior | MixedPosterior) -> tuple[str, ...]:
 
 def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:
     """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
-    log_density = LogDensity(grid.forward, grid.target)
+    target, table_gates = _tabulated(grid)
+    log_density = LogDensity(grid.forward, target)
     shape = {name: grid.log_marginal(name) for name in log_density.names}
 
     def agrees(chains: Chains) -> bool:
@@ -147,9 +153,29 @@ def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | N
     rng = np.random.default_rng([seed, 1])
     flat = grid.target.completed(rng, nodes, points, stretch) | {"lp": np.ravel(kept.log_density)}
     draws = {name: values.reshape(steps, -1).T for name, values in flat.items()}
-    gates = [*chains.gates, *ess_gates({name: draws[name] for name in _reported(grid)})]
+    gates = [*table_gates, *chains.gates, *ess_gates({name: draws[name] for name in _reported(grid)})]
     agreed = agreement(draws, {name: grid.log_marginal(name) for name in _reported(grid)})
     return _Run(draws, np.repeat(np.arange(ensembles), walkers), gates, agreed)
+
+
+def _tabulated(grid: GridPosterior | MixedPosterior) -> tuple[Target, list[Gate]]:
+    """The target with the outline's likelihood interpolated on the grid, and whether that is as good as exact."""
+    exact = grid.target.outline
+    if not isinstance(grid, GridPosterior) or not isinstance(exact, OutlineLikelihood):
+        return grid.target, []
+    log_ca, size = (_spread_out(axis) for axis in grid.window.axes)
+    place = {"capillary_number": np.exp(np.repeat(log_ca, len(size))), "size_ratio": np.tile(size, len(log_ca))}
+    values = exact.at(grid.forward, place).reshape(len(log_ca), len(size))
+    table = TabulatedOutline(exact, log_ca, size, values)
+    tried = grid.drawn(np.random.default_rng(0), _TRIED)
+    error = table.error(grid.forward, {name: tried[name] for name in ("capillary_number", "size_ratio")})
+    return replace(grid.target, outline=table), [Gate("error of the table of the outline", error, most=_TABLE_ERROR)]
+
+
+def _spread_out(axis: Floats) -> Floats:
+    """The nodes of an axis and a few more on either side, of the same spacing."""
+    more = (axis[1] - axis[0]) * np.arange(1, _BEYOND + 1)
+    return np.concatenate([axis[0] - more[::-1], axis, axis[-1] + more])
 
 
 def _gridded(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:

@@ -102,7 +102,9 @@ class Window:
         places = np.repeat(log_ca, len(size)), np.tile(size, len(log_ca))
         return Nodes.at(forward, *places, np.ones(len(places[0])), target)
 
-    def split(self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, target: Target) -> Nodes:
+    def split(
+        self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, target: Target | None = None
+    ) -> Nodes:
         """Replace the nodes of some cells by those of smaller pieces inside the model's domain.
 
         Parameters

@@ -23,9 +23,9 @@ from capsbayes.inference.coordinate import Coordinate
 from capsbayes.inference.grid_posterior import GridPosterior
 from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.mixed_posterior import MixedPosterior
-from capsbayes.inference.outline_likelihood import OutlineLikelihood
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.quadrature import Quadrature
+from capsbayes.inference.tabulated_outline import AnyOutline
 from capsbayes.inference.target import Target
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -108,7 +108,7 @@ class MixedQuadrature:
             raise refused
         return MixedPosterior(self.model, target, np.array(shares), width, parts)
 
-    def _outline(self, measurement: Measurement, target: Target) -> OutlineLikelihood | None:
+    def _outline(self, measurement: Measurement, target: Target) -> AnyOutline | None:
         """That whose pilot is the likeliest shape at the first value near the middle that has such a shape."""
         for share in _PILOTS:
             with contextlib.suppress(InputError):

@@ -11,6 +11,7 @@ near the posterior and kept for all others.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from capsbayes.inference.normal_distance import Footing, footing, normal_distances
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
+from capsbayes.model import ForwardModel
 
 __all__ = ["OutlineLikelihood", "outline_likelihood"]
 
@@ -86,6 +88,12 @@ class OutlineLikelihood:
         square = np.sum(self.whitened(outlines) ** 2, axis=1)
         constant = np.sum(np.log(np.diag(self._factor))) + 0.5 * len(self.points) * np.log(2.0 * np.pi)
         return np.asarray(-0.5 * square - constant)
+
+    def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
+        """Log density given what a model predicts at a batch of points : (n,) array, NaN outside its domain."""
+        predicted = model(theta, outline=True).outline
+        assert predicted is not None, "asked for"
+        return self.log_density(predicted)
 
 
 def outline_likelihood(

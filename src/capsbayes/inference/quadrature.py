@@ -20,8 +20,9 @@ from capsbayes.inference.checks import Gate
 from capsbayes.inference.grid_posterior import GridPosterior
 from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.lattice import CoarseTable, Nodes, Window
-from capsbayes.inference.outline_likelihood import OutlineLikelihood, outline_likelihood
+from capsbayes.inference.outline_likelihood import outline_likelihood
 from capsbayes.inference.prior import Prior
+from capsbayes.inference.tabulated_outline import AnyOutline
 from capsbayes.inference.target import Target
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -71,7 +72,7 @@ class Quadrature:
         *,
         inputs: Inputs | None = None,
         error_scale: float = 1.0,
-        outline: OutlineLikelihood | None = None,
+        outline: AnyOutline | None = None,
     ) -> GridPosterior:
         """Posterior of one capsule.
 

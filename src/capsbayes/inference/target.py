@@ -26,8 +26,8 @@ from capsbayes.inference.coordinate import Coordinate
 from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.inference.log_masses import LogMasses
-from capsbayes.inference.outline_likelihood import OutlineLikelihood
 from capsbayes.inference.prior import Prior, Range
+from capsbayes.inference.tabulated_outline import AnyOutline
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 
@@ -51,7 +51,7 @@ class Target:
         Factor on the model's own standard errors, one but for studies.
     coordinate : Coordinate, optional
         Further coordinate of the model, on which the shape depends too.
-    outline : OutlineLikelihood, optional
+    outline : OutlineLikelihood or TabulatedOutline, optional
         Takes the place of the lengths' likelihood, which then only says where to look.
     """
 
@@ -60,7 +60,7 @@ class Target:
     inputs: Inputs
     error_scale: float = 1.0
     coordinate: Coordinate | None = None
-    outline: OutlineLikelihood | None = None
+    outline: AnyOutline | None = None
 
     @classmethod
     def of(
@@ -95,13 +95,10 @@ class Target:
             Whether what `log_density` reads is needed: that of outlines costs a hundred times as much as all else.
         """
         theta = {"capillary_number": ca, "size_ratio": size, **(coordinate or {})}
-        outlined = density and self.outline is not None
-        prediction = model(theta, outline=True) if outlined else model(theta)
+        prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
-        if outlined:
-            assert self.outline is not None
-            assert prediction.outline is not None, "asked for"
-            points = replace(points, outline=self.outline.log_density(prediction.outline))
+        if density and self.outline is not None:
+            points = replace(points, outline=self.outline.at(model, theta))
         return points, prediction.stretch_ratio
 
     @property
