@@ -20,6 +20,7 @@ class Status(enum.Enum):
         "No steady state was found: the capillary number lies above the limit of existence at this size ratio."
     )
     NOT_CONVERGED = "The Newton iteration did not converge; start from a nearer steady state or refine the mesh."
+    UNSTABLE = "The steady state that was followed is unstable, or may be: start from rest to see where a capsule goes."
     UNRESOLVED = "The mesh does not resolve the rear rim (slack above its limit); refine the mesh."
     RAISED = "The computation broke off with an error; run this case alone to see it."
     NOT_TRIED = "Not tried, because the cases it would have started from did not converge."

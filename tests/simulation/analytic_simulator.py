@@ -53,13 +53,15 @@ class AnalyticState:
 class AnalyticSimulator:
     """Steady states exist up to Ca = `limit` - 0.1 (a/l), and from `lowest` on.
 
-    Below Ca = `snap` there is another branch, that of a capsule at rest, from whose end the capsule jumps to the
-    parachutes, or is lost. Each run is noted as a line in the file `journal`; the case `bad` raises.
+    Below Ca = `snap` there is another branch, that of a capsule at rest. Where it ends, or from `kicked` on, a capsule
+    from rest jumps to the parachutes, or is lost. Each run is noted as a line in the file `journal`; the case `bad`
+    raises.
     """
 
     limit: float = 0.175
     lowest: float = 0.0
     snap: float = 0.0
+    kicked: float = 0.0
     jumps: bool = True
     bad: tuple[float, float] | None = None
     journal: str = ""
@@ -84,9 +86,10 @@ class AnalyticSimulator:
         if (capillary_number, size_ratio) == self.bad:
             raise FloatingPointError("no inverse")
         origin = 0.0 if isinstance(start, str) else start.memory + 1e-3 * start.capillary_number
-        parachute = capillary_number >= self.snap if start == "rest" else start == "parachute" or start.parachute
-        jumped = self.jumps and not isinstance(start, str) and not parachute and capillary_number > self.snap
-        parachute |= jumped
+        if start == "rest":
+            parachute = self.jumps and capillary_number >= (self.kicked or self.snap)
+        else:
+            parachute = start == "parachute" or start.parachute
         end = self.limit - 0.1 * size_ratio if parachute else self.snap
         status, limit = Status.DONE, np.nan
         if capillary_number > end:

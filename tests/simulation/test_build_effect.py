@@ -100,7 +100,7 @@ def test_parts_of_other_settings_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("effect", "values", "message"),
     [
-        ("colour", VALUES, "build: effect: expected one of limit, lowest, snap, seconds, got 'colour'"),
+        ("colour", VALUES, "build: effect: expected one of limit, lowest, snap, kicked, seconds, got 'colour'"),
         ("refinement", VALUES, "build: effect: expected one of limit"),
         ("limit", (0.165, 0.2, 0.3), r"values: expected at least 3 values of limit, the simulator's own 0.175 among"),
         ("limit", (0.175, 0.2), "values: expected at least 3 values"),

@@ -12,6 +12,7 @@ undisturbed one.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -39,10 +40,11 @@ LOST = "lost from rest"
 
 OUTLINE_POINTS = 256
 _FIRST_TRIED = (0.01, 0.02, 0.05)  # where to begin if the lowest case does not converge
-_BELOW_LIMIT, _ABOVE_LIMIT = (0.96, 0.99), 1.02  # of the Ca at a fold: cases that are run beside those asked for
+_BELOW_LIMIT = (0.96, 0.99)  # of the Ca at which a branch ends: cases that are run beside those asked for
 _DEEP = 0.1  # depth of the rear over a that a capsule exceeds once it has snapped through
 _FALL = 0.015  # share of L_z that is lost in a snap-through, and not from one parachute to the next
 _BRACKET = 1.08  # of the Ca on either side of a snap-through
+_SAME = 2e-3  # difference of L_z below which two shapes are one
 _FAILURES_DOWNWARD = 2  # in a row, after which the lower cases are not tried
 
 
@@ -150,42 +152,69 @@ def _first_converged(run: Runs, ordered: list[float]) -> Outcome | None:
 
 
 def _upward(run: Runs, first: Outcome, values: list[float]) -> list[Border]:
-    borders: list[Border] = []
-    last = first
+    last, climbed, lost = first, [first], []
+    upper = None
     for position, value in enumerate(values):
         outcome = run(value, last)
         if outcome.status is Status.RAISED:
             continue
-        if not _deep(last) and _fallen(last, outcome):
-            borders += _snap_through(run, last, outcome)
         if not outcome.done:
             limit = _limit(outcome, last)
-            _approach(run, last, limit)
-            beyond = run(value, "parachute") if not _deep(last) and not borders else outcome
-            if not beyond.done:
+            beyond = None if _deep(last) else _elsewhere(run, value)
+            if beyond is None:
                 run.final[value] = outcome
+                _approach(run, last, limit)
                 kind = LIMIT_OF_EXISTENCE if outcome.status is Status.NO_STEADY_STATE else LIMIT_OF_DATABASE
+                upper = Border(run.size_ratio, limit, kind)
                 _give_up_above(run, last, outcome, values[position + 1 :])
-                return [*borders, Border(run.size_ratio, limit, kind)]
-            folded = outcome.status is Status.NO_STEADY_STATE
-            borders.append(Border(run.size_ratio, limit, SNAP_THROUGH if folded else LOST))
-            just_above = _rounded(_ABOVE_LIMIT * limit)
-            if just_above < value:
-                run(just_above, beyond)
+                break
+            if beyond.start == "parachute":
+                lost = [Border(run.size_ratio, limit, LOST)]
             outcome = beyond
+        if not _deep(last):
+            climbed.append(outcome)
         last = outcome
-    return [*borders, Border(run.size_ratio, last.capillary_number, LIMIT_OF_DATABASE)]
+    end = upper or Border(run.size_ratio, last.capillary_number, LIMIT_OF_DATABASE)
+    return [*(lost or _snap_through(run, _confirmed(run, climbed))), end]
 
 
-def _snap_through(run: Runs, last: Outcome, beyond: Outcome) -> list[Border]:
-    """Enclose the Ca at which a capsule snaps through; none if the shape turns out to change smoothly."""
+def _elsewhere(run: Runs, value: float) -> Outcome | None:
+    """Where a capsule is whose branch has ended: where it comes to from rest, or a parachute."""
+    starts: tuple[Start, ...] = ("rest", "parachute")
+    return next((outcome for outcome in (run(value, start) for start in starts) if outcome.done), None)
+
+
+def _confirmed(run: Runs, climbed: list[Outcome]) -> list[Outcome]:
+    """The cases up to the first parachute, each the one that a capsule from rest comes to.
+
+    What is reached from rest at one Ca on the branch is on it at all lower ones: the search goes downward.
+    """
+    confirmed = list(climbed)
+    for place, outcome in reversed(list(enumerate(climbed))):
+        if _deep(outcome):
+            continue
+        if outcome.start == "rest":
+            break
+        reached = run(outcome.capillary_number, "rest")
+        if not reached.done:
+            run.final[outcome.capillary_number] = outcome
+            continue
+        confirmed[place] = reached
+        if abs(reached.variables["axial_extent"] / outcome.variables["axial_extent"] - 1.0) < _SAME:
+            break
+    return confirmed
+
+
+def _snap_through(run: Runs, cases: list[Outcome]) -> list[Border]:
+    """Enclose the Ca at which a capsule snaps through; none if the shape changes smoothly."""
+    last, beyond = next((pair for pair in pairwise(cases) if _fallen(*pair)), (None, None))
+    if last is None or beyond is None:
+        return []
     while beyond.capillary_number > _BRACKET * last.capillary_number:
-        between = run(_rounded((last.capillary_number * beyond.capillary_number) ** 0.5), last)
+        between = run(_rounded((last.capillary_number * beyond.capillary_number) ** 0.5), "rest")
         if not between.done:
             break
         last, beyond = (last, between) if _fallen(last, between) else (between, beyond)
-    if not _fallen(last, beyond):
-        return []
     return [Border(run.size_ratio, _rounded((last.capillary_number * beyond.capillary_number) ** 0.5), SNAP_THROUGH)]
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from capsbayes.simulation.arclength import ArcPoint, fold, interpolated, traced
 from capsbayes.simulation.problem import Iterate, Problem
-from capsbayes.simulation.settling import is_shallow, may_buckle, settled
+from capsbayes.simulation.settling import is_stable, may_buckle, settled
 from capsbayes.simulation.steady_state import NewtonResult, bordered, steady_residual, steady_state
 from capsbayes.status import Status
 from capsbayes.surface.prolongation import prolonged
@@ -67,9 +67,6 @@ class BranchEnd:
 def followed(problem: Problem, start: NewtonResult, capillary_number: float, size_ratio: float) -> BranchEnd:
     """Follow the branch of `start` to another case: a larger size before a larger Ca, a smaller Ca before any size.
 
-    A shape that has not snapped through yet is left, on the way to a larger Ca, for the one that a capsule started
-    from rest reaches.
-
     Parameters
     ----------
     problem : Problem
@@ -98,18 +95,21 @@ def reached_from_rest(problem: Problem, capillary_number: float, size_ratio: flo
     Returns
     -------
     BranchEnd
-        Where there is none, the end of the parachutes' branch.
+        NOT_CONVERGED where it was not seen to come to rest.
     """
-    far = capillary_number > _ONE_SHAPE
-    if far:
+    if capillary_number > _ONE_SHAPE:
         end = parachute(problem, capillary_number, size_ratio)
         if end.status is not Status.NOT_CONVERGED:
             return end
     start = near_rest(problem, size_ratio)
     if start.status is not Status.DONE:
-        return start if far else parachute(problem, capillary_number, size_ratio)
+        return start
     end = followed(problem, start.result, capillary_number, size_ratio)
-    return end if end.status is Status.DONE else parachute(problem, capillary_number, size_ratio)
+    low = capillary_number <= start.result.iterate.capillary_number
+    if end.status is Status.DONE and (low or not may_buckle(problem, end.result.iterate)):
+        return end
+    taken = settled(problem, capillary_number, size_ratio)
+    return BranchEnd(start.result, Status.NOT_CONVERGED) if taken is None else BranchEnd(taken, _resolved(taken))
 
 
 def parachute(problem: Problem, capillary_number: float, size_ratio: float) -> BranchEnd:
@@ -203,17 +203,16 @@ def _size_tangent(problem: Problem, iterate: Iterate) -> Array:
 
 
 def _upward(problem: Problem, start: NewtonResult, capillary_number: float) -> BranchEnd:
-    """Follow a branch to a larger Ca, or where it may have become unstable, a capsule from rest in time."""
-    if not is_shallow(problem, start.iterate):
-        return _along_ca(problem, start, capillary_number)
-    trial = _at_once(problem, start, capillary_number)
-    if trial is not None and not may_buckle(problem, trial.iterate):
-        return BranchEnd(trial, _resolved(trial))
-    if capillary_number < _ONE_SHAPE or may_buckle(problem, start.iterate):
-        taken = settled(problem, capillary_number, start.iterate.size_ratio)
-        if taken is not None:
-            return BranchEnd(taken, _resolved(taken))
-    return _along_ca(problem, start, capillary_number)
+    """Follow a branch to a larger Ca while it is stable; where it may buckle its corners are too sharp to trace."""
+    compressed = may_buckle(problem, start.iterate)
+    trial = _at_once(problem, start, capillary_number) if compressed else None
+    if compressed and trial is None:
+        return BranchEnd(start, Status.UNSTABLE)
+    end = BranchEnd(trial, _resolved(trial)) if trial is not None else _along_ca(problem, start, capillary_number)
+    found = end.result.iterate
+    if end.status is Status.DONE and may_buckle(problem, found) and not is_stable(problem, found):
+        return BranchEnd(end.result, Status.UNSTABLE)
+    return end
 
 
 def _at_once(problem: Problem, start: NewtonResult, capillary_number: float) -> NewtonResult | None:

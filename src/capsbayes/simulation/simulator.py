@@ -173,8 +173,8 @@ class Simulator:
             a/l, between 0.2 and 1.3.
         start : SteadyState or str
             ``"rest"``: the state that a capsule started from rest reaches. ``"parachute"``: the parachute, which at
-            low Ca may be stable as well. A neighbouring steady state, of any mesh: the one on its branch, which is some
-            ten seconds quicker to find; at low Ca where that may be unstable, the one reached from rest.
+            low Ca may be stable as well. A neighbouring steady state, of any mesh: the one on its branch, if that is
+            stable, which is some ten seconds quicker to find.
         threads : int
             Threads of the linear algebra.
 
@@ -277,7 +277,7 @@ class Simulator:
     def _state(self, problem: Problem, end: BranchEnd, capillary_number: float, size_ratio: float) -> SteadyState:
         result, iterate = end.result, end.result.iterate
         detail = ""
-        if end.status in (Status.NO_STEADY_STATE, Status.NOT_CONVERGED):
+        if end.status in (Status.NO_STEADY_STATE, Status.NOT_CONVERGED, Status.UNSTABLE):
             detail = f"The branch was followed to Ca = {iterate.capillary_number:.4g}, a/l = {iterate.size_ratio:.4g}."
         inside, drop = pressures(problem, iterate)
         return SteadyState(
