@@ -112,7 +112,7 @@ def test_the_models_own_error_widens_the_posterior(model):
     modes = model.outline_modes(capillary_number=TRUTH[0], size_ratio=TRUTH[1])
     assert modes.shape[1] == len(pilot)
     fine = OutlineNoise(5e-4, 0.5)
-    plain, wider = (fitted(model, OutlineLikelihood(pilot[::4], fine, pilot, modes=m))[1] for m in (None, 5 * modes))
+    plain, wider = (fitted(model, OutlineLikelihood(pilot[::4], fine, pilot, modes=m))[1] for m in (None, 10 * modes))
     assert np.all(np.linalg.inv(wider)[range(2), range(2)] > 1.5 * np.linalg.inv(plain)[range(2), range(2)])
 
 

@@ -85,6 +85,6 @@ def test_below_the_snap_through_the_shape_is_unsettled():
     region = unsettled_region(Database(dataset))
     size = dataset["border_size_ratio"].values[4:7]
     np.testing.assert_array_equal(region.size_ratio, size)
-    np.testing.assert_allclose(region.highest, [0.012, 0.016, 0.016])
-    np.testing.assert_array_equal(region.contains(np.full(3, 0.014), size), [False, True, True])
+    np.testing.assert_allclose(region.highest, 0.016)  # that of the neighbours, and of all where it was lost
+    np.testing.assert_array_equal(region.contains(np.array([0.014, 0.017]), size[:2]), [True, False])
     assert not region.contains(np.array([0.012]), np.array([size[0] - 0.01]))[0]
