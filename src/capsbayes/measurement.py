@@ -49,7 +49,9 @@ class Measurement:
     experiment_file : Path, optional
         The experiment the file names.
     status : Status
-        How the measurement ended.
+        How the measurement ended; unless it is ``DONE``, the numbers are NaN.
+    axial_length_bound : float, optional
+        Where L_a is missing: what it cannot exceed, the length of the silhouette with two standard errors.
 
     Raises
     ------
@@ -76,8 +78,11 @@ class Measurement:
     sha256: str = ""
     experiment_file: Path | None = None
     status: Status = Status.DONE
+    axial_length_bound: float | None = None
 
     def __post_init__(self) -> None:
+        if not self.status.ok:
+            return
         where = self.source or "measurement"
         for key in ("axial_extent", "capsule_velocity", "axial_length"):
             self._check_pair(where, key)
@@ -96,6 +101,14 @@ class Measurement:
         for name, number in ((key, value), (f"{key}_error", error)):
             if number is None or not (np.isfinite(number) and number > 0.0):
                 raise InputError(where, name, "a positive finite number", repr(number))
+
+    @classmethod
+    def refused(
+        cls, status: Status, *, source: str = "", sha256: str = "", experiment_file: Path | None = None
+    ) -> Measurement:
+        """A measurement that came to nothing: its status says why, its numbers are NaN."""
+        nothing = (float("nan"),) * 4
+        return cls(*nothing, status=status, source=source, sha256=sha256, experiment_file=experiment_file)
 
     @classmethod
     def read(cls, path: str | Path) -> Measurement:

@@ -1,0 +1,1 @@
+"""From a picture of a capsule to its measurement; OpenCV is used here only."""
