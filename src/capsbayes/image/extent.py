@@ -44,8 +44,9 @@ def furthest(outline: Outline, direction: Floats, misfit: float) -> Extreme:
     outline : Outline
     direction : (2,) array
         Unit vector.
-    misfit : float
-        How far the model's edge may be from the true one, as a share of the edge's width.
+    misfit : float [1/px]
+        How far the model's edge may be from the true one, over the square of the edge's width: the first term that the
+        model lacks is quadratic.
 
     Returns
     -------
@@ -71,7 +72,7 @@ def furthest(outline: Outline, direction: Floats, misfit: float) -> Extreme:
     own = excess * float(np.sum((weights * error) ** 2))
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
     shared = float(np.sum(of_arcs**2))
-    model = (misfit * float(outline.edge_width[top])) ** 2
+    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2
     return Extreme(float(values[best]), own + shared + model)
 
 

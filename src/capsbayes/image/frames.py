@@ -104,7 +104,9 @@ class Picture:
         grey = colours[:, :, :3] @ [0.299, 0.587, 0.114] if colours.shape[2] >= 3 else colours[:, :, 0]
         if not np.all(np.isfinite(grey)):
             raise InputError(where, "", "finite grey levels", f"{int(np.sum(~np.isfinite(grey)))} NaN or infinite ones")
-        clipped = (grey <= 0.0) | (scaled & np.isin(grey.round(6), _FULL_SCALES) & (grey == grey.max()))
+        brightest = float(grey.max())
+        full = scaled and round(brightest, 6) in _FULL_SCALES
+        clipped = (grey <= 0.0) | ((grey == brightest) if full else False)
         return cls(grey, clipped, "" if where == "picture" else where, sha256)
 
     @property

@@ -27,9 +27,9 @@ Floats = NDArray[np.float64]
 FLOWS = {"right": 1, "left": -1}
 _CLIPPED = 0.02  # of the pixels between the walls that may be at the end of the camera's scale
 _ASYMMETRY = 0.005  # of the length: a centroid nearer to the middle does not tell front from rear
-# how far the edge found may lie from the true one, over its width; at the end more, as a concave rear darkens what lies
-# behind it. Both were set on drawn pictures, other ones than those that the coverage is counted on.
-_NOSE_MISFIT, _END_MISFIT = 0.05, 0.08
+# 1/px: how far the edge found may lie from the true one, over its width squared; at the end more, as a concave rear
+# darkens what lies behind it. Both were set on drawn pictures, other ones than those that the coverage is counted on.
+_NOSE_MISFIT, _END_MISFIT = 0.012, 0.033
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,14 @@ class Sighting:
     nose: Extreme | None = None
     end: Extreme | None = None
     rear: RearBand | None = None
+
+    @property
+    def axis(self) -> Floats:
+        """Point (x, y) of the capsule's axis nearest to the picture's origin : (2,) array [px]; NaN where missing."""
+        if self.walls is None or self.outline is None:
+            return np.full(2, np.nan)
+        across = self.outline.points @ self.walls.across
+        return np.asarray(0.5 * (across.max() + across.min()) * self.walls.across)
 
     @property
     def lengths(self) -> Floats:
@@ -201,7 +209,7 @@ def measurement_of(
     covariance = jacobian @ sighting.covariance[np.ix_(used, used)] @ jacobian.T
     errors = np.sqrt(np.diag(covariance))
     measured = Measurement(
-        axial_extent=extent / half_width,
+        axial_extent=float(extent / half_width),
         axial_extent_error=float(errors[0]),
         capsule_velocity=capsule_velocity.value,
         capsule_velocity_error=capsule_velocity.error,
@@ -244,10 +252,8 @@ def _measured(light: Floats, noise: float, sighting: Sighting) -> Sighting:
     sighting = replace(sighting, nose=nose, end=end)
     if sighting.flow == 0:
         return sighting
-    across = outline.points @ walls.across
-    middle = 0.5 * (across.max() + across.min())
-    half_height = 0.5 * float(np.ptp(across))
-    start = -end.distance * downstream + middle * walls.across
+    half_height = 0.5 * float(np.ptp(outline.points @ walls.across))
+    start = sighting.axis - end.distance * downstream
     flank = np.abs(outline.normals @ walls.across) > 0.8
     blur = float(np.median(outline.edge_width[flank])) if flank.any() else float(np.median(outline.edge_width))
     rear = find_rear(light, start, downstream, nose.distance + end.distance, half_height, blur, noise)

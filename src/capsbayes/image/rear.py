@@ -22,11 +22,13 @@ _BREADTH = 0.3  # of half the capsule's height: how far from the axis the band i
 _DEPTH = 0.45  # of the capsule's length: how far from the rear end it is looked for
 _SMOOTHING = 1.5  # px
 _STRIP = 3.0  # px: breadth of the strips in which the band is located
-_REACH = 5  # px around the band that are fitted
+_BEHIND = 10  # px behind the band in which it must have brightened again
+_REACH = 1.7, 5, 14  # how much around the band is fitted: over its deviation, and at least and at most in px
 _PROMINENCE = 0.02  # of the light, at least
 _SIGNIFICANCE = 6.0  # of the prominence over its noise
-_CURVATURES = np.linspace(-0.3, 1.2, 16)  # over the capsule's half height
+_CURVATURES = np.linspace(-2.4, 0.2, 14)  # over the capsule's half height: away from the axis the rear lies less deep
 _CLEAR = 3.0  # of the band's deviation: nearer to the end of the silhouette it merges with the band of the outer edge
+_OVERLAP, _FADING = 0.08, 2.5  # what the band of the outer edge shifts this one by, over its deviation, and how far
 _MISFIT = 0.02  # of the width of the band: how far the model's middle may be from that of the band
 
 
@@ -89,49 +91,54 @@ def find_rear(
     return _fine(rays, y, start, blur, noise)
 
 
-def _coarse(rays: Floats, y: Floats, half_height: float, noise: float) -> tuple[int, float] | None:
-    """Depth of the band on the axis and its curvature, to a pixel."""
+def _coarse(rays: Floats, y: Floats, half_height: float, noise: float) -> tuple[int, float, float] | None:
+    """Depth of the band on the axis, its curvature, and its standard deviation, to a pixel."""
     u = np.arange(rays.shape[1])
-    best: tuple[float, int, float] | None = None
-    for curvature in _CURVATURES / half_height:
-        shifted = u + np.rint(0.5 * curvature * y[:, None] ** 2).astype(int)
-        stacked = np.take_along_axis(rays, np.clip(shifted, 0, len(u) - 1), axis=1).mean(axis=0)
-        smooth = gaussian_filter1d(stacked, _SMOOTHING, mode="nearest")
-        for dip in np.flatnonzero((smooth[1:-1] < smooth[:-2]) & (smooth[1:-1] <= smooth[2:])) + 1:
-            prominence = min(smooth[:dip].max(initial=0.0), _highest(smooth[dip:])) - smooth[dip]
-            edge_dip = int(np.argmin(smooth[: max(dip // 2, 1)]))
-            clear = smooth[edge_dip:dip].max(initial=0.0) - smooth[dip]
-            prominence = min(prominence, clear)
-            if best is None or prominence > best[0]:
-                best = (float(prominence), int(dip), float(curvature))
-    if best is None or best[0] < max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y))):
-        return None
-    return best[1], best[2]
+    bend = 0.5 * _CURVATURES[:, None, None] / half_height * y[:, None] ** 2
+    shifted = np.clip(u + np.rint(bend).astype(int), 0, len(u) - 1)
+    stacked = rays[np.arange(len(y))[:, None], shifted].mean(axis=1)
+    smooth = gaussian_filter1d(stacked, _SMOOTHING, axis=1, mode="nearest")
+    best, found = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y))), None
+    for curvature, profile in zip(_CURVATURES / half_height, smooth, strict=True):
+        dips = (profile[1:-1] < profile[:-2]) & (profile[1:-1] <= profile[2:])
+        for dip in (int(index) + 1 for index in np.flatnonzero(dips)):
+            rim = int(np.argmin(profile[: max(dip // 2, 1)]))  # the dark band of the outer edge
+            before, behind = profile[rim:dip].max(), profile[dip : dip + _BEHIND + 1].max()
+            prominence = min(before, behind) - profile[dip]
+            if prominence > best:
+                best, found = (
+                    float(prominence),
+                    (dip, float(curvature), _deviation(profile, dip, 0.5 * prominence)),
+                )
+    return found
 
 
-def _highest(after: Floats) -> float:
-    """Brightest of the few pixels behind a band: further in, the light has other reasons to change."""
-    return float(after[: 2 * _REACH].max())
+def _deviation(profile: Floats, dip: int, half: float) -> float:
+    """Standard deviation of a band from its width at half its prominence."""
+    bright = np.flatnonzero(profile > profile[dip] + half)
+    return float(bright[bright > dip].min() - bright[bright < dip].max() - 1) / 2.355
 
 
-def _fine(rays: Floats, y: Floats, start: tuple[int, float], blur: float, noise: float) -> RearBand | None:
+def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float, noise: float) -> RearBand | None:
     """Locate the band in strips beside the axis, and lay a parabola through what was found."""
-    middle, curvature = start
+    middle, curvature, deviation = start
+    share, least, most = _REACH
+    reach = int(np.clip(round(share * deviation), least, most))
     strips = max(5, round(len(y) / _STRIP))
     strip = np.arange(len(y)) * strips // len(y)
     first = np.flatnonzero(np.diff(strip, prepend=-1))
     count = np.bincount(strip)
     centre = middle + np.rint(0.5 * curvature * y**2).astype(int)
-    samples = np.arange(-_REACH, _REACH + 1)
+    samples = np.arange(-reach, reach + 1)
     index = centre[:, None] + samples
     within = (index >= 2) & (index < rays.shape[1])
     values = np.take_along_axis(rays, np.clip(index, 0, rays.shape[1] - 1), axis=1)
     means = np.add.reduceat(values, first, axis=0) / count[:, None]
     used = np.minimum.reduceat(within, first, axis=0).astype(float)
-    found = locate(means, samples.astype(float), band, np.zeros(strips), np.full(strips, 2.0), used)
+    found = locate(means, samples.astype(float), band, np.zeros(strips), np.full(strips, deviation), used)
     across = np.add.reduceat(y, first) / count
     height = np.add.reduceat(centre.astype(float), first) / count + found.place
-    sound = found.converged & (found.coefficients[:, 0] < 0.0) & (np.abs(found.place) < 0.5 * _REACH)
+    sound = found.converged & (found.coefficients[:, 0] < 0.0) & (np.abs(found.place) < 0.5 * reach)
     for _ in range(2):
         if sound.sum() < 4:
             return None
@@ -142,12 +149,12 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float], blur: float, noise:
         sound &= np.abs(residual) < 4.0 * scatter
     if sound.sum() < 4 or scatter > 1.0:
         return None
-    width = float(np.median(found.width[sound]))
     counted = noise**2 * np.median(found.place_variance[sound] / count[sound])
     seen = np.sum(residual[sound] ** 2) / max(int(sound.sum()) - 3, 1)
     variance = np.linalg.inv(design[sound].T @ design[sound])[0, 0] * max(counted, seen)
     depth = float(solution[0] - 0.5 * solution[2] * blur**2)
-    if depth < _CLEAR * width:
+    if depth < _CLEAR * deviation:
         return None
-    error = float(np.sqrt(variance + (_MISFIT * width) ** 2))
-    return RearBand(depth, error, width, float(solution[2]), float(np.max(np.abs(across[sound]))))
+    misfit = deviation * (_MISFIT + _OVERLAP * np.exp(-(depth / deviation - _CLEAR) / _FADING))
+    error = float(np.sqrt(variance + misfit**2))
+    return RearBand(depth, error, deviation, float(solution[2]), float(np.max(np.abs(across[sound]))))

@@ -24,7 +24,7 @@ _APART = 0.15  # of the picture's height, at least
 _SIGNIFICANCE = 8.0  # of a wall's darkness over the scatter of that of all lines
 _REACH = 9  # px around a wall that are looked at
 _SCATTER = 0.7  # px: strips of a wall may lie that far off the straight line
-_MISFIT = 0.02  # of the width of a wall's line: how far the model's middle may be from the wall
+_MISFIT = 0.03  # of the width of a wall's line: how far the model's middle may be from the wall
 
 
 @dataclass(frozen=True)
