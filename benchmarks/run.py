@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-NAMES = ("surrogate", "inference", "simulator")
+NAMES = ("pictures", "surrogate", "inference", "simulator")
 
 
 def main() -> int:

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 _WINDOWS = (15, 10, 7, 5)  # points to either side, widest first
 _ORDER = 4
 _MISFIT = 1.6  # of the residual's mean square over its expectation, up to which a window is taken
-_FLOOR = 0.01  # px: smallest error that a point is trusted to have when a window is judged
+_FLOOR = 0.03  # px: no edge is placed better than that in a picture sampled at whole pixels
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,13 @@ def furthest(outline: Outline, direction: Floats, misfit: float) -> Extreme:
     Extreme
     """
     reach = outline.points @ direction
+    trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, _FLOOR))
     top = int(np.argmax(_averaged(reach)))
     for window in _WINDOWS:
         index = np.arange(top - window, top + window + 1) % len(reach)
         t = np.arange(-window, window + 1) / window
         design = t[:, None] ** np.arange(_ORDER + 1)
-        error = np.hypot(outline.point_error[index], _FLOOR)
+        error = trusted[index]
         hat = np.linalg.pinv(design / error[:, None]) / error
         coefficients = hat @ reach[index]
         residual = (reach[index] - design @ coefficients) / error
@@ -72,7 +73,7 @@ def furthest(outline: Outline, direction: Floats, misfit: float) -> Extreme:
     own = excess * float(np.sum((weights * error) ** 2))
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
     shared = float(np.sum(of_arcs**2))
-    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2
+    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + _FLOOR**2
     return Extreme(float(values[best]), own + shared + model)
 
 
