@@ -26,6 +26,7 @@ _HOME = {
     "Measurement": "capsbayes.measurement",
     "Posterior": "capsbayes.inference",
     "identify": "capsbayes.inference",
+    "measure": "capsbayes.image",
 }
 
 __all__ = [*sorted(_HOME), "__version__"]
@@ -34,6 +35,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from capsbayes.database import Database
     from capsbayes.experiment import Experiment
+    from capsbayes.image.measure import measure
     from capsbayes.inference import Posterior
     from capsbayes.inference.identify import identify
     from capsbayes.measurement import Measurement
