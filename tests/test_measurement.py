@@ -3,6 +3,7 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.measurement import Measurement
+from capsbayes.status import Status
 
 GOOD = """experiment = "experiment.toml"
 [measurement]
@@ -103,3 +104,36 @@ def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
 def test_values_that_cannot_be_are_refused(changes):
     with pytest.raises(InputError, match="measurement: "):
         made(**changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"over_half_width": False, "axial_extent": 5e-5, "axial_extent_error": 1e-7, "axial_length": 4e-5},
+        {"axial_length": None, "axial_length_error": None, "axial_length_bound": 2.2},
+    ],
+)
+def test_what_is_written_is_read_again(tmp_path, changes):
+    seen = made(length_correlation=0.25 if "axial_length_bound" not in changes else 0.0, **changes)
+    seen.write(tmp_path / "capsule.toml")
+    again = Measurement.read(tmp_path / "capsule.toml")
+    np.testing.assert_allclose(again.lengths, seen.lengths, rtol=1e-12)
+    np.testing.assert_allclose(again.covariance, seen.covariance, rtol=1e-12)
+    assert again.capsule_velocity == pytest.approx(seen.capsule_velocity, rel=1e-12)
+    assert again.axial_length_bound == seen.axial_length_bound
+    assert again.over_half_width == seen.over_half_width
+
+
+def test_a_refused_measurement_has_a_status_and_no_numbers(tmp_path):
+    refused = Measurement.refused(Status.NO_CAPSULE, source="capsule.png")
+    assert refused.status is Status.NO_CAPSULE
+    assert np.isnan(refused.axial_extent)
+    with pytest.raises(InputError, match="No capsule was found"):
+        refused.write(tmp_path / "capsule.toml")
+    assert not (tmp_path / "capsule.toml").exists()
+
+
+def test_a_bound_that_is_no_number_is_refused():
+    with pytest.raises(InputError, match="axial_length_bound"):
+        made(axial_length_bound="long")

@@ -28,6 +28,7 @@ _HOME = {
     "OutlineNoise": "capsbayes.measured_outline",
     "Posterior": "capsbayes.inference",
     "identify": "capsbayes.inference",
+    "measure": "capsbayes.image",
 }
 
 __all__ = [*sorted(_HOME), "__version__"]
@@ -36,6 +37,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from capsbayes.database import Database
     from capsbayes.experiment import Experiment
+    from capsbayes.image.measure import measure
     from capsbayes.inference import Posterior
     from capsbayes.inference.identify import identify
     from capsbayes.measured_outline import MeasuredOutline, OutlineNoise

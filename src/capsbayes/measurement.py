@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ __all__ = ["Measurement"]
 Floats = NDArray[np.float64]
 
 _KEYS = ("axial_extent", "capsule_velocity")
-_OPTIONAL = ("axial_length", "length_correlation")
+_OPTIONAL = ("axial_length", "length_correlation", "axial_length_bound")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,9 @@ class Measurement:
     experiment_file : Path, optional
         The experiment the file names.
     status : Status
-        How the measurement ended.
+        How the measurement ended; unless it is ``DONE``, the numbers are NaN.
+    axial_length_bound : float, optional
+        Where L_a is missing: what it cannot exceed, the length of the silhouette with two standard errors.
 
     Raises
     ------
@@ -80,11 +83,17 @@ class Measurement:
     sha256: str = ""
     experiment_file: Path | None = None
     status: Status = Status.DONE
+    axial_length_bound: float | None = None
 
     def __post_init__(self) -> None:
+        if not self.status.ok:
+            return
         where = self.source or "measurement"
         for key in ("axial_extent", "capsule_velocity", "axial_length"):
             self._check_pair(where, key)
+        bound = self.axial_length_bound
+        if bound is not None and not (isinstance(bound, (int, float)) and np.isfinite(bound) and bound > 0.0):
+            raise InputError(where, "axial_length_bound", "a positive finite number", repr(bound))
         if self.axial_length is not None and self.axial_length > self.axial_extent:
             raise InputError(
                 where, "axial_length", f"at most the axial extent {self.axial_extent:g}", f"{self.axial_length:g}"
@@ -104,6 +113,14 @@ class Measurement:
                 raise InputError(where, name, "a positive finite number", repr(number))
 
     @classmethod
+    def refused(
+        cls, status: Status, *, source: str = "", sha256: str = "", experiment_file: Path | None = None
+    ) -> Measurement:
+        """A measurement that came to nothing: its status says why, its numbers are NaN."""
+        nothing = (float("nan"),) * 4
+        return cls(*nothing, status=status, source=source, sha256=sha256, experiment_file=experiment_file)
+
+    @classmethod
     def read(cls, path: str | Path) -> Measurement:
         """Read a measurement from TOML with units and errors.
 
@@ -112,7 +129,7 @@ class Measurement:
         path : path
             File with a table ``[measurement]``: ``axial_extent``,
             ``capsule_velocity``, and optionally ``axial_length`` and
-            ``length_correlation``. It may name its experiment file
+            ``length_correlation``, or ``axial_length_bound``. It may name its experiment file
             (``experiment = "..."``, relative to itself) and state a
             ``[prior]``, which is read where priors are known.
 
@@ -146,7 +163,36 @@ class Measurement:
             source=where,
             sha256=file.sha256,
             experiment_file=_named_file(top.get("experiment"), file.path),
+            axial_length_bound=table.get("axial_length_bound"),
         )
+
+    def write(self, path: str | Path) -> None:
+        """Write a file that `read` reads.
+
+        Parameters
+        ----------
+        path : path
+            The experiment is named in it by its absolute path.
+
+        Raises
+        ------
+        InputError
+            If the measurement came to nothing.
+        """
+        if not self.status.ok:
+            raise InputError("measurement", "status", "a measurement that ended as it should", str(self.status))
+        unit = "" if self.over_half_width else " m"
+        lines = [f"experiment = {json.dumps(str(self.experiment_file.resolve()))}"] if self.experiment_file else []
+        lines += ["", "[measurement]", f'axial_extent = "{self.axial_extent!r} +/- {self.axial_extent_error!r}{unit}"']
+        if self.axial_length is not None:
+            lines += [
+                f'axial_length = "{self.axial_length!r} +/- {self.axial_length_error!r}{unit}"',
+                f"length_correlation = {self.length_correlation!r}",
+            ]
+        if self.axial_length_bound is not None:
+            lines.append(f"axial_length_bound = {self.axial_length_bound!r}")
+        lines.append(f'capsule_velocity = "{self.capsule_velocity!r} +/- {self.capsule_velocity_error!r} m/s"')
+        Path(path).write_text("\n".join(lines).lstrip() + "\n")
 
     @property
     def lengths(self) -> Floats:

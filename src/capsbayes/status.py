@@ -24,6 +24,15 @@ class Status(enum.Enum):
     UNRESOLVED = "The mesh does not resolve the rear rim (slack above its limit); refine the mesh."
     RAISED = "The computation broke off with an error; run this case alone to see it."
     NOT_TRIED = "Not tried, because the cases it would have started from did not converge."
+    # pictures
+    BACKGROUND_DIFFERS = "The picture of the empty channel has another size than that of the capsule."
+    NO_WALLS = "No two parallel walls were found across the picture; it must show both, along its rows."
+    SATURATED = "The picture is clipped between the walls; expose it less."
+    NO_CAPSULE = "No capsule was found between the walls."
+    SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them."
+    TOUCHES_BORDER = "The capsule touches the border of the picture."
+    NO_EDGE = "The edge of the capsule could not be located; the picture is too blurred or too faint."
+    WRONG_FLOW = "The shape of the capsule shows a flow in the other direction than the one given."
     # posteriors
     NOT_MIXED = "The chains did not pass their convergence gates within the budget; do not use the intervals."
     LEANS_ON_BORDER = "The posterior leans on the border of the database: its intervals are cut there, not measured."

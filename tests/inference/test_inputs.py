@@ -6,6 +6,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, positive_normal
 from capsbayes.inference.inputs import Input, Inputs
 from capsbayes.measurement import Measurement
+from capsbayes.status import Status
 
 DISTRIBUTIONS = {
     "cut normal": (positive_normal(2.0, 0.1), 1e-9),
@@ -60,3 +61,9 @@ def test_a_velocity_that_is_hardly_measured_is_refused():
     experiment = Experiment(section="square", half_width=25e-6, viscosity=0.8)
     with pytest.raises(InputError, match=r"capsule_velocity: expected a standard error below 25% .*, got 30%"):
         Inputs.of(seen, experiment)
+
+
+def test_a_measurement_that_came_to_nothing_is_refused_with_its_reason():
+    inputs = Inputs.of_experiment(Experiment(section="square", half_width=25e-6, viscosity=0.85))
+    with pytest.raises(InputError, match=r"capsule\.png: status: expected .*, got No capsule was found"):
+        inputs.with_velocity_of(Measurement.refused(Status.NO_CAPSULE, source="capsule.png"))

@@ -22,7 +22,7 @@ app = typer.Typer(
 )
 
 
-for _name in ("simulate", "build", "rebuild", "validate", "identify", "atlas", "transient", "verify"):
+for _name in ("simulate", "build", "rebuild", "validate", "measure", "identify", "atlas", "transient", "verify"):
     app.command(_name)(getattr(importlib.import_module(f"capsbayes.cli.{_name}"), _name))
 
 

@@ -136,8 +136,11 @@ class Inputs:
         Raises
         ------
         InputError
-            If the velocity is hardly measured: its flow could then be arbitrarily slow.
+            If nothing was measured, or the velocity hardly: its flow could then be arbitrarily slow.
         """
+        if not measurement.status.ok:
+            where = measurement.source or "measurement"
+            raise InputError(where, "status", "a measurement that ended as it should", str(measurement.status))
         if measurement.capsule_velocity_error > _LOOSEST_VELOCITY * measurement.capsule_velocity:
             where, share = measurement.source or "measurement", _LOOSEST_VELOCITY
             got = f"{measurement.capsule_velocity_error / measurement.capsule_velocity:.0%}"

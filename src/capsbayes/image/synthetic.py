@@ -1,0 +1,309 @@
+"""A drawn picture of a capsule between two walls, with everything about it known.
+
+The drawing is made on pixels three times finer than the camera's, from the distance of each to the outline, so that
+an edge lies where it should to a hundredth of a pixel. Positions are (x, y) in pixels, x to the right and y down, the
+centre of the first pixel at (0, 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter, uniform_filter1d
+from scipy.spatial import KDTree
+
+from capsbayes.profile import Profile
+
+__all__ = ["Drawing", "Optics", "Scene", "draw"]
+
+Floats = NDArray[np.float64]
+
+_FINE = 3  # fine pixels along the side of one of the camera's
+_EXACT = 1.5  # px from the outline within which the distance is not interpolated between the camera's pixels
+_SPACING = 0.1  # px between the points that stand for an outline
+
+
+@dataclass(frozen=True)
+class Optics:
+    """How light, capsule, lens and camera make a picture; lengths in pixels, the rest as a share of the full light.
+
+    Parameters
+    ----------
+    blur : float [px]
+        Standard deviation of the lens's blur.
+    motion : float [px]
+        Way of the capsule while the shutter is open, rounded to fine pixels.
+    band_depth, band_width : float
+        Darkness at the outer edge, and how far inside it has fallen to 1/e.
+    interior : float
+        Darkness of the capsule far from its edge.
+    halo, halo_width : float
+        Brightness added just outside the edge, and how far outside it has fallen to 1/e.
+    rear_depth, rear_width : float
+        Darkness along the concave rear, in its middle, and the distance at which it has fallen to 1/e.
+    wall_depth, wall_width : float
+        Darkness in the middle of a wall, and the distance at which it has fallen to 1/e.
+    outside : float
+        Light beyond the walls.
+    vignetting : float
+        Light lost in the corners of the picture.
+    unevenness : float
+        Light gained from the left border to the right one, and from the upper one to the lower.
+    full_light : float
+        Grey level of the full light.
+    electrons : float
+        Counted at the full light: the shot noise there is its square root.
+    background_frames : int
+        Pictures of the empty channel that its background is the mean of.
+    """
+
+    blur: float = 0.7
+    motion: float = 0.0
+    band_depth: float = 0.6
+    band_width: float = 5.0
+    interior: float = 0.25
+    halo: float = 0.0
+    halo_width: float = 2.0
+    rear_depth: float = 0.4
+    rear_width: float = 3.0
+    wall_depth: float = 0.6
+    wall_width: float = 2.5
+    outside: float = 0.93
+    vignetting: float = 0.0
+    unevenness: float = 0.0
+    full_light: float = 200.0
+    electrons: float = 10_000.0
+    background_frames: int = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Where things are in the picture.
+
+    Parameters
+    ----------
+    profile : (p, 2) array [l]
+        Outline in the plane of the axis, columns (z, y), z along the flow; its rear is drawn where it is concave.
+    silhouette : (q, 2) array [l]
+        Outline seen from the side, columns (z, y).
+    half_width : float [px]
+        Half the width of the channel l: the size of a pixel is l over it.
+    shape : tuple of int
+        Rows and columns of the picture.
+    centre : tuple of float, optional [px]
+        Place (x, y) of the middle of the capsule's length, on the centre line; the picture's middle by default.
+    tilt : float [rad]
+        Angle of the channel to the rows, from x towards y.
+    flow : int
+        1 if the capsule moves to the right, -1 if to the left.
+    """
+
+    profile: ArrayLike
+    silhouette: ArrayLike
+    half_width: float
+    shape: tuple[int, int] = (200, 200)
+    centre: tuple[float, float] | None = None
+    tilt: float = 0.0
+    flow: int = 1
+
+    @property
+    def middle(self) -> Floats:
+        """Place (x, y) of the middle of the capsule's length."""
+        rows, columns = self.shape
+        return np.array(((columns - 1) / 2.0, (rows - 1) / 2.0) if self.centre is None else self.centre)
+
+    @property
+    def across(self) -> Floats:
+        """Unit vector (x, y) from the centre line to the lower wall."""
+        return np.array([-np.sin(self.tilt), np.cos(self.tilt)])
+
+    def placed(self, points: ArrayLike) -> Floats:
+        """Points (z, y) [l] as positions (x, y) [px] : (p, 2) arrays."""
+        z, y = np.asarray(points, dtype=float).T
+        ends = np.asarray(self.silhouette, dtype=float)[:, 0]
+        along = self.flow * np.array([np.cos(self.tilt), np.sin(self.tilt)])
+        local = (z - 0.5 * (ends.max() + ends.min()))[:, None] * along + y[:, None] * self.across
+        return np.asarray(self.middle + self.half_width * local)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A drawn picture, that of the empty channel, and the truth.
+
+    Parameters
+    ----------
+    picture, background : (rows, columns) array of uint8
+        With and without the capsule.
+    scene : Scene
+        What was drawn.
+    axial_extent : float [px]
+        L_z of the silhouette.
+    axial_length : float [px]
+        L_a of the profile.
+    half_width : float [px]
+        l.
+    outline : (q, 2) array [px]
+        Silhouette, columns (x, y).
+    """
+
+    picture: NDArray[np.uint8]
+    background: NDArray[np.uint8]
+    scene: Scene
+    axial_extent: float = field(init=False)
+    axial_length: float = field(init=False)
+    half_width: float = field(init=False)
+    outline: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        scene = self.scene
+        extent = float(np.ptp(np.asarray(scene.silhouette)[:, 0]))
+        object.__setattr__(self, "half_width", scene.half_width)
+        object.__setattr__(self, "axial_extent", scene.half_width * extent)
+        object.__setattr__(self, "axial_length", scene.half_width * Profile.from_outline(scene.profile).axial_length)
+        object.__setattr__(self, "outline", scene.placed(scene.silhouette))
+
+
+def draw(scene: Scene, optics: Optics, *, seed: int) -> Drawing:
+    """Draw a capsule in its channel, and the channel empty.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is where.
+    optics : Optics
+        How it is seen.
+    seed : int
+        Of the shot noise.
+
+    Returns
+    -------
+    Drawing
+
+    Examples
+    --------
+    >>> angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    >>> sphere = 0.8 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    >>> drawn = draw(Scene(sphere, sphere, half_width=80.0), Optics(), seed=1)
+    >>> drawn.picture.shape, round(drawn.axial_extent, 6)
+    ((200, 200), 128.0)
+    """
+    random = np.random.default_rng(seed)
+    grid = _fine_grid(scene.shape)
+    channel = _channel(grid, scene, optics)
+    capsule = _capsule(grid, scene, optics)
+    if optics.motion > 0.0:
+        capsule = uniform_filter1d(capsule, 2 * round(0.5 * optics.motion * _FINE) + 1, axis=1, mode="nearest")
+    light = _light(scene.shape, optics)
+    seen = light * _on_camera(channel * capsule, optics.blur)
+    empty = light * _on_camera(channel, optics.blur)
+    return Drawing(_exposed(seen, 1, optics, random), _exposed(empty, optics.background_frames, optics, random), scene)
+
+
+def _fine_grid(shape: tuple[int, int]) -> Floats:
+    """Positions (x, y) of the centres of the fine pixels : (3 rows, 3 columns, 2) array [px]."""
+    y, x = (np.arange(_FINE * count) / _FINE - (_FINE - 1) / (2 * _FINE) for count in shape)
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _channel(grid: Floats, scene: Scene, optics: Optics) -> Floats:
+    apart = np.abs((grid - scene.middle) @ scene.across) - scene.half_width
+    beyond = np.clip(_FINE * apart + 0.5, 0.0, 1.0)
+    line = 1.0 - optics.wall_depth * np.exp(-((apart / optics.wall_width) ** 2))
+    return np.asarray(line * (1.0 - (1.0 - optics.outside) * beyond))
+
+
+def _capsule(grid: Floats, scene: Scene, optics: Optics) -> Floats:
+    """Share of the light that the capsule lets through at each fine pixel."""
+    outline = scene.placed(scene.silhouette)
+    depth = _signed_distance(grid, outline, 2.6 * max(optics.band_width, optics.halo_width))
+    inside = np.clip(_FINE * depth + 0.5, 0.0, 1.0)
+    band = (optics.band_depth - optics.interior) * np.exp(-((np.maximum(depth, 0.0) / optics.band_width) ** 2))
+    halo = optics.halo * np.exp(-((np.minimum(depth, 0.0) / optics.halo_width) ** 2))
+    within = (1.0 - optics.interior - band) * _rear(grid, scene, optics)
+    return np.asarray(inside * within + (1.0 - inside) * (1.0 + halo))
+
+
+def _rear(grid: Floats, scene: Scene, optics: Optics) -> Floats:
+    """Share of the light that the membrane of the concave rear lets through."""
+    rear = _concave_rear(np.asarray(scene.profile, dtype=float))
+    if len(rear) < 3:
+        return np.ones(grid.shape[:2])
+    distance = _nearest(grid, _dense(scene.placed(rear), closed=False), 2.6 * optics.rear_width)
+    return np.asarray(1.0 - optics.rear_depth * np.exp(-((distance / optics.rear_width) ** 2)))
+
+
+def _concave_rear(profile: Floats) -> Floats:
+    """Points of a profile between the furthest points of its rear on either side of the axis."""
+    rearmost = [
+        np.flatnonzero(side)[np.argmin(profile[side, 0])] for side in (profile[:, 1] >= 0.0, profile[:, 1] < 0.0)
+    ]
+    start, stop = sorted(map(int, rearmost))
+    return profile[start : stop + 1]
+
+
+def _dense(points: Floats, *, closed: bool) -> Floats:
+    corners = np.concatenate([points, points[:1]]) if closed else points
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    at = np.linspace(0.0, length[-1], int(length[-1] / _SPACING), endpoint=not closed)
+    return np.stack([np.interp(at, length, corners[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def _signed_distance(grid: Floats, outline: Floats, reach: float) -> Floats:
+    """Distance to a closed outline, positive inside, no further than `reach` : array of the shape of the grid."""
+    dense = _dense(outline, closed=True)
+    x, y = dense.T
+    tangent = np.roll(dense, -1, axis=0) - np.roll(dense, 1, axis=0)
+    sense = np.sign(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    inward = sense * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.hypot(*tangent.T)[:, None]
+    tree = KDTree(dense)
+
+    def signed(points: Floats, reach: float) -> Floats:
+        queried = tree.query(points, distance_upper_bound=reach)
+        distance, nearest = np.asarray(queried[0]), np.asarray(queried[1])
+        near = np.isfinite(distance)
+        projected = np.sum((points[near] - dense[nearest[near]]) * inward[nearest[near]], axis=1)
+        # close by, the distance to the nearest point would be too long by that of the points from each other
+        apart = np.where(distance[near] < 1.0, projected, np.copysign(distance[near], projected))
+        distance[near] = apart
+        return distance
+
+    coarse = grid[_FINE // 2 :: _FINE, _FINE // 2 :: _FINE]
+    mask = np.zeros(coarse.shape[:2], dtype=np.uint8)
+    cv2.fillPoly(mask, [np.rint(outline).astype(np.int32)], 1)
+    away = signed(coarse.reshape(-1, 2), reach).reshape(mask.shape)
+    away = np.where(np.isfinite(away), away, np.where(mask == 1, reach, -reach))  # so far, rounding is nothing
+    depth = np.asarray(cv2.resize(away, grid.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float64)
+    edge = np.abs(depth) < _EXACT
+    depth[edge] = signed(grid[edge], np.inf)
+    return depth
+
+
+def _nearest(grid: Floats, points: Floats, reach: float) -> Floats:
+    """Distance of each fine pixel to a set of points, infinite beyond `reach`."""
+    tree = KDTree(points)
+    around, _ = tree.query(grid[_FINE // 2 :: _FINE, _FINE // 2 :: _FINE], distance_upper_bound=reach + 1.0)
+    near = np.repeat(np.repeat(np.isfinite(around), _FINE, axis=0), _FINE, axis=1)
+    distance = np.full(grid.shape[:2], np.inf)
+    distance[near], _ = tree.query(grid[near], distance_upper_bound=reach)
+    return distance
+
+
+def _light(shape: tuple[int, int], optics: Optics) -> Floats:
+    y, x = (np.linspace(-1.0, 1.0, count)[:, None] for count in shape)
+    away = 0.5 * (x.T**2 + y**2)
+    return np.asarray((1.0 - optics.vignetting * away) * (1.0 + 0.5 * optics.unevenness * (x.T + y)))
+
+
+def _on_camera(fine: Floats, blur: float) -> Floats:
+    blurred = gaussian_filter(fine, _FINE * blur, mode="nearest") if blur > 0.0 else fine
+    rows, columns = (count // _FINE for count in fine.shape)
+    return np.asarray(blurred.reshape(rows, _FINE, columns, _FINE).mean(axis=(1, 3)))
+
+
+def _exposed(light: Floats, frames: int, optics: Optics, random: np.random.Generator) -> NDArray[np.uint8]:
+    """Grey levels of the mean of some frames: shot noise, then rounding to 8 bits."""
+    counted = random.poisson(light * optics.electrons * frames) / (optics.electrons * frames)
+    return np.clip(np.rint(optics.full_light * counted), 0, 255).astype(np.uint8)

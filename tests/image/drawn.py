@@ -1,0 +1,32 @@
+"""Drawn pictures for the tests: shapes of the shipped database, and one that is known in closed form."""
+
+import functools
+
+import numpy as np
+
+from capsbayes.database import Database
+from capsbayes.image.synthetic import Optics, Scene, draw
+
+HALF_WIDTH = 60.0  # px
+PLAIN = Optics()
+
+
+@functools.cache
+def shapes():
+    return Database.open("square-neo-hookean").converged
+
+
+def drawn(capillary_number, size_ratio, *, optics=PLAIN, seed=1, **scene):
+    """Picture of the case nearest to a point of the database."""
+    cases = shapes()
+    apart = np.abs(np.log(cases["capillary_number"] / capillary_number)) + 10.0 * np.abs(
+        cases["size_ratio"] - size_ratio
+    )
+    row = int(np.argmin(apart))
+    placed = {"half_width": HALF_WIDTH} | scene
+    return draw(Scene(cases["profile"][row], cases["silhouette"][row], **placed), optics, seed=seed)
+
+
+def circle(radius):
+    angle = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

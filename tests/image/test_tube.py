@@ -1,0 +1,34 @@
+"""The real capsule of Risso et al. 2006 (doi 10.1017/S0022112005007652) in a circular tube, flowing to the right."""
+
+from pathlib import Path
+
+import pytest
+
+from capsbayes.image.frames import Picture
+from capsbayes.image.measure import sight
+from capsbayes.status import Status
+
+FOLDER = Path(__file__).parents[3] / "shared" / "data" / "capsule_tube"
+
+pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are not in {FOLDER}")
+
+
+@pytest.mark.parametrize("with_background", [True, False])
+def test_what_can_be_read_off_the_picture_by_eye_is_found(with_background):
+    background = Picture.read(FOLDER / "background.png") if with_background else None
+    found = sight(Picture.read(FOLDER / "capsule.png"), background=background, flow="right")
+    assert found.status is Status.DONE
+    extent, length, _, half_width = found.lengths
+    assert 2.0 * half_width == pytest.approx(176.0, abs=1.0)
+    assert extent == pytest.approx(134.0, abs=2.5)
+    assert 113.5 < length < 118.5  # the rear band is some ten pixels thick
+    assert abs(found.walls.tilt) < 0.003
+
+
+def test_the_other_direction_is_refused():
+    assert sight(Picture.read(FOLDER / "capsule.png"), flow="left").status is Status.WRONG_FLOW
+
+
+def test_the_empty_tube_holds_no_capsule():
+    empty = Picture.read(FOLDER / "background.png")
+    assert sight(empty, background=empty).status is Status.NO_CAPSULE
