@@ -20,7 +20,7 @@ VELOCITY = ("--velocity", "6.20 +/- 0.06 mm/s")
 
 @pytest.fixture
 def folder(tmp_path):
-    made = drawn(0.1, 1.05, half_width=55.0)
+    made = drawn(0.08, 1.05, half_width=55.0)
     cv2.imwrite(str(tmp_path / "capsule.png"), made.picture)
     cv2.imwrite(str(tmp_path / "empty.png"), made.background)
     (tmp_path / "experiment.toml").write_text(EXPERIMENT)

@@ -26,7 +26,7 @@ def seen(made, *, flow=None, background=True):
 @pytest.mark.parametrize("background", [True, False])
 @pytest.mark.parametrize("scene", [{}, {"tilt": 0.03, "flow": -1, "centre": (102.3, 97.1)}])
 def test_lengths_of_a_parachute(optics, tolerance, background, scene):
-    made = drawn(0.1, 1.05, optics=optics, half_width=55.0, **scene)
+    made = drawn(0.08, 1.05, optics=optics, half_width=55.0, **scene)
     found = seen(made, background=background)
     assert found.status is Status.DONE
     assert found.flow == made.scene.flow
@@ -65,7 +65,7 @@ def test_a_convex_rear_gives_a_bound_not_a_length():
 
 
 def test_a_measurement_is_over_l_with_the_errors_of_both(tmp_path):
-    made = drawn(0.1, 1.05, half_width=55.0)
+    made = drawn(0.08, 1.05, half_width=55.0)
     for name in ("picture", "background"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), getattr(made, name))
     measured = measure(
@@ -133,7 +133,7 @@ def test_a_wrong_flow_is_refused():
 
 def test_errors_grow_with_the_noise():
     quiet, noisy = (
-        np.sqrt(seen(drawn(0.1, 1.05, half_width=55.0, optics=Optics(electrons=count))).covariance[0, 0])
+        np.sqrt(seen(drawn(0.08, 1.05, half_width=55.0, optics=Optics(electrons=count))).covariance[0, 0])
         for count in (50_000, 1500)
     )
     assert noisy > 1.5 * quiet
