@@ -30,6 +30,7 @@ _STEPS = 100
 _LONGEST = 0.5  # time step U dt / l; instabilities that grow at more than twice its inverse would be damped
 _SHORTEST = 1e-4
 _FARTHEST = 0.05  # over a, of any node in one step
+_TOO_LONG = 5.0  # length over a of a capsule that goes on growing
 _SLOW = 0.05  # speed below which the steady state is tried
 
 
@@ -65,7 +66,7 @@ def settled(problem: Problem, capillary_number: float, size_ratio: float) -> New
     identity = np.eye(len(free))
     for step in range(_STEPS):
         rate, jacobian = motion.linearised(free)
-        if not np.isfinite(rate.speed):
+        if not np.isfinite(rate.speed) or np.ptp(problem.mesh.expanded(free)[:, 2]) > _TOO_LONG * size_ratio:
             return None
         if rate.speed < _SLOW and step >= patience:
             iterate = replace(here, free=free, velocity=rate.velocity, slack=rate.slack)
