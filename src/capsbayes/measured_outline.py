@@ -9,6 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
+from capsbayes.profile import edge_lengths, signed_area
 
 __all__ = ["MeasuredOutline", "OutlineNoise", "Pose"]
 
@@ -52,8 +53,7 @@ class OutlineNoise:
 
     def covariance(self, points: Floats) -> Floats:
         """Covariance (m, m) of the errors at the vertices (m, 2) of a closed outline."""
-        edges = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
-        arc = np.concatenate([[0.0], np.cumsum(edges)])
+        arc = np.concatenate([[0.0], np.cumsum(edge_lengths(points))])
         apart = np.abs(arc[:-1, None] - arc[:-1])
         apart = np.minimum(apart, arc[-1] - apart)
         same = np.eye(len(points))
@@ -127,8 +127,7 @@ class MeasuredOutline:
             raise InputError("measurement", "outline", "finite coordinates", "NaN or infinite ones")
         if np.array_equal(points[0], points[-1]):
             points = points[:-1]
-        z, y = points.T
-        if np.sum(z * np.roll(y, -1) - np.roll(z, -1) * y) < 0.0:
+        if signed_area(points) < 0.0:
             points = points[::-1]
         points = np.ascontiguousarray(points)
         points.setflags(write=False)

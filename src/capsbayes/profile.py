@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 
-__all__ = ["Profile", "vertex_normals"]
+__all__ = ["Profile", "edge_lengths", "signed_area", "vertex_normals"]
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Profile:
         extent = np.ptp(points[:, 0])
         if abs(points[0, 1]) > _AXIS_TOLERANCE * extent:
             raise _bad("a first point on the axis y = 0", f"y = {points[0, 1]:g}", "use Profile.from_outline")
-        if _signed_area(points) <= 0.0:
+        if signed_area(points) <= 0.0:
             raise _bad("the side y > 0 first", "the side y < 0 first", "use Profile.from_outline")
         if np.max(_axis_crossings(points), initial=-np.inf) > points[0, 0] + _AXIS_TOLERANCE * extent:
             raise _bad("the nose as first point", "another point of the axis", "use Profile.from_outline")
@@ -75,7 +75,7 @@ class Profile:
         outline = _checked(points)
         if np.array_equal(outline[0], outline[-1]):
             outline = outline[:-1]
-        if _signed_area(outline) < 0.0:
+        if signed_area(outline) < 0.0:
             outline = outline[::-1]
         crossings = _axis_crossings(outline)
         if crossings.size < 2:
@@ -127,12 +127,12 @@ class Profile:
     @property
     def perimeter(self) -> float:
         """Length of the outline P."""
-        return float(_edge_lengths(self.points).sum())
+        return float(edge_lengths(self.points).sum())
 
     @property
     def area(self) -> float:
         """Area within the outline."""
-        return _signed_area(self.points)
+        return signed_area(self.points)
 
     def stretch_ratio(self, radius: float) -> float:
         """Perimeter over that of the sphere at rest, Lambda = P / (2 pi a).
@@ -161,7 +161,7 @@ class Profile:
         -------
         Profile
         """
-        corner = np.concatenate([[0.0], np.cumsum(_edge_lengths(self.points))])
+        corner = np.concatenate([[0.0], np.cumsum(edge_lengths(self.points))])
         closed = np.concatenate([self.points, self.points[:1]])
         length = corner[-1] * np.arange(count) / count
         return Profile(np.stack([np.interp(length, corner, closed[:, axis]) for axis in (0, 1)], axis=1))
@@ -215,12 +215,14 @@ def _checked(points: ArrayLike, minimum: int = 4) -> Floats:
     return array
 
 
-def _signed_area(points: Floats) -> float:
+def signed_area(points: Floats) -> float:
+    """Area within a closed outline (p, 2) with columns (z, y), positive in the sense of a `Profile`."""
     z, y = points.T
     return float(0.5 * np.sum(z * np.roll(y, -1) - np.roll(z, -1) * y))
 
 
-def _edge_lengths(points: Floats) -> Floats:
+def edge_lengths(points: Floats) -> Floats:
+    """Length of each edge of a closed outline (p, 2), from its vertex to the next : (p,) array."""
     return np.asarray(np.hypot(*(np.roll(points, -1, axis=0) - points).T))
 
 

@@ -34,8 +34,10 @@ def simulate(
     """
     import json
 
-    _check_suffix("--out", out, (".vtu",))
-    _check_suffix("--plot", plot, (".png", ".pdf", ".svg"))
+    from capsbayes.cli.choices import check_suffix
+
+    check_suffix("simulate", "--out", out, (".vtu",))
+    check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))
     from capsbayes.membrane import law_named
     from capsbayes.simulation import Simulator
 
@@ -60,17 +62,6 @@ def simulate(
         from capsbayes.report.shape_plot import write_shape_plot
 
         write_shape_plot(state, plot)
-
-
-def _check_suffix(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
-    from capsbayes.errors import InputError
-
-    if path is None:
-        return
-    if path.suffix not in suffixes:
-        raise InputError("simulate", option, f"a file name that ends in {' or '.join(suffixes)}", repr(str(path)))
-    if not path.parent.is_dir():
-        raise InputError("simulate", option, "a folder that exists", repr(str(path.parent)))
 
 
 def _run(simulator: Any, capillary_number: float, size_ratio: float) -> SteadyState:

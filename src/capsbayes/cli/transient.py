@@ -39,9 +39,11 @@ def transient(
 
     It ends before `until` when the capsule has become steady. Exit status: 0 done, 2 bad input.
     """
-    _check_suffix("--table", table, (".csv",))
-    _check_suffix("--out", out, (".pvd",))
-    _check_suffix("--plot", plot, (".png", ".pdf", ".svg"))
+    from capsbayes.cli.choices import check_suffix
+
+    check_suffix("transient", "--table", table, (".csv",))
+    check_suffix("transient", "--out", out, (".pvd",))
+    check_suffix("transient", "--plot", plot, (".png", ".pdf", ".svg"))
     from capsbayes.membrane import law_named
     from capsbayes.simulation import Simulator
     from capsbayes.simulation.moment import save_series
@@ -77,17 +79,6 @@ def transient(
         from capsbayes.report.transient_plot import write_transient_figure
 
         write_transient_figure(_chosen(moments), plot)
-
-
-def _check_suffix(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
-    from capsbayes.errors import InputError
-
-    if path is None:
-        return
-    if path.suffix not in suffixes:
-        raise InputError("transient", option, f"a file name that ends in {' or '.join(suffixes)}", repr(str(path)))
-    if not path.parent.is_dir():
-        raise InputError("transient", option, "a folder that exists", repr(str(path.parent)))
 
 
 def _followed(way: Iterator[Moment], until: float) -> list[Moment]:

@@ -2,8 +2,9 @@
 
 A steady state costs little when it starts from a near one. A column is walked
 upward from the lowest capillary number, along the branch of a capsule at rest.
-Where that branch ends in a fold the capsule snaps through to a parachute, and
-the walk goes on along the parachutes until they end too. The walk is a fixed
+Where that branch ends or becomes unstable a capsule snaps through to a
+parachute, and the walk goes on along the parachutes until they end too. Then
+the shapes below are confirmed from rest, from the top down. The walk is a fixed
 program of runs whose outcomes are kept, so a walk that was cut off takes up its
 thread by walking again over what is kept, and ends with the same numbers as an
 undisturbed one.
@@ -18,6 +19,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from capsbayes.simulation.parts import Outcome, Parts
+from capsbayes.simulation.settling import SHALLOW
 from capsbayes.status import Status
 
 __all__ = [
@@ -41,7 +43,6 @@ LOST = "lost from rest"
 OUTLINE_POINTS = 256
 _FIRST_TRIED = (0.01, 0.02, 0.05)  # where to begin if the lowest case does not converge
 _BELOW_LIMIT = (0.96, 0.99)  # of the Ca at which a branch ends: cases that are run beside those asked for
-_DEEP = 0.1  # depth of the rear over a that a capsule exceeds once it has snapped through
 _FALL = 0.015  # share of L_z that is lost in a snap-through, and not from one parachute to the next
 _BRACKET = 1.08  # of the Ca on either side of a snap-through
 _SAME = 2e-3  # difference of L_z below which two shapes are one
@@ -66,9 +67,8 @@ class Border(NamedTuple):
     """End of a branch in a column: the capillary number there, and what ends it.
 
     `kind` is LIMIT_OF_EXISTENCE or LIMIT_OF_DATABASE at the upper end of the column. Below it, where the shapes that a
-    capsule at rest begins with end, it is SNAP_THROUGH: up to there a parachute may be stable as well. Where that
-    branch was lost without a fold, as where the membrane wrinkles, it is LOST: which shape a capsule reaches from
-    there to the snap-through is not established.
+    capsule at rest begins with end, it is SNAP_THROUGH: up to there a parachute may be stable as well. Where a
+    capsule beyond it was not seen to come to rest, it is LOST: which shape it takes from there on is not established.
     """
 
     size_ratio: float
@@ -225,7 +225,7 @@ def _fallen(last: Outcome, outcome: Outcome) -> bool:
 
 def _deep(outcome: Outcome) -> bool:
     """Whether the rear is so concave that the capsule does not snap through any more."""
-    return bool(outcome.variables["parachute_depth"] > _DEEP * outcome.size_ratio)
+    return bool(outcome.variables["parachute_depth"] > SHALLOW * outcome.size_ratio)
 
 
 def _limit(outcome: Outcome, last: Outcome) -> float:

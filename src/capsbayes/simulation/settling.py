@@ -23,9 +23,9 @@ from capsbayes.simulation.problem import Iterate, Problem
 from capsbayes.simulation.steady_state import NewtonResult, steady_state
 from capsbayes.simulation.transient import growth_rates
 
-__all__ = ["is_shallow", "is_stable", "may_buckle", "settled"]
+__all__ = ["SHALLOW", "is_shallow", "is_stable", "may_buckle", "settled"]
 
-_SHALLOW = 0.1  # depth of the rear over a that no capsule exceeds before it snaps through
+SHALLOW = 0.1  # depth of the rear over a that no capsule exceeds before it snaps through
 _STEPS = 100
 _LONGEST = 0.5  # time step U dt / l; instabilities that grow at more than twice its inverse would be damped
 _SHORTEST = 1e-4
@@ -37,7 +37,7 @@ _SLOW = 0.05  # speed below which the steady state is tried
 def is_shallow(problem: Problem, iterate: Iterate) -> bool:
     """Whether the rear is convex, or so little concave that the capsule may still snap through to a parachute."""
     outline = profile(problem.mesh, problem.mesh.expanded(iterate.free))
-    return bool(outline.parachute_depth < _SHALLOW * iterate.size_ratio)
+    return bool(outline.parachute_depth < SHALLOW * iterate.size_ratio)
 
 
 def may_buckle(problem: Problem, iterate: Iterate) -> bool:
