@@ -105,20 +105,6 @@ def test_the_rows_of_one_value_of_an_effect(database):
     assert len(database.at_value(0.05)) == 0
 
 
-def test_a_plain_file_from_before_there_were_effects_is_read(file):
-    with h5py.File(file, "a") as raw:
-        for name in ("effect_value", "border_effect_value"):
-            del raw[name]
-        for name in ("effect", "null_value"):
-            del raw.attrs[name]
-    with pytest.raises(DatabaseError, match="its content does not match its sha256"):
-        Database.read(file)
-    old = Database.open("square-neo-hookean")
-    assert (old.effect, old.null_value) == ("none", 0.0)
-    np.testing.assert_array_equal(old.values, [0.0])
-    assert len(old.at_value(0.0)) == len(old)
-
-
 def test_hash_knows_every_value_and_the_pedigree_but_not_the_date(database):
     assert Database.assemble(arrays(), attributes() | {"created": "another day"}).sha256 == database.sha256
     assert Database.assemble(arrays(), attributes() | {"law": "another"}).sha256 != database.sha256

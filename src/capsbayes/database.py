@@ -69,6 +69,7 @@ VARIABLES: dict[str, Variable] = {
     "residual": Variable(_CASE, "f", "R", "U", "largest collocation residual of the steady state"),
     "slack": Variable(_CASE, "f", "s", "U", "uniform normal velocity left over, an indicator of the mesh's error"),
     "minimum_tension": Variable(_CASE, "f", "tau_min", "G_s", "smallest principal tension of the membrane"),
+    "wrinkling_rate": Variable(_CASE, "f", "sigma", "U/l", "growth rate of wrinkles about the axis, where checked"),
     "iterations": Variable(_CASE, "i", "k", "1", "Newton iterations"),
     "refinement": Variable(_CASE, "i", "n", "1", "subdivisions of an edge of the octahedron"),
     "status": Variable(_CASE, "U", "status", "1", "why the computation ended, a name of capsbayes.Status"),
@@ -184,10 +185,8 @@ class Database:
         for name in dataset.variables:
             if dataset[name].dtype.kind in "OT":  # text of variable length comes back as objects
                 dataset[name] = dataset[name].astype("U")
-        unchanged = _content_hash(dataset) == dataset.attrs.get("sha256")
-        dataset = _with_effect(dataset)
         _check(dataset, str(path))
-        if not unchanged:
+        if _content_hash(dataset) != dataset.attrs.get("sha256"):
             raise DatabaseError(f"{path}: its content does not match its sha256; it was damaged or changed by hand")
         return cls(dataset)
 
@@ -305,15 +304,6 @@ def _shipped_folders() -> tuple[Path, ...]:
     """Where shipped files lie: in the installed package, or in the source tree."""
     package = Path(__file__).resolve().parent
     return package / "databases", package.parents[1] / "data" / "databases"
-
-
-def _with_effect(dataset: xr.Dataset) -> xr.Dataset:
-    """A plain file written before there were effects, with what it lacks."""
-    if "effect" in dataset.attrs:
-        return dataset
-    lacking = {name: VARIABLES[name].dims for name in ("effect_value", "border_effect_value")}
-    zeros = {name: (dims, np.zeros(dataset.sizes.get(dims[0], 0))) for name, dims in lacking.items()}
-    return dataset.assign(zeros).assign_attrs(effect=NO_EFFECT, null_value=0.0)
 
 
 def _check(dataset: xr.Dataset, where: str) -> None:

@@ -10,7 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.prediction import Prediction
 
-__all__ = ["Domain", "ForwardModel"]
+__all__ = ["TWO_SHAPES", "WRINKLES", "Domain", "Doubting", "ForwardModel"]
+
+TWO_SHAPES = "two shapes"
+"""Doubt of a model that answers for capsules started from rest, where another shape is stable too."""
+
+WRINKLES = "wrinkles"
+"""Doubt of a model that answers with a smooth shape, where the membrane wrinkles."""
 
 
 @runtime_checkable
@@ -54,4 +60,13 @@ class ForwardModel(Protocol):
 
     def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
         """Predict a batch; outlines only on request, as they cost more than the lengths."""
+        ...
+
+
+@runtime_checkable
+class Doubting(Protocol):
+    """A forward model that says where its answer does not hold for every capsule."""
+
+    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """By kind of doubt (TWO_SHAPES, WRINKLES), whether it concerns each point of a batch : (n,) arrays."""
         ...

@@ -41,6 +41,10 @@ class Status(enum.Enum):
         "The posterior leans on low capillary numbers at which two steady shapes are stable: "
         "its intervals hold for a capsule that was started from rest."
     )
+    LEANS_ON_WRINKLES = (
+        "The posterior leans on capsules whose membrane wrinkles about the axis; the model's shape is smooth, and its "
+        "length on the axis some 2 % too short."
+    )
     GRID_TOO_COARSE = "The grid did not resolve the posterior within its largest size; do not use the intervals."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
 

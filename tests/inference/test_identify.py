@@ -63,17 +63,29 @@ def test_too_little_sampling_is_said(model, experiment, capsule):
     assert not all(gate.passed for gate in found.gates)
 
 
-class TwoShapesBelow(PolynomialModel):
-    """The same model, with another stable shape up to a Ca."""
+class Doubtful(PolynomialModel):
+    """The same model, with another stable shape or with wrinkles up to a Ca."""
 
-    def unsettled(self, theta):
-        return theta["capillary_number"] < 0.1
+    def __init__(self, kind):
+        super().__init__()
+        self.kind = kind
+
+    def doubts(self, theta):
+        return {self.kind: theta["capillary_number"] < 0.1}
 
 
-def test_a_posterior_where_two_shapes_are_stable_says_so(experiment, capsule):
-    found = identify(capsule, TwoShapesBelow(), experiment, seed=1, engine="quadrature")
-    assert found.status is Status.LEANS_ON_TWO_SHAPES
-    assert "started from rest" in str(found.status)
+@pytest.mark.parametrize(
+    ("kind", "status", "words"),
+    [
+        ("two shapes", Status.LEANS_ON_TWO_SHAPES, "started from rest"),
+        ("wrinkles", Status.LEANS_ON_WRINKLES, "wrinkles about the axis"),
+    ],
+)
+def test_a_posterior_where_the_model_doubts_its_shape_says_so(experiment, capsule, kind, status, words):
+    found = identify(capsule, Doubtful(kind), experiment, seed=1, engine="quadrature")
+    assert found.status is status
+    assert words in str(found.status)
+    assert found.leaning[kind] > 0.5
 
 
 def test_a_posterior_cut_by_the_domain_leans_on_it(model, experiment, capsule_from_the_side):

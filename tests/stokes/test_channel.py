@@ -9,7 +9,7 @@ from capsbayes.stokes.rectangular import RectangularChannel
 from capsbayes.stokes.rounded_square import RoundedSquareChannel
 from capsbayes.stokes.sections import section_named
 from capsbayes.stokes.square import SquareChannel
-from capsbayes.surface import D4
+from capsbayes.surface import C_INF_V, D4
 
 CHANNELS = [
     SquareChannel(),
@@ -123,7 +123,8 @@ def test_sections_by_name():
     assert section_named("circular") == CircularChannel()
     assert all(pickle.loads(pickle.dumps(channel)) == channel for channel in CHANNELS)
     assert len(set(CHANNELS)) == len(CHANNELS)
-    assert all(channel.symmetry is D4 for channel in CHANNELS if not isinstance(channel, RectangularChannel))
+    assert SquareChannel().symmetry is RoundedSquareChannel(0.1).symmetry is D4
+    assert CircularChannel().symmetry is C_INF_V
 
 
 @pytest.mark.parametrize(

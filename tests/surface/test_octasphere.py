@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.surface import D4, octasphere
+from capsbayes.surface import C_INF_V, D4, octasphere
 from capsbayes.surface.prolongation import prolonged
 
 
@@ -47,3 +47,28 @@ def test_prolongation_keeps_a_smooth_symmetric_field():
 
     free = prolonged(coarse.reduced(field(coarse.nodes)[coarse.wedge]), coarse, fine)
     np.testing.assert_allclose(fine.expanded(free), field(fine.nodes), atol=2e-5)
+
+
+def test_axisymmetric_fields_are_the_same_in_every_direction():
+    """Any free coordinates; the knots are the latitudes of the mesh, so that its own fields are met at every node."""
+    mesh = octasphere(6, C_INF_V)
+    free = np.random.default_rng(1).normal(size=mesh.basis.shape[1])
+    vectors, nodes = mesh.expanded(free), mesh.nodes
+    radial = np.einsum("ni,ni->n", vectors[:, :2], nodes[:, :2]) / np.maximum(np.hypot(*nodes[:, :2].T), 1e-12)
+    np.testing.assert_allclose(np.hypot(*vectors[:, :2].T), np.abs(radial), atol=1e-12)
+    for values in (radial, vectors[:, 2]):
+        for height in np.unique(np.round(nodes[:, 2], 9)):
+            assert np.ptp(values[np.abs(nodes[:, 2] - height) < 1e-8]) < 1e-10
+    assert mesh.largest(free) == pytest.approx(np.max(np.abs(vectors[mesh.wedge])))
+
+
+def test_axisymmetric_fields_are_met_by_splines_of_the_latitude():
+    mesh = octasphere(8, C_INF_V)
+
+    def field(x):
+        return x * (1 + 0.2 * x[:, 2:] + 0.1 * x[:, 2:] ** 3)
+
+    free = mesh.reduced(field(mesh.nodes)[mesh.wedge])
+    assert len(free) == 64
+    np.testing.assert_allclose(mesh.basis.T @ (mesh.basis @ free), free, atol=1e-13)
+    np.testing.assert_allclose(mesh.expanded(free), field(mesh.nodes), atol=1e-6)

@@ -106,6 +106,6 @@ def database(columns=19, rows=16, *, failed=(), **attributes):
         "iterations": np.zeros(count, dtype=int),
         "refinement": np.full(count, 8),
     }
-    for name in ("inner_pressure", "extra_pressure_drop", "residual", "slack", "minimum_tension"):
+    for name in ("inner_pressure", "extra_pressure_drop", "residual", "slack", "minimum_tension", "wrinkling_rate"):
         variables[name] = zeros
     return Database.assemble(variables, {**ATTRIBUTES, **attributes})

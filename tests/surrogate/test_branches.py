@@ -4,7 +4,7 @@ import pytest
 
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
-from capsbayes.surrogate.branches import branches_of, unsettled_region
+from capsbayes.surrogate.branches import branches_of
 
 
 def test_one_branch_holds_every_converged_case_and_no_more():
@@ -73,18 +73,3 @@ def test_where_the_rear_turns_concave_smoothly_the_branches_meet_at_the_onset():
     parachute, convex = branches_of(Database(dataset))
     np.testing.assert_allclose(convex.region.highest, 0.03, rtol=1e-9)
     np.testing.assert_array_equal(parachute.region.lowest, convex.region.highest)
-
-
-def test_below_the_snap_through_the_shape_is_unsettled():
-    plain = manufactured.database()
-    assert unsettled_region(plain) is None
-    dataset = plain.dataset.copy(deep=True)
-    dataset["border_kind"].values[[4, 6]] = "snap-through"
-    dataset["border_kind"].values[5] = "lost from rest"
-    dataset["border_capillary_number"].values[4:7] = 0.012, 0.008, 0.016
-    region = unsettled_region(Database(dataset))
-    size = dataset["border_size_ratio"].values[4:7]
-    np.testing.assert_array_equal(region.size_ratio, size)
-    np.testing.assert_allclose(region.highest, 0.016)  # that of the neighbours, and of all where it was lost
-    np.testing.assert_array_equal(region.contains(np.array([0.014, 0.017]), size[:2]), [True, False])
-    assert not region.contains(np.array([0.012]), np.array([size[0] - 0.01]))[0]

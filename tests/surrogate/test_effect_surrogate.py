@@ -87,6 +87,7 @@ def test_a_fixed_value_is_a_plain_model(model):
     plain = model.fixed(value)
     np.testing.assert_array_equal(plain(where).values, held.values)
     np.testing.assert_array_equal(plain.domain.contains(**where), held.inside)
-    np.testing.assert_array_equal(
-        plain.unsettled(where), model.unsettled(where | {model.coordinate: np.full(50, value)})
-    )
+    there = model.doubts(where | {model.coordinate: np.full(50, value)})
+    assert plain.doubts(where).keys() == there.keys()
+    for kind, concerned in plain.doubts(where).items():
+        np.testing.assert_array_equal(concerned, there[kind])

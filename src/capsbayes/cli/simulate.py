@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -97,6 +98,7 @@ def _summary(state: SteadyState) -> dict[str, Any]:
         "extra_pressure_drop": state.extra_pressure_drop,
         "minimum_tension": float(state.principal_tensions.min()),
         "maximum_tension": float(state.principal_tensions.max()),
+        "wrinkling_rate": None if math.isnan(state.wrinkling_rate) else state.wrinkling_rate,
         "iterations": state.iterations,
     }
 
@@ -111,6 +113,7 @@ _ROWS = (
     ("dP+ l / (mu U)", "extra_pressure_drop", "pressure drop that the capsule adds"),
     ("min tau / G_s", "minimum_tension", "smallest principal tension"),
     ("max tau / G_s", "maximum_tension", "largest principal tension"),
+    ("sigma l / U", "wrinkling_rate", "growth of wrinkles about the axis; the shape is the smooth one"),
 )
 
 
@@ -126,5 +129,9 @@ def _as_text(state: SteadyState, summary: dict[str, Any]) -> str:
         summary["message"],
     ]
     if state.status.ok:
-        lines += [f"  {symbol:16s} {summary[key]:9.4f}   {meaning}" for symbol, key, meaning in _ROWS]
+        lines += [
+            f"  {symbol:16s} {summary[key]:9.4f}   {meaning}"
+            for symbol, key, meaning in _ROWS
+            if summary[key] is not None
+        ]
     return "\n".join(lines)

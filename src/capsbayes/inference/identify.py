@@ -27,7 +27,7 @@ from capsbayes.inference.shares import variance_shares
 from capsbayes.inference.tabulated_outline import TabulatedOutline
 from capsbayes.inference.target import Target
 from capsbayes.measurement import Measurement
-from capsbayes.model import ForwardModel
+from capsbayes.model import TWO_SHAPES, WRINKLES, Doubting, ForwardModel
 from capsbayes.parameters import COORDINATES
 from capsbayes.status import Status
 
@@ -36,7 +36,7 @@ __all__ = ["ENGINES", "identify"]
 Floats = NDArray[np.float64]
 
 ENGINES = ("emcee", "quadrature")
-_TWO_SHAPES = "two shapes"
+_DOUBTS = {TWO_SHAPES: Status.LEANS_ON_TWO_SHAPES, WRINKLES: Status.LEANS_ON_WRINKLES}
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
 _OUTLINES = 200
 _TRIED, _TABLE_ERROR, _BEYOND = 500, 0.02, 4  # draws at which a table of log densities is tried; nodes beyond the grid
@@ -198,9 +198,9 @@ class _Run(NamedTuple):
 def _leaning(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
     place = ("capillary_number", "size_ratio")
     shares = {"model": leaning(draws, place, model.domain.contains, tuple(prior.coordinates))}
-    if hasattr(model, "unsettled"):
+    if isinstance(model, Doubting):
         drawn = {name: np.ravel(values) for name, values in draws.items() if name in (*place, *COORDINATES)}
-        shares[_TWO_SHAPES] = float(np.mean(model.unsettled(drawn)))
+        shares |= {kind: float(np.mean(concerned)) for kind, concerned in model.doubts(drawn).items()}
     for name, one in (
         ("surface_shear_modulus", prior.surface_shear_modulus),
         ("capsule_radius", prior.capsule_radius),
@@ -225,8 +225,7 @@ def _status(gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str,
         return Status.ENGINES_DISAGREE
     if leans["model"] > LEANING_SHARE:
         return Status.LEANS_ON_BORDER
-    if max(share for name, share in leans.items() if name != _TWO_SHAPES) > LEANING_SHARE:
+    if max(share for name, share in leans.items() if name not in _DOUBTS) > LEANING_SHARE:
         return Status.LEANS_ON_PRIOR
-    if leans.get(_TWO_SHAPES, 0.0) > LEANING_SHARE:
-        return Status.LEANS_ON_TWO_SHAPES
-    return Status.DONE
+    doubts = (status for kind, status in _DOUBTS.items() if leans.get(kind, 0.0) > LEANING_SHARE)
+    return next(doubts, Status.DONE)

@@ -285,6 +285,7 @@ def _row(state: Any) -> dict[str, Any]:
         "velocity_ratio": float(state.velocity_ratio),
         "inner_pressure": float(state.inner_pressure),
         "extra_pressure_drop": float(state.extra_pressure_drop),
+        "wrinkling_rate": float(state.wrinkling_rate),
         "minimum_tension": float(np.min(state.principal_tensions)),
         "nodes": np.array(state.nodes, dtype=float),
         "profile": np.array(profile.resampled(OUTLINE_POINTS).points),

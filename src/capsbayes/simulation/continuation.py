@@ -220,7 +220,7 @@ def _at_once(problem: Problem, start: NewtonResult, capillary_number: float) -> 
     if abs(np.log(capillary_number / start.iterate.capillary_number)) > _AT_ONCE:
         return None
     predicted = _predicted(start, capillary_number)
-    return _near(problem, predicted, 0.002 + 0.3 * _displacement(predicted, start.iterate))
+    return _near(problem, predicted, 0.002 + 0.3 * _displacement(problem, predicted, start.iterate))
 
 
 def _along_ca(problem: Problem, start: NewtonResult, capillary_number: float) -> BranchEnd:
@@ -258,13 +258,14 @@ def _predicted(last: NewtonResult, capillary_number: float) -> Iterate:
 def _near(problem: Problem, start: Iterate, distance: float) -> NewtonResult | None:
     """The steady state to which Newton's iteration converges, if it is no other branch's: within a displacement."""
     trial = steady_state(problem, start, max_iterations=12, patience=6)
-    near = trial.converged and _displacement(trial.iterate, start) < distance
+    near = trial.converged and _displacement(problem, trial.iterate, start) < distance
     return trial if near and abs(trial.iterate.slack) < 20 * SLACK_LIMIT else None
 
 
-def _displacement(one: Iterate, other: Iterate) -> float:
-    """Root mean square distance over a between two shapes, per free coordinate."""
-    return float(np.sqrt(np.mean((one.free - other.free) ** 2))) / one.size_ratio
+def _displacement(problem: Problem, one: Iterate, other: Iterate) -> float:
+    """Root mean square distance over a between two shapes, per coordinate of a node."""
+    coordinates = 3 * len(problem.mesh.wedge)
+    return float(np.linalg.norm(one.free - other.free)) / (np.sqrt(coordinates) * one.size_ratio)
 
 
 def _resolved(result: NewtonResult) -> Status:

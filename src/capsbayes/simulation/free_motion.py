@@ -21,17 +21,13 @@ Array = NDArray[np.float64]
 
 
 class Rate(NamedTuple):
-    """dx/dt (F,) of a shape, V and s, and the directions (F, c) in which s and V act."""
+    """dx/dt (F,) of a shape, V and s, the directions (F, c) in which s and V act, and the speed of the fastest node."""
 
     change: Array
     velocity: float
     slack: float
     across: Array
-
-    @property
-    def speed(self) -> float:
-        """Of the fastest node beside the centroid [U]."""
-        return float(np.max(np.abs(self.change)))
+    speed: float
 
 
 class FreeMotion:
@@ -67,7 +63,8 @@ class FreeMotion:
     def _rate(self, motion: Motion, along: Array) -> Rate:
         across = np.column_stack([motion.normal, motion.axial] if self.drifts else [motion.normal])
         pull = -np.linalg.solve(along @ across, along @ motion.error)
-        return Rate(motion.error + across @ pull, float(0.0 - np.sum(pull[1:])), float(pull[0]), across)
+        change = motion.error + across @ pull
+        return Rate(change, float(0.0 - np.sum(pull[1:])), float(pull[0]), across, self.problem.mesh.largest(change))
 
     def _seen_from_walls(self, free: Array) -> Iterate:
         return replace(self.start, free=free, velocity=0.0, slack=0.0)

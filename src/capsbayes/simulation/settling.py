@@ -22,8 +22,9 @@ from capsbayes.simulation.outlines import profile
 from capsbayes.simulation.problem import Iterate, Problem
 from capsbayes.simulation.steady_state import NewtonResult, steady_state
 from capsbayes.simulation.transient import growth_rates
+from capsbayes.stokes.circular import CircularChannel, FourfoldTube
 
-__all__ = ["SHALLOW", "is_shallow", "is_stable", "may_buckle", "settled"]
+__all__ = ["SHALLOW", "is_shallow", "is_stable", "may_buckle", "settled", "wrinkling_rate"]
 
 SHALLOW = 0.1  # depth of the rear over a that no capsule exceeds before it snaps through
 _STEPS = 100
@@ -42,15 +43,32 @@ def is_shallow(problem: Problem, iterate: Iterate) -> bool:
 
 def may_buckle(problem: Problem, iterate: Iterate) -> bool:
     """Whether a shallow shape is compressed by half as much as makes a sphere buckle, or by more."""
+    return is_shallow(problem, iterate) and _is_compressed(problem, iterate)
+
+
+def _is_compressed(problem: Problem, iterate: Iterate) -> bool:
     dilation = problem.law.area_dilation_modulus
     threshold = 2.0 * np.sqrt(4.0 * dilation / (dilation + 1.0) * problem.bending)
     tensions = problem.membrane(iterate.size_ratio).principal_tensions(iterate.free)
-    return is_shallow(problem, iterate) and bool(np.min(tensions) < -0.5 * threshold)
+    return bool(np.min(tensions) < -0.5 * threshold)
 
 
 def is_stable(problem: Problem, iterate: Iterate) -> bool:
     """Whether small disturbances of a steady state that share its symmetry decay."""
     return bool(growth_rates(problem, iterate)[0].real < 0.0)
+
+
+def wrinkling_rate(problem: Problem, iterate: Iterate) -> float:
+    """Rate [U/l] at which the fastest of those wrinkles about the axis grow in which the capsule keeps four mirrors.
+
+    NaN where it has none but these symmetries anyway, or is hardly compressed. The mesh decides how short the wrinkles
+    can be: the rate says whether there are any, not which.
+    """
+    if not isinstance(problem.flow, CircularChannel) or not _is_compressed(problem, iterate):
+        return float("nan")
+    loose = replace(problem, flow=FourfoldTube())
+    nodes = problem.mesh.expanded(iterate.free)[problem.mesh.wedge]
+    return float(growth_rates(loose, replace(iterate, free=loose.mesh.reduced(nodes)))[0].real)
 
 
 def settled(problem: Problem, capillary_number: float, size_ratio: float) -> NewtonResult | None:
@@ -75,7 +93,7 @@ def settled(problem: Problem, capillary_number: float, size_ratio: float) -> New
                 return found
             patience = 2 * step
         length, change = _LONGEST, np.full_like(free, np.inf)
-        while not np.max(np.abs(change)) < _FARTHEST * size_ratio:
+        while not problem.mesh.largest(change) < _FARTHEST * size_ratio:
             change = length * scipy.linalg.solve(identity - length * jacobian, rate.change)
             length /= 2.0
             if length < _SHORTEST:

@@ -16,6 +16,7 @@ from capsbayes.simulation.continuation import BranchEnd, followed, parachute, re
 from capsbayes.simulation.moment import Moment, first_shape, moments
 from capsbayes.simulation.pressure import pressures
 from capsbayes.simulation.problem import Iterate, Problem
+from capsbayes.simulation.settling import wrinkling_rate
 from capsbayes.simulation.shape import Shape
 from capsbayes.simulation.steady_state import NewtonResult, steady_state
 from capsbayes.simulation.transient import Scheme
@@ -56,6 +57,9 @@ class SteadyState(Shape):
         What else there is to say about `status`.
     limit : float
         Where a branch of steady states ended in a fold, the Ca there; else NaN.
+    wrinkling_rate : float
+        In a circular tube the shape is axisymmetric: rate [U/l] at which fourfold wrinkles about its axis grow, if
+        positive. NaN in other sections and where the membrane is hardly compressed.
     along_ca : (f + 2,) array
         Derivative of shape, velocity and slack along Ca: starts the next case.
     """
@@ -69,6 +73,7 @@ class SteadyState(Shape):
     status: Status
     detail: str
     limit: float
+    wrinkling_rate: float
     along_ca: Array = field(repr=False)
 
     @property
@@ -295,6 +300,7 @@ class Simulator:
             status=end.status,
             detail=detail,
             limit=end.limit,
+            wrinkling_rate=wrinkling_rate(problem, iterate) if end.status is Status.DONE else float("nan"),
             along_ca=result.tangent,
         )
 

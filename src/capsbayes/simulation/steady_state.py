@@ -117,7 +117,7 @@ def steady_state(
         if iteration == 0 and size < tolerance:
             return NewtonResult(iterate, True, size, iteration, tangent)
         step = scipy.linalg.lu_solve(factor, -residual, check_finite=False)
-        length = 0.15 * start.size_ratio / np.max(np.abs(step[:count]))
+        length = 0.15 * start.size_ratio / problem.mesh.largest(step[:count])
         iterate = iterate.moved(min(1.0, length) * step)
         if size > _KEEP_BELOW:
             factor = None

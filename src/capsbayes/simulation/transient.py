@@ -115,7 +115,7 @@ def _factor(error: float, tolerance: float) -> float:
 
 def _too_far(change: Array, motion: FreeMotion) -> bool:
     """Whether a node would move by the capsule's radius in one step: such a shape is not worth computing."""
-    return not np.max(np.abs(change)) < motion.start.size_ratio
+    return not motion.problem.mesh.largest(change) < motion.start.size_ratio
 
 
 class _Midpoint:
@@ -136,11 +136,12 @@ class _Rosenbrock:
 
     def __init__(self, motion: FreeMotion) -> None:
         self.motion = motion
-        self.reference = np.full_like(motion.start.free, np.inf)
+        self.reference: Array | None = None
         self.jacobian = np.empty(0)
 
     def __call__(self, free: Array, rate: Rate, length: float) -> tuple[Array, float]:
-        if np.max(np.abs(free - self.reference)) > _MOVED * self.motion.start.size_ratio:
+        mesh = self.motion.problem.mesh
+        if self.reference is None or mesh.largest(free - self.reference) > _MOVED * self.motion.start.size_ratio:
             self.reference, self.jacobian = free, self.motion.linearised(free)[1]
         factor = scipy.linalg.lu_factor(np.eye(len(free)) - _GAMMA * length * self.jacobian)
         first = length * scipy.linalg.lu_solve(factor, rate.change)
@@ -148,7 +149,7 @@ class _Rosenbrock:
             return first, np.nan
         ahead = length * self.motion.rate(free + first).change
         second = scipy.linalg.lu_solve(factor, ahead - 2.0 * first)
-        return 1.5 * first + 0.5 * second, 0.5 * float(np.max(np.abs(first + second)))
+        return 1.5 * first + 0.5 * second, 0.5 * mesh.largest(first + second)
 
 
 def stable_step(problem: Problem, start: Iterate) -> float:

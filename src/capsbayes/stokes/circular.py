@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from capsbayes.stokes.channel import Channel, unidirectional
 from capsbayes.stokes.rounded_outline import rounded_filling, rounded_outline
-from capsbayes.surface.symmetry import D4, Symmetry
+from capsbayes.surface.symmetry import C_INF_V, D4, Symmetry
 
-__all__ = ["CircularChannel"]
+__all__ = ["CircularChannel", "FourfoldTube"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class CircularChannel(Channel):
-    """Circular tube of radius one; its symmetry is that of the mesh."""
+    """Circular tube of radius one; the capsule in it is held to axisymmetric shapes."""
 
     name: ClassVar[str] = "circular"
-    symmetry: ClassVar[Symmetry] = D4
+    symmetry: ClassVar[Symmetry] = C_INF_V
     area: ClassVar[float] = float(np.pi)
     pressure_gradient: ClassVar[float] = 8.0
 
@@ -38,3 +38,10 @@ class CircularChannel(Channel):
     def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
         """Rings on an eighth of the disk; see :meth:`Channel.filling`."""
         return rounded_filling(1.0, spacing, outwards)
+
+
+@dataclass(frozen=True)
+class FourfoldTube(CircularChannel):
+    """The same tube; the capsule in it may take shapes with the symmetry of the mesh, as it does when it wrinkles."""
+
+    symmetry: ClassVar[Symmetry] = D4

@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from capsbayes.surface.symmetry import D4, Symmetry
 
@@ -73,7 +74,9 @@ class OctaSphere:
 
     @cached_property
     def basis(self) -> sp.csr_matrix:
-        """(3 W, F) sparse: directions in which symmetry leaves each wedge node free, orthonormal columns."""
+        """(3 W, F) sparse: the wedge's vectors that symmetry leaves free, orthonormal columns."""
+        if self.symmetry.axisymmetric:
+            return sp.csr_matrix(_meridional(self.nodes[self.wedge], 4 * self.refinement))
         blocks = [self.symmetry.free_directions(point) for point in self.nodes[self.wedge]]
         return sp.csr_matrix(sp.block_diag(blocks, format="csr"))
 
@@ -93,6 +96,31 @@ class OctaSphere:
     def reduced(self, wedge_vectors: Array) -> Array:
         """Free coordinates (F,) of the vectors (W, 3) given on the wedge."""
         return self.basis.T @ wedge_vectors.ravel()
+
+    def largest(self, free: Array) -> float:
+        """Largest component of the vectors at the nodes with free coordinates (F,)."""
+        return float(np.max(np.abs(self.basis @ free)))
+
+
+def _meridional(points: Array, intervals: int) -> Array:
+    """Orthonormal columns (3 W, 2 intervals): vectors at points (W, 3) of the sphere that are axisymmetric fields.
+
+    Their radial and axial parts are cubic splines of the polar angle, odd and even about the poles, with knots at the
+    latitudes of the mesh.
+    """
+    knots = np.pi / intervals * np.arange(-intervals, intervals + 1)
+    polar, azimuth = np.arccos(np.clip(points[:, 2], -1.0, 1.0)), np.arctan2(points[:, 1], points[:, 0])
+    columns = []
+    for parity, first, last, along in (
+        (-1.0, 1, intervals, np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=1)),
+        (1.0, 0, intervals + 1, np.tile([0.0, 0.0, 1.0], (len(points), 1))),
+    ):
+        values = np.array([(np.arange(len(knots)) == intervals + place) * 1.0 for place in range(first, last)]).T
+        values = values + parity * values[::-1]
+        splines = CubicSpline(knots, values, bc_type="periodic")(polar)
+        columns.append(np.einsum("wi,wk->wik", along, splines).reshape(3 * len(points), -1))
+    orthonormal: Array = np.linalg.qr(np.hstack(columns))[0]
+    return orthonormal
 
 
 def _octant(refinement: int) -> tuple[Array, NDArray[np.int64]]:

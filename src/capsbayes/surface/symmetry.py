@@ -2,7 +2,9 @@
 
 Only one node of each orbit is unknown, and sums over the surface run over one
 element of each orbit. All operations are signed permutations of the axes,
-because the mesh has the symmetry of an octahedron.
+because the mesh has the symmetry of an octahedron. What is the same about the
+axis in every direction shares the square's operations; the fields are then
+held to it.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["C2H", "D2", "D4", "Symmetry"]
+__all__ = ["C2H", "C_INF_V", "D2", "D4", "Symmetry"]
 
 Array = NDArray[np.float64]
 
@@ -27,10 +29,13 @@ class Symmetry:
         Schoenflies' symbol of the rotations, and what they stand for.
     operations : (g, 3, 3) array [-]
         Orthogonal matrices, the identity first.
+    axisymmetric : bool
+        Whether the group also holds every turn about z, which the mesh does not.
     """
 
     name: str
     operations: Array
+    axisymmetric: bool = False
 
     def __reduce__(self) -> str:
         return self.name  # one object in every process, so that what is cached by it is found
@@ -78,6 +83,9 @@ _MIRRORS = [np.diag([sx, sy, 1.0]) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
 
 D4 = Symmetry("D4", np.array([mirror @ other for other in (np.eye(3), _SWAP) for mirror in _MIRRORS]))
 """The square's about z: four quarter turns with mirrors; representatives have 0 <= y <= x."""
+
+C_INF_V = Symmetry("C_INF_V", D4.operations, axisymmetric=True)
+"""The circle's about z: every turn, with mirrors."""
 
 D2 = Symmetry("D2", np.array(_MIRRORS))
 """The rectangle's about z: a half turn with mirrors; representatives have 0 <= x, y."""

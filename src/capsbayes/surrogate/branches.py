@@ -94,23 +94,6 @@ def branches_of(database: Database) -> tuple[Branch, ...]:
     return tuple(branches)
 
 
-def unsettled_region(database: Database) -> Region | None:
-    """Where the database holds the shape reached from rest but another is stable too, or which is reached is not known.
-
-    It lies below the highest snap-through of a column and its neighbours, as the membrane buckles sooner or later by
-    chance; in a column where the branch from rest was lost before any, below the highest of all columns.
-    """
-    size, ca, kind = (database[f"border_{name}"] for name in ("size_ratio", "capillary_number", "kind"))
-    marked = (kind == SNAP_THROUGH) | (kind == LOST)
-    if np.count_nonzero(marked) < 2:
-        return None
-    order = np.flatnonzero(marked)[np.argsort(size[marked])]
-    highest = np.where(kind[order] == LOST, ca[marked].max(), ca[order])
-    highest = np.max([highest, np.append(highest[1:], 0.0), np.append(0.0, highest[:-1])], axis=0)
-    lowest = np.full(len(order), database["capillary_number"].min())
-    return Region(size[order], lowest, highest, np.zeros(len(order), dtype=np.bool_))
-
-
 def _gap(convex: Floats, parachute: Floats) -> tuple[float, float]:
     """Highest convex and lowest parachute Ca of one column; parachutes below a convex case are passed over."""
     if not convex.size:

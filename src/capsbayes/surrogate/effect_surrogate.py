@@ -147,18 +147,19 @@ class EffectSurrogate:
             raise OutsideDatabaseError(capillary_number, size_ratio, reason)
         return prediction
 
-    def unsettled(self, theta: Mapping[str, ArrayLike]) -> NDArray[np.bool_]:
-        """Where it holds for a capsule that was started from rest only, as another shape is stable too : (n,) array.
-
-        So where that is true of one of the two slices beside the point.
-        """
+    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """See :meth:`Doubting.doubts`; those of the two slices beside each point."""
         ca, size, place = self._points(theta)
         cases = {"capillary_number": ca, "size_ratio": size}
-        each = np.stack([one.unsettled(cases) for one in self.slices])
+        each = [one.doubts(cases) for one in self.slices]
         knots = self.domain.weighing.knots
         below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
         points = np.arange(len(ca))
-        return each[below, points] | (each[below + 1, points] & (place > knots[below]))
+        found = {}
+        for kind in sorted({kind for one in each for kind in one}):
+            of_slice = np.stack([one.get(kind, np.zeros(len(ca), dtype=np.bool_)) for one in each])
+            found[kind] = of_slice[below, points] | (of_slice[below + 1, points] & (place > knots[below]))
+        return found
 
     def fixed(self, value: float) -> FixedEffect:
         """The forward model (Ca, a/l) at one value of the coordinate."""
@@ -220,9 +221,9 @@ class FixedEffect:
         """Predict a batch."""
         return self.model(self._held(theta), outline=outline)
 
-    def unsettled(self, theta: Mapping[str, ArrayLike]) -> NDArray[np.bool_]:
-        """See that of the model."""
-        return self.model.unsettled(self._held(theta))
+    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """Those of the model."""
+        return self.model.doubts(self._held(theta))
 
     def _held(self, theta: Mapping[str, Any]) -> dict[str, Any]:
         return {**theta, self.model.coordinate: np.full(np.shape(theta["capillary_number"]), self.value)}

@@ -18,9 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.errors import OutsideDatabaseError
 from capsbayes.prediction import Prediction
-from capsbayes.surrogate.branches import branches_of, unsettled_region
+from capsbayes.surrogate.branches import branches_of
 from capsbayes.surrogate.chart import Chart
-from capsbayes.surrogate.domain import DomainOfExistence, Region
+from capsbayes.surrogate.domain import DomainOfExistence
+from capsbayes.surrogate.doubts import Doubts
 from capsbayes.surrogate.effect_surrogate import SLICE_CELLS, EffectSurrogate, check_values
 from capsbayes.surrogate.sheet import CELLS, COLUMNS, Sheet, approximation_of
 
@@ -61,7 +62,7 @@ class Surrogate:
     cells: tuple[int, int] = CELLS
     domain: DomainOfExistence = field(init=False, repr=False)
     sheets: tuple[Sheet, ...] = field(init=False, repr=False)
-    _unsettled: Region | None = field(init=False, repr=False)
+    _doubts: Doubts = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         cases = self.database.converged
@@ -73,7 +74,7 @@ class Surrogate:
         pairs = zip(branches, rivals, strict=True)
         sheets = tuple(Sheet(cases, branch, chart, rival, self.cells) for branch, rival in pairs)
         object.__setattr__(self, "sheets", sheets)
-        object.__setattr__(self, "_unsettled", unsettled_region(cases))
+        object.__setattr__(self, "_doubts", Doubts.of(cases, chart))
 
     @classmethod
     def open(cls, source: str | Path) -> Surrogate | EffectSurrogate:
@@ -137,10 +138,9 @@ class Surrogate:
         shapes = self._outlines(ca, size) if outline else None
         return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
 
-    def unsettled(self, theta: Mapping[str, ArrayLike]) -> NDArray[np.bool_]:
-        """Where it holds for a capsule that was started from rest only, as another shape is stable too : (n,) array."""
-        ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
-        return np.zeros(len(ca), dtype=np.bool_) if self._unsettled is None else self._unsettled.contains(ca, size)
+    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """See :meth:`Doubting.doubts`."""
+        return self._doubts(*_pair(theta["capillary_number"], theta["size_ratio"]))
 
     def at(self, *, capillary_number: float, size_ratio: float, outline: bool = False) -> Prediction:
         """Predict one point.
