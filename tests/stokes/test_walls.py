@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.stokes.circular import CircularChannel
+from capsbayes.stokes.circular import CircularChannel, FourfoldTube
 from capsbayes.stokes.rectangular import RectangularChannel
 from capsbayes.stokes.rounded_square import RoundedSquareChannel
 from capsbayes.stokes.square import SquareChannel
@@ -31,7 +31,7 @@ def test_stokeslet_and_its_gradient():
     ("channel", "walls"),
     [
         (SquareChannel(), Walls()),
-        (CircularChannel(), Walls()),
+        (FourfoldTube(), Walls()),
         (RoundedSquareChannel(0.02), Walls()),
         (RoundedSquareChannel(0.3), Walls()),
         (RectangularChannel(1.2), Walls(spacing=0.16, far_spacing=0.3)),
@@ -53,3 +53,15 @@ def test_velocity_on_the_walls_is_cancelled_between_the_collocation_points(chann
     left = images_matrix(probes, source, turns) @ force + operator.velocity_matrix(probes) @ strengths.ravel()
     assert np.max(np.abs(left)) < 5e-3 * np.max(np.abs(on_wall))
     assert np.sqrt(np.mean(left**2)) < 5e-4 * np.sqrt(np.mean(on_wall**2))
+
+
+def test_in_a_tube_one_point_of_each_ring_tells_an_axisymmetric_velocity():
+    """A Stokeslet along the axis, off the middle: the walls answer as to its velocity on all of their points."""
+    rings, all_points = WallOperator(CircularChannel(), Walls()), WallOperator(FourfoldTube(), Walls())
+    source, force = np.array([[0.0, 0.0, 0.3]]), np.array([0.0, 0.0, 1.0])
+    once = np.eye(3)[None]
+    at_rings, everywhere = (images_matrix(one.points, source, once) @ force for one in (rings, all_points))
+    assert 5 * len(at_rings) < len(everywhere)
+    np.testing.assert_allclose(rings.strengths(at_rings), all_points.strengths(everywhere), rtol=1e-9, atol=1e-9)
+    row = np.random.default_rng(1).normal(size=(2, 3 * len(rings.sources)))
+    np.testing.assert_allclose(rings.answer(row) @ at_rings, all_points.answer(row) @ everywhere, rtol=1e-7)

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from capsbayes.stokes.channel import Channel
@@ -78,6 +79,13 @@ class WallOperator:
     ----------
     channel : Channel
     walls : Walls
+
+    Attributes
+    ----------
+    points : (p, 3) array
+        Where the velocity on the walls is asked for: one point of each ring, if the flow is axisymmetric.
+    sources : (s, 3) array
+        Places of the Stokeslets.
     """
 
     def __init__(self, channel: Channel, walls: Walls) -> None:
@@ -91,12 +99,16 @@ class WallOperator:
         axial, steps = _axial(spacing, far_spacing, walls.near, walls.end)
         points, areas = channel.wall_points(axial, steps, far_spacing, offset=0.0, end=walls.end)
         self._root_areas = np.repeat(np.sqrt(areas), 3)
-        self.points, self.sources = (np.concatenate([half, half * _MIRROR]) for half in (points, sources))
+        self._wall, self.sources = (np.concatenate([half, half * _MIRROR]) for half in (points, sources))
+        self.points, self._spread = self._wall, None
+        if channel.symmetry.axisymmetric:
+            asked, self._spread = _of_rings(self._wall)
+            self.points = self._wall[asked]
 
     @cached_property
     def _inverses(self) -> tuple[Array, Array]:
-        """Strengths per velocity (3 s/2, 3 p/2) of even and of odd velocities, regularised least squares."""
-        points, sources = self.points[: len(self.points) // 2], self.sources[: len(self.sources) // 2]
+        """Strengths per velocity on half the wall of even and of odd velocities, regularised least squares."""
+        points, sources = self._wall[: len(self._wall) // 2], self.sources[: len(self.sources) // 2]
         same = images_matrix(points, sources, self.operations)
         other = _mirrored_columns(images_matrix(points, sources * _MIRROR, self.operations))
         return self._inverse(same + other), self._inverse(same - other)
@@ -116,7 +128,8 @@ class WallOperator:
 
     def strengths(self, velocity: Array) -> Array:
         """Strengths (s, 3) of the Stokeslets that cancel the velocity (3 p,) on the wall points."""
-        down, up = velocity.reshape(2, -1, 3)
+        spread = velocity if self._spread is None else self._spread @ velocity
+        down, up = spread.reshape(2, -1, 3)
         even, odd = self._inverses
         even_part = -0.5 * even @ (down + up * _MIRROR).ravel()
         odd_part = -0.5 * odd @ (down - up * _MIRROR).ravel()
@@ -124,12 +137,27 @@ class WallOperator:
         return np.concatenate([here, mirrored * _MIRROR])
 
     def answer(self, velocity_matrix: Array) -> Array:
-        """What the walls take away (r, 3 p) from rows (r, 3 s) of velocities, per velocity on the wall points."""
+        """What the walls take away (r, 3 p) from rows (r, 3 s) of velocities, per velocity at the wall points."""
         half = velocity_matrix.shape[1] // 2
         down, up = velocity_matrix[:, :half], _mirrored_columns(velocity_matrix[:, half:])
         even, odd = self._inverses
         even_part, odd_part = (down + up) @ even, (down - up) @ odd
-        return 0.5 * np.hstack([even_part + odd_part, _mirrored_columns(even_part - odd_part)])
+        answer: Array = 0.5 * np.hstack([even_part + odd_part, _mirrored_columns(even_part - odd_part)])
+        return answer if self._spread is None else (self._spread.T @ answer.T).T
+
+
+def _of_rings(points: Array) -> tuple[NDArray[np.int64], sp.bsr_matrix]:
+    """One of the points (p, 3) of each ring about z, and what turns velocities at these to all (3 p,)."""
+    rings = np.round(np.column_stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]]), 9)
+    _, first, ring = np.unique(rings, axis=0, return_index=True, return_inverse=True)
+    ring = ring.ravel()
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    angle = azimuth - azimuth[first][ring]
+    turns = np.zeros((len(points), 3, 3))
+    turns[:, 0, 0], turns[:, 0, 1] = np.cos(angle), -np.sin(angle)
+    turns[:, 1, 0], turns[:, 1, 1], turns[:, 2, 2] = np.sin(angle), np.cos(angle), 1.0
+    shape = (3 * len(points), 3 * len(first))
+    return first, sp.bsr_matrix((turns, ring, np.arange(len(points) + 1)), shape=shape)
 
 
 _MIRROR = np.array([1.0, 1.0, -1.0])

@@ -29,9 +29,9 @@ def section(refinement: int = 8) -> Section:
         "circular-tube",
         "Circular tube",
         f"Neo-Hookean capsules at refinement {refinement} beside axisymmetric ones without bending. The belly of "
-        "uninflated capsules is compressed from a/R = 0.9 on: there the axisymmetric shape, to which the simulator holds "
-        "a capsule in a tube, is unstable to wrinkles about the axis, and the smaller its bending stiffness B the more "
-        "so.",
+        "uninflated capsules is compressed from a/R = 0.9 on: there the axisymmetric shape, to which the simulator "
+        "holds a capsule in a tube, is unstable to wrinkles about the axis, and the more so the smaller its bending "
+        "stiffness B.",
         {
             _item(case, bending): partial(_state, case, bending, refinement)
             for case in TUBE.numbers
