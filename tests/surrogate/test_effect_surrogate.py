@@ -91,3 +91,25 @@ def test_a_fixed_value_is_a_plain_model(model):
     assert plain.doubts(where).keys() == there.keys()
     for kind, concerned in plain.doubts(where).items():
         np.testing.assert_array_equal(concerned, there[kind])
+
+
+def test_modes_of_the_outline_at_the_null_value_are_those_of_the_base(model):
+    one = {"capillary_number": 0.06, "size_ratio": 0.9}
+    found, base = model.outline_modes(**one), model.base.outline_modes(**one)
+    np.testing.assert_allclose(found.T @ found, base.T @ base, atol=1e-12)
+    with pytest.raises(OutsideDatabaseError):
+        model.outline_modes(capillary_number=0.5, size_ratio=0.9)
+
+
+def test_modes_of_the_outline_say_what_the_covariance_of_the_lengths_says(model):
+    """The length on the axis is the place of the nose less that of the rear."""
+    one, (first, second) = {"capillary_number": 0.06, "size_ratio": 0.9}, model.effect_database.values[:2]
+    held = model.fixed(0.6 * first + 0.4 * second)
+    modes = held.outline_modes(**one)
+    outline = model.at(**one, **{model.coordinate: held.value}, outline=True).outline[0]
+    on_axis = np.abs(outline[:, 1]) < 0.02
+    nose, rear = (np.flatnonzero(on_axis & (sign * outline[:, 0] > 0.0)) for sign in (1.0, -1.0))
+    change = modes[:, nose].mean(axis=1) + modes[:, rear].mean(axis=1)
+    said = held({name: np.array([value]) for name, value in one.items()}).covariance[0, 1, 1]
+    assert 0.5 < np.sqrt(np.sum(change**2) / said) < 2.0
+    assert np.sum(modes**2) > np.sum(model.outline_modes(**one) ** 2)

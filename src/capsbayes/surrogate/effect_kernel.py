@@ -22,7 +22,7 @@ from capsbayes.surrogate.registration import place
 from capsbayes.surrogate.sheet import bilinear
 from capsbayes.surrogate.table import hermite
 
-__all__ = ["Stack", "Weighing", "corresponding", "covered", "evaluate"]
+__all__ = ["Stack", "Weighing", "corresponding", "covered", "evaluate", "located"]
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ class Weighing(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _located(ca, size, effect, weighing, position):  # type: ignore[no-untyped-def]
+def located(ca, size, effect, weighing, position):  # type: ignore[no-untyped-def]
     """Interval of the effect, sheet, column and row of the weights for one point; the last is -1 outside the domain."""
     knots = weighing.knots
     if not (knots[0] <= effect <= knots[-1]):
@@ -108,7 +108,7 @@ def covered(ca, size, effect, weighing):  # type: ignore[no-untyped-def]
     """Whether each point lies in the domain : (n,) bool array."""
     inside, position = np.empty(len(ca), np.bool_), np.empty(2)
     for n in range(len(ca)):
-        inside[n] = _located(ca[n], size[n], effect[n], weighing, position)[3] >= 0
+        inside[n] = located(ca[n], size[n], effect[n], weighing, position)[3] >= 0
     return inside
 
 
@@ -149,7 +149,7 @@ def corresponding(ca, size, effect, stack, base, weighing, sheets, places, weigh
     """Fill in for each point its sheet (n,), -1 outside, and Ca and weight (n, k + 1) of each slice and of the base."""
     position, count = np.empty(2), len(weighing.knots)
     for n in range(len(ca)):
-        interval, sheet, column, row = _located(ca[n], size[n], effect[n], weighing, position)
+        interval, sheet, column, row = located(ca[n], size[n], effect[n], weighing, position)
         sheets[n] = sheet if row >= 0 else -1
         if row < 0:
             continue
@@ -178,7 +178,7 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     position, weights, no_slopes = np.empty(2), np.empty(count), np.empty((0, 2))
     found, of_base, error = np.zeros((count, q)), np.empty(q), np.empty((3, 3))
     for n in range(len(ca)):
-        interval, sheet, column, row = _located(ca[n], size[n], effect[n], weighing, position)
+        interval, sheet, column, row = located(ca[n], size[n], effect[n], weighing, position)
         if row < 0:
             continue
         _weigh(effect[n], interval, row, weighing, weights)

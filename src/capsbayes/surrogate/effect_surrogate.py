@@ -11,24 +11,26 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import Database
-from capsbayes.errors import DatabaseError, OutsideDatabaseError
+from capsbayes.errors import CapsbayesError, DatabaseError, OutsideDatabaseError
 from capsbayes.prediction import Prediction
+from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.cardinal import FEWEST_KNOTS, CardinalCubics
-from capsbayes.surrogate.effect_domain import EffectDomain, FixedDomain
-from capsbayes.surrogate.effect_kernel import Stack, Weighing, corresponding, evaluate
+from capsbayes.surrogate.effect_domain import EffectDomain
+from capsbayes.surrogate.effect_kernel import Stack, Weighing, corresponding, evaluate, located
+from capsbayes.surrogate.fixed_effect import FixedEffect
 from capsbayes.surrogate.registration import SHEETS, Borders, matched, moving_borders
 from capsbayes.surrogate.sheet import COLUMNS
 
 if TYPE_CHECKING:
     from capsbayes.surrogate.surrogate import Surrogate
 
-__all__ = ["SLICE_CELLS", "EffectSurrogate", "FixedEffect", "check_values"]
+__all__ = ["SLICE_CELLS", "EffectSurrogate", "check_values"]
 
 Floats = NDArray[np.float64]
 
@@ -142,10 +144,48 @@ class EffectSurrogate:
         theta = {"capillary_number": capillary_number, "size_ratio": size_ratio, **coordinate}
         prediction = self({name: np.array([value]) for name, value in theta.items()}, outline=outline)
         if not prediction.inside[0]:
-            value, (low, high) = coordinate.get(self.coordinate, self.domain.null_value), self.coordinate_range
-            reason = f"at {self.coordinate} = {value:.4g}, of {low:.4g} to {high:.4g}, no steady shape is stored there"
-            raise OutsideDatabaseError(capillary_number, size_ratio, reason)
+            raise self._outside(capillary_number, size_ratio, coordinate)
         return prediction
+
+    def outline_modes(self, *, capillary_number: float, size_ratio: float, **coordinate: float) -> Floats:
+        """Own error of the mid-plane outline at one point, as independent displacements along its normals.
+
+        Those of the base and, as they are weighed, of the slices; of the interpolation between the slices; and the
+        mesh's, as far as it may change with the effect: what makes up the covariance of a prediction.
+
+        Returns
+        -------
+        (k, p) array [l]
+            Each one standard deviation.
+
+        Raises
+        ------
+        OutsideDatabaseError
+            When the point lies outside the domain.
+        """
+        theta = {"capillary_number": capillary_number, "size_ratio": size_ratio, **coordinate}
+        ca, size, effect = self._points({name: np.array([value]) for name, value in theta.items()})
+        weighing = self.domain.weighing
+        interval, _, _, row = located(ca[0], size[0], effect[0], weighing, np.empty(2))
+        if row < 0:
+            raise self._outside(capillary_number, size_ratio, coordinate)
+        sheets, places, weights = self._corresponding(ca, size, effect)
+        normal = vertex_normals(self._outlines(ca, size, effect)[0])
+        left_out, (first, last) = weighing.left_out[row, interval], weighing.ends[row, interval]
+        needed = (weights[0] != 0.0) | np.append(left_out.any(axis=0), False)
+        needed[weighing.null] |= weights[0, -1] != 0.0
+        modes, along = [], np.zeros((len(needed), len(normal)))
+        for j in np.flatnonzero(needed):
+            sheet = next(one for one in self._surrogates[j].sheets if one.branch.name == SHEETS[sheets[0]])
+            along[j] = np.sum(sheet.outlines(places[:, j], size)[0] * normal, axis=1)
+            if weights[0, j] != 0.0:
+                modes.append(weights[0, j] * sheet.outline_modes(places[0, j], size[0]))
+        bump = 4.0 * (effect[0] - first) * (last - effect[0]) / (last - first) ** 2
+        modes.append(bump * left_out @ along[:-1])
+        if weights[0, -1] != 0.0:
+            far = (effect[0] - weighing.knots[weighing.null]) / np.ptp(weighing.knots)
+            modes.append(far * (along[-1] - along[weighing.null])[None])
+        return np.concatenate(modes)
 
     def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
         """See :meth:`Doubting.doubts`; those of the two slices beside each point."""
@@ -170,63 +210,31 @@ class EffectSurrogate:
         arrays = (np.atleast_1d(theta["capillary_number"]), np.atleast_1d(theta["size_ratio"]), effect)
         return [np.ascontiguousarray(array, np.float64) for array in np.broadcast_arrays(*arrays)]
 
-    def _outlines(self, ca: Floats, size: Floats, effect: Floats) -> Floats:
-        surrogates = [*self.slices, self.base]
-        sheets, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(surrogates)))
+    def _outside(self, capillary_number: float, size_ratio: float, coordinate: Mapping[str, float]) -> CapsbayesError:
+        value, (low, high) = coordinate.get(self.coordinate, self.domain.null_value), self.coordinate_range
+        reason = f"at {self.coordinate} = {value:.4g}, of {low:.4g} to {high:.4g}, no steady shape is stored there"
+        return OutsideDatabaseError(capillary_number, size_ratio, reason)
+
+    @property
+    def _surrogates(self) -> list[Surrogate]:
+        return [*self.slices, self.base]
+
+    def _corresponding(self, ca: Floats, size: Floats, effect: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Sheet (n,), and Ca and weight (n, k + 1) of each slice and of the base."""
+        sheets, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(self.slices) + 1))
         places = np.empty_like(weights)
         corresponding(ca, size, effect, self._stack, self._base_stack, self.domain.weighing, sheets, places, weights)
+        return sheets, places, weights
+
+    def _outlines(self, ca: Floats, size: Floats, effect: Floats) -> Floats:
+        sheets, places, weights = self._corresponding(ca, size, effect)
         outlines = np.full((len(ca), self.effect_database.dataset.sizes["point"], 2), np.nan)
         outlines[sheets >= 0] = 0.0
-        for j, surrogate in enumerate(surrogates):
+        for j, surrogate in enumerate(self._surrogates):
             for sheet in surrogate.sheets:
                 here = (sheets == SHEETS.index(sheet.branch.name)) & (weights[:, j] != 0.0)
                 outlines[here] += weights[here, j, None, None] * sheet.outlines(places[here, j], size[here])
         return outlines
-
-
-@dataclass(frozen=True, eq=False)
-class FixedEffect:
-    """Forward model (Ca, a/l) at one value of the coordinate of an effect surrogate.
-
-    Parameters
-    ----------
-    model : EffectSurrogate
-    value : float
-    """
-
-    model: EffectSurrogate
-    value: float
-
-    @property
-    def name(self) -> str:
-        """That of the model, with the value."""
-        return f"{self.model.base.name} at {self.model.coordinate} = {self.value:g}"
-
-    @property
-    def sha256(self) -> str:
-        """That of the model."""
-        return self.model.sha256
-
-    @property
-    def domain(self) -> FixedDomain:
-        """Where it has an answer."""
-        return self.model.domain.at(self.value)
-
-    @property
-    def database(self) -> Database:
-        """The cases of the base."""
-        return self.model.database
-
-    def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
-        """Predict a batch."""
-        return self.model(self._held(theta), outline=outline)
-
-    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """Those of the model."""
-        return self.model.doubts(self._held(theta))
-
-    def _held(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        return {**theta, self.model.coordinate: np.full(np.shape(theta["capillary_number"]), self.value)}
 
 
 def check_values(database: Database) -> None:
