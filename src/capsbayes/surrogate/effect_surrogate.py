@@ -208,7 +208,7 @@ class EffectSurrogate:
     def _points(self, theta: Mapping[str, ArrayLike]) -> list[Floats]:
         effect = self.domain.place(theta.get(self.coordinate, self.domain.null_value))
         arrays = (np.atleast_1d(theta["capillary_number"]), np.atleast_1d(theta["size_ratio"]), effect)
-        return [np.ascontiguousarray(array, np.float64) for array in np.broadcast_arrays(*arrays)]
+        return [np.array(array, np.float64) for array in np.broadcast_arrays(*arrays)]
 
     def _outside(self, capillary_number: float, size_ratio: float, coordinate: Mapping[str, float]) -> CapsbayesError:
         value, (low, high) = coordinate.get(self.coordinate, self.domain.null_value), self.coordinate_range
