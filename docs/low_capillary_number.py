@@ -11,6 +11,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
 
@@ -119,14 +120,17 @@ def tasks() -> Iterator[tuple[str, Callable[[], list[State]]]]:
 def compute(only_page: bool) -> Results:
     """Everything, from the store where it is there; with `only_page`, nothing that is not."""
     known: Results = json.loads(STORE.read_text()) if STORE.exists() else {}
-    for name, task in tasks():
-        if name in known or only_page:
-            continue
-        known[name] = [{key: float(f"{value:.6g}") for key, value in state.items()} for state in task()]
-        partial_file = STORE.with_suffix(".tmp")
-        partial_file.write_text(json.dumps(known, indent=1) + "\n")
-        os.replace(partial_file, STORE)
-        print(name, len(known[name]), file=sys.stderr, flush=True)
+    if only_page:
+        return known
+    with ProcessPoolExecutor(initializer=threadpool_limits, initargs=(1,)) as pool:
+        missing = {pool.submit(task): name for name, task in tasks() if name not in known}
+        for done in as_completed(missing):
+            name = missing[done]
+            known[name] = [{key: float(f"{value:.6g}") for key, value in state.items()} for state in done.result()]
+            partial_file = STORE.with_suffix(".tmp")
+            partial_file.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n")
+            os.replace(partial_file, STORE)
+            print(name, len(known[name]), file=sys.stderr, flush=True)
     return known
 
 
@@ -316,5 +320,4 @@ def page(known: Results) -> str:
 
 
 if __name__ == "__main__":
-    with threadpool_limits(limits=1):
-        PAGE.write_text(page(compute("--page" in sys.argv)))
+    PAGE.write_text(page(compute("--page" in sys.argv)))
