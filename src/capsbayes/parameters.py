@@ -94,6 +94,11 @@ _TABLE = (
     _ratio("stretch_ratio", "Lambda", r"\Lambda", "perimeter of the profile over that at rest, P / (2 pi a)"),
     _ratio("inner_pressure", "p_in", r"p_\mathrm{in}", "pressure of the inner liquid over the outer", "mu U/l"),
     _ratio("extra_pressure_drop", "dP+", r"\Delta P^+", "pressure drop the capsule adds", "mu U/l"),
+    # of the picture, and of what the flow does to the channel
+    Parameter("halo", "delta", r"\delta", "m", "um", 1e6, "distance by which all edges are found too far out"),
+    Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "us", 1e6, "time for which a picture is exposed"),
+    Parameter("pixel_scale", "eps_p", r"\epsilon_\mathrm{p}", "-", "%", 1e2, "relative error of the size of a pixel"),
+    Parameter("swelling", "s_l", r"s_\ell", "s/m", "% per mm/s", 0.1, "relative widening of the channel per velocity"),
     # of a simulation
     _ratio("refinement", "n", "n", "subdivisions of an edge of the octahedron"),
     _ratio("residual", "R", "R", "largest velocity of the membrane in the frame of the capsule", "U"),

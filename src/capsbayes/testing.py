@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +13,12 @@ from numpy.typing import NDArray
 from capsbayes.errors import BrokenPromiseError
 
 if TYPE_CHECKING:
+    from capsbayes.effect import Effect
     from capsbayes.membrane import MembraneLaw
+    from capsbayes.model import ForwardModel
+    from capsbayes.prediction import Prediction
 
-__all__ = ["check_law"]
+__all__ = ["check_effect", "check_law"]
 
 Array = NDArray[np.float64]
 
@@ -43,15 +47,38 @@ def check_law(law: MembraneLaw) -> None:
     >>> from capsbayes.membrane import NeoHookean
     >>> check_law(NeoHookean())
     """
-    for promise, deviation in _LAW_PROMISES.items():
+    _keep(type(law).__name__, {promise: partial(deviation, law) for promise, deviation in _LAW_PROMISES.items()})
+
+
+def check_effect(effect: Effect, model: ForwardModel) -> None:
+    """Check that an effect keeps every promise of its kind.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect, one's own or the library's.
+    model : ForwardModel
+        What it is tried on, as ``Surrogate.open("square-neo-hookean")``.
+
+    Raises
+    ------
+    BrokenPromiseError
+        Naming the first promise that does not hold, and where.
+    """
+    promises = {promise: partial(deviation, effect, model) for promise, deviation in _EFFECT_PROMISES.items()}
+    _keep(type(effect).__name__, promises)
+
+
+def _keep(name: str, promises: Mapping[str, Callable[[], str]]) -> None:
+    for promise, deviation in promises.items():
         try:
-            found = deviation(law)
+            found = deviation()
         except BrokenPromiseError:
             raise
         except Exception as error:
-            raise BrokenPromiseError(type(law).__name__, promise, f"{type(error).__name__}: {error}") from error
+            raise BrokenPromiseError(name, promise, f"{type(error).__name__}: {error}") from error
         if found:
-            raise BrokenPromiseError(type(law).__name__, promise, found)
+            raise BrokenPromiseError(name, promise, found)
 
 
 def _invariants(stretch: Array) -> tuple[Array, Array]:
@@ -179,4 +206,106 @@ _LAW_PROMISES: dict[str, Callable[[MembraneLaw], str]] = {
     "it does not know one direction from the other": _is_isotropic,
     "its surface shear modulus at small strain is 1": _has_unit_shear_modulus,
     "its area dilation modulus at small strain is the one it states": _has_its_area_modulus,
+}
+
+
+_CIRCUMSTANCES = {"half_width": 25e-6, "capsule_velocity": 5e-3, "mean_velocity": 4e-3, "viscosity": 0.8}
+_OUTLINE = 0.01  # l by which the outline may differ from the lengths, beside the error that the prediction states
+
+
+def _batch(effect: Effect, size: float, model: ForwardModel) -> dict[str, Array]:
+    """Five capsules of the model's domain, one outside, and what the effect asks for."""
+    (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
+    ca, ratio = np.random.default_rng(0).uniform([ca_low, size_low], [ca_high, size_high], (400, 2)).T
+    inner = np.flatnonzero(model.domain.contains(ca, ratio))[:5]
+    batch = {
+        "capillary_number": np.append(ca[inner], 1e3 * ca_high),
+        "size_ratio": np.append(ratio[inner], size_high),
+        effect.parameter.name: np.full(len(inner) + 1, size),
+    }
+    return batch | {name: np.full(len(inner) + 1, _CIRCUMSTANCES[name]) for name in effect.circumstances}
+
+
+def _table(prediction: Prediction) -> Array:
+    """All numbers of a prediction : (n, k) array."""
+    count = len(prediction)
+    outline = np.zeros((count, 0)) if prediction.outline is None else prediction.outline.reshape(count, -1)
+    lengths = prediction.values, prediction.stretch_ratio[:, None], prediction.covariance.reshape(count, -1)
+    return np.concatenate([*lengths, outline], axis=1)
+
+
+def _typical(effect: Effect) -> float:
+    """A size within the prior that is not the null value."""
+    sizes = np.asarray(effect.prior.ppf([0.75, 0.6, 0.9]))
+    return float(next(one for one in sizes if one != effect.null_value))
+
+
+def _is_one_effect(effect: Effect, model: ForwardModel) -> str:
+    for name in ("name", "changes", "separated_by"):
+        if not (isinstance(getattr(effect, name), str) and getattr(effect, name)):
+            return f"{name} is {getattr(effect, name)!r}, not a text"
+    unknown = [name for name in effect.circumstances if name not in _CIRCUMSTANCES]
+    if unknown:
+        return f"circumstances are among {', '.join(_CIRCUMSTANCES)}, got {', '.join(unknown)}"
+    if not np.isfinite(effect.prior.logpdf(_typical(effect))):
+        return f"the prior has no density at its own quantile {_typical(effect):g}"
+    return "" if pickle.loads(pickle.dumps(effect)) == effect else "it is another one after pickling"
+
+
+def _does_nothing_at_null(effect: Effect, model: ForwardModel) -> str:
+    theta = _batch(effect, effect.null_value, model)
+    there, here = (one(theta, outline=True) for one in (partial(effect, model), model))
+    both = there.inside & here.inside
+    if not both.any():
+        return "it has an answer for none of five capsules"
+    return _apart("the prediction at the null value", _table(there)[both], _table(here)[both], 1e-9)
+
+
+def _does_something(effect: Effect, model: ForwardModel) -> str:
+    theta = _batch(effect, _typical(effect), model)
+    there, here = (one(theta, outline=True) for one in (partial(effect, model), model))
+    both = there.inside & here.inside
+    if not both.any():
+        return f"at {effect.parameter.name} = {_typical(effect):g} it has an answer for none of five capsules"
+    same = np.allclose(_table(there)[both], _table(here)[both], rtol=0.0, atol=1e-9)
+    return f"at {effect.parameter.name} = {_typical(effect):g} nothing changes" if same else ""
+
+
+def _takes_each_for_itself(effect: Effect, model: ForwardModel) -> str:
+    theta = _batch(effect, _typical(effect), model)
+    kept = {name: values.copy() for name, values in theta.items()}
+    forth = _table(effect(model, theta, outline=True))
+    back = _table(effect(model, {name: values[::-1] for name, values in theta.items()}, outline=True))
+    if any(not np.array_equal(kept[name], values) for name, values in theta.items()):
+        return "it changes the arrays that it is given"
+    return _apart("the batch in reverse order", np.nan_to_num(back[::-1]), np.nan_to_num(forth), 1e-12)
+
+
+def _stays_outside(effect: Effect, model: ForwardModel) -> str:
+    found = effect(model, _batch(effect, _typical(effect), model), outline=True)
+    if found.inside[-1] or not np.isnan(found.values[-1]).all():
+        return "a point outside the model's domain is not NaN with inside False"
+    return _apart("a prediction inside", np.isfinite(_table(found)[found.inside]), np.ones(()))
+
+
+def _moves_outline_and_lengths(effect: Effect, model: ForwardModel) -> str:
+    theta = _batch(effect, _typical(effect), model)
+    there, here = (one(theta, outline=True) for one in (partial(effect, model), model))
+    both = there.inside & here.inside
+    if there.outline is None or here.outline is None:
+        return "it loses the outline"
+    longer = np.ptp(there.outline[both, :, 0], axis=1) - np.ptp(here.outline[both, :, 0], axis=1)
+    due = there.axial_extent[both] - here.axial_extent[both]
+    unsure = np.sqrt(there.covariance[both, 0, 0])
+    within = np.clip(longer, due - unsure, due + unsure)
+    return _apart("the change of the outline's extent along the flow", longer, within, _OUTLINE)
+
+
+_EFFECT_PROMISES: dict[str, Callable[[Effect, ForwardModel], str]] = {
+    "it has a name, sentences, a prior and known circumstances, and can be pickled and compared": _is_one_effect,
+    "at its null value it changes nothing": _does_nothing_at_null,
+    "at a typical size it changes something": _does_something,
+    "it takes each capsule of a batch for itself, and leaves what it is given as it is": _takes_each_for_itself,
+    "outside the model's domain it has no answer, inside a finite one": _stays_outside,
+    "it moves the outline as it moves the lengths": _moves_outline_and_lengths,
 }

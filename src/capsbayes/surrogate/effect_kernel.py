@@ -1,13 +1,17 @@
 """The compiled evaluation of an effect surrogate: base plus weighted slices, at corresponding points.
 
 With w_j the weights of the slices along the effect, T_j the slices and B the
-base, each taken at the point that corresponds to the query,
+base,
 
-    prediction = B + sum_j w_j T_j - T_null
+    prediction = sum_j w_j T_j + (B - T_null)
 
-so that at the null value, where w is one for the null slice alone, it is the
-base, and what the mesh of the slices does to all of them alike drops out.
-Where base or null slice do not have the sheet, the slices stand alone.
+The slices of the sum are each taken at the point that corresponds to the query,
+where it lies between the same borders. The mesh's error, B - T_null, is taken at
+the query's own Ca, or at the border next to it, as it depends on the shape and
+some borders move far with an effect; near a limit of existence, at the same
+share of it. At the null value, where w is one for the
+null slice alone, the prediction is the base. Where base or null slice do not
+have the sheet, the slices stand alone.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from capsbayes.surrogate.registration import place
+from capsbayes.surrogate.registration import border, place
 from capsbayes.surrogate.sheet import bilinear
 from capsbayes.surrogate.table import hermite
 
@@ -66,6 +70,8 @@ class Weighing(NamedTuple):
         Columns of a/l.
     borders : (k - 1, 4, 3, c) array
         Borders of the sheets as functions of the effect, see `moving_borders`.
+    folds : (k - 1, c - 1) bool array
+        Whether the highest Ca is a limit of existence for both slices and for the base, between two columns.
     which : (2, c - 1) int array
         Row of the following arrays to use for each sheet between two columns, -1 for none.
     cubics, left_out, ends : (m, k - 1, ...) arrays
@@ -76,6 +82,7 @@ class Weighing(NamedTuple):
     null: int
     columns: Floats
     borders: Floats
+    folds: NDArray[np.bool_]
     which: NDArray[np.int64]
     cubics: Floats
     left_out: Floats
@@ -132,6 +139,21 @@ def _there(j, sheet, column, position, stack):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _within_base(ca, distance, interval, sheet, column, share, weighing, base, own):  # type: ignore[no-untyped-def]
+    """Fill in the position (2,) between the borders of the base of the query's own Ca, or of the nearest of them.
+
+    Where a fold moves with the effect, the Ca of parachutes is taken over that of the fold.
+    """
+    below, above = (1, 2) if sheet == 0 else (0, 1)
+    borders, there = base.borders[0], ca
+    low = (1.0 - share) * borders[below, column] + share * borders[below, column + 1]
+    high = (1.0 - share) * borders[above, column] + share * borders[above, column + 1]
+    if sheet == 0 and weighing.folds[interval, column]:
+        there *= high / border(weighing.borders[interval], 2, column, share, distance)
+    own[0], own[1] = min(max((there - low) / max(high - low, 1e-300), 0.0), 1.0), share
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _read(j, sheet, column, position, size, stack, value, no_slopes, error):  # type: ignore[no-untyped-def]
     """Fill in value (q,) and error (3, 3) of surrogate j at the point that corresponds."""
     frames, rows = stack.frames, stack.rows
@@ -146,21 +168,29 @@ def _read(j, sheet, column, position, size, stack, value, no_slopes, error):  # 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def corresponding(ca, size, effect, stack, base, weighing, sheets, places, weights):  # type: ignore[no-untyped-def]
-    """Fill in for each point its sheet (n,), -1 outside, and Ca and weight (n, k + 1) of each slice and of the base."""
-    position, count = np.empty(2), len(weighing.knots)
+    """Fill in for each point its sheet (n,), -1 outside, and Ca and weight (n, k + 2).
+
+    Those of each slice, of the null slice as it is taken away, and of the base.
+    """
+    position, own, count = np.empty(2), np.empty(2), len(weighing.knots)
     for n in range(len(ca)):
         interval, sheet, column, row = located(ca[n], size[n], effect[n], weighing, position)
         sheets[n] = sheet if row >= 0 else -1
         if row < 0:
             continue
         _weigh(effect[n], interval, row, weighing, weights[n, :count])
-        weights[n, count] = 0.0
-        if base.known[sheet, 0, column] and stack.known[sheet, weighing.null, column]:
-            weights[n, weighing.null] -= 1.0
-            weights[n, count] = 1.0
         for j in range(count):
             places[n, j] = _there(j, sheet, column, position, stack)
-        places[n, count] = _there(0, sheet, column, position, base)
+        corrected = base.known[sheet, 0, column] and stack.known[sheet, weighing.null, column]
+        distance = effect[n] - weighing.knots[interval]
+        _within_base(ca[n], distance, interval, sheet, column, position[1], weighing, base, own)
+        places[n, count] = _there(weighing.null, sheet, column, own, stack)
+        places[n, count + 1] = _there(0, sheet, column, own, base)
+        weights[n, count] = -1.0 if corrected else 0.0
+        weights[n, count + 1] = 1.0 if corrected else 0.0
+        if corrected and abs(places[n, count] - places[n, weighing.null]) < 1e-12:  # one place: one reading, or none
+            weights[n, weighing.null] -= 1.0
+            weights[n, count] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -175,8 +205,8 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     """
     count, null, q = len(weighing.knots), weighing.null, values.shape[1]
     width = weighing.knots[-1] - weighing.knots[0]
-    position, weights, no_slopes = np.empty(2), np.empty(count), np.empty((0, 2))
-    found, of_base, error = np.zeros((count, q)), np.empty(q), np.empty((3, 3))
+    position, own, weights, no_slopes = np.empty(2), np.empty(2), np.empty(count), np.empty((0, 2))
+    found, of_base, of_null, error = np.zeros((count, q)), np.empty(q), np.empty(q), np.empty((3, 3))
     for n in range(len(ca)):
         interval, sheet, column, row = located(ca[n], size[n], effect[n], weighing, position)
         if row < 0:
@@ -187,18 +217,21 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
         total[:] = 0.0
         corrected = base.known[sheet, 0, column] and stack.known[sheet, null, column]
         if corrected:
-            weights[null] -= 1.0
-            _read(0, sheet, column, position, size[n], base, of_base, no_slopes, total)
-            values[n] = of_base
+            distance = effect[n] - weighing.knots[interval]
+            _within_base(ca[n], distance, interval, sheet, column, position[1], weighing, base, own)
+            _read(null, sheet, column, own, size[n], stack, of_null, no_slopes, error)
+            _read(0, sheet, column, own, size[n], base, of_base, no_slopes, total)
+            values[n] = of_base - of_null
         for j in range(count):
-            if weights[j] == 0.0 and left_out[0, j] == 0.0 and left_out[1, j] == 0.0 and not (corrected and j == null):
+            if weights[j] == 0.0 and left_out[0, j] == 0.0 and left_out[1, j] == 0.0:
                 continue
             _read(j, sheet, column, position, size[n], stack, found[j], no_slopes, error)
             for k in range(q):
                 values[n, k] += weights[j] * found[j, k]
+            weight = weights[j] - 1.0 if corrected and j == null else weights[j]
             for k in range(3):
                 for m in range(3):
-                    total[k, m] += weights[j] ** 2 * error[k, m]
+                    total[k, m] += weight**2 * error[k, m]
         first, last = weighing.ends[row, interval]
         bump = 4.0 * (effect[n] - first) * (last - effect[n]) / (last - first) ** 2
         for side in range(2):
@@ -206,7 +239,7 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
         if corrected:
             far = (effect[n] - weighing.knots[null]) / width
             for k in range(3):
-                total[k, k] += (far * (of_base[k] - found[null, k])) ** 2
+                total[k, k] += (far * (of_base[k] - of_null[k])) ** 2
         values[n, 0] = max(values[n, 0], values[n, 1])  # an onset interpolated to within rounding
         inside[n] = True
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import Database
+from capsbayes.effect import Extendable
 from capsbayes.errors import CapsbayesError, DatabaseError, OutsideDatabaseError
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
@@ -24,7 +25,7 @@ from capsbayes.surrogate.cardinal import FEWEST_KNOTS, CardinalCubics
 from capsbayes.surrogate.effect_domain import EffectDomain
 from capsbayes.surrogate.effect_kernel import Stack, Weighing, corresponding, evaluate, located
 from capsbayes.surrogate.fixed_effect import FixedEffect
-from capsbayes.surrogate.registration import SHEETS, Borders, matched, moving_borders
+from capsbayes.surrogate.registration import SHEETS, Borders, common_folds, matched, moving_borders
 from capsbayes.surrogate.sheet import COLUMNS
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ LOGARITHMIC = ("hardening",)  # shapes are smooth functions of its logarithm: it
 
 
 @dataclass(frozen=True, eq=False)
-class EffectSurrogate:
+class EffectSurrogate(Extendable):
     """Forward model (Ca, a/l, effect) -> (L_z, L_a, v_o/U, Lambda, outline).
 
     Parameters
@@ -76,7 +77,8 @@ class EffectSurrogate:
         logarithmic = database.effect in LOGARITHMIC
         knots = np.log(values) if logarithmic else values
         moving = moving_borders(knots, borders, null, base_borders)
-        weighing = Weighing(knots, null, columns, moving, *_cardinal(knots, borders))
+        folds = common_folds(borders, base_borders)
+        weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(knots, borders))
         made = {
             "domain": EffectDomain(weighing, logarithmic, database.null_value),
             "_stack": _stacked(slices, borders),
@@ -172,20 +174,18 @@ class EffectSurrogate:
         sheets, places, weights = self._corresponding(ca, size, effect)
         normal = vertex_normals(self._outlines(ca, size, effect)[0])
         left_out, (first, last) = weighing.left_out[row, interval], weighing.ends[row, interval]
-        needed = (weights[0] != 0.0) | np.append(left_out.any(axis=0), False)
-        needed[weighing.null] |= weights[0, -1] != 0.0
+        needed = (weights[0] != 0.0) | np.append(left_out.any(axis=0), [False, False])
+        own = np.append(weights[0, :-2], [0.0, weights[0, -1]])
+        own[weighing.null] += weights[0, -2]  # the same error in both places
         modes, along = [], np.zeros((len(needed), len(normal)))
         for j in np.flatnonzero(needed):
             sheet = next(one for one in self._surrogates[j].sheets if one.branch.name == SHEETS[sheets[0]])
             along[j] = np.sum(sheet.outlines(places[:, j], size)[0] * normal, axis=1)
-            if weights[0, j] != 0.0:
-                modes.append(weights[0, j] * sheet.outline_modes(places[0, j], size[0]))
+            if own[j] != 0.0:
+                modes.append(own[j] * sheet.outline_modes(places[0, j], size[0]))
         bump = 4.0 * (effect[0] - first) * (last - effect[0]) / (last - first) ** 2
-        modes.append(bump * left_out @ along[:-1])
-        if weights[0, -1] != 0.0:
-            far = (effect[0] - weighing.knots[weighing.null]) / np.ptp(weighing.knots)
-            modes.append(far * (along[-1] - along[weighing.null])[None])
-        return np.concatenate(modes)
+        far = (effect[0] - weighing.knots[weighing.null]) / np.ptp(weighing.knots)
+        return np.concatenate([*modes, bump * left_out @ along[:-2], far * (along[-1] - along[-2])[None]])
 
     def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
         """See :meth:`Doubting.doubts`; those of the two slices beside each point."""
@@ -217,11 +217,12 @@ class EffectSurrogate:
 
     @property
     def _surrogates(self) -> list[Surrogate]:
-        return [*self.slices, self.base]
+        """Slices, null slice as it is taken away, base."""
+        return [*self.slices, self.slices[self.domain.weighing.null], self.base]
 
     def _corresponding(self, ca: Floats, size: Floats, effect: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Sheet (n,), and Ca and weight (n, k + 1) of each slice and of the base."""
-        sheets, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(self.slices) + 1))
+        """Sheet (n,), and Ca and weight (n, k + 2) of each of `_surrogates`."""
+        sheets, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(self.slices) + 2))
         places = np.empty_like(weights)
         corresponding(ca, size, effect, self._stack, self._base_stack, self.domain.weighing, sheets, places, weights)
         return sheets, places, weights

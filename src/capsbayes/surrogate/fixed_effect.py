@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import Database
+from capsbayes.effect import Extendable
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.effect_domain import FixedDomain
 
@@ -22,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class FixedEffect:
+class FixedEffect(Extendable):
     """Forward model (Ca, a/l) at one value of the coordinate of an effect surrogate.
 
     Parameters

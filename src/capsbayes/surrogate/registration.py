@@ -23,7 +23,7 @@ from scipy.interpolate import PchipInterpolator
 if TYPE_CHECKING:
     from capsbayes.surrogate.surrogate import Surrogate
 
-__all__ = ["SHEETS", "Borders", "matched", "moving_borders", "place"]
+__all__ = ["SHEETS", "Borders", "border", "common_folds", "matched", "moving_borders", "place"]
 
 Floats = NDArray[np.float64]
 
@@ -124,6 +124,13 @@ def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Border
     return cubics
 
 
+def common_folds(slices: list[Borders], base: Borders) -> NDArray[np.bool_]:
+    """Whether the highest Ca is a limit of existence at both ends of an interval, and of the base : (k - 1, c - 1)."""
+    limit = np.stack([one.limit for one in slices])
+    at_columns = limit[1:] & limit[:-1] & base.limit
+    return np.asarray(at_columns[:, 1:] & at_columns[:, :-1])
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-def]
     """Sheet (0 or 1, -1 if none), column and position of one point between the borders of one interval.
@@ -148,9 +155,9 @@ def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-
         else:
             right = middle
     share = (size - columns[left]) / (columns[right] - columns[left])
-    lowest = _border(cubics, 0, left, share, distance)
-    highest = _border(cubics, 2, left, share, distance)
-    division = min(max(_border(cubics, 1, left, share, distance), lowest), highest)
+    lowest = border(cubics, 0, left, share, distance)
+    highest = border(cubics, 2, left, share, distance)
+    division = min(max(border(cubics, 1, left, share, distance), lowest), highest)
     if not (lowest <= ca <= highest):
         return -1, left
     out[1] = share
@@ -162,7 +169,8 @@ def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _border(cubics, which, column, share, distance):  # type: ignore[no-untyped-def]
+def border(cubics, which, column, share, distance):  # type: ignore[no-untyped-def]
+    """Ca of one of the three borders, between two columns."""
     left = right = 0.0
     for power in range(3, -1, -1):
         left = left * distance + cubics[power, which, column]

@@ -190,6 +190,7 @@ def _predict(ca, size, frame, coefficients, errors, values, covariance, inside):
         y = (size[n] / size_step - y_origin) / y_step
         hermite(x, y, coefficients, one, no_slopes)
         values[n] = one
+        values[n, 0] = max(one[0], one[1])  # L_z and L_a are approximated apart, and equal where the rear is convex
         bilinear(x, y, errors, covariance[n])
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import NO_EFFECT, Database
+from capsbayes.effect import Extendable
 from capsbayes.errors import OutsideDatabaseError
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.branches import branches_of
@@ -31,7 +32,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Surrogate:
+class Surrogate(Extendable):
     """Forward model (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline) over a database.
 
     Parameters
@@ -88,13 +89,15 @@ class Surrogate:
         return cls.from_database(database, base=base)
 
     @classmethod
-    def from_database(cls, database: Database, *, base: Database | None = None) -> Surrogate | EffectSurrogate:
+    def from_database(
+        cls, database: Database, *, base: Database | Surrogate | None = None
+    ) -> Surrogate | EffectSurrogate:
         """Make a surrogate; that of an effect database has the effect as one more coordinate.
 
         Parameters
         ----------
         database : Database
-        base : Database, optional
+        base : Database or Surrogate, optional
             For an effect database, a plain one of a finer mesh at the null value; by default the null slice itself.
 
         Raises
@@ -106,9 +109,8 @@ class Surrogate:
             return cls(database)
         check_values(database)
         slices = {value: cls(database.at_value(value), SLICE_CELLS) for value in database.values}
-        return EffectSurrogate(
-            database, tuple(slices.values()), slices[database.null_value] if base is None else cls(base)
-        )
+        plain = slices[database.null_value] if base is None else base
+        return EffectSurrogate(database, tuple(slices.values()), cls(plain) if isinstance(plain, Database) else plain)
 
     @property
     def name(self) -> str:

@@ -1,0 +1,31 @@
+"""Every effect that comes with the library and whose data do."""
+
+from __future__ import annotations
+
+from capsbayes.database import Database
+from capsbayes.effect import Effect
+from capsbayes.effects.channel_swelling import ChannelSwelling
+from capsbayes.effects.halo import Halo
+from capsbayes.effects.motion_blur import MotionBlur
+from capsbayes.effects.pixel_scale import PixelScale
+from capsbayes.effects.simulated import SIMULATED
+
+__all__ = ["catalogue"]
+
+
+def catalogue() -> dict[str, Effect]:
+    """Effects by name of their parameter.
+
+    Returns
+    -------
+    dict of str to Effect
+
+    Examples
+    --------
+    >>> sorted(catalogue())[:3]
+    ['bending', 'corner_radius', 'exposure']
+    """
+    shipped = Database.shipped()
+    effects: list[Effect] = [one for one in SIMULATED.values() if one.database in shipped]
+    effects += [ChannelSwelling(), Halo(), MotionBlur(), PixelScale()]
+    return {one.parameter.name: one for one in effects}

@@ -1,0 +1,53 @@
+"""A soft channel that the pressure of the flow widens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from capsbayes.effect import Kind, Theta
+from capsbayes.effects.displaced import scaled
+from capsbayes.effects.ranges import log_uniform
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.prediction import Prediction
+
+__all__ = ["ChannelSwelling"]
+
+
+@dataclass(frozen=True)
+class ChannelSwelling:
+    """The half width larger than the nominal one in proportion to the flow, taken as that to the capsule's velocity.
+
+    Size ratio and lengths are over the nominal half width; Ca is that of the mean velocity where the capsule is.
+
+    Parameters
+    ----------
+    least, most : float
+        Range of the relative widening per velocity [s/m], log-uniform; PDMS widens by up to 9 %.
+    """
+
+    least: float = 0.05
+    most: float = 10.0
+    name: ClassVar[str] = "channel swelling"
+    parameter: ClassVar[Parameter] = PARAMETERS["swelling"]
+    null_value: ClassVar[float] = 0.0
+    kind: ClassVar[Kind] = Kind.SPEED
+    circumstances: ClassVar[tuple[str, ...]] = ("capsule_velocity",)
+    changes: ClassVar[str] = "The gap is wider than the nominal size says; the apparent G_s drifts with the flow rate."
+    separated_by: ClassVar[str] = (
+        "The distance of the walls in the picture at each flow rate, or a second distance from the outlet."
+    )
+
+    @property
+    def prior(self) -> Any:
+        """Log-uniform."""
+        return log_uniform(self.least, self.most)
+
+    def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Predict in the wider channel, over the nominal half width."""
+        wider = 1.0 + theta["swelling"] * theta["capsule_velocity"]
+        prediction = model({**theta, "size_ratio": theta["size_ratio"] / wider}, outline=outline)
+        return scaled(prediction, wider, np.ones_like(wider))

@@ -1,0 +1,50 @@
+"""Predictions with displaced edges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.prediction import Prediction
+from capsbayes.profile import vertex_normals
+
+__all__ = ["displaced", "scaled"]
+
+Floats = NDArray[np.float64]
+
+
+def displaced(prediction: Prediction, across: Floats, along_flow: Floats) -> Prediction:
+    """A prediction whose edges are found too far out.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    across : (n,) array [l]
+        By how much everywhere, along the normal.
+    along_flow : (n,) array [l]
+        By how much more where the normal is along the flow, and in proportion to its component elsewhere.
+    """
+    longer = 2.0 * (across + along_flow)
+    moved = replace(
+        prediction, axial_extent=prediction.axial_extent + longer, axial_length=prediction.axial_length + longer
+    )
+    if prediction.outline is None:
+        return moved
+    normals = np.stack([vertex_normals(outline) for outline in prediction.outline])
+    distance = across[:, None] + along_flow[:, None] * np.abs(normals[..., 0])
+    return replace(moved, outline=prediction.outline + distance[..., None] * normals)
+
+
+def scaled(prediction: Prediction, lengths: Floats, velocity: Floats) -> Prediction:
+    """A prediction with its lengths and its velocity multiplied by factors (n,)."""
+    factors = np.stack([lengths, lengths, velocity], axis=1)
+    return replace(
+        prediction,
+        axial_extent=prediction.axial_extent * lengths,
+        axial_length=prediction.axial_length * lengths,
+        velocity_ratio=prediction.velocity_ratio * velocity,
+        covariance=prediction.covariance * factors[:, :, None] * factors[:, None, :],
+        outline=None if prediction.outline is None else prediction.outline * lengths[:, None, None],
+    )

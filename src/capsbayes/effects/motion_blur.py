@@ -1,0 +1,50 @@
+"""Nose and rear smeared by the capsule's motion while the picture is exposed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from capsbayes.effect import Kind, Theta
+from capsbayes.effects.displaced import displaced
+from capsbayes.effects.ranges import log_uniform
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.prediction import Prediction
+
+__all__ = ["MotionBlur"]
+
+
+@dataclass(frozen=True)
+class MotionBlur:
+    """Edges found at the outer ends of their smear, which is as long as the way during the exposure.
+
+    Parameters
+    ----------
+    shortest, longest : float
+        Range of the exposure [s], log-uniform.
+    """
+
+    shortest: float = 1e-6
+    longest: float = 1e-3
+    name: ClassVar[str] = "motion blur"
+    parameter: ClassVar[Parameter] = PARAMETERS["exposure"]
+    null_value: ClassVar[float] = 0.0
+    kind: ClassVar[Kind] = Kind.SPEED
+    circumstances: ClassVar[tuple[str, ...]] = ("half_width", "capsule_velocity")
+    changes: ClassVar[str] = (
+        "Nose and rear are soft and lie farther out, the faster the capsule the more; the flanks are sharp."
+    )
+    separated_by: ClassVar[str] = "The width of the edges at nose and flanks, or the exposure of the camera."
+
+    @property
+    def prior(self) -> Any:
+        """Log-uniform."""
+        return log_uniform(self.shortest, self.longest)
+
+    def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Displace the edges that a model predicts."""
+        smear = theta["exposure"] * theta["capsule_velocity"] / theta["half_width"]
+        return displaced(model(theta, outline=outline), np.zeros_like(smear), 0.5 * smear)

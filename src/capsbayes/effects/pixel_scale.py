@@ -1,0 +1,49 @@
+"""A wrong size of the pixel, where the half width of the channel is not read in the same picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from capsbayes.effect import Kind, Theta
+from capsbayes.effects.displaced import scaled
+from capsbayes.effects.ranges import normal
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.prediction import Prediction
+
+__all__ = ["PixelScale"]
+
+
+@dataclass(frozen=True)
+class PixelScale:
+    """All lengths of the capsule and its velocity wrong by one factor, beside a half width known otherwise.
+
+    Parameters
+    ----------
+    spread : float
+        Standard deviation of the relative error.
+    """
+
+    spread: float = 0.01
+    name: ClassVar[str] = "pixel scale"
+    parameter: ClassVar[Parameter] = PARAMETERS["pixel_scale"]
+    null_value: ClassVar[float] = 0.0
+    kind: ClassVar[Kind] = Kind.SESSION
+    circumstances: ClassVar[tuple[str, ...]] = ()
+    changes: ClassVar[str] = (
+        "Lengths over l and velocity are larger by one factor; from the shape alone a channel that has swollen."
+    )
+    separated_by: ClassVar[str] = (
+        "The walls in the same picture, or a ruled slide; another flow rate tells it from swelling."
+    )
+
+    @property
+    def prior(self) -> Any:
+        """Normal about zero."""
+        return normal(0.0, self.spread)
+
+    def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Scale what a model predicts."""
+        factor = 1.0 + theta["pixel_scale"]
+        return scaled(model(theta, outline=outline), factor, factor)

@@ -1,0 +1,28 @@
+"""Priors of effects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["log_uniform", "normal", "uniform"]
+
+
+def normal(mean: float, spread: float) -> Any:
+    """Normal distribution."""
+    from scipy.stats import norm  # half a second to import
+
+    return norm(mean, spread)
+
+
+def uniform(low: float, high: float) -> Any:
+    """Uniform distribution between two ends."""
+    from scipy.stats import uniform as distribution
+
+    return distribution(low, high - low)
+
+
+def log_uniform(low: float, high: float) -> Any:
+    """Distribution whose logarithm is uniform between two ends."""
+    from scipy.stats import loguniform
+
+    return loguniform(low, high)

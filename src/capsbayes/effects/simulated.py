@@ -1,0 +1,169 @@
+"""Effects that were simulated: read from the effect databases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.database import Database
+from capsbayes.effect import Kind, Theta
+from capsbayes.effects.ranges import log_uniform, uniform
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.prediction import Prediction
+from capsbayes.surrogate import Surrogate
+from capsbayes.surrogate.effect_surrogate import EffectSurrogate
+
+__all__ = ["SIMULATED", "Simulated"]
+
+Outlines = NDArray[np.float64] | None
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A parameter of the simulator that is not what the model takes it to be.
+
+    Parameters
+    ----------
+    name : str
+    database : str
+        Name of the effect database that comes with the library.
+    coordinate : str
+        The parameter's name.
+    null_value : float
+    range : (float, float)
+        Of the database.
+    kind : Kind
+    changes, separated_by : str
+        See `Effect`.
+    logarithmic : bool
+        Whether the prior is uniform in the logarithm.
+    """
+
+    name: str
+    database: str
+    coordinate: str
+    null_value: float
+    range: tuple[float, float]
+    kind: Kind
+    changes: str
+    separated_by: str
+    logarithmic: bool = False
+    circumstances: tuple[str, ...] = ()
+
+    @property
+    def parameter(self) -> Parameter:
+        """Of the simulator."""
+        return PARAMETERS[self.coordinate]
+
+    @property
+    def prior(self) -> Any:
+        """Uniform or log-uniform over the range of the database."""
+        return log_uniform(*self.range) if self.logarithmic else uniform(*self.range)
+
+    def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Add the difference from the null value to what a model predicts.
+
+        A plain surrogate takes the place of the base of the effect's own, so that the limits of existence move with
+        the effect as well; any other model is left to say where it has an answer.
+        """
+        if isinstance(model, Surrogate):
+            return _on(self.database, model)(theta, outline=outline)
+        simulated = _on(self.database, None)
+        here = model(theta, outline=outline)
+        there = simulated(theta, outline=outline)
+        null = simulated({**theta, self.coordinate: np.full(len(here), self.null_value)}, outline=outline)
+        both = here.inside & there.inside & null.inside
+        unknown = np.where(both, 0.0, np.nan)
+        changed = theta[self.coordinate] != self.null_value
+        return replace(
+            here,
+            **{
+                name: getattr(here, name) + (getattr(there, name) - getattr(null, name)) + unknown
+                for name in ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
+            },
+            covariance=here.covariance + np.where(changed[:, None, None], there.covariance, 0.0),
+            inside=both,
+            outline=_changed(here.outline, there.outline, null.outline),
+        )
+
+
+def _changed(here: Outlines, there: Outlines, null: Outlines) -> Outlines:
+    return None if here is None or there is None or null is None else here + (there - null)
+
+
+@lru_cache(maxsize=16)
+def _on(database: str, base: Surrogate | None) -> EffectSurrogate:
+    """The effect's surrogate over a base, its own if None."""
+    found = Surrogate.open(database) if base is None else Surrogate.from_database(Database.open(database), base=base)
+    assert isinstance(found, EffectSurrogate), "an effect database"
+    return found
+
+
+def _described(
+    name: str, coordinate: str, null: float, ends: tuple[float, float], kind: Kind, changes: str, separated_by: str
+) -> Simulated:
+    database = f"square-{coordinate.replace('_', '-')}"
+    logarithmic = coordinate in ("bending", "hardening")
+    return Simulated(name, database, coordinate, null, ends, kind, changes, separated_by, logarithmic)
+
+
+SIMULATED: Mapping[str, Simulated] = MappingProxyType(
+    {
+        one.coordinate: one
+        for one in (
+            _described(
+                "pre-inflation",
+                "pre_inflation",
+                0.0,
+                (0.0, 0.1),
+                Kind.SESSION,
+                "The rear is less concave, and the apparent G_s too high, at low Ca most.",
+                "A second flow rate; the radius of capsules in the liquid in which they were made.",
+            ),
+            _described(
+                "bending stiffness",
+                "bending",
+                2e-4,
+                (5e-5, 3e-3),
+                Kind.SESSION,
+                "The rim of the rear is rounder, and little else.",
+                "The curvature of the rear rim in a sharp picture.",
+            ),
+            _described(
+                "shape at rest",
+                "rest_aspect",
+                1.0,
+                (0.9, 1.1),
+                Kind.CAPSULE,
+                "L_z scatters at equal Ca.",
+                "A picture of the capsules at rest.",
+            ),
+            _described(
+                "rounded corners",
+                "corner_radius",
+                0.0,
+                (0.0, 0.2),
+                Kind.SESSION,
+                "Less liquid passes by in the corners: the velocity ratio and the length change together.",
+                "A section of the channel under the microscope.",
+            ),
+            _described(
+                "aspect of the section",
+                "section_aspect",
+                1.0,
+                (0.9, 1.1),
+                Kind.SESSION,
+                "The gap along the direction of view differs from that across it.",
+                "A section of the channel, or a view from the side.",
+            ),
+        )
+    }
+)
+"""By name of the coordinate; about a neo-Hookean membrane in a square channel."""

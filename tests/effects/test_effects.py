@@ -1,0 +1,95 @@
+"""What each effect of the catalogue does, and that all keep their promises."""
+
+import numpy as np
+import pytest
+
+from capsbayes import Surrogate
+from capsbayes.effect import Effect, Extended
+from capsbayes.effects import ChannelSwelling, Halo, MotionBlur, PixelScale, catalogue
+from capsbayes.effects.simulated import SIMULATED
+from capsbayes.testing import check_effect
+
+CAPSULES = {"capillary_number": np.array([0.03, 0.06, 0.09]), "size_ratio": np.array([0.8, 0.9, 1.0])}
+WIDTH = {"half_width": np.full(3, 25e-6)}
+SPEED = {"capsule_velocity": np.full(3, 4e-3)}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Surrogate.open("square-neo-hookean")
+
+
+def three(value):
+    return np.full(3, value)
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_effects_keep_their_promises(name, model):
+    effect = catalogue()[name]
+    assert isinstance(effect, Effect)
+    check_effect(effect, model)
+    check_effect(effect, model + Halo() + PixelScale())
+
+
+def test_halo_moves_all_edges_out(model):
+    seen, without = (model + Halo())(CAPSULES | WIDTH | {"halo": three(0.5e-6)}, outline=True), model(CAPSULES)
+    np.testing.assert_allclose(seen.axial_extent - without.axial_extent, 0.04, atol=1e-12)
+    np.testing.assert_allclose(seen.parachute_depth, without.parachute_depth, atol=1e-12)
+    width = [
+        np.ptp(one(CAPSULES | WIDTH | {"halo": three(0.5e-6)}, outline=True).outline[..., 1], axis=1)
+        for one in (model + Halo(), model)
+    ]
+    np.testing.assert_allclose(width[0] - width[1], 0.04, atol=2e-3)
+    np.testing.assert_array_equal(seen.velocity_ratio, without.velocity_ratio)
+
+
+def test_motion_blur_lengthens_and_does_not_widen(model):
+    theta = CAPSULES | WIDTH | SPEED | {"exposure": three(1e-4)}
+    seen, without = (model + MotionBlur())(theta, outline=True), model(CAPSULES, outline=True)
+    np.testing.assert_allclose(seen.axial_extent - without.axial_extent, 1e-4 * 4e-3 / 25e-6, atol=1e-12)
+    wider = np.ptp(seen.outline[..., 1], axis=1) - np.ptp(without.outline[..., 1], axis=1)
+    assert np.all(np.abs(wider) < 2e-3)
+
+
+def test_swollen_channel_is_a_smaller_capsule_seen_larger(model):
+    wider = 1.0 + 5.0 * 4e-3
+    seen = (model + ChannelSwelling())(CAPSULES | SPEED | {"swelling": three(5.0)}, outline=True)
+    smaller = model(CAPSULES | {"size_ratio": CAPSULES["size_ratio"] / wider}, outline=True)
+    np.testing.assert_allclose(seen.axial_length, smaller.axial_length * wider)
+    np.testing.assert_allclose(seen.outline, smaller.outline * wider)
+    np.testing.assert_array_equal(seen.velocity_ratio, smaller.velocity_ratio)
+
+
+def test_shape_alone_does_not_tell_a_pixel_from_a_swollen_channel(model):
+    """A scale of 1.02 and a channel wider by 2 % are one picture but for what a/l the capsule has."""
+    scaled = (model + PixelScale())(CAPSULES | {"pixel_scale": three(0.02)})
+    theta = CAPSULES | SPEED | {"size_ratio": CAPSULES["size_ratio"] * 1.02, "swelling": three(5.0)}
+    swollen = (model + ChannelSwelling())(theta)
+    np.testing.assert_allclose(scaled.axial_extent, swollen.axial_extent, rtol=1e-12)
+    np.testing.assert_allclose(scaled.velocity_ratio, 1.02 * swollen.velocity_ratio, rtol=1e-12)
+
+
+@pytest.mark.parametrize("coordinate", [name for name in SIMULATED if name in catalogue()])
+def test_simulated_effects_are_those_of_their_database(coordinate, model):
+    effect = SIMULATED[coordinate]
+    value = three(float(effect.prior.median()))
+    due = Surrogate.open(effect.database)(CAPSULES | {coordinate: value}, outline=True)
+    added = (model + effect)(CAPSULES | {coordinate: value}, outline=True)
+    np.testing.assert_allclose(added.values, due.values, atol=1e-10)
+    on_top = (model + PixelScale() + effect)(CAPSULES | {coordinate: value, "pixel_scale": three(0.0)}, outline=True)
+    np.testing.assert_allclose(on_top.values, due.values, atol=1e-10)
+    np.testing.assert_allclose(on_top.outline, due.outline, atol=1e-10)
+
+
+def test_two_effects_are_named_and_hashed_in_their_order(model):
+    both = model + Halo() + PixelScale()
+    assert isinstance(both, Extended)
+    assert both.name == "square-neo-hookean + halo + pixel scale"
+    assert len({both.sha256, model.sha256, (model + Halo()).sha256, (model + PixelScale() + Halo()).sha256}) == 4
+    assert both.domain is model.domain
+
+
+def test_an_effect_without_its_circumstances_says_which(model):
+    with pytest.raises(KeyError, match="motion blur: theta lacks half_width, capsule_velocity"):
+        (model + MotionBlur())(CAPSULES | {"exposure": three(1e-4)})
+    np.testing.assert_array_equal((model + MotionBlur())(CAPSULES).values, model(CAPSULES).values)
