@@ -174,7 +174,8 @@ class EffectSurrogate(Extendable):
         sheets, places, weights = self._corresponding(ca, size, effect)
         normal = vertex_normals(self._outlines(ca, size, effect)[0])
         left_out, (first, last) = weighing.left_out[row, interval], weighing.ends[row, interval]
-        needed = (weights[0] != 0.0) | np.append(left_out.any(axis=0), [False, False])
+        corrected = weights[0, -1] != 0.0
+        needed = (weights[0] != 0.0) | np.append(left_out.any(axis=0), [corrected, False])
         own = np.append(weights[0, :-2], [0.0, weights[0, -1]])
         own[weighing.null] += weights[0, -2]  # the same error in both places
         modes, along = [], np.zeros((len(needed), len(normal)))
