@@ -102,12 +102,11 @@ def reached_from_rest(problem: Problem, capillary_number: float, size_ratio: flo
         if end.status is not Status.NOT_CONVERGED:
             return end
     start = near_rest(problem, size_ratio)
-    if start.status is not Status.DONE:
-        return start
-    end = followed(problem, start.result, capillary_number, size_ratio)
-    low = capillary_number <= start.result.iterate.capillary_number
-    if end.status is Status.DONE and (low or not may_buckle(problem, end.result.iterate)):
-        return end
+    if start.status is Status.DONE:
+        end = followed(problem, start.result, capillary_number, size_ratio)
+        low = capillary_number <= start.result.iterate.capillary_number
+        if end.status is Status.DONE and (low or not may_buckle(problem, end.result.iterate)):
+            return end
     taken = settled(problem, capillary_number, size_ratio)
     return BranchEnd(start.result, Status.NOT_CONVERGED) if taken is None else BranchEnd(taken, _resolved(taken))
 
