@@ -7,6 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capsbayes.cli.simulator_options import (
+    Bending,
+    CornerRadius,
+    Law,
+    PreInflation,
+    Refinement,
+    RestAspect,
+    Section,
+    SectionAspect,
+    simulator_of,
+)
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -15,16 +27,14 @@ if TYPE_CHECKING:
 
 def build(
     out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
-    law: Annotated[
-        str, typer.Option(help="Membrane law: neo-hookean, skalak:hardening=1 or hooke:poisson_ratio=0.5.")
-    ] = "neo-hookean",
-    section: Annotated[str, typer.Option(help="Section of the channel: square, rectangular or circular.")] = "square",
-    corner_radius: Annotated[float, typer.Option(help="Radius of a square section's corners over l.")] = 0.0,
-    section_aspect: Annotated[float, typer.Option(help="Depth of the section over the width seen, b/l.")] = 1.0,
-    refinement: Annotated[int, typer.Option(help="Fineness n of the mesh: 8 is quick, 12 is fit to publish.")] = 8,
-    bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
-    pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
-    rest_aspect: Annotated[float, typer.Option(help="Axis at rest along the flow over that across.")] = 1.0,
+    law: Law = "neo-hookean",
+    section: Section = "square",
+    corner_radius: CornerRadius = 0.0,
+    section_aspect: SectionAspect = 1.0,
+    refinement: Refinement = 8,
+    bending: Bending = 2e-4,
+    pre_inflation: PreInflation = 0.0,
+    rest_aspect: RestAspect = 1.0,
     cases: Annotated[
         Path | None, typer.Option(help="CSV file with the columns capillary_number and size_ratio.")
     ] = None,
@@ -49,13 +59,11 @@ def build(
 
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """
-    from capsbayes.membrane import law_named
     from capsbayes.simulation.build import build_database
     from capsbayes.simulation.build_effect import build_effect_database
     from capsbayes.stokes.sections import section_named
 
     chosen, varied = _chosen_cases(cases, grid), _values(effect, values)
-    membrane = law_named(law)
     section_named(section, corner_radius, section_aspect)
     _require("--refinement", refinement >= 2, "a whole number from 2 on", refinement)
     _require("--bending", bending >= 0.0, "a number not below 0", bending)
@@ -63,17 +71,8 @@ def build(
     _require("--compare", compare is None or compare > refinement, "more than --refinement", compare)
     _require("--compare", compare is None or effect is None, "nothing beside --effect", compare)
     _require("--workers", workers is None or workers >= 1, "at least 1", workers)
-    from capsbayes.simulation import Simulator  # slow to import: after every check of the input
-
-    simulator = Simulator(
-        law=membrane,
-        section=section,
-        refinement=refinement,
-        bending=bending,
-        pre_inflation=pre_inflation,
-        corner_radius=corner_radius,
-        section_aspect=section_aspect,
-        rest_aspect=rest_aspect,
+    simulator = simulator_of(
+        law, section, corner_radius, section_aspect, refinement, bending, pre_inflation, rest_aspect
     )
 
     def make() -> Database:

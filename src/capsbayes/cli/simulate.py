@@ -8,6 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capsbayes.cli.simulator_options import (
+    Bending,
+    CornerRadius,
+    Law,
+    PreInflation,
+    Refinement,
+    RestAspect,
+    Section,
+    SectionAspect,
+    simulator_of,
+)
+
 if TYPE_CHECKING:
     from capsbayes.simulation import SteadyState
 
@@ -15,16 +27,14 @@ if TYPE_CHECKING:
 def simulate(
     ca: Annotated[float, typer.Option(help="Capillary number mu U / G_s.")],
     size: Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over half width.")],
-    law: Annotated[
-        str, typer.Option(help="Membrane law: neo-hookean, skalak:hardening=1 or hooke:poisson_ratio=0.5.")
-    ] = "neo-hookean",
-    section: Annotated[str, typer.Option(help="Section of the channel: square, rectangular or circular.")] = "square",
-    corner_radius: Annotated[float, typer.Option(help="Radius of a square section's corners over l.")] = 0.0,
-    section_aspect: Annotated[float, typer.Option(help="Depth of the section over the width seen, b/l.")] = 1.0,
-    refinement: Annotated[int, typer.Option(help="Fineness n of the mesh: 8 is quick, 12 is fit to publish.")] = 8,
-    bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
-    pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
-    rest_aspect: Annotated[float, typer.Option(help="Axis at rest along the flow over that across.")] = 1.0,
+    law: Law = "neo-hookean",
+    section: Section = "square",
+    corner_radius: CornerRadius = 0.0,
+    section_aspect: SectionAspect = 1.0,
+    refinement: Refinement = 8,
+    bending: Bending = 2e-4,
+    pre_inflation: PreInflation = 0.0,
+    rest_aspect: RestAspect = 1.0,
     out: Annotated[Path | None, typer.Option(help="Write the membrane for ParaView, a .vtu file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the shape, a .png, .pdf or .svg file.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
@@ -39,18 +49,9 @@ def simulate(
 
     check_suffix("simulate", "--out", out, (".vtu",))
     check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))
-    from capsbayes.membrane import law_named
-    from capsbayes.simulation import Simulator
 
-    simulator = Simulator(
-        law=law_named(law),
-        section=section,
-        refinement=refinement,
-        bending=bending,
-        pre_inflation=pre_inflation,
-        corner_radius=corner_radius,
-        section_aspect=section_aspect,
-        rest_aspect=rest_aspect,
+    simulator = simulator_of(
+        law, section, corner_radius, section_aspect, refinement, bending, pre_inflation, rest_aspect
     )
     state = _run(simulator, ca, size)
     result = _summary(state)

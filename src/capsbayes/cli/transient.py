@@ -8,6 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.simulator_options import (
+    Bending,
+    CornerRadius,
+    Law,
+    PreInflation,
+    Refinement,
+    RestAspect,
+    Section,
+    SectionAspect,
+    simulator_of,
+)
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -19,16 +31,14 @@ def transient(
     size: Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over half width.")],
     until: Annotated[float, typer.Option(help="Time U t / l at which to end.")],
     every: Annotated[float, typer.Option(help="Time U dt / l between two rows of the table.")] = 0.2,
-    law: Annotated[
-        str, typer.Option(help="Membrane law: neo-hookean, skalak:hardening=1 or hooke:poisson_ratio=0.5.")
-    ] = "neo-hookean",
-    section: Annotated[str, typer.Option(help="Section of the channel: square, rectangular or circular.")] = "square",
-    corner_radius: Annotated[float, typer.Option(help="Radius of a square section's corners over l.")] = 0.0,
-    section_aspect: Annotated[float, typer.Option(help="Depth of the section over the width seen, b/l.")] = 1.0,
-    refinement: Annotated[int, typer.Option(help="Fineness n of the mesh: 6 is quick, 8 shows the rear rim.")] = 8,
-    bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
-    pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
-    rest_aspect: Annotated[float, typer.Option(help="Axis at rest along the flow over that across.")] = 1.0,
+    law: Law = "neo-hookean",
+    section: Section = "square",
+    corner_radius: CornerRadius = 0.0,
+    section_aspect: SectionAspect = 1.0,
+    refinement: Refinement = 8,
+    bending: Bending = 2e-4,
+    pre_inflation: PreInflation = 0.0,
+    rest_aspect: RestAspect = 1.0,
     viscosity_ratio: Annotated[float, typer.Option(help="Viscosity inside over that outside: 1.")] = 1.0,
     scheme: Annotated[str, typer.Option(help="Time steps: semi-implicit or explicit.")] = "semi-implicit",
     table: Annotated[Path | None, typer.Option(help="Write the table, a .csv file.")] = None,
@@ -44,19 +54,10 @@ def transient(
     check_suffix("transient", "--table", table, (".csv",))
     check_suffix("transient", "--out", out, (".pvd",))
     check_suffix("transient", "--plot", plot, (".png", ".pdf", ".svg"))
-    from capsbayes.membrane import law_named
-    from capsbayes.simulation import Simulator
     from capsbayes.simulation.moment import save_series
 
-    simulator = Simulator(
-        law=law_named(law),
-        section=section,
-        refinement=refinement,
-        bending=bending,
-        pre_inflation=pre_inflation,
-        corner_radius=corner_radius,
-        section_aspect=section_aspect,
-        rest_aspect=rest_aspect,
+    simulator = simulator_of(
+        law, section, corner_radius, section_aspect, refinement, bending, pre_inflation, rest_aspect
     )
     way = simulator.transient(
         capillary_number=ca,
