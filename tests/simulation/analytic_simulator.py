@@ -31,6 +31,7 @@ class AnalyticState:
     velocity_ratio: float = 1.3
     inner_pressure: float = 2.0
     extra_pressure_drop: float = 0.1
+    wrinkling_rate: float = float("nan")
     residual: float = 1e-9
     slack: float = 1e-5
     iterations: int = 4
