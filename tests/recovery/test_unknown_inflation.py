@@ -58,7 +58,7 @@ def test_intervals_hold_cases_of_an_inflation_left_out(inflated):
     """
     left_out = 0.05
     cases = inflated.at_value(left_out).converged
-    deep = np.flatnonzero((cases["parachute_depth"] > 0.05) & (cases["size_ratio"] > 0.74))[::4]
+    deep = np.flatnonzero((cases["parachute_depth"] > 0.05) & (cases["size_ratio"] > 0.74))[::3]
     others = inflated.dataset.isel(
         case=np.flatnonzero(inflated["effect_value"] != left_out),
         border=np.flatnonzero(inflated["border_effect_value"] != left_out),

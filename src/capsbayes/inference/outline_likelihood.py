@@ -61,6 +61,7 @@ class OutlineLikelihood:
     pose: Pose = field(default_factory=Pose)
     modes: Floats | None = None
     _aligned: Floats = field(init=False, repr=False)
+    _place: Floats = field(init=False, repr=False)
     _factor: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -73,6 +74,7 @@ class OutlineLikelihood:
             covariance += own.T @ own
         covariance[np.diag_indices_from(covariance)] += 1e-8 * self.noise.scale**2
         object.__setattr__(self, "_aligned", aligned)
+        object.__setattr__(self, "_place", feet.place)
         object.__setattr__(self, "_factor", scipy.linalg.cholesky(covariance, lower=True))
 
     def whitened(self, outlines: Floats) -> Floats:
@@ -82,6 +84,21 @@ class OutlineLikelihood:
         white = np.full_like(distances, np.nan)
         white[known] = scipy.linalg.solve_triangular(self._factor, distances[known].T, lower=True).T
         return white
+
+    def whitened_displacement(self, displacement: Floats) -> Floats:
+        """What `whitened` becomes more by where the measured outline lies farther out.
+
+        Parameters
+        ----------
+        displacement : (k, p) array [l]
+            Along the normals of the pilot's vertices.
+
+        Returns
+        -------
+        (k, m) array
+        """
+        at_points = _at_places(displacement, self._place)
+        return np.asarray(scipy.linalg.solve_triangular(self._factor, at_points.T, lower=True).T)
 
     def log_density(self, outlines: Floats) -> Floats:
         """Log density given each of n outlines (n, p, 2) : (n,) array, NaN for a row of NaN."""

@@ -55,7 +55,7 @@ def _effect(effect: str, *values: float, section: str = "square", law: str = "ne
 
 RECIPES: dict[str, Recipe] = {
     "square-neo-hookean": _plain("square", "neo-hookean", default_grid()),
-    "circular-neo-hookean": _plain("circular", "neo-hookean", wide_grid()),
+    "circular-neo-hookean": _plain("circular", "neo-hookean", default_grid()),
     **{
         f"{section}-{law}": _plain(section, law, stiffening_grid())
         for section in ("square", "circular")

@@ -1,0 +1,94 @@
+"""Measured capsules of one session: one channel, one liquid, one camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.inference.inputs import Input
+from capsbayes.measurement import Measurement
+
+__all__ = ["Session"]
+
+Floats = NDArray[np.float64]
+
+_BIN = 4  # capsules of like size among which halves are drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Capsules measured under the same conditions but for the flow rate.
+
+    Parameters
+    ----------
+    measurements : sequence of Measurement
+        Lengths over l; those with an outline are compared by it.
+    experiment : Experiment
+
+    Raises
+    ------
+    InputError
+        If there are none, or one came to nothing, or its lengths are in metres.
+    """
+
+    measurements: Sequence[Measurement]
+    experiment: Experiment
+
+    def __post_init__(self) -> None:
+        if not self.measurements:
+            raise InputError("session", "measurements", "at least one capsule", "none")
+        for number, one in enumerate(self.measurements):
+            where = one.source or f"capsule {number}"
+            if not one.status.ok:
+                raise InputError(where, "status", "a measurement that is done", str(one.status), "leave it out")
+            if not one.over_half_width:
+                raise InputError(where, "axial_extent", "lengths over l", "lengths in metres", "divide by l")
+
+    def __len__(self) -> int:
+        return len(self.measurements)
+
+    @cached_property
+    def circumstances(self) -> dict[str, Floats]:
+        """What effects may depend on besides the shape: (n,) arrays, SI."""
+        velocity = np.array([one.capsule_velocity for one in self.measurements])
+        inputs = {name: self.mean(name) for name in ("half_width", "viscosity")}
+        return {"capsule_velocity": velocity} | {name: np.full(len(self), value) for name, value in inputs.items()}
+
+    @property
+    def velocity_errors(self) -> Floats:
+        """Relative standard errors of the capsules' velocities : (n,) array."""
+        return np.array([one.capsule_velocity_error / one.capsule_velocity for one in self.measurements])
+
+    def mean(self, name: str) -> float:
+        """Mean of the half width [m] or of the viscosity [Pa s]."""
+        return Input.of(name, getattr(self.experiment, name)).centre
+
+    def taken(self, rows: Any) -> Session:
+        """Some of the capsules, by an array of row numbers."""
+        return Session([self.measurements[int(row)] for row in np.asarray(rows)], self.experiment)
+
+    def halves(self, seed: int) -> tuple[Session, Session]:
+        """The capsules divided at random, evenly over size and velocity, before anything is looked at.
+
+        Parameters
+        ----------
+        seed : int
+            Of the random numbers.
+        """
+        rng = np.random.default_rng(seed)
+        extent = np.array([one.axial_extent for one in self.measurements])
+        order = np.lexsort((self.circumstances["capsule_velocity"], np.argsort(np.argsort(extent)) // _BIN))
+        first: list[int] = []
+        second: list[int] = []
+        for start in range(0, len(order), 2):
+            pair = rng.permutation(order[start : start + 2])
+            first.append(int(pair[0]))
+            second.extend(int(one) for one in pair[1:])
+        return self.taken(sorted(first)), self.taken(sorted(second))
