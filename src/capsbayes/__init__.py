@@ -27,6 +27,8 @@ _HOME = {
     "Measurement": "capsbayes.measurement",
     "OutlineNoise": "capsbayes.measured_outline",
     "Posterior": "capsbayes.inference",
+    "Session": "capsbayes.discrepancy",
+    "diagnose": "capsbayes.discrepancy",
     "identify": "capsbayes.inference",
     "measure": "capsbayes.image",
 }
@@ -36,6 +38,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from capsbayes.database import Database
+    from capsbayes.discrepancy import Session, diagnose
     from capsbayes.experiment import Experiment
     from capsbayes.image.measure import measure
     from capsbayes.inference import Posterior

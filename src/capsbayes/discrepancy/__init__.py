@@ -1,7 +1,7 @@
-"""Where data disagree with a model."""
+"""What a model misses: where data disagree with it, which effect would explain that, and whether adding it helps."""
 
+from capsbayes.discrepancy.diagnosis import Study, Verdict, diagnose
 from capsbayes.discrepancy.finding import Deviation, Finding, find
-from capsbayes.discrepancy.fits import Fits, fitted
 from capsbayes.discrepancy.session import Session
 
-__all__ = ["Deviation", "Finding", "Fits", "Session", "find", "fitted"]
+__all__ = ["Deviation", "Finding", "Session", "Study", "Verdict", "diagnose", "find"]

@@ -15,6 +15,7 @@ common to all of them, in the direction that hurts most.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,7 +93,14 @@ class Finding:
         )
 
 
-def find(model: ForwardModel, session: Session, *, seed: int) -> Finding:
+def find(
+    model: ForwardModel,
+    session: Session,
+    *,
+    seed: int,
+    white: Whitening | None = None,
+    sizes: Mapping[str, float] | None = None,
+) -> Finding:
     """Compare a session with a model.
 
     Parameters
@@ -102,15 +110,22 @@ def find(model: ForwardModel, session: Session, *, seed: int) -> Finding:
         Outlines tell the regions; without them the trends are left.
     seed : int
         Of the random signs.
+    white : Whitening, optional
+        Made with the model without its effects; by default, with the model.
+    sizes : mapping of str to float, optional
+        Parameters of the model's effects.
 
     Returns
     -------
     Finding
     """
-    white = whitening(model, session)
-    fits = fitted(model, session, white)
+    white = whitening(model, session) if white is None else white
+    fits = fitted(model, session, white, sizes)
     done = np.flatnonzero(fits.settled)
-    table = [*_of_regions(session, white, fits, done), *_of_trends(model, session, fits, done)]
+    rest = {name: values[done] for name, values in session.circumstances.items()}
+    rest |= {name: np.full(len(done), size) for name, size in (sizes or {}).items()}
+    own = _own_error_of_modulus(model, rest, fits.theta[done])
+    table = [*_of_regions(session, white, fits, done), *_of_trends(session, fits, done, own)]
     table = [one for one in table if len(one.contributions) > _FEWEST]
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
@@ -194,7 +209,7 @@ def _left(patterns: Floats, slopes: Floats) -> Floats:
     return np.asarray(patterns - (patterns @ basis) @ basis.T)
 
 
-def _of_trends(model: ForwardModel, session: Session, fits: Fits, done: NDArray[np.int64]) -> list[_Test]:
+def _of_trends(session: Session, fits: Fits, done: NDArray[np.int64], own: Floats) -> list[_Test]:
     """Slopes of the apparent ln G_s, each beside the other, without what errors in both make of them."""
     velocity = np.log(session.circumstances["capsule_velocity"][done])
     columns = {"velocity": velocity, "size": fits.size[done]}
@@ -204,7 +219,6 @@ def _of_trends(model: ForwardModel, session: Session, fits: Fits, done: NDArray[
         return []
     weight = 1.0 / (fits.covariance[done, 0, 0] + _scatter(fits, done))
     design = np.stack([np.ones(len(done)), *columns.values()], axis=1)
-    own = _own_error_of_modulus(model, fits, done)
     tests = []
     for number, name in enumerate(columns, start=1):
         others = np.delete(design, number, axis=1)
@@ -226,12 +240,12 @@ def _scatter(fits: Fits, done: NDArray[np.int64]) -> float:
     return float(max(beyond, 1e-6))
 
 
-def _own_error_of_modulus(model: ForwardModel, fits: Fits, done: NDArray[np.int64]) -> Floats:
+def _own_error_of_modulus(model: ForwardModel, rest: Mapping[str, Floats], theta: Floats) -> Floats:
     """Standard deviation of ln G_s by the model's own error in the lengths, as a shift of Ca at given shape : (c,)."""
-    theta = fits.theta[done]
     step = 1e-3
     here, there = (
-        model({"capillary_number": np.exp(theta[:, 0] + shift), "size_ratio": theta[:, 1]}) for shift in (0.0, step)
+        model({**rest, "capillary_number": np.exp(theta[:, 0] + shift), "size_ratio": theta[:, 1]})
+        for shift in (0.0, step)
     )
     slope = (there.parachute_depth - here.parachute_depth) / step
     depth = here.covariance[:, 0, 0] + here.covariance[:, 1, 1] - 2.0 * here.covariance[:, 0, 1]

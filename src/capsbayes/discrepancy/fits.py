@@ -183,13 +183,14 @@ def fitted(
         found, found_slopes, found_ratio, found_ratio_slopes = _evaluated(model, white, rest, trial)
         there = _penalised(found, trial, centre, loose)
         good = moving & (there < value + 1e-9)
-        gain = value - there
+        gain = np.where(good, value - np.where(good, there, 0.0), 0.0)
         for i in np.flatnonzero(good):
             theta[i], best[i], slopes[i], value[i] = trial[i], found[i], found_slopes[i], there[i]
             ratio[i], ratio_slopes[i] = found_ratio[i], found_ratio_slopes[i]
         damping = np.where(good, damping / 10.0, damping * 10.0)
         moving &= ~(good & (gain < _SETTLED)) & (damping < 1e8)
-    return _made(session, theta, best, slopes, ratio, ratio_slopes, np.isfinite(value) & (damping < 1e8))
+    known = np.isfinite(value) & np.array([np.isfinite(slope).all() for slope in slopes], dtype=bool)
+    return _made(session, theta, best, slopes, ratio, ratio_slopes, known & (damping < 1e8))
 
 
 def _made(

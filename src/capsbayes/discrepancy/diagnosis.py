@@ -1,0 +1,195 @@
+"""Find, name, add, verify: what a model misses in a session of capsules.
+
+The capsules are divided before anything is looked at. On the first half it is
+found whether they disagree with the model, and which effects would explain it;
+on the second half, whether the model with the effect does better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.discrepancy.finding import Finding, find
+from capsbayes.discrepancy.fits import Whitening, whitening
+from capsbayes.discrepancy.scoring import Scores, log_likelihood, scored
+from capsbayes.discrepancy.session import Session
+from capsbayes.effect import Effect, Extendable
+from capsbayes.effects import catalogue
+from capsbayes.model import ForwardModel
+
+__all__ = ["Study", "Verdict", "Verification", "diagnose"]
+
+Floats = NDArray[np.float64]
+
+_FEWEST = 12  # capsules of a session that can be divided
+_LEAST_GAIN = 3.0  # in log likelihood, below which an effect explains nothing, or no more than another
+_APART = (
+    2.5  # standard errors between the gains of two effects, capsule by capsule, below which they are not told apart
+)
+_LEFT = 0.01  # chance of what is left over, below which an effect does not explain enough
+_VERIFIED = 2.0  # standard errors of the gain per capsule on the second half
+
+
+class Verdict(Enum):
+    """What came of it."""
+
+    NONE = "no disagreement was found"
+    NAMED = "an effect explains it"
+    AMBIGUOUS = "several effects explain it equally well"
+    UNKNOWN = "no effect of the catalogue explains it"
+    NOT_TESTABLE = "these data cannot tell"
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The second half before and after the effect is added.
+
+    Parameters
+    ----------
+    gain, error : float
+        Log likelihood per capsule that the effect gains, and its standard error.
+    before, after : Finding
+    """
+
+    gain: float
+    error: float
+    before: Finding
+    after: Finding
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Outcome of `diagnose`.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    finding : Finding
+        On the first half, under the model as it was.
+    names : tuple of str
+        The effect, or those that are not told apart, the likeliest first: names of their parameters.
+    scores : mapping of str to Scores
+        Of every candidate on the first half, the likeliest first.
+    verification : Verification or None
+        Of the likeliest effect.
+    model : ForwardModel
+        With the effect, if one was named.
+    sizes : mapping of str to float
+        Sizes of the model's effects.
+    """
+
+    verdict: Verdict
+    finding: Finding
+    names: tuple[str, ...]
+    scores: Mapping[str, Scores]
+    verification: Verification | None
+    model: ForwardModel
+    sizes: Mapping[str, float]
+
+    def __str__(self) -> str:
+        """One sentence."""
+        if self.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
+            return f"{self.verdict.value} ({self.finding})"
+        said = " or ".join(self._said(self.scores[name]) for name in self.names)
+        return f"{self.verdict.value}: {said} ({self.finding})"
+
+    @staticmethod
+    def _said(scores: Scores) -> str:
+        parameter = scores.effect.parameter
+        low, best, high = (parameter.shown(one) for one in (scores.interval()[0], scores.size, scores.interval()[1]))
+        unit = "" if parameter.shown_unit in ("", "-") else f" {parameter.shown_unit}"
+        return f"{scores.effect.name}, {parameter.symbol} = {best:.3g}{unit} [{low:.3g}, {high:.3g}]"
+
+
+def diagnose(
+    session: Session,
+    model: Extendable,
+    *,
+    seed: int,
+    candidates: Mapping[str, Effect] | None = None,
+    level: float = 0.05,
+) -> Study:
+    """Say what a model misses in a session.
+
+    Parameters
+    ----------
+    session : Session
+    model : forward model
+        As ``Surrogate.open("square-neo-hookean")``.
+    seed : int
+        Of the division into halves and of the random signs.
+    candidates : mapping of str to Effect, optional
+        By name of their parameter; by default the catalogue.
+    level : float
+        Probability of finding a disagreement where there is none.
+
+    Returns
+    -------
+    Study
+    """
+    assert isinstance(model, ForwardModel), "a model with an answer"
+    if len(session) < _FEWEST:
+        nothing = Finding((), float("nan"), len(session))
+        return Study(Verdict.NOT_TESTABLE, nothing, (), {}, None, model, {})
+    discover, confirm = session.halves(seed)
+    white = whitening(model, discover)
+    finding = find(model, discover, seed=seed, white=white)
+    if finding.chance > level:
+        verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
+        return Study(verdict, finding, (), {}, None, model, {})
+    effects = catalogue() if candidates is None else candidates
+    scores = {name: scored(model, effect, discover, white) for name, effect in effects.items()}
+    scores = dict(sorted(scores.items(), key=lambda item: -item[1].gains.sum()))
+    unknown = Study(Verdict.UNKNOWN, finding, (), scores, None, model, {})
+    alike = _not_told_apart(scores)
+    alike = tuple(name for name in alike if _explains(model, scores[name], discover, white, seed))
+    if not alike:
+        return unknown
+    best = scores[alike[0]]
+    verification = _verified(model, best, confirm, seed)
+    if verification.gain < _VERIFIED * verification.error or verification.after.chance < _LEFT:
+        return Study(Verdict.UNKNOWN, finding, alike, scores, verification, model, {})
+    if len(alike) > 1:
+        return Study(Verdict.AMBIGUOUS, finding, alike, scores, verification, model, {})
+    sizes = {alike[0]: best.size}
+    return Study(Verdict.NAMED, finding, alike, scores, verification, model + best.effect, sizes)
+
+
+def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
+    """The effect that gains most, and those that gain as much but for the scatter from capsule to capsule."""
+    names = [name for name, one in scores.items() if one.gains.sum() > _LEAST_GAIN]
+    if not names:
+        return ()
+    best = scores[names[0]].gains
+    return tuple(name for name in names if _alike(best - scores[name].gains))
+
+
+def _alike(differences: Floats) -> bool:
+    lead = float(differences.sum())
+    return lead < max(_LEAST_GAIN, _APART * float(np.sqrt(np.sum(differences**2))))
+
+
+def _explains(model: Extendable, scores: Scores, session: Session, white: Whitening, seed: int) -> bool:
+    extended = model + scores.effect
+    left = find(extended, session, seed=seed, white=white, sizes={scores.effect.parameter.name: scores.size})
+    return left.chance >= _LEFT
+
+
+def _verified(model: Extendable, scores: Scores, confirm: Session, seed: int) -> Verification:
+    assert isinstance(model, ForwardModel), "a model with an answer"
+    white = whitening(model, confirm)
+    extended, name = model + scores.effect, scores.effect.parameter.name
+    with_it, without = (
+        log_likelihood(extended, confirm, white, {name: size}) for size in (scores.size, scores.effect.null_value)
+    )
+    gains = with_it - without
+    before, after = (
+        find(extended, confirm, seed=seed, white=white, sizes={name: size})
+        for size in (scores.effect.null_value, scores.size)
+    )
+    return Verification(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))), before, after)

@@ -1,0 +1,162 @@
+"""How likely a session is under a model with an effect of a given size.
+
+Of each capsule the best shape and its misfit say how well the picture is met;
+how far the apparent shear moduli of all capsules lie apart says whether one
+membrane can have made them. With G_s normal in its logarithm among the capsules
+and the size a/l free, the likelihood of capsule i is, but for a constant,
+
+    exp(-misfit_i / 2) (det C_i)^(1/2) N(ln G_i; mean, C_i[G, G] + spread^2),
+
+C_i the covariance of ln G_i and a/l.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from capsbayes.discrepancy.fits import Whitening, fitted
+from capsbayes.discrepancy.session import Session
+from capsbayes.effect import Effect, Extendable
+from capsbayes.model import ForwardModel
+
+__all__ = ["Population", "Scores", "log_likelihood", "population", "scored"]
+
+Floats = NDArray[np.float64]
+
+_QUANTILES = (0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 0.98)  # of the prior, at which an effect is tried first
+_REFINED = 3  # halvings of the steps about the best size
+_LARGEST_SPREAD = 3.0
+_LOST = 30.0  # misfit of a capsule that the model cannot have made, beyond what it has without the effect
+
+
+@dataclass(frozen=True)
+class Population:
+    """ln G_s of the capsules: mean, and standard deviation beyond their errors."""
+
+    mean: float
+    spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Log likelihood of each capsule at a few sizes of an effect.
+
+    Parameters
+    ----------
+    effect : Effect
+    sizes : (J,) array
+        Rising; the null value among them.
+    log_likelihood : (J, n) array
+        With the population that is most likely at each size.
+    """
+
+    effect: Effect
+    sizes: Floats
+    log_likelihood: Floats = field(repr=False)
+
+    @property
+    def total(self) -> Floats:
+        """Of all capsules : (J,) array."""
+        return np.asarray(self.log_likelihood.sum(axis=1))
+
+    @property
+    def null(self) -> int:
+        """Row of the null value."""
+        return int(np.argmin(np.abs(self.sizes - self.effect.null_value)))
+
+    @property
+    def best(self) -> int:
+        """Row of the likeliest size."""
+        return int(np.argmax(self.total))
+
+    @property
+    def size(self) -> float:
+        """The likeliest size."""
+        return float(self.sizes[self.best])
+
+    @property
+    def gains(self) -> Floats:
+        """Log likelihood of each capsule at the best size over that at the null value : (n,) array."""
+        return np.asarray(self.log_likelihood[self.best] - self.log_likelihood[self.null])
+
+    def interval(self, drop: float = 0.5) -> tuple[float, float]:
+        """Sizes at which the log likelihood has fallen by `drop` from its best; 0.5 for 68 %."""
+        lost = self.total.max() - self.total
+        below, above = self.sizes[: self.best + 1], self.sizes[self.best :]
+        low = np.interp(-drop, -lost[: self.best + 1], below) if lost[0] > drop else below[0]
+        high = np.interp(drop, lost[self.best :], above) if lost[-1] > drop else above[-1]
+        return float(low), float(high)
+
+
+def scored(model: Extendable, effect: Effect, session: Session, white: Whitening) -> Scores:
+    """Try an effect at sizes over its prior, the more finely the nearer to the best.
+
+    Parameters
+    ----------
+    model : forward model
+        Without the effect.
+    effect : Effect
+    session : Session
+    white : Whitening
+        Made with the model.
+    """
+    extended, name = model + effect, effect.parameter.name
+    found: dict[float, Floats] = {}
+
+    def add(size: float) -> None:
+        if size not in found:
+            found[size] = log_likelihood(extended, session, white, {name: size})
+
+    for size in sorted({effect.null_value, *(float(one) for one in effect.prior.ppf(_QUANTILES))}):
+        add(size)
+    for _ in range(_REFINED):
+        sizes = sorted(found)
+        best = int(np.argmax([found[size].sum() for size in sizes]))
+        for other in (best - 1, best + 1):
+            if 0 <= other < len(sizes):
+                add(0.5 * (sizes[best] + sizes[other]))
+    sizes = sorted(found)
+    return Scores(effect, np.array(sizes), np.array([found[size] for size in sizes]))
+
+
+def population(values: Floats, variances: Floats) -> Population:
+    """The likeliest mean and spread of normal values (n,) known with errors of given variances (n,)."""
+
+    def mean(spread: float) -> float:
+        weight = 1.0 / (variances + spread**2)
+        return float(np.sum(weight * values) / np.sum(weight))
+
+    def surprise(spread: float) -> float:
+        total = variances + spread**2
+        return float(np.sum((values - mean(spread)) ** 2 / total + np.log(total)))
+
+    found = minimize_scalar(surprise, bounds=(0.0, _LARGEST_SPREAD), method="bounded")
+    spread = float(found.x) if found.fun < surprise(0.0) else 0.0
+    return Population(mean(spread), spread)
+
+
+def log_likelihood(
+    model: ForwardModel, session: Session, white: Whitening, sizes: Mapping[str, float] | None = None
+) -> Floats:
+    """Log likelihood of each capsule : (n,) array; one that the model cannot have made counts as very unlikely.
+
+    Parameters
+    ----------
+    model, session, white, sizes
+        As of `fitted`.
+    """
+    fits = fitted(model, session, white, sizes)
+    done, values, variances = fits.settled, fits.log_modulus, fits.covariance[:, 0, 0]
+    found = np.full(len(done), -0.5 * _LOST)
+    if done.sum() > 1:
+        people = population(values[done], variances[done])
+        total = variances[done] + people.spread**2
+        volume = np.linalg.slogdet(fits.covariance[done])[1]
+        apart = (values[done] - people.mean) ** 2 / total + np.log(2.0 * np.pi * total)
+        found[done] = -0.5 * fits.misfit[done] + 0.5 * volume - 0.5 * apart
+    return found

@@ -1,0 +1,76 @@
+"""Effects drawn by the operators that look for them are named, or not told from those that look alike.
+
+This is the least to ask: an effect that is hidden by the simulator, or drawn by other code, is harder.
+"""
+
+import numpy as np
+import pytest
+from sessions import drawn_session
+
+from capsbayes import Surrogate
+from capsbayes.discrepancy.diagnosis import Verdict, diagnose
+from capsbayes.discrepancy.scoring import population
+from capsbayes.effects import Halo, MotionBlur, PixelScale, catalogue
+
+CAPSULES = 40
+OPTICAL = {one.parameter.name: one for one in (Halo(), MotionBlur(), PixelScale())}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Surrogate.open("square-neo-hookean")
+
+
+def session_with(model, name, size, *, seed=7):
+    effect = catalogue()[name]
+    return drawn_session(model + effect, CAPSULES, seed=seed, outline=True, sizes={name: size})[0]
+
+
+def test_a_right_model_misses_nothing(model):
+    session, _ = drawn_session(model, CAPSULES, seed=11, outline=True)
+    study = diagnose(session, model, seed=3)
+    assert study.verdict is Verdict.NONE
+    assert study.model is model
+    assert str(study).startswith("no disagreement was found")
+
+
+def test_a_few_capsules_tell_nothing(model):
+    session, _ = drawn_session(model, 6, seed=11, outline=True)
+    assert diagnose(session, model, seed=3).verdict is Verdict.NOT_TESTABLE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "size"), [("exposure", 3e-4), ("pre_inflation", 0.02), ("bending", 1.5e-3)])
+def test_a_clear_effect_is_named_and_measured(model, name, size):
+    study = diagnose(session_with(model, name, size), model, seed=3)
+    assert (study.verdict, study.names) == (Verdict.NAMED, (name,))
+    assert study.sizes[name] == pytest.approx(size, rel=0.25)
+    assert study.verification.before.chance < 0.01 < study.verification.after.chance
+    assert study.verification.gain > 3.0 * study.verification.error
+    assert catalogue()[name].name in str(study)
+    assert study.model.name == f"{model.name} + {catalogue()[name].name}"
+
+
+@pytest.mark.slow
+def test_look_alikes_are_not_told_apart(model):
+    """A scale of all lengths and a halo differ by how they change with the size of a capsule, and hardly here."""
+    study = diagnose(session_with(model, "pixel_scale", 0.02), model, seed=3, candidates=OPTICAL)
+    assert study.verdict is Verdict.AMBIGUOUS
+    assert set(study.names) == {"pixel_scale", "halo"}
+    assert study.model is model
+
+
+@pytest.mark.slow
+def test_an_effect_that_no_candidate_explains_is_unknown(model):
+    study = diagnose(session_with(model, "pre_inflation", 0.03), model, seed=3, candidates=OPTICAL)
+    assert study.verdict is Verdict.UNKNOWN
+    assert study.model is model
+
+
+def test_spread_of_a_population_without_its_errors():
+    rng = np.random.default_rng(5)
+    errors = rng.uniform(0.02, 0.2, 4000)
+    found = population(rng.normal(1.3, np.hypot(errors, 0.1)), errors**2)
+    assert found.mean == pytest.approx(1.3, abs=0.01)
+    assert found.spread == pytest.approx(0.1, abs=0.01)
+    assert population(rng.normal(1.3, errors), 4.0 * errors**2).spread == 0.0
