@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image.frames import Picture
-    from capsbayes.image.measure import Sighting
+    from capsbayes.image.sighting import Sighting
     from capsbayes.measurement import Measurement
 
 

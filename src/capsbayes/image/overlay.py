@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.image.frames import Picture
-from capsbayes.image.measure import Sighting
+from capsbayes.image.sighting import Sighting
 
 __all__ = ["overlay", "write_overlay"]
 
