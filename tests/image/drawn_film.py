@@ -24,8 +24,7 @@ def bright(capillary_number=0.08, size_ratio=0.9, half_width=HALF_WIDTH, x=None,
     scene = Scene(
         cases["profile"][row], cases["silhouette"][row], half_width, SHAPE, centre=tuple(centre), flow=flow, tilt=tilt
     )
-    made = draw(scene, replace(PLAIN, electrons=1e8), seed=1)
-    return made
+    return draw(scene, replace(PLAIN, electrons=1e8), seed=1)
 
 
 def exposed(grey, seed, electrons=ELECTRONS):

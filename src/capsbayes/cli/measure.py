@@ -12,39 +12,72 @@ if TYPE_CHECKING:
     from capsbayes.image.frames import Picture
     from capsbayes.image.sighting import Sighting
     from capsbayes.measurement import Measurement
+    from capsbayes.quantity import Quantity
+
+_KINDS = {True: "film", False: "picture"}
 
 
 def measure(
-    picture: Annotated[Path, typer.Argument(help="PNG, TIFF or JPEG of one capsule between the two walls.")],
+    picture: Annotated[
+        Path,
+        typer.Argument(
+            help="PNG, TIFF or JPEG of one capsule between the two walls; or a film: AVI, MP4, TIFF of several pages, "
+            "or a folder of pictures."
+        ),
+    ],
     experiment: Annotated[Path, typer.Option(help="TOML file of the experiment.")],
-    velocity: Annotated[str, typer.Option(help='Velocity of the capsule, as "6.20 +/- 0.06 mm/s".')],
+    velocity: Annotated[
+        str | None, typer.Option(help='Velocity of the capsule, as "6.20 +/- 0.06 mm/s"; a film shows it.')
+    ] = None,
+    frame_rate: Annotated[
+        str | None, typer.Option(help='Of a film, as "2000 Hz"; default: frame_rate of the experiment.')
+    ] = None,
     background: Annotated[Path | None, typer.Option(help="Picture of the empty channel.")] = None,
     flow: Annotated[str | None, typer.Option(help="right or left; default: as the shape tells.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for measurement.toml, outline.csv and overlay.png.")] = None,
 ) -> None:
-    """Measure the capsule in a picture: its lengths with their errors."""
+    """Measure the capsule in a picture, or all those in a film: lengths with their errors."""
+    from capsbayes.cli.measure_film import measure_film
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
+    from capsbayes.image.film import is_film
     from capsbayes.image.frames import Picture
     from capsbayes.image.measure import measurement_of, sight
-    from capsbayes.quantity import quantity
 
     if out is not None and out.exists() and not out.is_dir():
         raise InputError("--out", "", "a folder", f"the file {out}")
-    example = "6.20 +/- 0.06 mm/s"
-    speed = quantity(velocity, where="--velocity", key="", units=("m/s",), example=example)
-    if speed.error == 0.0:
-        raise InputError("--velocity", "", f'a standard error, as in "{example}"', repr(velocity))
-    known, seen = Experiment.read(experiment), Picture.read(picture)
+    known = Experiment.read(experiment)
+    film = is_film(picture)
+    for option, given, wanted in (("--velocity", velocity, not film), ("--frame-rate", frame_rate, film)):
+        if given is not None and not wanted:
+            raise InputError("measure", option, "it not to be given", given, f"leave it out for a {_KINDS[film]}")
+    if film:
+        measure_film(picture, known, frame_rate=frame_rate, background=background, flow=flow, out=out)
+        return
+    speed = _speed(velocity)
+    seen = Picture.read(picture)
     sighting = sight(seen, background=None if background is None else Picture.read(background), flow=flow)
     measured = measurement_of(sighting, seen, known, speed)
     if sighting.status.ok:
         _print(sighting, known)
     if out is not None:
-        _write(out, seen, sighting, measured)
+        write_sighting(out, seen, sighting, measured)
     typer.echo(f"Status: {measured.status}")
     if not measured.status.ok:
         raise typer.Exit(1)
+
+
+def _speed(text: str | None) -> Quantity:
+    from capsbayes.errors import InputError
+    from capsbayes.quantity import quantity
+
+    example = "6.20 +/- 0.06 mm/s"
+    if text is None:
+        raise InputError("measure", "--velocity", f'a text like "{example}"', "nothing", "one picture does not show it")
+    speed = quantity(text, where="--velocity", key="", units=("m/s",), example=example)
+    if speed.error == 0.0:
+        raise InputError("--velocity", "", f'a standard error, as in "{example}"', repr(text))
+    return speed
 
 
 def _print(sighting: Sighting, experiment: Experiment) -> None:
@@ -85,7 +118,7 @@ def _pair(value: float, error: float, *, digits: int = 2) -> str:
     return f"{value:.{digits}f} +/- {error:.{digits}f}"
 
 
-def _write(out: Path, picture: Picture, sighting: Sighting, measured: Measurement) -> None:
+def write_sighting(out: Path, picture: Picture, sighting: Sighting, measured: Measurement) -> None:
     """Write what there is: of a capsule that could not be measured, the picture with what was found in it."""
     import numpy as np
 

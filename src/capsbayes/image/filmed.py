@@ -228,4 +228,4 @@ def _in_si(speed: Velocity, l_px: float, l_variance: float, experiment: Experime
         frame_rate.error / frame_rate.value,
         change,
     )
-    return Quantity(value, float(value * np.sqrt(np.sum(np.square(shares)))), "m/s")
+    return Quantity(float(value), float(value * np.sqrt(np.sum(np.square(shares)))), "m/s")

@@ -102,9 +102,15 @@ def silhouette(outline: Outline, axis: Floats, across: Floats, misfit: float) ->
 
 
 def _noise(outline: Outline, weight: Floats) -> float:
-    """Variance of the sum of the points' errors with these weights."""
-    shared = np.bincount(outline.arc, weight * outline.arc_error)
-    return float(np.sum((weight * outline.point_error) ** 2) + np.sum(shared**2))
+    """Variance of the sum of the points' errors with these weights.
+
+    The shifts of the points of an arc are against its mean: they cancel where the weights are alike.
+    """
+    count = np.bincount(outline.arc)
+    total = np.bincount(outline.arc, weight)
+    shared = total * outline.arc_error[np.flatnonzero(np.diff(outline.arc, prepend=-1))]
+    alone = (weight - (total / count)[outline.arc]) * outline.point_error
+    return float(np.sum(shared**2) + np.sum(alone**2))
 
 
 def _steps(points: Floats) -> Floats:
