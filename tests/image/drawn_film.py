@@ -9,12 +9,12 @@ from drawn import PLAIN, shapes
 
 from capsbayes.image.synthetic import Scene, draw
 
-SHAPE, HALF_WIDTH = (120, 420), 45.0
+SHAPE, HALF_WIDTH = (118, 330), 45.0
 ELECTRONS = 10_000.0
 
 
 @functools.cache
-def bright(capillary_number=0.08, size_ratio=0.9, half_width=HALF_WIDTH, x=None, flow=1, tilt=0.0, across=0.0):
+def bright(capillary_number=0.06, size_ratio=1.0, half_width=HALF_WIDTH, x=None, flow=1, tilt=0.0, across=0.0):
     """Grey levels of a frame without noise, and of the empty channel; `x` is where the capsule's middle is."""
     cases = shapes()
     apart = np.abs(np.log(cases["capillary_number"] / capillary_number)) + 10 * np.abs(cases["size_ratio"] - size_ratio)

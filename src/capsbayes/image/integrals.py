@@ -88,27 +88,26 @@ def silhouette(outline: Outline, axis: Floats, across: Floats, misfit: float) ->
     y = (outline.points - axis) @ across
     step = _steps(outline.points)
     sense = np.array([across[1], -across[0]])
-    z = outline.points @ sense
-    volume, area = _volume(z, y), _area(outline.points)
-    perimeter, curvature = _length(outline.points)
+    curve, perimeter, curvature = _smooth(outline.points)
+    volume, area = _volume(curve @ sense, (curve - axis) @ across), _area(curve)
     by_edge = np.stack([step, curvature * step, np.pi * np.abs(y) * step])
     sphere = (0.75 * volume / np.pi) ** (1.0 / 3.0)
     ratio = perimeter / (2.0 * np.pi * sphere)
     by_edge = np.vstack([by_edge, ratio * (by_edge[1] / perimeter - by_edge[2] / (3.0 * volume))])
     model = np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR)
-    error = [float(np.sqrt(_noise(outline, weight) + (weight @ model) ** 2)) for weight in by_edge]
+    error = [float(np.sqrt(_noise(outline, weight, EDGE_FLOOR) + (weight @ model) ** 2)) for weight in by_edge]
     values = (area, perimeter, volume, ratio)
     return Silhouette(*(Integral(value, one) for value, one in zip(values, error, strict=True)))
 
 
-def _noise(outline: Outline, weight: Floats) -> float:
+def _noise(outline: Outline, weight: Floats, floor: float = 0.0) -> float:
     """Variance of the sum of the points' errors with these weights.
 
     The shifts of the points of an arc are against its mean: they cancel where the weights are alike.
     """
     count = np.bincount(outline.arc)
     total = np.bincount(outline.arc, weight)
-    shared = total * outline.arc_error[np.flatnonzero(np.diff(outline.arc, prepend=-1))]
+    shared = total * np.hypot(outline.arc_error[np.flatnonzero(np.diff(outline.arc, prepend=-1))], floor)
     alone = (weight - (total / count)[outline.arc]) * outline.point_error
     return float(np.sum(shared**2) + np.sum(alone**2))
 
@@ -131,19 +130,17 @@ def _volume(z: Floats, y: Floats) -> float:
     return 0.5 * np.pi * abs(float(np.sum(mean * (np.roll(z, -1) - z))))
 
 
-def _length(points: Floats) -> tuple[float, Floats]:
-    """Length of the smooth curve through the points, and its curvature, positive where convex, at each of them."""
+def _smooth(points: Floats) -> tuple[Floats, float, Floats]:
+    """Dense points (d, 2) of the smooth curve through the points, its length, and its curvature at each of them."""
     count = len(points)
     coefficients = np.fft.fft(points @ np.array([1.0, 1j])) / count
     order = np.fft.fftfreq(count, 1.0 / count)
     kept = np.abs(order) <= _HARMONICS
     order, coefficients = order[kept], coefficients[kept]
-
-    def derivatives(at: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        wave = np.exp(1j * at[:, None] * order)
-        return wave @ (1j * order * coefficients), wave @ (-(order**2) * coefficients)
-
-    speed = np.abs(derivatives(2.0 * np.pi * np.arange(_DENSE) / _DENSE)[0])
-    first, second = derivatives(2.0 * np.pi * np.arange(count) / count)
+    wave = np.exp(2j * np.pi * np.arange(_DENSE)[:, None] / _DENSE * order)
+    dense = wave @ coefficients
+    speed = np.abs(wave @ (1j * order * coefficients))
+    at_points = np.exp(2j * np.pi * np.arange(count)[:, None] / count * order)
+    first, second = at_points @ (1j * order * coefficients), at_points @ (-(order**2) * coefficients)
     curvature = np.imag(np.conj(first) * second) / np.abs(first) ** 3
-    return float(2.0 * np.pi * speed.mean()), np.asarray(curvature)
+    return np.stack([dense.real, dense.imag], axis=1), float(2.0 * np.pi * speed.mean()), np.asarray(curvature)

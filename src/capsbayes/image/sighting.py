@@ -41,6 +41,8 @@ class Sighting:
         Furthest points downstream and upstream, as distances along the flow from the picture's origin.
     rear : RearBand, optional
         The concave rear where it is seen.
+    spot : Spot, optional
+        What it was looked for in.
     """
 
     status: Status
@@ -50,6 +52,7 @@ class Sighting:
     nose: Extreme | None = None
     end: Extreme | None = None
     rear: RearBand | None = None
+    spot: Spot | None = None
 
     @property
     def axis(self) -> Floats:
@@ -122,14 +125,14 @@ def sighted(light: Floats, noise: float, walls: Walls, spot: Spot, flow: int = 0
     Sighting
     """
     if not spot.status.ok:
-        return Sighting(spot.status, walls)
+        return Sighting(spot.status, walls, spot=spot)
     outline = sharpened(light, spot.polygon, noise)
     if outline is None:
-        return Sighting(Status.NO_EDGE, walls)
+        return Sighting(Status.NO_EDGE, walls, spot=spot)
     found = _found_flow(outline, walls)
     if flow and found == -flow:
-        return Sighting(Status.WRONG_FLOW, walls, outline, found)
-    return _measured(light, noise, Sighting(Status.DONE, walls, outline, flow or found))
+        return Sighting(Status.WRONG_FLOW, walls, outline, found, spot=spot)
+    return _measured(light, noise, Sighting(Status.DONE, walls, outline, flow or found, spot=spot))
 
 
 def _found_flow(outline: Outline, walls: Walls) -> int:
