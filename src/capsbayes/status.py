@@ -32,6 +32,8 @@ class Status(enum.Enum):
     SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them."
     DEBRIS = "What was found is too small for a capsule."
     DOUBLET = "The outline is notched: two capsules touch or overlap, or something sticks to one."
+    LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."
+    BROKEN_MASK = "The mask of the event falls into several pieces."
     TOO_CLOSE = "Something else lies so close to the capsule that its edge could not be located."
     TOUCHES_BORDER = "The capsule touches the border of the picture."
     NO_EDGE = "The edge of the capsule could not be located; the picture is too blurred or too faint."

@@ -19,7 +19,7 @@ __all__ = ["Integral", "Silhouette", "centroid", "centroid_variance", "silhouett
 
 Floats = NDArray[np.float64]
 
-_HARMONICS = 24  # of the outline that its length is taken of; the noise of single points would lengthen it
+_HARMONICS = 0.1  # over the number of points, of the curve that lengths are taken of: noise would lengthen it
 _DENSE = 1024
 
 
@@ -135,7 +135,7 @@ def _smooth(points: Floats) -> tuple[Floats, float, Floats]:
     count = len(points)
     coefficients = np.fft.fft(points @ np.array([1.0, 1j])) / count
     order = np.fft.fftfreq(count, 1.0 / count)
-    kept = np.abs(order) <= _HARMONICS
+    kept = np.abs(order) <= _HARMONICS * count
     order, coefficients = order[kept], coefficients[kept]
     wave = np.exp(2j * np.pi * np.arange(_DENSE)[:, None] / _DENSE * order)
     dense = wave @ coefficients

@@ -144,11 +144,12 @@ def measurement_of_lengths(
     covariance: Floats,
     capsule_velocity: Quantity,
     *,
+    pixel_size: Quantity | None = None,
     source: str = "",
     sha256: str = "",
     experiment_file: Path | None = None,
 ) -> Measurement:
-    """The measurement over l that follows from lengths in pixels.
+    """The measurement that follows from lengths in pixels.
 
     Parameters
     ----------
@@ -157,6 +158,8 @@ def measurement_of_lengths(
     covariance : (4, 4) array [px^2]
         Of their errors.
     capsule_velocity : Quantity [m/s]
+    pixel_size : Quantity, optional [m]
+        The lengths are then in metres; otherwise over l, measured in the same picture.
     source, sha256, experiment_file
         As in `Measurement`.
 
@@ -164,30 +167,31 @@ def measurement_of_lengths(
     -------
     Measurement
     """
-    extent, length, _, half_width = lengths
-    rear = bool(np.isfinite(length))
-    # errors of L/l: those of the lengths, and that of l in both
-    jacobian = np.array([[1.0, 0.0, 0.0, -extent / half_width], [0.0, 1.0, 0.0, -length / half_width]]) / half_width
-    used = [0, 1, 3] if rear else [0, 3]
-    jacobian = jacobian[: len(used) - 1, used]
-    over_l = jacobian @ covariance[np.ix_(used, used)] @ jacobian.T
-    errors = np.sqrt(np.diag(over_l))
+    half_width = lengths[3]
+    unit, share = 1.0 / half_width, np.sqrt(covariance[3, 3]) / half_width
+    if pixel_size is not None:
+        unit, share = pixel_size.value, pixel_size.error / pixel_size.value
+    known = [0, 1] if np.isfinite(lengths[1]) else [0]
+    scaled = lengths[known] * unit
+    spread = covariance[np.ix_(known, known)] * unit**2 + np.outer(scaled, scaled) * share**2
+    errors = np.sqrt(np.diag(spread))
     measured = Measurement(
-        axial_extent=float(extent / half_width),
+        axial_extent=float(scaled[0]),
         axial_extent_error=float(errors[0]),
         capsule_velocity=capsule_velocity.value,
         capsule_velocity_error=capsule_velocity.error,
+        over_half_width=pixel_size is None,
         source=source,
         sha256=sha256,
         experiment_file=experiment_file,
     )
-    if not rear:
-        return replace(measured, axial_length_bound=float(extent / half_width + 2.0 * errors[0]))
+    if len(known) == 1:
+        return replace(measured, axial_length_bound=float(scaled[0] + 2.0 * errors[0]))
     return replace(
         measured,
-        axial_length=float(length / half_width),
+        axial_length=float(scaled[1]),
         axial_length_error=float(errors[1]),
-        length_correlation=float(over_l[0, 1] / (errors[0] * errors[1])),
+        length_correlation=float(spread[0, 1] / (errors[0] * errors[1])),
     )
 
 

@@ -20,6 +20,8 @@ __all__ = ["Sighting", "sighted"]
 Floats = NDArray[np.float64]
 
 _ASYMMETRY = 0.005  # of the length: a centroid nearer to the middle does not tell front from rear
+_LOPSIDED = 0.08  # of the breadth: real beads and cells stay below 0.04
+_ENDS = 0.17  # of the length, which are left out at either end
 # 1/px: how far the edge found may lie from the true one, over its width squared; at the end more, as a concave rear
 # darkens what lies behind it. Both were set on drawn pictures, other ones than those that the coverage is counted on.
 _NOSE_MISFIT, _END_MISFIT = 0.012, 0.033
@@ -129,10 +131,24 @@ def sighted(light: Floats, noise: float, walls: Walls, spot: Spot, flow: int = 0
     outline = sharpened(light, spot.polygon, noise)
     if outline is None:
         return Sighting(Status.NO_EDGE, walls, spot=spot)
+    if _askew(outline, walls) > _LOPSIDED:
+        return Sighting(Status.LOPSIDED, walls, outline, spot=spot)
     found = _found_flow(outline, walls)
     if flow and found == -flow:
         return Sighting(Status.WRONG_FLOW, walls, outline, found, spot=spot)
     return _measured(light, noise, Sighting(Status.DONE, walls, outline, flow or found, spot=spot))
+
+
+def _askew(outline: Outline, walls: Walls) -> float:
+    """How far the middle between the two flanks wanders, over the breadth."""
+    along, across = outline.points @ walls.along, outline.points @ walls.across
+    places = along.min() + np.ptp(along) * np.linspace(_ENDS, 1.0 - _ENDS, 9)
+    below = across > 0.5 * (across.max() + across.min())
+    flanks = []
+    for side in (below, ~below):
+        order = np.argsort(along[side])
+        flanks.append(np.interp(places, along[side][order], across[side][order]))
+    return float(0.5 * np.ptp(flanks[0] + flanks[1]) / np.ptp(across))
 
 
 def _found_flow(outline: Outline, walls: Walls) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from capsbayes.image.wall import Walls
 from capsbayes.status import Status
 
-__all__ = ["Spot", "find_spots"]
+__all__ = ["Spot", "find_spots", "judged"]
 
 Floats = NDArray[np.float64]
 
@@ -84,6 +85,12 @@ def find_spots(light: Floats, walls: Walls, noise: float) -> list[Spot]:
     spots.sort(key=lambda spot: float(spot.middle[0]))
     last = np.array(dark.shape[::-1]) - 1.0
     return [replace(spot, status=_status(spot, spots, last, walls.half_width)) for spot in spots]
+
+
+def judged(contour: NDArray[Any], shape: tuple[int, ...], half_width: float) -> Spot:
+    """The spot that a contour of OpenCV encloses in a picture of a shape, with its status if it were the only one."""
+    spot = Spot(_clockwise(contour[:, 0].astype(float)), cv2.contourArea(contour))
+    return replace(spot, status=_status(spot, [], np.array(shape[::-1]) - 1.0, half_width))
 
 
 def _status(spot: Spot, spots: list[Spot], last: Floats, half_width: float) -> Status:
