@@ -14,15 +14,22 @@ if TYPE_CHECKING:
     from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
 
-_KINDS = {True: "film", False: "picture"}
+_CONTOURS = (".csv", ".txt")
+# which of the options a kind of input takes, besides --experiment, --flow and --out
+_TAKES = {
+    "picture": ("--velocity", "--background"),
+    "film": ("--frame-rate", "--background"),
+    "contour": ("--velocity", "--pixel-size", "--edge-error", "--contour-unit", "--contour-points"),
+    ".rtdc file": ("--velocity", "--pixel-size"),
+}
 
 
 def measure(
     picture: Annotated[
         Path,
         typer.Argument(
-            help="PNG, TIFF or JPEG of one capsule between the two walls; or a film: AVI, MP4, TIFF of several pages, "
-            "or a folder of pictures."
+            help="PNG, TIFF or JPEG of one capsule between the two walls; a film: AVI, MP4, TIFF of several pages, or "
+            "a folder of pictures; a contour: CSV or text of points; or an .rtdc file."
         ),
     ],
     experiment: Annotated[Path, typer.Option(help="TOML file of the experiment.")],
@@ -33,33 +40,73 @@ def measure(
         str | None, typer.Option(help='Of a film, as "2000 Hz"; default: frame_rate of the experiment.')
     ] = None,
     background: Annotated[Path | None, typer.Option(help="Picture of the empty channel.")] = None,
-    flow: Annotated[str | None, typer.Option(help="right or left; default: as the shape tells.")] = None,
+    flow: Annotated[str | None, typer.Option(help="right or left; default: as the shape or the film tells.")] = None,
+    pixel_size: Annotated[
+        str | None, typer.Option(help='Of a contour or an .rtdc file, as "0.340 +/- 0.003 um".')
+    ] = None,
+    edge_error: Annotated[str | None, typer.Option(help='How well a contour lies on the edge, as "0.10 um".')] = None,
+    contour_unit: Annotated[str | None, typer.Option(help="px or um, where a contour's columns do not say.")] = None,
+    contour_points: Annotated[
+        str | None, typer.Option(help="Of a contour of whole pixels: through their centres, or along their borders.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for measurement.toml, outline.csv and overlay.png.")] = None,
 ) -> None:
     """Measure the capsule in a picture, or all those in a film: lengths with their errors."""
     from capsbayes.cli.measure_film import measure_film
+    from capsbayes.cli.measure_rtdc import measure_rtdc
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
-    from capsbayes.image.film import is_film
-    from capsbayes.image.frames import Picture
-    from capsbayes.image.measure import measurement_of, sight
 
     if out is not None and out.exists() and not out.is_dir():
         raise InputError("--out", "", "a folder", f"the file {out}")
+    kind = _kind(picture)
+    options = {
+        "--velocity": velocity,
+        "--frame-rate": frame_rate,
+        "--background": background,
+        "--pixel-size": pixel_size,
+        "--edge-error": edge_error,
+        "--contour-unit": contour_unit,
+        "--contour-points": contour_points,
+    }
+    for option, given in options.items():
+        if given is not None and option not in _TAKES[kind]:
+            raise InputError("measure", option, f"one of {', '.join(_TAKES[kind])} for a {kind}", str(given))
     known = Experiment.read(experiment)
-    film = is_film(picture)
-    for option, given, wanted in (("--velocity", velocity, not film), ("--frame-rate", frame_rate, film)):
-        if given is not None and not wanted:
-            raise InputError("measure", option, "it not to be given", given, f"leave it out for a {_KINDS[film]}")
-    if film:
+    if kind == "film":
         measure_film(picture, known, frame_rate=frame_rate, background=background, flow=flow, out=out)
-        return
-    speed = _speed(velocity)
-    seen = Picture.read(picture)
+    elif kind == ".rtdc file":
+        measure_rtdc(picture, known, velocity=_speed(velocity), pixel_size=_pixel(pixel_size), flow=flow, out=out)
+    elif kind == "contour":
+        _measure_contour(
+            picture, known, _speed(velocity), pixel_size, edge_error, contour_unit, contour_points, flow, out
+        )
+    else:
+        _measure_picture(picture, known, _speed(velocity), background, flow, out)
+
+
+def _kind(path: Path) -> str:
+    from capsbayes.image.film import is_film
+
+    suffix = path.suffix.lower()
+    if suffix in _CONTOURS:
+        return "contour"
+    if suffix == ".rtdc":
+        return ".rtdc file"
+    return "film" if is_film(path) else "picture"
+
+
+def _measure_picture(
+    path: Path, experiment: Experiment, speed: Quantity, background: Path | None, flow: str | None, out: Path | None
+) -> None:
+    from capsbayes.image.frames import Picture
+    from capsbayes.image.measure import measurement_of, sight
+
+    seen = Picture.read(path)
     sighting = sight(seen, background=None if background is None else Picture.read(background), flow=flow)
-    measured = measurement_of(sighting, seen, known, speed)
+    measured = measurement_of(sighting, seen, experiment, speed)
     if sighting.status.ok:
-        _print(sighting, known)
+        _print(sighting, experiment)
     if out is not None:
         write_sighting(out, seen, sighting, measured)
     typer.echo(f"Status: {measured.status}")
@@ -67,17 +114,60 @@ def measure(
         raise typer.Exit(1)
 
 
+def _measure_contour(
+    path: Path,
+    experiment: Experiment,
+    speed: Quantity,
+    pixel_size: str | None,
+    edge_error: str | None,
+    unit: str | None,
+    points: str | None,
+    flow: str | None,
+    out: Path | None,
+) -> None:
+    from capsbayes.errors import InputError
+    from capsbayes.image.contour_file import ContourFile, measure_contour
+    from capsbayes.quantity import quantity
+
+    if flow is None:
+        raise InputError("measure", "--flow", "right or left", "nothing", "a contour does not say")
+    edge = quantity(edge_error, where="measure", key="--edge-error", units=("m",), example="0.10 um")
+    measured = measure_contour(
+        ContourFile.read(path, unit),
+        experiment,
+        capsule_velocity=speed,
+        edge_error=edge,
+        flow=flow,
+        pixel_size=None if pixel_size is None else _pixel(pixel_size),
+        points=points,
+    )
+    typer.echo(f"L_z {_pair(1e6 * measured.axial_extent, 1e6 * measured.axial_extent_error, digits=3)} um")
+    if measured.axial_length is None or measured.axial_length_error is None:
+        typer.echo("The contour has no concave rear: L_a is at most its length.")
+    else:
+        typer.echo(f"L_a {_pair(1e6 * measured.axial_length, 1e6 * measured.axial_length_error, digits=3)} um")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        measured.write(out / "measurement.toml")
+    typer.echo(f"Status: {measured.status}")
+
+
 def _speed(text: str | None) -> Quantity:
+    return _with_error("--velocity", text, "m/s", "6.20 +/- 0.06 mm/s")
+
+
+def _pixel(text: str | None) -> Quantity:
+    return _with_error("--pixel-size", text, "m", "0.340 +/- 0.003 um")
+
+
+def _with_error(option: str, text: str | None, unit: str, example: str) -> Quantity:
     from capsbayes.errors import InputError
     from capsbayes.quantity import quantity
 
-    example = "6.20 +/- 0.06 mm/s"
-    if text is None:
-        raise InputError("measure", "--velocity", f'a text like "{example}"', "nothing", "one picture does not show it")
-    speed = quantity(text, where="--velocity", key="", units=("m/s",), example=example)
-    if speed.error == 0.0:
-        raise InputError("--velocity", "", f'a standard error, as in "{example}"', repr(text))
-    return speed
+    read = quantity(text, where=option, key="", units=(unit,), example=example)
+    if read.error == 0.0:
+        raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
+    return read
 
 
 def _print(sighting: Sighting, experiment: Experiment) -> None:
