@@ -10,10 +10,12 @@ import typer
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image.frames import Picture
+    from capsbayes.image.integrals import Integral
     from capsbayes.image.sighting import Sighting
     from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
 
+_POWERS = {2: "squared", 3: "cubed"}
 _CONTOURS = (".csv", ".txt")
 # which of the options a kind of input takes, besides --experiment, --flow and --out
 _TAKES = {
@@ -192,6 +194,8 @@ def _print(sighting: Sighting, experiment: Experiment) -> None:
         real = micrometres * np.hypot(ratio_error, ratio * spread)
         table.add_row(name, _pair(*shown[0]), _pair(*shown[1], digits=4), _pair(shown[2][0], real))
     table.add_row("l", _pair(l_px, l_error), "1", f"{micrometres:.2f} +/- {spread * micrometres:.2f}")
+    for name, _, in_pixels, over_l in _enclosed(sighting):
+        table.add_row(name, _significant(in_pixels), _significant(over_l), "")
     console = Console(highlight=False)
     console.print(table)
     if sighting.rear is None:
@@ -202,6 +206,36 @@ def _print(sighting: Sighting, experiment: Experiment) -> None:
             f"L_a goes to the middle of the rear band, whose standard deviation is {sighting.rear.width:.1f} px; "
             "where in the band the membrane lies is not in the error."
         )
+
+
+def _enclosed(sighting: Sighting) -> list[tuple[str, str, Integral, Integral]]:
+    """Name, name with its unit, and values in powers of a pixel and of l of what the silhouette encloses."""
+    import math
+
+    from capsbayes.image.integrals import Integral
+
+    inside = sighting.silhouette
+    assert inside is not None, "of a capsule that was measured"
+    l_px, l_error = float(sighting.lengths[3]), math.sqrt(float(sighting.covariance[3, 3]))
+    rows = []
+    for name, power, one in (
+        ("perimeter", 1, inside.perimeter),
+        ("area", 2, inside.area),
+        ("volume", 3, inside.volume),
+        ("Lambda", 0, inside.stretch_ratio),
+    ):
+        value = one.value / l_px**power
+        share = math.hypot(one.error / one.value, power * l_error / l_px)
+        symbol = f"{name}_over_l{power if power > 1 else ''}" if power else name
+        shown = f"{name} ({_POWERS[power]})" if power > 1 else name
+        rows.append((shown, symbol, one, Integral(value, value * share)))
+    return rows
+
+
+def _significant(one: Integral) -> str:
+    import math
+
+    return _pair(one.value, one.error, digits=max(0, 1 - math.floor(math.log10(one.error))))
 
 
 def _pair(value: float, error: float, *, digits: int = 2) -> str:
@@ -224,3 +258,5 @@ def write_sighting(out: Path, picture: Picture, sighting: Sighting, measured: Me
         np.savetxt(out / "outline.csv", columns, fmt="%.4f", delimiter=",", header=header, comments="")
     if measured.status.ok:
         measured.write(out / "measurement.toml")
+        rows = [f"{name},{one.value:.6g},{one.error:.2g}" for _, name, _, one in _enclosed(sighting)]
+        (out / "silhouette.csv").write_text("\n".join(["quantity,value,error", *rows]) + "\n")

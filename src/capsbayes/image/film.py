@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,13 +74,23 @@ class Film:
             raise InputError(where, "", "a film (AVI, MP4, TIFF or a folder)", "a file that cannot be read as one")
         return cls(path, count)
 
-    def frames(self, rows: slice = slice(None)) -> Iterator[Picture | None]:
-        """The frames in their order, or some rows of them; None for one that cannot be read or is of another size."""
+    def frames(self, rows: slice = slice(None), *, only: Collection[int] | None = None) -> Iterator[Picture | None]:
+        """The frames in their order, or some rows of them; None for one that cannot be read or is of another size.
+
+        Parameters
+        ----------
+        rows : slice
+        only : collection of int, optional
+            Numbers of the frames that are wanted; all the others are None too.
+        """
         shape = None
-        for pixels in self._decoded():
+        for number, pixels in enumerate(self._decoded()):
             if pixels is not None:
                 shape = shape or pixels.shape
-            yield None if pixels is None or pixels.shape != shape else Picture.from_array(_in_order(pixels[rows]))
+            if pixels is None or pixels.shape != shape or (only is not None and number not in only):
+                yield None
+            else:
+                yield Picture.from_array(_in_order(pixels[rows]))
 
     def spread(self, count: int) -> list[Picture]:
         """Frames at about equal distances, those that cannot be read left out.
@@ -95,7 +105,7 @@ class Film:
         list of Picture
         """
         wanted = set(np.unique(np.linspace(0, self.count - 1, count).round().astype(int)).tolist())
-        return [picture for index, picture in enumerate(self.frames()) if index in wanted and picture is not None]
+        return [picture for picture in self.frames(only=wanted) if picture is not None]
 
     @property
     def sha256(self) -> str:
@@ -115,8 +125,8 @@ class Film:
         elif self.source.suffix.lower() in VIDEOS:
             video = cv2.VideoCapture(str(self.source))
             for _ in range(self.count):
-                _, pixels = video.read()
-                yield pixels
+                read, pixels = video.read()
+                yield cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY) if read else None
         else:
             for start in range(0, self.count, _PAGES):
                 _, pages = cv2.imreadmulti(
