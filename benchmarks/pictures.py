@@ -62,6 +62,12 @@ def main() -> None:
 
 def drawn(cases: Database, blur: tuple[float, float], random: np.random.Generator) -> Drawing:
     """A capsule, a place and optics at random."""
+    scene, optics = scenery(cases, blur, random)
+    return draw(scene, optics, seed=int(random.integers(2**31)))
+
+
+def scenery(cases: Database, blur: tuple[float, float], random: np.random.Generator) -> tuple[Scene, Optics]:
+    """What to draw: a capsule, a place and optics at random."""
     case = int(random.integers(len(cases)))
     half_width = random.uniform(45.0, 70.0)
     optics = Optics(
@@ -92,7 +98,7 @@ def drawn(cases: Database, blur: tuple[float, float], random: np.random.Generato
         tilt=random.uniform(-0.04, 0.04),
         flow=int(random.choice([-1, 1])),
     )
-    return draw(scene, optics, seed=int(random.integers(2**31)))
+    return scene, optics
 
 
 def count(made: Drawing, tally: Tally) -> None:

@@ -25,6 +25,14 @@ def test_an_error_makes_a_distribution_and_no_error_a_number(tmp_path):
     assert experiment.viscosity == pytest.approx(0.85)
     assert experiment.source.endswith("experiment.toml")
     assert len(experiment.sha256) == 64
+    assert experiment.frame_rate is None
+
+
+def test_the_rate_of_films_may_be_stated(tmp_path):
+    rate = Experiment.read(written(tmp_path, GOOD + 'frame_rate = "2.0 +/- 0.01 kHz"\n')).frame_rate
+    assert (rate.value, rate.error, rate.unit) == (pytest.approx(2000.0), pytest.approx(10.0), "1/s")
+    with pytest.raises(InputError, match="frame_rate: expected a text in 1/s"):
+        Experiment.read(written(tmp_path, GOOD + 'frame_rate = "2000"\n'))
 
 
 @pytest.mark.parametrize(
@@ -34,7 +42,10 @@ def test_an_error_makes_a_distribution_and_no_error_a_number(tmp_path):
         (("um", "Pa"), 'half_width: expected a text in m like "25.0 +/- 0.2 um", got pascal'),
         (("0.85", "-0.85"), "viscosity: expected a positive finite number"),
         (("0.85", "nan"), "viscosity: expected a positive finite number"),
-        (("viscosity", "viscocity"), "viscocity: expected one of section, half_width, viscosity, got an unknown key"),
+        (
+            ("viscosity", "viscocity"),
+            "viscocity: expected one of section, half_width, viscosity, frame_rate, got an unknown key",
+        ),
         (('viscosity = "0.85 Pa s"', ""), "viscosity: expected a value, got nothing"),
         (('"0.85 Pa s"', "0.85"), "viscosity: expected a text in Pa s"),
     ],

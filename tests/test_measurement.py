@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
 from capsbayes.status import Status
 
@@ -76,7 +77,10 @@ def test_the_length_on_the_axis_may_be_missing(tmp_path):
         ),
         (("length_correlation = 0.5", "length_correlation = 1.0"), "length_correlation: expected a number between -1"),
         (("length_correlation = 0.5", 'length_correlation = "a"'), "length_correlation: expected a number between -1"),
-        (("[measurement]", "[seen]"), "seen: expected one of measurement, experiment, prior, got an unknown key"),
+        (
+            ("[measurement]", "[seen]"),
+            "seen: expected one of measurement, experiment, prior, outline, got an unknown key",
+        ),
         (('experiment = "experiment.toml"', "experiment = 3"), "experiment: expected the name of a file"),
     ],
 )
@@ -137,3 +141,38 @@ def test_a_refused_measurement_has_a_status_and_no_numbers(tmp_path):
 def test_a_bound_that_is_no_number_is_refused():
     with pytest.raises(InputError, match="axial_length_bound"):
         made(axial_length_bound="long")
+
+
+def with_outline():
+    angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    points = np.stack([1.07 * np.cos(angle), 0.9 * np.sin(angle)], axis=1)
+    return made(outline=MeasuredOutline(points, OutlineNoise(0.004, 0.15, white=0.25)))
+
+
+def test_an_outline_is_written_beside_and_read_again(tmp_path):
+    seen = with_outline()
+    seen.write(tmp_path / "capsule.toml")
+    again = Measurement.read(tmp_path / "capsule.toml").outline
+    np.testing.assert_allclose(again.points, seen.outline.points, rtol=1e-8, atol=1e-9)
+    assert again.noise == seen.outline.noise
+    assert (tmp_path / "capsule.outline.csv").read_text().startswith("z_over_l,y_over_l\n")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("noise = 0.004", 'noise = "small"'), "outline.noise: expected a number, got 'small'"),
+        (("noise = 0.004", "noise = 0.0"), "scale: expected a positive number"),
+        (("noise = 0.004\n", ""), "outline.noise: expected a value, got nothing"),
+        (("capsule.outline.csv", "other.csv"), "other.csv: expected a file of points, got nothing there"),
+        (("capsule.outline.csv", "capsule.toml"), "expected the columns z_over_l and y_over_l"),
+    ],
+)
+def test_mistakes_in_an_outline_are_named(tmp_path, change, message):
+    path = tmp_path / "capsule.toml"
+    with_outline().write(path)
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(InputError) as caught:
+        Measurement.read(path)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -45,6 +45,8 @@ class Experiment:
         Half the side of the square, or the radius of the circle, l.
     viscosity : float or frozen distribution [Pa s]
         Viscosity of the suspending liquid, mu.
+    frame_rate : Quantity, optional [1/s]
+        At which films were taken, with its standard error.
     source : str
         File the experiment was read from, empty if none.
     sha256 : str
@@ -67,6 +69,7 @@ class Experiment:
     viscosity: Uncertain
     source: str = ""
     sha256: str = ""
+    frame_rate: Quantity | None = None
 
     def __post_init__(self) -> None:
         where = self.source or "experiment"
@@ -83,7 +86,7 @@ class Experiment:
         ----------
         path : path
             File with the keys ``section``, ``half_width`` and ``viscosity``;
-            an error after ``+/-`` makes a value uncertain (a normal
+            optionally ``frame_rate`` as "2000 Hz"; an error after ``+/-`` makes a value uncertain (a normal
             distribution cut at zero).
 
         Returns
@@ -96,13 +99,17 @@ class Experiment:
             Naming file, key, what was expected and what was found.
         """
         file = InputFile.read(path)
-        table = file.table(required=("section", "half_width", "viscosity"))
+        table = file.table(required=("section", "half_width", "viscosity"), optional=("frame_rate",))
         where = str(path)
         width = quantity(table["half_width"], where=where, key="half_width", units=("m",), example="25.0 +/- 0.2 um")
         viscosity = quantity(
             table["viscosity"], where=where, key="viscosity", units=("Pa s",), example="0.85 +/- 0.02 Pa s"
         )
-        return cls(table["section"], _uncertain(width), _uncertain(viscosity), source=where, sha256=file.sha256)
+        rate = None
+        if "frame_rate" in table:
+            rate = quantity(table["frame_rate"], where=where, key="frame_rate", units=("1/s",), example="2000 Hz")
+        widths, viscosities = _uncertain(width), _uncertain(viscosity)
+        return cls(table["section"], widths, viscosities, source=where, sha256=file.sha256, frame_rate=rate)
 
 
 def positive_normal(mean: float, error: float) -> Uncertain:

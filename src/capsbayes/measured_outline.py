@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
+from capsbayes.input_file import InputFile
 from capsbayes.profile import edge_lengths, signed_area
 
 __all__ = ["MeasuredOutline", "OutlineNoise", "Pose"]
@@ -16,6 +20,7 @@ __all__ = ["MeasuredOutline", "OutlineNoise", "Pose"]
 Floats = NDArray[np.float64]
 
 _FEWEST = 16
+_COLUMNS = ("z_over_l", "y_over_l")
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,58 @@ class MeasuredOutline:
     noise: OutlineNoise
     pose: Pose = field(default_factory=Pose)
 
+    @classmethod
+    def read(cls, file: InputFile) -> MeasuredOutline:
+        """Read the outline that the table ``[outline]`` of a measurement's file names.
+
+        Parameters
+        ----------
+        file : InputFile
+            With the keys ``file``, a CSV file beside it with the columns ``z_over_l`` and ``y_over_l``; ``noise``, the
+            standard deviation of the normal errors over l; ``correlation``, their length along the arc over l; and
+            optionally ``white``, the share of their variance that is independent from point to point.
+
+        Returns
+        -------
+        MeasuredOutline
+
+        Raises
+        ------
+        InputError
+            Naming file, key, what was expected and what was found.
+        """
+        table = file.table("outline", required=("file", "noise", "correlation"), optional=("white",))
+        where = str(file.path)
+        if not isinstance(table["file"], str):
+            raise InputError(where, "outline.file", 'the name of a file like "outline.csv"', repr(table["file"]))
+        numbers = [table["noise"], table["correlation"], table.get("white", 0.0)]
+        for key, number in zip(("noise", "correlation", "white"), numbers, strict=True):
+            if isinstance(number, bool) or not isinstance(number, (int, float)):
+                raise InputError(where, f"outline.{key}", "a number", repr(number))
+        return cls(_points(file.path.parent / table["file"]), OutlineNoise(*numbers))
+
+    def write(self, path: Path) -> list[str]:
+        """Write the points to a CSV file.
+
+        Parameters
+        ----------
+        path : Path
+
+        Returns
+        -------
+        list of str
+            Lines of the table ``[outline]`` with which `read` finds them, in a file beside it.
+        """
+        np.savetxt(path, self.points, fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
+        noise = self.noise
+        return [
+            "[outline]",
+            f"file = {json.dumps(path.name)}",
+            f"noise = {float(noise.scale)!r}",
+            f"correlation = {float(noise.correlation_length)!r}",
+            f"white = {float(noise.white)!r}",
+        ]
+
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < _FEWEST:
@@ -132,3 +189,20 @@ class MeasuredOutline:
         points = np.ascontiguousarray(points)
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
+
+
+def _points(path: Path) -> Floats:
+    """Points (m, 2) of a CSV file with the columns z_over_l and y_over_l, among others."""
+    where = str(path)
+    try:
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+    except FileNotFoundError:
+        raise InputError(where, "", "a file of points", "nothing there") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(where, "", "a readable CSV file", str(error)) from None
+    try:
+        return np.array([[float(row[column]) for column in _COLUMNS] for row in rows]).reshape(-1, 2)
+    except (KeyError, TypeError, ValueError):
+        expected = f"the columns {' and '.join(_COLUMNS)} with a number in each line"
+        raise InputError(where, "", expected, "other columns, or a line without a number") from None

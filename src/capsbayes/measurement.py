@@ -131,7 +131,8 @@ class Measurement:
             ``capsule_velocity``, and optionally ``axial_length`` and
             ``length_correlation``, or ``axial_length_bound``. It may name its experiment file
             (``experiment = "..."``, relative to itself) and state a
-            ``[prior]``, which is read where priors are known.
+            ``[prior]``, which is read where priors are known, and an ``[outline]``, which `MeasuredOutline.read`
+            reads.
 
         Returns
         -------
@@ -143,7 +144,7 @@ class Measurement:
             Naming file, key, what was expected and what was found.
         """
         file = InputFile.read(path)
-        top = file.table(required=("measurement",), optional=("experiment", "prior"))
+        top = file.table(required=("measurement",), optional=("experiment", "prior", "outline"))
         table = file.table("measurement", required=_KEYS, optional=_OPTIONAL)
         where = str(path)
         extent = _length(table["axial_extent"], where, "axial_extent", ("", "m"))
@@ -160,6 +161,7 @@ class Measurement:
             axial_length_error=length.error if length else None,
             length_correlation=table.get("length_correlation", 0.0),
             over_half_width=not extent.unit,
+            outline=MeasuredOutline.read(file) if "outline" in top else None,
             source=where,
             sha256=file.sha256,
             experiment_file=_named_file(top.get("experiment"), file.path),
@@ -172,7 +174,8 @@ class Measurement:
         Parameters
         ----------
         path : path
-            The experiment is named in it by its absolute path.
+            The experiment is named in it by its absolute path; an outline is written beside it, in a CSV file of the
+            same name.
 
         Raises
         ------
@@ -192,6 +195,8 @@ class Measurement:
         if self.axial_length_bound is not None:
             lines.append(f"axial_length_bound = {self.axial_length_bound!r}")
         lines.append(f'capsule_velocity = "{self.capsule_velocity!r} +/- {self.capsule_velocity_error!r} m/s"')
+        if self.outline is not None:
+            lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
         Path(path).write_text("\n".join(lines).lstrip() + "\n")
 
     @property

@@ -25,6 +25,7 @@ gram = [mass] = g
 second = [time] = s = sec
 minute = 60 * second = min
 hour = 60 * minute = h
+hertz = 1 / second = Hz
 newton = kilogram * meter / second ** 2 = N
 dyne = 1e-5 * newton = dyn
 pascal = newton / meter ** 2 = Pa

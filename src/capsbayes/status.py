@@ -30,9 +30,20 @@ class Status(enum.Enum):
     SATURATED = "The picture is clipped between the walls; expose it less."
     NO_CAPSULE = "No capsule was found between the walls."
     SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them."
+    DEBRIS = "What was found is too small for a capsule."
+    DOUBLET = "The outline is notched: two capsules touch or overlap, or something sticks to one."
+    LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."
+    BROKEN_MASK = "The mask of the event falls into several pieces."
+    TOO_CLOSE = "Something else lies so close to the capsule that its edge could not be located."
     TOUCHES_BORDER = "The capsule touches the border of the picture."
     NO_EDGE = "The edge of the capsule could not be located; the picture is too blurred or too faint."
     WRONG_FLOW = "The shape of the capsule shows a flow in the other direction than the one given."
+    FEW_FRAMES = "The capsule was seen whole in fewer than three frames, too few for a velocity and its error."
+    UNSTEADY = "The capsule still changes along the channel; film it further downstream."
+    COVERED = (
+        "The median of the film is not the empty channel: something dark lies still, or covers a place in half of the "
+        "frames; give a background."
+    )
     # posteriors
     NOT_MIXED = "The chains did not pass their convergence gates within the budget; do not use the intervals."
     LEANS_ON_BORDER = "The posterior leans on the border of the database: its intervals are cut there, not measured."

@@ -13,6 +13,7 @@ from capsbayes.measurement import Measurement
 sys.path.insert(0, str(Path(__file__).parents[1] / "image"))  # for the drawn pictures
 
 from drawn import drawn
+from drawn_film import bright, film, written
 
 EXPERIMENT = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
 VELOCITY = ("--velocity", "6.20 +/- 0.06 mm/s")
@@ -66,3 +67,61 @@ def test_a_velocity_without_unit_or_error_is_refused(folder, velocity):
     result = run(folder[0], "capsule.png", "--velocity", velocity)
     assert isinstance(result.exception, InputError)
     assert str(result.exception).startswith("--velocity")
+
+
+@pytest.fixture
+def filmed(tmp_path):
+    places = 65.0 + 23.37 * np.arange(5)
+    written(tmp_path / "film", film(places))
+    cv2.imwrite(str(tmp_path / "empty.png"), bright(x=places[0]).background)
+    (tmp_path / "experiment.toml").write_text(EXPERIMENT)
+    return tmp_path
+
+
+def test_a_film_becomes_one_file_for_each_capsule(filmed):
+    out = filmed / "m"
+    options = ("--frame-rate", "2000 Hz", "--background", str(filmed / "empty.png"), "--out", str(out))
+    result = run(filmed, "film", *options)
+    assert result.exit_code == 0, result.output
+    assert "1 of 1 capsules measured" in result.output
+    measured = Measurement.read(out / "capsule-1" / "measurement.toml")
+    assert measured.capsule_velocity == pytest.approx(23.37 / 45.0 * 25e-6 * 2000.0, rel=2e-3)
+    assert measured.capsule_velocity_error == pytest.approx(0.008 * measured.capsule_velocity, rel=0.1)
+    assert (out / "capsule-1" / "overlay.png").exists()
+    assert len((out / "capsule-1" / "frames.csv").read_text().splitlines()) == 6
+    assert (out / "capsules.csv").read_text().splitlines()[1].startswith("1,DONE,5,2.19")
+
+
+def test_the_rate_of_a_film_may_stand_in_the_experiment(filmed):
+    empty = ("--background", str(filmed / "empty.png"))
+    result = run(filmed, "film", *empty)
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception).startswith("measure: --frame-rate: expected the rate at which the film was taken")
+    (filmed / "experiment.toml").write_text(EXPERIMENT + 'frame_rate = "2 kHz"\n')
+    assert run(filmed, "film", *empty).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [
+        ("film", ("--velocity", "6.20 +/- 0.06 mm/s")),
+        ("empty.png", ("--frame-rate", "2 kHz")),
+        ("points.csv", ("--background", "empty.png")),
+        ("cells.rtdc", ("--edge-error", "0.1 um")),
+    ],
+)
+def test_an_option_of_another_kind_of_input_is_refused(filmed, name, option):
+    result = run(filmed, name, *option)
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception).startswith(f"measure: {option[0]}: expected one of --")
+
+
+def test_a_contour_becomes_a_file_that_identify_reads(folder):
+    folder, made = folder
+    np.savetxt(folder / "c.csv", made.outline, delimiter=",", header="x_px,y_px", comments="")
+    options = ("--pixel-size", "0.45 +/- 0.002 um", "--edge-error", "0.1 um", "--flow", "right")
+    result = run(folder, "c.csv", *VELOCITY, *options, "--out", str(folder / "m"))
+    assert result.exit_code == 0, result.output
+    measured = Measurement.read(folder / "m" / "measurement.toml")
+    assert measured.axial_extent == pytest.approx(0.45e-6 * made.axial_extent, rel=1e-4)
+    assert not measured.over_half_width

@@ -16,6 +16,7 @@ __all__ = ["along_the_channel", "temporal_median", "transmission"]
 Floats = NDArray[np.float64]
 
 _BRIGHT = 85.0  # percentile along the channel that the empty channel is taken for
+_ROWS = 64  # of all frames that are held in memory a second time
 _DARKEST = 0.02  # of the median of the background: below, the ratio to it means nothing
 
 
@@ -40,7 +41,8 @@ def temporal_median(frames: Sequence[Floats]) -> Floats:
     if len(frames) < 3 or len(shapes) != 1:
         got = f"{len(frames)} of shapes {', '.join(map(str, sorted(shapes)))}" if len(frames) else "none"
         raise InputError("background", "frames", "at least three frames of one shape", got)
-    return np.median(np.stack(frames), axis=0)
+    rows = np.array_split(np.arange(len(frames[0])), max(1, len(frames[0]) // _ROWS))
+    return np.concatenate([np.median(np.stack([frame[some] for frame in frames]), axis=0) for some in rows])
 
 
 def along_the_channel(grey: Floats, walls: Walls) -> Floats:

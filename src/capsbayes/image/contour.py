@@ -9,16 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
 from capsbayes.image.edge_models import edge, locate
-from capsbayes.image.wall import Walls
-from capsbayes.status import Status
 
-__all__ = ["Outline", "find_capsule", "pixel_noise", "sharpened"]
+__all__ = ["Outline", "pixel_noise", "sharpened"]
 
 Floats = NDArray[np.float64]
 
@@ -27,10 +24,7 @@ _ARC = 18.0  # px: length of the arcs over which the edge's shape is taken as on
 _REACH = 9  # px along a normal to either side
 _SMOOTHING = 2.0  # px: of the curve on which the normals stand
 _START_WIDTH = 1.5  # px
-_SMALLEST_AREA = 0.2  # l^2: smaller spots are debris
-_CONTRAST = 0.03  # of the light: fainter is nothing
-_SIGNIFICANCE = 5.0  # of the contrast over the noise of a smoothed pixel
-_BORDER = 3  # px: nearer to the border of the picture the outline cannot be located
+_CONTRAST = 0.03  # of the light: a fainter jump is no edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,46 +59,6 @@ def pixel_noise(light: Floats) -> float:
     """Standard deviation of the noise of one pixel, from second differences, most of which see nothing else."""
     second = light[1:-1, 1:-1] - 0.5 * (light[1:-1, :-2] + light[1:-1, 2:])
     return max(float(np.median(np.abs(second))) / 0.6745 / np.sqrt(1.5), 1e-6)
-
-
-def find_capsule(light: Floats, walls: Walls, noise: float) -> tuple[Status, Floats | None]:
-    """Find the one dark spot between the walls that can be a capsule.
-
-    Parameters
-    ----------
-    light : (rows, columns) array
-        Share of the light of the empty channel.
-    walls : Walls
-        Walls of the channel.
-    noise : float
-        Standard deviation of one pixel of `light`.
-
-    Returns
-    -------
-    status : Status
-        ``DONE``, or why there is none to measure.
-    polygon : (p, 2) array or None [px]
-        Its outline to a pixel, columns (x, y), clockwise as seen in the picture.
-    """
-    dark = cv2.GaussianBlur(1.0 - light, (0, 0), 1.0)
-    between = np.abs(walls.offset(dark.shape)) < walls.half_width - 0.5 * walls.line_width
-    level = 0.5 * float(np.percentile(dark[between], 99.0))
-    if level < max(_CONTRAST, _SIGNIFICANCE * 0.3 * noise):
-        return Status.NO_CAPSULE, None
-    mask = ((dark > level) & between).astype(np.uint8)
-    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), dtype=np.uint8))
-    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    polygons = [_clockwise(contour[:, 0].astype(float)) for contour in contours]
-    polygons = [polygon for polygon in polygons if _area(polygon) > _SMALLEST_AREA * walls.half_width**2]
-    if not polygons:
-        return Status.NO_CAPSULE, None
-    if len(polygons) > 1:
-        return Status.SEVERAL_CAPSULES, None
-    polygon = polygons[0]
-    last = np.array(dark.shape[::-1]) - 1.0
-    if polygon.min() < _BORDER or np.any(polygon > last - _BORDER):
-        return Status.TOUCHES_BORDER, None
-    return Status.DONE, polygon
 
 
 def sharpened(light: Floats, polygon: Floats, noise: float) -> Outline | None:
@@ -213,12 +167,3 @@ def _blur_along(width: Floats, normals: Floats) -> Floats:
     x = float(np.median(width[streamwise])) if streamwise.any() else float(np.median(width))
     y = float(np.median(width[crosswise])) if crosswise.any() else x
     return np.hypot(x * normals[:, 1], y * normals[:, 0])
-
-
-def _area(polygon: Floats) -> float:
-    x, y = polygon.T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-
-
-def _clockwise(polygon: Floats) -> Floats:
-    return polygon if _area(polygon) > 0.0 else polygon[::-1]

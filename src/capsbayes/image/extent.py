@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from capsbayes.image.contour import Outline
 
-__all__ = ["Extreme", "furthest"]
+__all__ = ["EDGE_FLOOR", "Extreme", "furthest"]
 
 Floats = NDArray[np.float64]
 
 _WINDOWS = (15, 10, 7, 5)  # points to either side, widest first
 _ORDER = 4
 _MISFIT = 1.6  # of the residual's mean square over its expectation, up to which a window is taken
-_FLOOR = 0.03  # px: no edge is placed better than that in a picture sampled at whole pixels
+EDGE_FLOOR = 0.03  # px: no edge is placed better than that in a picture sampled at whole pixels
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,13 @@ class Extreme:
     ----------
     distance, variance : float [px, px^2]
         Along the direction from the origin of the picture, and the variance of its error.
+    lasting : float [px^2]
+        The part of the variance that is the same in all pictures of a capsule.
     """
 
     distance: float
     variance: float
+    lasting: float
 
 
 def furthest(outline: Outline, direction: Floats, misfit: float) -> Extreme:
@@ -53,7 +56,7 @@ def furthest(outline: Outline, direction: Floats, misfit: float) -> Extreme:
     Extreme
     """
     reach = outline.points @ direction
-    trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, _FLOOR))
+    trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))
     top = int(np.argmax(_averaged(reach)))
     for window in _WINDOWS:
         index = np.arange(top - window, top + window + 1) % len(reach)
@@ -73,8 +76,8 @@ def furthest(outline: Outline, direction: Floats, misfit: float) -> Extreme:
     own = excess * float(np.sum((weights * error) ** 2))
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
     shared = float(np.sum(of_arcs**2))
-    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + _FLOOR**2
-    return Extreme(float(values[best]), own + shared + model)
+    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2
+    return Extreme(float(values[best]), own + shared + model, model)
 
 
 def _averaged(values: Floats) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.image.frames import Picture
-from capsbayes.image.measure import Sighting
+from capsbayes.image.sighting import Sighting
 
 __all__ = ["overlay", "write_overlay"]
 
@@ -34,7 +34,7 @@ def overlay(picture: Picture, sighting: Sighting) -> NDArray[np.uint8]:
     -------
     (4 rows, 4 columns, 3) array of uint8
         Blue, green, red, as OpenCV writes it. Walls blue, outline red, the rear band orange, L_z violet above the
-        axis, L_a green below.
+        axis, L_a green below. Of a refused capsule, the dark spot is outlined in orange.
     """
     low, high = float(picture.grey.min()), float(picture.grey.max())
     grey = np.clip(255.0 * (picture.grey - low) / max(high - low, 1e-9), 0, 255).astype(np.uint8)
@@ -49,6 +49,8 @@ def overlay(picture: Picture, sighting: Sighting) -> NDArray[np.uint8]:
             _line(canvas, [middle + side * walls.half_width * walls.across + end * walls.along for end in ends], WALL)
     if sighting.outline is not None:
         _line(canvas, list(sighting.outline.points), OUTLINE, closed=True)
+    elif sighting.spot is not None:
+        _line(canvas, list(sighting.spot.polygon), REAR, closed=True)
     if sighting.nose is not None and sighting.end is not None:
         _lengths(canvas, sighting)
     return canvas

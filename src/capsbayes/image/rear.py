@@ -40,6 +40,8 @@ class RearBand:
     ----------
     depth, depth_error : float [px]
         From the rear end of the capsule to the middle of the band on the axis, and its standard error.
+    lasting : float [px^2]
+        The part of the error's square that is the same in all pictures of a capsule.
     width : float [px]
         Standard deviation of the band.
     curvature : float [1/px]
@@ -50,6 +52,7 @@ class RearBand:
 
     depth: float
     depth_error: float
+    lasting: float
     width: float
     curvature: float
     breadth: float
@@ -157,4 +160,4 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
         return None
     misfit = deviation * (_MISFIT + _OVERLAP * np.exp(-(depth / deviation - _CLEAR) / _FADING))
     error = float(np.sqrt(variance + misfit**2))
-    return RearBand(depth, error, deviation, float(solution[2]), float(np.max(np.abs(across[sound]))))
+    return RearBand(depth, error, float(misfit**2), deviation, float(solution[2]), float(np.max(np.abs(across[sound]))))

@@ -1,0 +1,100 @@
+"""Velocity and lengths measured in drawn films: bias, scatter, coverage of the intervals.
+
+Run ``python benchmarks/films.py [COUNT]``. Each film is of one simulated capsule drawn at random from a shipped
+database, with optics and velocity drawn at random, and the empty channel given. In pixels the velocity's error is that
+of the centroid's places; over l those of the half width are in all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pictures import SETS, row, scenery
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+
+from capsbayes.database import Database
+from capsbayes.experiment import Experiment
+from capsbayes.image.measure_film import measure_film
+from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
+from capsbayes.quantity import Quantity
+
+FRAMES, RATE = 8, Quantity(1000.0, 0.0, "1/s")
+EXPERIMENT = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+NAMES = ("v_o, px a frame", "v_o, l a frame", "L_z, l", "L_a, l")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("count", nargs="?", type=int, default=60, help="of films (default: 60)")
+    parser.add_argument("--seed", type=int, default=2024)
+    asked = parser.parse_args()
+    cases = Database.open("square-neo-hookean").converged
+    random = np.random.default_rng(asked.seed)
+    errors: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
+    statuses: Counter[str] = Counter()
+    with threadpool_limits(limits=1):
+        for number in track(range(asked.count), description="films", transient=True):
+            scene, optics = scenery(cases, SETS[list(SETS)[number % len(SETS)]], random)
+            statuses.update(measured(scene, optics, random, errors))
+    console = Console(width=110)
+    table = Table("", "n", "bias", "scatter", "error", "in 68 %", "by chance", "in 95 %", "by chance")
+    for name, pairs in errors.items():
+        if pairs:
+            table.add_row(name, *row(1e3 * np.array(pairs)))
+    console.print(table)
+    console.print("In thousandths of a pixel a frame, of l a frame, and of l.")
+    console.print(", ".join(f"{name} {count}" for name, count in statuses.items()))
+
+
+def measured(
+    scene: Scene, optics: Optics, random: np.random.Generator, errors: dict[str, list[tuple[float, float]]]
+) -> list[str]:
+    """Film one capsule and enter its errors; the statuses of what was found."""
+    step = random.uniform(8.0, 30.0) * scene.flow
+    drawings = moved(scene, optics, step, random)
+    with tempfile.TemporaryDirectory() as folder:
+        for number, one in enumerate(drawings):
+            cv2.imwrite(str(Path(folder) / f"{number}.png"), one.picture)
+        film = measure_film(folder, EXPERIMENT, frame_rate=RATE, background=drawings[0].background)
+    first, half_width = drawings[0], scene.half_width
+    for capsule in film.capsules:
+        if not capsule.status.ok or capsule.velocity is None:
+            continue
+        seen, speed = capsule.measurement, capsule.velocity
+        truth = {"L_z, l": first.axial_extent / half_width, "L_a, l": first.axial_length / half_width}
+        errors[NAMES[0]].append((speed.value - step, speed.error))
+        in_l = 25e-6 * RATE.value
+        errors[NAMES[1]].append(
+            (seen.capsule_velocity / in_l - abs(step) / half_width, seen.capsule_velocity_error / in_l)
+        )
+        errors["L_z, l"].append((seen.axial_extent - truth["L_z, l"], seen.axial_extent_error))
+        if seen.axial_length is not None and seen.axial_length_error is not None:
+            errors["L_a, l"].append((seen.axial_length - truth["L_a, l"], seen.axial_length_error))
+    return [capsule.status.name for capsule in film.capsules]
+
+
+def moved(scene: Scene, optics: Optics, step: float, random: np.random.Generator) -> list[Drawing]:
+    """A capsule at eight places along its channel, in a picture wide enough for all of them."""
+    rows, columns = scene.shape[0], int(scene.shape[1] + FRAMES * abs(step))
+    along: NDArray[np.float64] = np.array([np.cos(scene.tilt), np.sin(scene.tilt)])
+    middle = np.array([0.5 * columns, scene.middle[1]])
+    drawings = []
+    for number in range(FRAMES):
+        centre = middle + (number - 0.5 * (FRAMES - 1)) * step * along
+        placed = replace(scene, shape=(rows, columns), centre=(float(centre[0]), float(centre[1])))
+        drawings.append(draw(placed, optics, seed=int(random.integers(2**31))))
+    return drawings
+
+
+if __name__ == "__main__":
+    main()

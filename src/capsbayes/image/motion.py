@@ -1,0 +1,123 @@
+"""Velocity of a capsule from where it was in each frame, and whether it or its shape still changes on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Drift", "Velocity", "drift", "velocity"]
+
+Floats = NDArray[np.float64]
+
+_SIGNIFICANT = 3.0  # standard errors
+_NEGLIGIBLE = 0.01  # of the quantity itself: a smaller change on the way is an error, not a reason to refuse
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Change of a quantity from the first to the last sighting, by a straight line through its values.
+
+    Parameters
+    ----------
+    change, error : float
+        Over the quantity's mean.
+    """
+
+    change: float
+    error: float
+
+    @property
+    def significance(self) -> float:
+        """Change over its standard error."""
+        return abs(self.change) / self.error
+
+    @property
+    def significant(self) -> bool:
+        """Whether the change is more than three of its standard errors."""
+        return self.significance > _SIGNIFICANT
+
+    @property
+    def unsteady(self) -> bool:
+        """Whether the change is significant and more than a hundredth."""
+        return self.significant and abs(self.change) > _NEGLIGIBLE
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """Velocity of a centroid.
+
+    Parameters
+    ----------
+    value, error : float [px per frame]
+        Positive to the right, and its standard error.
+    scatter : float [px]
+        Root mean square of the places about the straight line.
+    drift : Drift, optional
+        Change of the velocity on the way; missing for three sightings.
+    """
+
+    value: float
+    error: float
+    scatter: float
+    drift: Drift | None
+
+
+def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:
+    """Fit a straight line to places, and a parabola for the change of its slope.
+
+    The error is that of the scatter about the line, or of the errors of the places if these are larger: of a few
+    sightings the scatter may be small by chance.
+
+    Parameters
+    ----------
+    frames : (n,) array
+        When, in frames; at least three.
+    places : (n,) array [px]
+        Where, along the channel.
+    variance : (n,) array [px^2]
+        Of the error of each place.
+
+    Returns
+    -------
+    Velocity
+    """
+    t = frames - frames.mean()
+    slope, error, scatter = _last_coefficient(t, places, 1, variance)
+    if len(t) < 4:
+        return Velocity(slope, error, scatter, None)
+    bend, bend_error, _ = _last_coefficient(t, places, 2, variance)
+    way = 2.0 * np.ptp(t) / abs(slope)
+    return Velocity(slope, error, scatter, Drift(float(np.sign(slope) * bend * way), float(bend_error * way)))
+
+
+def drift(along: Floats, values: Floats, variance: Floats) -> Drift:
+    """Change of a quantity along the channel.
+
+    Parameters
+    ----------
+    along : (n,) array
+        Where each value was taken, from upstream to downstream or back; at least three.
+    values : (n,) array
+    variance : (n,) array
+        Of the error that each value has by itself.
+
+    Returns
+    -------
+    Drift
+    """
+    slope, error, _ = _last_coefficient(along - along.mean(), values, 1, variance)
+    way = float(along[-1] - along[0]) / float(values.mean())
+    return Drift(slope * way, error * abs(way))
+
+
+def _last_coefficient(t: Floats, values: Floats, degree: int, variance: Floats) -> tuple[float, float, float]:
+    """Coefficient of the highest power of a fitted polynomial, its standard error, and the scatter about it."""
+    span = float(np.max(np.abs(t)))
+    design = (t / span)[:, None] ** np.arange(degree + 1)
+    inverse = np.linalg.inv(design.T @ design)
+    coefficients = inverse @ design.T @ values
+    scatter = np.sum((values - design @ coefficients) ** 2) / (len(t) - degree - 1)
+    error = np.sqrt(inverse[-1, -1] * max(scatter, float(variance.mean())))
+    return float(coefficients[-1]) / span**degree, float(error) / span**degree, float(np.sqrt(scatter))

@@ -1,0 +1,120 @@
+import numpy as np
+import pytest
+from drawn_film import HALF_WIDTH, SHAPE, bright, exposed, film, written
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.image.measure_film import measure_film
+from capsbayes.quantity import Quantity
+from capsbayes.status import Status
+
+EXPERIMENT = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+RATE = Quantity(2000.0, 0.0, "1/s")
+STEP = 23.37  # px per frame
+PLACES = 65.0 + STEP * np.arange(9)
+IN_SI = STEP / HALF_WIDTH * 25e-6 * 2000.0
+
+
+def empty():
+    return bright(x=PLACES[0]).background
+
+
+def measured(folder, frames, **options):
+    given = {"background": empty()} | options
+    return measure_film(written(folder, frames), EXPERIMENT, frame_rate=RATE, **given)
+
+
+def disc(grey, x, y, radius):
+    yy, xx = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    away = np.hypot(xx - x, yy - y) - radius
+    return grey * (1.0 - 0.4 / (1.0 + np.exp(np.clip(1.5 * away, -50.0, 50.0))))
+
+
+def test_velocity_and_lengths_lie_within_their_errors(tmp_path):
+    """In pixels the velocity's error is that of the centroid's place; in metres that of the half width leads."""
+    truth = np.array([bright(x=PLACES[0]).axial_extent, bright(x=PLACES[0]).axial_length]) / HALF_WIDTH
+    z, of_lengths, in_si = [], [], []
+    for seed in range(5):
+        made = measured(tmp_path / str(seed), film(PLACES, seed))
+        (capsule,) = made.capsules
+        assert capsule.status is Status.DONE
+        assert len(capsule.moments) == len(PLACES)
+        seen = capsule.measurement
+        z.append((capsule.velocity.value - STEP) / capsule.velocity.error)
+        of_lengths.append((seen.lengths - truth) / np.sqrt(np.diag(seen.covariance)))
+        assert seen.axial_length is not None
+        in_si.append((seen.capsule_velocity - IN_SI) / seen.capsule_velocity_error)
+        assert capsule.velocity.error < 2e-4 * STEP
+    assert 0.2 < np.sqrt(np.mean(np.square(z))) < 1.6
+    assert np.max(np.abs(of_lengths)) < 2.5
+    assert np.max(np.abs(in_si)) < 2.5
+
+
+def test_the_error_of_the_half_width_is_in_the_velocity(tmp_path):
+    folder = written(tmp_path / "film", film(PLACES))
+    known = Experiment(section="square", half_width=positive_normal(25e-6, 0.5e-6), viscosity=0.85)
+    (capsule,) = measure_film(folder, known, frame_rate=Quantity(2000.0, 20.0, "1/s"), background=empty()).capsules
+    seen = capsule.measurement
+    assert seen.capsule_velocity_error / seen.capsule_velocity == pytest.approx(np.hypot(0.02, 0.01), rel=0.02)
+
+
+def test_the_mean_has_less_noise_than_one_frame_and_the_same_misfit(tmp_path):
+    noisy = film(PLACES, 3, electrons=1000.0)
+    (capsule,) = measured(tmp_path / "film", noisy).capsules
+    one = capsule.moments[0]
+    alone, lasting = (one.covariance - one.lasting)[0, 0], one.lasting[0, 0]
+    mean = capsule.measurement.covariance[0, 0] * HALF_WIDTH**2
+    assert lasting < mean < lasting + 0.5 * alone
+    assert 0.2 < capsule.repeat_error[0] / np.sqrt(alone) < 1.5
+
+
+def test_everything_in_a_film_is_a_capsule_or_has_a_reason(tmp_path):
+    """A capsule, two that overlap and a speck behind it; each is cut by the border for a while."""
+    frames = []
+    for number, x in enumerate(np.arange(PLACES[0] - 4.0 * STEP, 700.0, STEP)):
+        grey = empty().astype(float)
+        if x < SHAPE[1] + 55.0:
+            one = bright(x=float(x))
+            grey = one.picture.astype(float)
+        for behind, radius in ((110.0, 6.0), (190.0, 18.0), (217.0, 18.0)):
+            grey = disc(grey, x - behind, 58.5, radius)
+        frames.append(exposed(grey, number))
+    made = measured(tmp_path / "film", frames, background=None)
+    assert [capsule.status for capsule in made.capsules] == [Status.DONE, Status.DEBRIS, Status.DOUBLET]
+    assert made.capsules[0].velocity.value == pytest.approx(STEP, abs=0.01)
+    assert made.statuses[Status.TOUCHES_BORDER] >= 5
+    assert np.isnan(made.capsules[2].measurement.axial_extent)
+    assert all(capsule.picture is not None for capsule in made.capsules)
+
+
+def test_a_bad_frame_stops_nothing(tmp_path):
+    folder = written(tmp_path / "film", film(PLACES))
+    (folder / "frame4.png").write_bytes(b"no picture")
+    made = measure_film(folder, EXPERIMENT, frame_rate=RATE, background=empty())
+    assert (made.frames, made.unreadable) == (9, 1)
+    assert made.capsules[0].velocity.value == pytest.approx(STEP, abs=0.01)
+    assert len(made.capsules[0].moments) == 8
+
+
+@pytest.mark.parametrize(
+    ("places", "status"), [(PLACES[:2], Status.FEW_FRAMES), (np.full(4, PLACES[3]), Status.COVERED)]
+)
+def test_what_a_film_cannot_tell_has_a_status(tmp_path, places, status):
+    background = None if status is Status.COVERED else empty()
+    made = measured(tmp_path / "film", film(places), background=background)
+    assert status in (made.status, *(capsule.status for capsule in made.capsules))
+
+
+def test_the_other_direction_is_refused(tmp_path):
+    made = measured(tmp_path / "film", film(PLACES), flow="left")
+    assert {capsule.status for capsule in made.capsules} == {Status.WRONG_FLOW}
+    with pytest.raises(InputError, match='expected "right" or "left"'):
+        measured(tmp_path / "again", film(PLACES), flow="up")
+
+
+def test_a_capsule_that_lengthens_is_unsteady(tmp_path):
+    """The second half of the film is of the same capsule at a higher capillary number."""
+    frames = [film([x], capillary_number=0.06 if x < 150.0 else 0.08)[0] for x in PLACES]
+    (capsule,) = measured(tmp_path / "film", frames).capsules
+    assert capsule.status is Status.UNSTEADY
+    assert capsule.drifts["L_z"].unsteady

@@ -1,0 +1,109 @@
+"""Events of .rtdc files: a drawn one, and the recordings that come with the format's reference reader."""
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawn import circle
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.image.measure_rtdc import measure_rtdc
+from capsbayes.image.rtdc import RtdcFile
+from capsbayes.image.synthetic import Optics, Scene, draw
+from capsbayes.quantity import Quantity
+from capsbayes.status import Status
+
+h5py = pytest.importorskip("h5py")
+pytest.importorskip("hdf5plugin")
+
+FOLDER = Path(__file__).parents[3] / "shared" / "data" / "rtdc"
+EXPERIMENT = Experiment(section="square", half_width=10e-6, viscosity=0.015)
+PIXEL = Quantity(0.34e-6, 0.003e-6, "m")
+SPEED = Quantity(0.15, 0.005, "m/s")
+recorded = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are not in {FOLDER}")
+
+
+def events(path, pixel=PIXEL):
+    return list(measure_rtdc(path, EXPERIMENT, capsule_velocity=SPEED, pixel_size=pixel))
+
+
+@pytest.fixture
+def path(tmp_path):
+    half_width = 10.0 / 0.34
+    drawings = [
+        draw(Scene(circle(0.6), circle(0.6), half_width, (80, 160), centre=(x, 39.5)), Optics(), seed=1)
+        for x in (40.0, 80.3, 120.0)
+    ]
+    yy, xx = np.mgrid[:80, :160]
+    masks = [np.hypot(xx - one.scene.middle[0], yy - 39.5) < 0.6 * half_width for one in drawings]
+    masks[2][:, 118:121] = False
+    made = tmp_path / "drawn.rtdc"
+    with h5py.File(made, "w") as file:
+        file.attrs["imaging:pixel size"], file.attrs["setup:channel width"] = 0.34, 20.0
+        file["events/image"] = np.stack([one.picture for one in drawings])
+        file["events/mask"] = 255 * np.stack(masks).astype(np.uint8)
+    return made
+
+
+def test_drawn_spheres_and_a_mask_in_two_pieces(path):
+    found = events(path)
+    assert [event.sighting.status for event in found] == [Status.DONE, Status.DONE, Status.BROKEN_MASK]
+    for event in found[:2]:
+        seen = event.measurement
+        assert abs(seen.axial_extent - 12e-6) < 2.5 * seen.axial_extent_error
+        assert seen.axial_extent_error > 0.003 / 0.34 * 12e-6
+        assert seen.axial_length is None
+    assert np.isnan(found[2].measurement.axial_extent)
+    assert found[1].picture.source.endswith("drawn.rtdc, event 1")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda file: file.attrs.pop("setup:channel width"), "setup:channel width: expected a positive number"),
+        (lambda file: file.pop("events/mask"), "events/mask: expected pictures and masks, got nothing"),
+        (lambda file: file.attrs.update({"imaging:pixel size": 0.68}), "pixel size: expected about the 0.68 um"),
+        (lambda file: file.attrs.update({"setup:channel width": 30.0}), "half_width: expected half of the 30 um"),
+    ],
+)
+def test_what_a_file_lacks_is_named(path, spoil, message):
+    with h5py.File(path, "a") as file:
+        spoil(file)
+    with pytest.raises(InputError, match=message) as caught:
+        events(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_no_hdf5_is_refused(tmp_path):
+    (tmp_path / "cells.rtdc").write_bytes(b"no HDF5")
+    with pytest.raises(InputError, match=r"expected an \.rtdc file"):
+        RtdcFile.open(tmp_path / "cells.rtdc")
+    with pytest.raises(InputError, match="nothing there"):
+        RtdcFile.open(tmp_path / "none.rtdc")
+
+
+@recorded
+def test_recorded_beads_are_round_and_the_last_event_is_not():
+    """The channel is tilted by 2.4 degrees; 46 beads, then something else."""
+    found = events(FOLDER / "calibration_beads_47.rtdc")
+    assert all(event.sighting.status is Status.DONE for event in found)
+    assert np.degrees(found[0].sighting.walls.tilt) == pytest.approx(-2.4, abs=0.1)
+    ratios = []
+    for event in found:
+        outline, walls = event.sighting.outline, event.sighting.walls
+        ratios.append(event.sighting.lengths[0] / np.ptp(outline.points @ walls.across))
+    assert np.max(np.abs(np.array(ratios[:-1]) - 1.0)) < 0.03
+    assert ratios[-1] > 1.2
+
+
+@recorded
+def test_recorded_doublets_and_broken_masks_are_refused_by_name():
+    cells = events(FOLDER / "blood_rbc_leukocytes.rtdc")
+    refused = {event.number for event in cells if event.sighting.status in (Status.DOUBLET, Status.LOPSIDED)}
+    assert {3, 4, 5} <= refused  # red cells that overlap, as the pictures show
+    assert {1, 2, 8, 9, 10, 12} <= {event.number for event in cells if event.sighting.status.ok}
+    broken = events(FOLDER / "mask_with_artefact.rtdc", replace(PIXEL, value=0.68e-6))
+    assert Counter(event.sighting.status for event in broken) == {Status.BROKEN_MASK: 10}
