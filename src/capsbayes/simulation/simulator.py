@@ -92,7 +92,7 @@ class Simulator:
     law : MembraneLaw
         Law of the membrane.
     section : str
-        Section of the channel: ``"square"``, ``"rectangular"`` or ``"circular"``.
+        Section of the channel: ``"square"``, ``"rectangular"`` or ``"circular"``, in which shapes are axisymmetric.
     refinement : int
         Elements along the edge of an octahedron's face, at least 4; 8 is good to about 0.3 % in L_z, 12 to 0.07 %.
     bending : float
