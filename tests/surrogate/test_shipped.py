@@ -59,6 +59,7 @@ def test_the_table_adds_little_to_the_error(surrogate):
     for sheet in surrogate.sheets:
         here = sheet.branch.region.contains(ca, size)
         exact = sheet.approximation(sheet.chart.to_plane(ca[here], size[here]))[:, :3]
+        exact[:, 0] = exact[:, :2].max(axis=1)  # no capsule is longer on the axis than along the flow
         tabulated = surrogate({"capillary_number": ca[here], "size_ratio": size[here]})
         error, sd = np.abs(tabulated.values - exact), np.sqrt(tabulated.covariance[:, range(3), range(3)])
         assert np.all(error < 0.02 * sd)

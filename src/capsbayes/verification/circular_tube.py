@@ -60,18 +60,18 @@ def _state(case: Case, bending: float, refinement: int) -> Values:
     return numbers(steady(simulator, case[0], case[1]))
 
 
-def _bound(case: Case, bending: float) -> float:
+def _bound(case: Case) -> float:
     if _compressed(case):
-        return 0.003 if bending <= _USUAL else 0.005
+        return 0.005
     return 0.001 if case[2] else 0.003
 
 
 def _rows(results: Results) -> Iterator[Row]:
     for case in TUBE.numbers:
         for bending in _bendings(case):
-            item, bound = _item(case, bending), _bound(case, bending)
+            item, bound = _item(case, bending), _bound(case)
             for quantity in QUANTITIES:
-                target = Target("relative", min(bound, 0.002) if quantity == "velocity_ratio" else bound)
+                target = Target("relative", 0.6 * bound if quantity == "velocity_ratio" else bound)
                 ours = results.value(item, quantity)
                 yield Row(f"{item}: {SYMBOLS[quantity]}", ours, TUBE.at(case, quantity), target)
 
