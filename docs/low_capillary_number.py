@@ -43,6 +43,7 @@ MESHES, MESH_SIZE, MESH_RANGE, BRACKET = (6, 8, 10, 12, 16), 0.85, (0.005, 0.02)
 BENDINGS, BENT_SIZES = (5e-5, 2e-4, 1e-3, 3e-3), (0.75, 0.9)
 BENT_CA = (0.003, 0.005, 0.0075, 0.01, 0.0125, 0.015, 0.02, 0.03)
 EXACT = ((0.75, 0.01), (0.75, 0.02), (0.9, 0.01), (0.9, 0.02))
+TICKS = (0.003, 0.005, 0.01, 0.02, 0.03)
 State = dict[str, float]
 Results = dict[str, list[State]]
 
@@ -148,7 +149,7 @@ def shipped_rows(database: Database, size: float) -> tuple[np.ndarray, np.ndarra
 def finish(axis, size: float) -> None:
     """Title and scales of one panel."""
     axis.set(title=f"a/l = {size:g}", xscale="log", xlim=(LOWEST, 1.1 * HIGHEST), xlabel="Ca")
-    axis.xaxis.set_major_formatter("{x:g}")
+    axis.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
     axis.xaxis.set_minor_formatter("")
 
 
@@ -230,6 +231,25 @@ def snap_rows() -> list[str]:
     return rows
 
 
+def inflation_rows() -> list[str]:
+    """A table of the Ca of the snap-through by inflation and size."""
+    if "square-pre-inflation" not in Database.shipped():
+        return []
+    database = Database.open("square-pre-inflation")
+    sizes = sorted(set(np.round(database["border_size_ratio"], 6)))
+    rows = ["| alpha | " + " | ".join(f"a/l {size:g}" for size in sizes) + " |", "|---" * (len(sizes) + 1) + "|"]
+    for value in database.values:
+        of_value = database.at_value(float(value))
+        kinds, places, ends = (of_value[f"border_{name}"] for name in ("kind", "size_ratio", "capillary_number"))
+        found = {
+            round(float(place), 6): end
+            for kind, place, end in zip(kinds, places, ends, strict=True)
+            if kind in ("snap-through", "lost from rest")
+        }
+        rows.append(f"| {value:g} | " + " | ".join(f"{found[s]:.3g}" if s in found else "-" for s in sizes) + " |")
+    return rows
+
+
 def page(known: Results) -> str:
     """The page, with every number from the store or from the database."""
     buckling = 2 * np.sqrt(3 * BENDING)
@@ -248,17 +268,16 @@ def page(known: Results) -> str:
         "through** to a parachute. "
         "Followed down in Ca, the parachute keeps its dimple far below: between the two Ca both shapes are steady, and "
         "stable to disturbances of the channel's symmetry, and which one is seen depends on the history. The databases "
-        "hold the shape that a capsule started from rest comes to in time. Up to the snap-through "
-        "another shape is stable "
-        "too; those Ca are marked, and a posterior that leans on them says so. Wide capsules (a/l from "
-        "about 1.05 on) do "
+        "hold the shape that a capsule started from rest comes to in time, followed with long implicit steps. Up to "
+        "the snap-through another shape is stable too, and a capsule that is set in motion at once may jump there; "
+        "those Ca are marked, and a posterior that leans on them says so. Wide capsules (a/l from about 1.05 on) do "
         "not snap: their rear turns concave smoothly.",
         "",
         f"![Branches at low Ca](pictures/{draw_branches(known).name})",
         "",
         f"Branches at refinement {FINE}; open circles: states that are unstable. The database's rows are "
-        "on the branch from "
-        "rest up to the snap-through, then on that of the parachutes.",
+        "on the branch from rest while it is stable, and after the snap-through on that of the parachutes. In "
+        "between a capsule may come to a wrinkled convex shape, as at a/l = 0.75, where it is up to 1 % longer.",
         "",
         "## Where a capsule from rest snaps through",
         "",
@@ -295,9 +314,12 @@ def page(known: Results) -> str:
         "",
         f"![Bending and pre-inflation](pictures/{draw_settings(known).name})",
         "",
-        f"Shapes reached from rest at refinement {COARSE}: a stiffer membrane stays convex up to a higher"
-        " Ca, and one or two "
-        "per cent of pre-inflation takes the compression away, and the snap-through with it.",
+        f"Shapes reached from rest at refinement {COARSE}. A stiffer membrane stays convex up to a higher Ca. With "
+        f"B = {BENDINGS[0]:g} the wrinkles are too short for this mesh, and what a capsule comes to changes from one "
+        "Ca to the next. Pre-inflation puts the membrane under tension: the snap-through moves to a higher Ca, until "
+        "in wide capsules the rear turns concave smoothly. The Ca of the snap-through in `square-pre-inflation`:",
+        "",
+        *inflation_rows(),
         "",
         "## Transients",
         "",
@@ -316,6 +338,11 @@ def page(known: Results) -> str:
                 f"| {size} | {ca} | {states[0]['axial_extent']:.4f} | {states[1]['axial_extent']:.4f} "
                 f"| {states[0]['growth']:.2f} | {shape} |"
             )
+    lines += [
+        "",
+        "Close to the snap-through the two may come to different shapes, both stable: which one a capsule takes there "
+        "hangs on how it was started. Those Ca are among the marked ones.",
+    ]
     return "\n".join([*lines, ""])
 
 
