@@ -306,7 +306,8 @@ def page(known: Results) -> str:
             for state in known.get(f"mesh {refinement}", [])
         ),
         "",
-        "A coarse mesh is too stiff to buckle as early. Between the snap-through of the mesh and that of"
+        "A coarse mesh is too stiff to buckle as early, and the Ca still falls with the finest of these: on a finer "
+        "one a capsule may snap through at a lower Ca yet. Between the snap-through of the mesh and that of"
         " the membrane the "
         "coarse databases hold convex shapes; their marks reach up to their own snap-through.",
         "",
