@@ -31,7 +31,8 @@ Floats = NDArray[np.float64]
 _QUANTILES = (0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 0.98)  # of the prior, at which an effect is tried first
 _REFINED = 3  # halvings of the steps about the best size
 _LARGEST_SPREAD = 3.0
-_LOST = 30.0  # misfit of a capsule that the model cannot have made, beyond what it has without the effect
+_LOST = 15.0  # log likelihood of a capsule that the model cannot have made, below that of the least likely other
+_NOTHING = -1e6  # log likelihood of each where hardly one can have been made
 
 
 @dataclass(frozen=True)
@@ -152,11 +153,12 @@ def log_likelihood(
     """
     fits = fitted(model, session, white, sizes)
     done, values, variances = fits.settled, fits.log_modulus, fits.covariance[:, 0, 0]
-    found = np.full(len(done), -0.5 * _LOST)
+    found = np.full(len(done), _NOTHING)
     if done.sum() > 1:
         people = population(values[done], variances[done])
         total = variances[done] + people.spread**2
         volume = np.linalg.slogdet(fits.covariance[done])[1]
         apart = (values[done] - people.mean) ** 2 / total + np.log(2.0 * np.pi * total)
         found[done] = -0.5 * fits.misfit[done] + 0.5 * volume - 0.5 * apart
+        found[~done] = found[done].min() - _LOST
     return found

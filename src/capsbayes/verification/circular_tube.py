@@ -71,7 +71,7 @@ def _rows(results: Results) -> Iterator[Row]:
         for bending in _bendings(case):
             item, bound = _item(case, bending), _bound(case)
             for quantity in QUANTITIES:
-                target = Target("relative", 0.6 * bound if quantity == "velocity_ratio" else bound)
+                target = Target("relative", min(bound, 0.002) if quantity == "velocity_ratio" else bound)
                 ours = results.value(item, quantity)
                 yield Row(f"{item}: {SYMBOLS[quantity]}", ours, TUBE.at(case, quantity), target)
 
