@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,12 @@ class Prediction:
 
     def __len__(self) -> int:
         return len(self.axial_extent)
+
+    def taken(self, rows: slice | NDArray[np.int64]) -> Prediction:
+        """Some of the points."""
+        found = {one.name: getattr(self, one.name) for one in fields(self)}
+        some: dict[str, Any] = {name: None if array is None else array[rows] for name, array in found.items()}
+        return Prediction(**some)
 
     @property
     def parachute_depth(self) -> Floats:

@@ -3,13 +3,16 @@
 This is the least to ask: an effect that is hidden by the simulator, or drawn by other code, is harder.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.discrepancy.diagnosis import Verdict, diagnose
-from capsbayes.discrepancy.scoring import population
+from capsbayes.discrepancy.fits import fitted, whitening
+from capsbayes.discrepancy.scoring import log_likelihood, population
 from capsbayes.effects import Halo, MotionBlur, PixelScale, catalogue
 
 CAPSULES = 40
@@ -74,3 +77,13 @@ def test_spread_of_a_population_without_its_errors():
     assert found.mean == pytest.approx(1.3, abs=0.01)
     assert found.spread == pytest.approx(0.1, abs=0.01)
     assert population(rng.normal(1.3, errors), 4.0 * errors**2).spread == 0.0
+
+
+def test_a_capsule_that_a_model_cannot_have_made_is_less_likely_than_any_other(model):
+    session, _ = drawn_session(model, CAPSULES, seed=9, outline=True)
+    fits = fitted(model, session, whitening(model, session))
+    lost = np.arange(CAPSULES) < 3
+    found = log_likelihood(replace(fits, settled=fits.settled & ~lost))
+    assert found[lost].max() < found[~lost].min()
+    assert found.sum() < log_likelihood(fits).sum()
+    assert np.isfinite(log_likelihood(replace(fits, settled=np.zeros(CAPSULES, dtype=bool)))).all()

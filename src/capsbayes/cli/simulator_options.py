@@ -49,10 +49,12 @@ def simulator_of(
         Naming the option that will not do.
     """
     from capsbayes.membrane import law_named
-    from capsbayes.simulation import Simulator  # slow to import
+
+    membrane = law_named(law)
+    from capsbayes.simulation import Simulator  # slow to import: after the check of the law
 
     return Simulator(
-        law=law_named(law),
+        law=membrane,
         section=section,
         refinement=refinement,
         bending=bending,

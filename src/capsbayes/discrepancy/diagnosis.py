@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.discrepancy.finding import Finding, find
-from capsbayes.discrepancy.fits import Whitening, whitening
+from capsbayes.discrepancy.fits import Whitening, fitted, whitening
 from capsbayes.discrepancy.scoring import Scores, log_likelihood, scored
 from capsbayes.discrepancy.session import Session
 from capsbayes.effect import Effect, Extendable
@@ -28,9 +28,7 @@ Floats = NDArray[np.float64]
 
 _FEWEST = 12  # capsules of a session that can be divided
 _LEAST_GAIN = 3.0  # in log likelihood, below which an effect explains nothing, or no more than another
-_APART = (
-    2.5  # standard errors between the gains of two effects, capsule by capsule, below which they are not told apart
-)
+_APART = 2.5  # standard errors between the gains of two effects, below which they are not told apart
 _LEFT = 0.01  # chance of what is left over, below which an effect does not explain enough
 _VERIFIED = 2.0  # standard errors of the gain per capsule on the second half
 
@@ -145,11 +143,9 @@ def diagnose(
     effects = catalogue() if candidates is None else candidates
     scores = {name: scored(model, effect, discover, white) for name, effect in effects.items()}
     scores = dict(sorted(scores.items(), key=lambda item: -item[1].gains.sum()))
-    unknown = Study(Verdict.UNKNOWN, finding, (), scores, None, model, {})
-    alike = _not_told_apart(scores)
-    alike = tuple(name for name in alike if _explains(model, scores[name], discover, white, seed))
+    alike = tuple(name for name in _not_told_apart(scores) if _explains(model, scores[name], discover, white, seed))
     if not alike:
-        return unknown
+        return Study(Verdict.UNKNOWN, finding, (), scores, None, model, {})
     best = scores[alike[0]]
     verification = _verified(model, best, confirm, seed)
     if verification.gain < _VERIFIED * verification.error or verification.after.chance < _LEFT:
@@ -184,12 +180,10 @@ def _verified(model: Extendable, scores: Scores, confirm: Session, seed: int) ->
     assert isinstance(model, ForwardModel), "a model with an answer"
     white = whitening(model, confirm)
     extended, name = model + scores.effect, scores.effect.parameter.name
-    with_it, without = (
-        log_likelihood(extended, confirm, white, {name: size}) for size in (scores.size, scores.effect.null_value)
-    )
-    gains = with_it - without
-    before, after = (
-        find(extended, confirm, seed=seed, white=white, sizes={name: size})
-        for size in (scores.effect.null_value, scores.size)
-    )
-    return Verification(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))), before, after)
+    likelihoods, findings = [], []
+    for size in (scores.effect.null_value, scores.size):
+        fits = fitted(extended, confirm, white, {name: size})
+        likelihoods.append(log_likelihood(fits))
+        findings.append(find(extended, confirm, seed=seed, white=white, sizes={name: size}, fits=fits))
+    gains = likelihoods[1] - likelihoods[0]
+    return Verification(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))), *findings)

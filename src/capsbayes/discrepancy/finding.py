@@ -31,6 +31,7 @@ __all__ = ["Deviation", "Finding", "find"]
 Floats = NDArray[np.float64]
 
 _FLIPS = 4999
+_FEWEST = 4  # contributions, up to which a deviation is not judged
 _TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
 
 
@@ -100,6 +101,7 @@ def find(
     seed: int,
     white: Whitening | None = None,
     sizes: Mapping[str, float] | None = None,
+    fits: Fits | None = None,
 ) -> Finding:
     """Compare a session with a model.
 
@@ -114,13 +116,15 @@ def find(
         Made with the model without its effects; by default, with the model.
     sizes : mapping of str to float, optional
         Parameters of the model's effects.
+    fits : Fits, optional
+        Of the model with these sizes, if they are known.
 
     Returns
     -------
     Finding
     """
     white = whitening(model, session) if white is None else white
-    fits = fitted(model, session, white, sizes)
+    fits = fitted(model, session, white, sizes) if fits is None else fits
     done = np.flatnonzero(fits.settled)
     rest = {name: values[done] for name, values in session.circumstances.items()}
     rest |= {name: np.full(len(done), size) for name, size in (sizes or {}).items()}
@@ -135,9 +139,6 @@ def find(
         for one, chance in zip(table, chances, strict=True)
     ]
     return Finding(tuple(sorted(found, key=lambda one: (one.chance, -abs(one.sigma)))), noise, len(done))
-
-
-_FEWEST = 4
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 _STEPS = 12
 _DIFFERENCE = (1e-3, 1e-4)  # of log Ca and a/l, for derivatives
 _LONGEST = (0.3, 0.03)  # step
-_LOOSE = (2.0, 1.0)  # standard deviations of a prior about the start: it holds what the data leave open
+_LOOSE = np.array([2.0, 1.0])  # standard deviations of a prior about the start: it holds what the data leave open
 _SETTLED = 1e-4  # change of the misfit
 _SCOUTS = (60, 40)
 
@@ -171,17 +171,17 @@ def fitted(
     rest = {name: np.broadcast_to(np.asarray(value, float), len(session)) for name, value in (sizes or {}).items()}
     rest = {**session.circumstances, **rest}
     theta = np.array(white.pilots if start is None else start)
-    centre, loose = theta.copy(), np.array(_LOOSE)
+    centre = theta.copy()
     best, slopes, ratio, ratio_slopes = _evaluated(model, white, rest, theta)
-    value = _penalised(best, theta, centre, loose)
+    value = _penalised(best, theta, centre)
     damping, moving = np.full(len(theta), 1e-3), np.isfinite(value)
     for _ in range(_STEPS):
         if not moving.any():
             break
-        trial = theta + _step(best, slopes, theta, centre, loose, damping)
+        trial = theta + _step(best, slopes, theta, centre, damping)
         trial[~moving] = theta[~moving]
         found, found_slopes, found_ratio, found_ratio_slopes = _evaluated(model, white, rest, trial)
-        there = _penalised(found, trial, centre, loose)
+        there = _penalised(found, trial, centre)
         good = moving & (there < value + 1e-9)
         gain = np.where(good, value - np.where(good, there, 0.0), 0.0)
         for i in np.flatnonzero(good):
@@ -207,7 +207,7 @@ def _made(
     covariance = np.full((len(theta), 2, 2), np.nan)
     for i, slope in enumerate(slopes):
         if np.isfinite(slope).all():
-            spread = np.linalg.inv(slope.T @ slope + np.diag(1.0 / np.square(_LOOSE)))
+            spread = np.linalg.inv(slope.T @ slope + np.diag(1.0 / _LOOSE**2))
             along = np.array([[-1.0 - ratio_slopes[i, 0] / ratio[i], -ratio_slopes[i, 1] / ratio[i]], [0.0, 1.0]])
             covariance[i] = along @ spread @ along.T
     covariance[:, 0, 0] += np.square(session.velocity_errors)
@@ -226,7 +226,7 @@ def _evaluated(
     ratio = prediction.velocity_ratio.reshape(-1, len(shifts))
     residuals, slopes = [], []
     for i, whitener in enumerate(white.each):
-        here = whitener(_rows(prediction, slice(len(shifts) * i, len(shifts) * (i + 1))))
+        here = whitener(prediction.taken(slice(len(shifts) * i, len(shifts) * (i + 1))))
         residuals.append(here[0])
         slopes.append(np.stack([_slope(here, axis) for axis in range(2)], axis=1))
     ratio_slopes = np.stack([_slope(ratio.T, axis) for axis in range(2)], axis=1)
@@ -241,36 +241,22 @@ def _slope(values: Floats, axis: int) -> Floats:
     return np.where(np.isfinite(central), central, np.where(np.isfinite(forth), forth, back))
 
 
-def _step(
-    residuals: list[Floats], slopes: list[Floats], theta: Floats, centre: Floats, loose: Floats, damping: Floats
-) -> Floats:
+def _step(residuals: list[Floats], slopes: list[Floats], theta: Floats, centre: Floats, damping: Floats) -> Floats:
     step = np.zeros_like(theta)
     for i, (residual, slope) in enumerate(zip(residuals, slopes, strict=True)):
         if not (np.isfinite(residual).all() and np.isfinite(slope).all()):
             continue
-        matrix = slope.T @ slope + np.diag(1.0 / loose**2)
-        pull = slope.T @ residual + (theta[i] - centre[i]) / loose**2
+        matrix = slope.T @ slope + np.diag(1.0 / _LOOSE**2)
+        pull = slope.T @ residual + (theta[i] - centre[i]) / _LOOSE**2
         step[i] = -np.linalg.solve(matrix + damping[i] * np.diag(np.diag(matrix)), pull)
     return np.clip(step, -np.array(_LONGEST), _LONGEST)
 
 
-def _penalised(residuals: list[Floats], theta: Floats, centre: Floats, loose: Floats) -> Floats:
+def _penalised(residuals: list[Floats], theta: Floats, centre: Floats) -> Floats:
     """What is minimised : (n,) array, infinite outside the domain."""
     misfit = np.array([residual @ residual for residual in residuals])
-    found = misfit + np.sum(((theta - centre) / loose) ** 2, axis=1)
+    found = misfit + np.sum(((theta - centre) / _LOOSE) ** 2, axis=1)
     return np.where(np.isfinite(found), found, np.inf)
-
-
-def _rows(prediction: Prediction, rows: slice) -> Prediction:
-    return Prediction(
-        prediction.axial_extent[rows],
-        prediction.axial_length[rows],
-        prediction.velocity_ratio[rows],
-        prediction.stretch_ratio[rows],
-        prediction.covariance[rows],
-        prediction.inside[rows],
-        None if prediction.outline is None else prediction.outline[rows],
-    )
 
 
 def _pilots(model: ForwardModel, session: Session) -> Floats:
@@ -280,10 +266,11 @@ def _pilots(model: ForwardModel, session: Session) -> Floats:
     ca, size = np.meshgrid(np.geomspace(ca_low, ca_high, _SCOUTS[0] + 2)[1:-1], columns)
     scouts = model({"capillary_number": ca.ravel(), "size_ratio": size.ravel()})
     known = np.flatnonzero(scouts.inside)
+    shapes = scouts.taken(known)
     pilots = np.empty((len(session), 2))
     for i, one in enumerate(session.measurements):
         lengths, factor = _lengths(one, np.zeros((2, 2)))
-        away = np.square(OfLengths(lengths, factor)(_rows(scouts, known)))  # type: ignore[arg-type]  # any index will do
+        away = np.square(OfLengths(lengths, factor)(shapes))
         nearest = known[int(np.argmin(np.sum(away, axis=1)))]
         pilots[i] = np.log(ca.ravel()[nearest]), size.ravel()[nearest]
     return pilots

@@ -12,17 +12,15 @@ C_i the covariance of ln G_i and a/l.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from capsbayes.discrepancy.fits import Whitening, fitted
+from capsbayes.discrepancy.fits import Fits, Whitening, fitted
 from capsbayes.discrepancy.session import Session
 from capsbayes.effect import Effect, Extendable
-from capsbayes.model import ForwardModel
 
 __all__ = ["Population", "Scores", "log_likelihood", "population", "scored"]
 
@@ -111,7 +109,7 @@ def scored(model: Extendable, effect: Effect, session: Session, white: Whitening
 
     def add(size: float) -> None:
         if size not in found:
-            found[size] = log_likelihood(extended, session, white, {name: size})
+            found[size] = log_likelihood(fitted(extended, session, white, {name: size}))
 
     for size in sorted({effect.null_value, *(float(one) for one in effect.prior.ppf(_QUANTILES))}):
         add(size)
@@ -141,17 +139,8 @@ def population(values: Floats, variances: Floats) -> Population:
     return Population(mean(spread), spread)
 
 
-def log_likelihood(
-    model: ForwardModel, session: Session, white: Whitening, sizes: Mapping[str, float] | None = None
-) -> Floats:
-    """Log likelihood of each capsule : (n,) array; one that the model cannot have made counts as very unlikely.
-
-    Parameters
-    ----------
-    model, session, white, sizes
-        As of `fitted`.
-    """
-    fits = fitted(model, session, white, sizes)
+def log_likelihood(fits: Fits) -> Floats:
+    """Log likelihood of each capsule : (n,) array; one that the model cannot have made counts as very unlikely."""
     done, values, variances = fits.settled, fits.log_modulus, fits.covariance[:, 0, 0]
     found = np.full(len(done), _NOTHING)
     if done.sum() > 1:

@@ -129,12 +129,19 @@ def _weigh(effect, interval, row, weighing, weights):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _there(j, sheet, column, position, stack):  # type: ignore[no-untyped-def]
-    """Ca at which surrogate j has the point that corresponds."""
+def _ends(j, sheet, column, share, stack):  # type: ignore[no-untyped-def]
+    """Lowest and highest Ca of a sheet of surrogate j, between two columns."""
     below, above = (1, 2) if sheet == 0 else (0, 1)
-    share, borders = position[1], stack.borders
+    borders = stack.borders
     low = (1.0 - share) * borders[j, below, column] + share * borders[j, below, column + 1]
     high = (1.0 - share) * borders[j, above, column] + share * borders[j, above, column + 1]
+    return low, high
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _there(j, sheet, column, position, stack):  # type: ignore[no-untyped-def]
+    """Ca at which surrogate j has the point that corresponds."""
+    low, high = _ends(j, sheet, column, position[1], stack)
     return low + position[0] * (high - low)
 
 
@@ -144,10 +151,8 @@ def _within_base(ca, distance, interval, sheet, column, share, weighing, base, o
 
     Where a fold moves with the effect, the Ca of parachutes is taken over that of the fold.
     """
-    below, above = (1, 2) if sheet == 0 else (0, 1)
-    borders, there = base.borders[0], ca
-    low = (1.0 - share) * borders[below, column] + share * borders[below, column + 1]
-    high = (1.0 - share) * borders[above, column] + share * borders[above, column + 1]
+    there = ca
+    low, high = _ends(0, sheet, column, share, base)
     if sheet == 0 and weighing.folds[interval, column]:
         there *= high / border(weighing.borders[interval], 2, column, share, distance)
     own[0], own[1] = min(max((there - low) / max(high - low, 1e-300), 0.0), 1.0), share
