@@ -1,0 +1,13 @@
+"""Sessions in which an effect is hidden: drawn from simulated shapes, their truth known.
+
+Shapes come from the simulator itself, at parameters between those of the
+databases that models are made of and on another mesh. What a microscope adds is
+drawn on their outlines as geometry. Nothing here reads a model or an effect's
+operator, so that what is found again has not been put in by the same code.
+"""
+
+from capsbayes.hidden.hideable import HIDEABLE, Hideable, hideable_named
+from capsbayes.hidden.lab import Lab, Noise
+from capsbayes.hidden.session import HiddenSession, drawn_session
+
+__all__ = ["HIDEABLE", "HiddenSession", "Hideable", "Lab", "Noise", "drawn_session", "hideable_named"]

@@ -1,0 +1,72 @@
+"""Pools of simulated shapes from which hidden sessions are drawn: one database for each thing hidden and its size."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+from capsbayes.database import Database
+from capsbayes.hidden.hideable import HIDEABLE, Hideable
+from capsbayes.simulation import Simulator
+from capsbayes.simulation.build import build_database
+from capsbayes.simulation.grid import Cases
+
+__all__ = ["POOLS", "build_pools", "pool_name", "simulator_with"]
+
+_CAPILLARY_NUMBERS = (0.0235, 0.028, 0.033, 0.0385, 0.0455, 0.053, 0.0625, 0.073, 0.085, 0.0985)
+_SIZE_RATIOS = (0.79, 0.818, 0.84, 0.866, 0.886, 0.91, 0.938, 0.963)
+_REFINEMENT = 10  # neither that of the plain databases nor that of the effects
+
+_SIZES: dict[str, tuple[float, ...]] = {
+    "none": (0.0,),
+    "pre_inflation": (0.015, 0.035, 0.07),
+    "bending": (6e-4, 2e-3),
+    "rest_aspect": (0.925, 1.03, 1.075),
+    "corner_radius": (0.07, 0.16),
+    "section_aspect": (0.925, 1.03, 1.075),
+    "hardening": (1.0,),
+}
+
+POOLS = MappingProxyType({(effect, size): HIDEABLE[effect] for effect, sizes in _SIZES.items() for size in sizes})
+"""What each pool hides, by its name and size."""
+
+
+def pool_name(effect: str, size: float) -> str:
+    """Name of a pool's file, without its ending."""
+    return f"hidden-{effect.replace('_', '-')}-{size:g}"
+
+
+def pool_cases() -> Cases:
+    """Ca and a/l of the shapes of each pool, all of them between the nodes of the shipped databases."""
+    return [(ca, size) for size in _SIZE_RATIOS for ca in _CAPILLARY_NUMBERS]
+
+
+def simulator_with(hidden: Hideable, size: float, refinement: int = _REFINEMENT) -> Simulator:
+    """The simulator of a neo-Hookean capsule in a square channel with something hidden in it."""
+    return replace(Simulator(refinement=refinement), **hidden.simulated(size))
+
+
+def build_pools(
+    names: Iterable[tuple[str, float]], folder: str | os.PathLike[str], *, workers: int | None = None
+) -> dict[tuple[str, float], Database]:
+    """Make the pools that a folder lacks.
+
+    Parameters
+    ----------
+    names : iterable of (str, float)
+        Those wanted, of `POOLS`.
+    folder : path
+    workers : int, optional
+        Of `build_database`.
+    """
+    found = {}
+    for effect, size in names:
+        path = Path(folder) / f"{pool_name(effect, size)}.nc"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
+        found[effect, size] = Database.read(path)
+    return found
