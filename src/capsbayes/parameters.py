@@ -99,6 +99,9 @@ _TABLE = (
     Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "us", 1e6, "time for which a picture is exposed"),
     Parameter("pixel_scale", "eps_p", r"\epsilon_\mathrm{p}", "-", "%", 1e2, "relative error of the size of a pixel"),
     Parameter("swelling", "s_l", r"s_\ell", "s/m", "% per mm/s", 0.1, "relative widening of the channel per velocity"),
+    # of the membranes of a session, and of the liquid
+    _ratio("modulus_slope", "d ln G_s / d ln a", r"d\ln G_\mathrm{s}/d\ln a", "power of the size with which G_s grows"),
+    Parameter("viscosity_error", "eps_mu", r"\epsilon_\mu", "-", "%", 1e2, "relative error of the viscosity"),
     # of a simulation
     _ratio("refinement", "n", "n", "subdivisions of an edge of the octahedron"),
     _ratio("residual", "R", "R", "largest velocity of the membrane in the frame of the capsule", "U"),

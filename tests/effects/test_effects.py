@@ -5,7 +5,15 @@ import pytest
 
 from capsbayes import Surrogate
 from capsbayes.effect import Effect, Extended
-from capsbayes.effects import ChannelSwelling, Halo, MotionBlur, PixelScale, catalogue
+from capsbayes.effects import (
+    ChannelSwelling,
+    Halo,
+    ModulusSlope,
+    MotionBlur,
+    PixelScale,
+    ViscosityError,
+    catalogue,
+)
 from capsbayes.effects.simulated import SIMULATED
 from capsbayes.testing import check_effect
 
@@ -93,3 +101,15 @@ def test_an_effect_without_its_circumstances_says_which(model):
     with pytest.raises(KeyError, match="motion blur: theta lacks half_width, capsule_velocity"):
         (model + MotionBlur())(CAPSULES | {"exposure": three(1e-4)})
     np.testing.assert_array_equal((model + MotionBlur())(CAPSULES).values, model(CAPSULES).values)
+
+
+def test_modulus_by_size_shifts_ca_and_nothing_else(model):
+    slope = (model + ModulusSlope())(CAPSULES | {"modulus_slope": three(1.0)})
+    shifted = CAPSULES["capillary_number"] / (CAPSULES["size_ratio"] / 0.9)
+    np.testing.assert_array_equal(slope.values, model(CAPSULES | {"capillary_number": shifted}).values)
+
+
+def test_wrong_viscosity_is_a_factor_of_ca(model):
+    seen = (model + ViscosityError())(CAPSULES | {"viscosity_error": three(0.1)})
+    due = model(CAPSULES | {"capillary_number": 1.1 * CAPSULES["capillary_number"]})
+    np.testing.assert_allclose(seen.values, due.values, rtol=1e-14)

@@ -26,12 +26,14 @@ from capsbayes.prediction import Prediction
 __all__ = ["Fits", "Whitening", "fitted", "whitening"]
 
 Floats = NDArray[np.float64]
+Evaluated = tuple[list[Floats], list[Floats], Floats, Floats]
 
 _STEPS = 12
 _DIFFERENCE = (1e-3, 1e-4)  # of log Ca and a/l, for derivatives
 _LONGEST = (0.3, 0.03)  # step
 _LOOSE = np.array([2.0, 1.0])  # standard deviations of a prior about the start: it holds what the data leave open
-_SETTLED = 1e-4  # change of the misfit
+_SETTLED = 1e-4  # of the misfit that is still to be gained
+_NEAR = 0.1  # of the misfit still to be gained, from which a capsule counts as not fitted
 _SCOUTS = (60, 40)
 
 
@@ -106,7 +108,7 @@ class Fits:
     covariance : (n, 2, 2) array
         Of ln G_s and a/l.
     settled : (n,) bool array
-        Whether the steps came to an end within the model's domain.
+        Whether the steps came to the least misfit, within the model's domain.
     """
 
     theta: Floats
@@ -166,31 +168,44 @@ def fitted(
     sizes : mapping of str to float or (n,) array, optional
         Parameters of effects of the model.
     start : (n, 2) array, optional
-        log Ca and a/l to begin at, in place of the pilots.
+        log Ca and a/l to begin at, in place of the pilots; outside the model's domain the pilots take its place.
     """
     rest = {name: np.broadcast_to(np.asarray(value, float), len(session)) for name, value in (sizes or {}).items()}
     rest = {**session.circumstances, **rest}
-    theta = np.array(white.pilots if start is None else start)
-    centre = theta.copy()
-    best, slopes, ratio, ratio_slopes = _evaluated(model, white, rest, theta)
+    centre = white.pilots
+    theta, (best, slopes, ratio, ratio_slopes) = _begun(model, white, rest, start)
     value = _penalised(best, theta, centre)
     damping, moving = np.full(len(theta), 1e-3), np.isfinite(value)
     for _ in range(_STEPS):
+        step, promised = _step(best, slopes, theta, centre, damping)
+        moving &= promised > _SETTLED
         if not moving.any():
             break
-        trial = theta + _step(best, slopes, theta, centre, damping)
-        trial[~moving] = theta[~moving]
+        trial = np.where(moving[:, None], theta + step, theta)
         found, found_slopes, found_ratio, found_ratio_slopes = _evaluated(model, white, rest, trial)
         there = _penalised(found, trial, centre)
         good = moving & (there < value + 1e-9)
-        gain = np.where(good, value - np.where(good, there, 0.0), 0.0)
         for i in np.flatnonzero(good):
             theta[i], best[i], slopes[i], value[i] = trial[i], found[i], found_slopes[i], there[i]
             ratio[i], ratio_slopes[i] = found_ratio[i], found_ratio_slopes[i]
         damping = np.where(good, damping / 10.0, damping * 10.0)
-        moving &= ~(good & (gain < _SETTLED)) & (damping < 1e8)
+        moving &= damping < 1e8
     known = np.isfinite(value) & np.array([np.isfinite(slope).all() for slope in slopes], dtype=bool)
-    return _made(session, theta, best, slopes, ratio, ratio_slopes, known & (damping < 1e8))
+    left = _step(best, slopes, theta, centre, damping)[1]
+    return _made(session, theta, best, slopes, ratio, ratio_slopes, known & (left < _NEAR))
+
+
+def _begun(
+    model: ForwardModel, white: Whitening, rest: Mapping[str, Floats], start: Floats | None
+) -> tuple[Floats, Evaluated]:
+    """Where to begin (n, 2), and what is there."""
+    theta = np.array(white.pilots if start is None else start)
+    found = _evaluated(model, white, rest, theta)
+    outside = np.array([not np.isfinite(residual).all() for residual in found[0]])
+    if start is None or not outside.any():
+        return theta, found
+    theta[outside] = white.pilots[outside]
+    return theta, _evaluated(model, white, rest, theta)
 
 
 def _made(
@@ -214,9 +229,7 @@ def _made(
     return Fits(theta, tuple(residuals), tuple(slopes), log_modulus, theta[:, 1], covariance, settled)
 
 
-def _evaluated(
-    model: ForwardModel, white: Whitening, rest: Mapping[str, Floats], theta: Floats
-) -> tuple[list[Floats], list[Floats], Floats, Floats]:
+def _evaluated(model: ForwardModel, white: Whitening, rest: Mapping[str, Floats], theta: Floats) -> Evaluated:
     """Residual (m,) and slopes (m, 2) of each capsule, v_o/U (n,) and its slopes (n, 2)."""
     shifts = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) * _DIFFERENCE
     points = (theta[:, None] + shifts).reshape(-1, 2)
@@ -241,15 +254,19 @@ def _slope(values: Floats, axis: int) -> Floats:
     return np.where(np.isfinite(central), central, np.where(np.isfinite(forth), forth, back))
 
 
-def _step(residuals: list[Floats], slopes: list[Floats], theta: Floats, centre: Floats, damping: Floats) -> Floats:
-    step = np.zeros_like(theta)
+def _step(
+    residuals: list[Floats], slopes: list[Floats], theta: Floats, centre: Floats, damping: Floats
+) -> tuple[Floats, Floats]:
+    """Damped Gauss-Newton step (n, 2), and by how much the whole one would lower what is minimised (n,)."""
+    step, promised = np.zeros_like(theta), np.zeros(len(theta))
     for i, (residual, slope) in enumerate(zip(residuals, slopes, strict=True)):
         if not (np.isfinite(residual).all() and np.isfinite(slope).all()):
             continue
         matrix = slope.T @ slope + np.diag(1.0 / _LOOSE**2)
         pull = slope.T @ residual + (theta[i] - centre[i]) / _LOOSE**2
+        promised[i] = pull @ np.linalg.solve(matrix, pull)
         step[i] = -np.linalg.solve(matrix + damping[i] * np.diag(np.diag(matrix)), pull)
-    return np.clip(step, -np.array(_LONGEST), _LONGEST)
+    return np.clip(step, -np.array(_LONGEST), _LONGEST), promised
 
 
 def _penalised(residuals: list[Floats], theta: Floats, centre: Floats) -> Floats:

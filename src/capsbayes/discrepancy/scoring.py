@@ -106,10 +106,13 @@ def scored(model: Extendable, effect: Effect, session: Session, white: Whitening
     """
     extended, name = model + effect, effect.parameter.name
     found: dict[float, Floats] = {}
+    places: dict[float, Floats] = {}
 
     def add(size: float) -> None:
         if size not in found:
-            found[size] = log_likelihood(fitted(extended, session, white, {name: size}))
+            near = min(places, key=lambda other: abs(other - size), default=None)
+            fits = fitted(extended, session, white, {name: size}, None if near is None else places[near])
+            found[size], places[size] = log_likelihood(fits), fits.theta
 
     for size in sorted({effect.null_value, *(float(one) for one in effect.prior.ppf(_QUANTILES))}):
         add(size)

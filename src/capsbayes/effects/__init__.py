@@ -3,8 +3,20 @@
 from capsbayes.effects.catalogue import catalogue
 from capsbayes.effects.channel_swelling import ChannelSwelling
 from capsbayes.effects.halo import Halo
+from capsbayes.effects.modulus_slope import ModulusSlope
 from capsbayes.effects.motion_blur import MotionBlur
 from capsbayes.effects.pixel_scale import PixelScale
 from capsbayes.effects.simulated import SIMULATED, Simulated
+from capsbayes.effects.viscosity_error import ViscosityError
 
-__all__ = ["SIMULATED", "ChannelSwelling", "Halo", "MotionBlur", "PixelScale", "Simulated", "catalogue"]
+__all__ = [
+    "SIMULATED",
+    "ChannelSwelling",
+    "Halo",
+    "ModulusSlope",
+    "MotionBlur",
+    "PixelScale",
+    "Simulated",
+    "ViscosityError",
+    "catalogue",
+]

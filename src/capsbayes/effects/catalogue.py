@@ -6,9 +6,11 @@ from capsbayes.database import Database
 from capsbayes.effect import Effect
 from capsbayes.effects.channel_swelling import ChannelSwelling
 from capsbayes.effects.halo import Halo
+from capsbayes.effects.modulus_slope import ModulusSlope
 from capsbayes.effects.motion_blur import MotionBlur
 from capsbayes.effects.pixel_scale import PixelScale
 from capsbayes.effects.simulated import SIMULATED
+from capsbayes.effects.viscosity_error import ViscosityError
 
 __all__ = ["catalogue"]
 
@@ -27,5 +29,5 @@ def catalogue() -> dict[str, Effect]:
     """
     shipped = Database.shipped()
     effects: list[Effect] = [one for one in SIMULATED.values() if one.database in shipped]
-    effects += [ChannelSwelling(), Halo(), MotionBlur(), PixelScale()]
+    effects += [ChannelSwelling(), Halo(), ModulusSlope(), MotionBlur(), PixelScale(), ViscosityError()]
     return {one.parameter.name: one for one in effects}

@@ -1,0 +1,47 @@
+"""A wrong viscosity, of which no outline tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from capsbayes.effect import Kind, Theta
+from capsbayes.effects.ranges import normal
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.prediction import Prediction
+
+__all__ = ["ViscosityError"]
+
+
+@dataclass(frozen=True)
+class ViscosityError:
+    """The viscosity larger than believed: then ``capillary_number`` is that of the viscosity believed.
+
+    All moduli are wrong by one factor, which shapes and velocities do not show: it stands in the catalogue so that
+    a table says so.
+
+    Parameters
+    ----------
+    spread : float
+        Standard deviation of the relative error beyond that which the experiment states.
+    """
+
+    spread: float = 0.1
+    name: ClassVar[str] = "viscosity"
+    parameter: ClassVar[Parameter] = PARAMETERS["viscosity_error"]
+    null_value: ClassVar[float] = 0.0
+    kind: ClassVar[Kind] = Kind.SESSION
+    circumstances: ClassVar[tuple[str, ...]] = ()
+    changes: ClassVar[str] = "Nothing that is seen; G_s of all capsules is wrong by one factor."
+    separated_by: ClassVar[str] = "A viscometer at the temperature of the channel."
+
+    @property
+    def prior(self) -> Any:
+        """Normal about zero."""
+        return normal(0.0, self.spread)
+
+    def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Predict at the capillary number of the true viscosity."""
+        factor = 1.0 + theta["viscosity_error"]
+        return model({**theta, "capillary_number": theta["capillary_number"] * factor}, outline=outline)
