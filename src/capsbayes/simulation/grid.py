@@ -8,7 +8,7 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 
-__all__ = ["Cases", "default_grid", "effect_grid", "read_cases", "stiffening_grid", "wide_grid"]
+__all__ = ["Cases", "default_grid", "effect_grid", "parachute_grid", "read_cases", "stiffening_grid", "wide_grid"]
 
 Cases = list[tuple[float, float]]
 
@@ -51,6 +51,11 @@ def stiffening_grid() -> Cases:
 def effect_grid() -> Cases:
     """Cases (Ca, a/l) with a/l from 0.75 to 1.05 by 0.05 and Ca from 0.02 to 0.13."""
     return _grid(_OF_EFFECTS, 0.75, 0.05, 7)
+
+
+def parachute_grid() -> Cases:
+    """The cases of `effect_grid` from Ca = 0.03 on, where the shape reached from rest need not be followed in time."""
+    return [(capillary_number, size_ratio) for capillary_number, size_ratio in effect_grid() if capillary_number > 0.02]
 
 
 def _grid(capillary_numbers: tuple[float, ...], first: float, step: float, columns: int) -> Cases:

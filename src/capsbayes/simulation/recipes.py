@@ -10,7 +10,7 @@ from capsbayes.errors import InputError
 from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
 from capsbayes.simulation.build import build_database
 from capsbayes.simulation.build_effect import build_effect_database
-from capsbayes.simulation.grid import Cases, default_grid, effect_grid, stiffening_grid, wide_grid
+from capsbayes.simulation.grid import Cases, default_grid, effect_grid, parachute_grid, stiffening_grid, wide_grid
 from capsbayes.simulation.simulator import Simulator
 
 __all__ = ["RECIPES", "Recipe", "build_shipped", "recipe_named"]
@@ -69,7 +69,9 @@ RECIPES: dict[str, Recipe] = {
     "square-bending": _effect("bending", 5e-5, 2e-4, 1e-3, 3e-3),
     "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
     "square-corner-radius": _effect("corner_radius", 0.0, 0.1, 0.2),
-    "square-section-aspect": _effect("section_aspect", 0.9, 0.95, 1.0, 1.05, 1.1, section="rectangular"),
+    "square-section-aspect": replace(
+        _effect("section_aspect", 0.9, 1.0, 1.1, section="rectangular"), cases=parachute_grid()
+    ),
 }
 """By name of the database."""
 
