@@ -75,6 +75,7 @@ _TABLE = (
     _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
     _ratio("rest_aspect", "A_0", "A_0", "axis of the shape at rest along the flow over that across"),
     _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area beside a shear"),
+    _ratio("strain_hardening", "h", "h", "share of Skalak's energy with C = 1 in that of a neo-Hookean membrane"),
     # of the experiment
     Parameter("half_width", "l", r"\ell", "m", "um", 1e6, "half width of the channel"),
     _ratio("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "radius of the corners of the channel's section"),
@@ -111,5 +112,13 @@ _TABLE = (
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _TABLE})
 """Every quantity by name."""
 
-COORDINATES = ("pre_inflation", "bending", "hardening", "rest_aspect", "corner_radius", "section_aspect")
+COORDINATES = (
+    "pre_inflation",
+    "bending",
+    "hardening",
+    "strain_hardening",
+    "rest_aspect",
+    "corner_radius",
+    "section_aspect",
+)
 """Those that a forward model may have beside the capillary number and the size ratio."""

@@ -75,7 +75,8 @@ def test_exit_status_is_1_when_nothing_converged(build, tmp_path):
         (["--cases", "none.csv"], "none.csv: expected a readable CSV file, got FileNotFoundError"),
         (
             ["--grid", "default", "--law", "rubber"],
-            "law: expected one of neo-hookean, skalak:hardening=1.0, hooke:poisson_ratio=0.5, got 'rubber'",
+            "law: expected one of neo-hookean, skalak:hardening=1.0, hooke:poisson_ratio=0.5, "
+            "strain-hardening:strain_hardening=0.0, got 'rubber'",
         ),
         (
             ["--grid", "default", "--section", "star"],

@@ -32,7 +32,7 @@ def test_a_name_and_its_parameters_give_the_law(text, law):
 def test_a_mistake_is_told_what_there_is(text):
     with pytest.raises(InputError) as caught:
         law_named(text)
-    forms = "neo-hookean, skalak:hardening=1.0, hooke:poisson_ratio=0.5"
+    forms = "neo-hookean, skalak:hardening=1.0, hooke:poisson_ratio=0.5, strain-hardening:strain_hardening=0.0"
     assert str(caught.value) == f"law: expected one of {forms}, got {text!r}"
 
 

@@ -21,7 +21,13 @@ __all__ = [
     "simulator_of",
 ]
 
-Law = Annotated[str, typer.Option(help="Membrane law: neo-hookean, skalak:hardening=1 or hooke:poisson_ratio=0.5.")]
+Law = Annotated[
+    str,
+    typer.Option(
+        help="Membrane law: neo-hookean, skalak:hardening=1, hooke:poisson_ratio=0.5 or "
+        "strain-hardening:strain_hardening=0.5."
+    ),
+]
 Section = Annotated[str, typer.Option(help="Section of the channel: square, rectangular or circular.")]
 CornerRadius = Annotated[float, typer.Option(help="Radius of a square section's corners over l.")]
 SectionAspect = Annotated[float, typer.Option(help="Depth of the section over the width seen, b/l.")]

@@ -137,6 +137,15 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "The curvature of the rear rim in a sharp picture.",
             ),
             _described(
+                "strain hardening",
+                "strain_hardening",
+                0.0,
+                (0.0, 1.0),
+                Kind.STRAIN,
+                "Shorter capsules with a shallower rear at high Ca; the apparent G_s grows with the flow rate.",
+                "Higher flow rates, at which a neo-Hookean capsule would stretch without end.",
+            ),
+            _described(
                 "shape at rest",
                 "rest_aspect",
                 1.0,

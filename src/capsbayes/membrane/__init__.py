@@ -9,10 +9,16 @@ from capsbayes.membrane.hooke import GeneralisedHooke
 from capsbayes.membrane.law import MembraneLaw
 from capsbayes.membrane.neo_hookean import NeoHookean
 from capsbayes.membrane.skalak import Skalak
+from capsbayes.membrane.strain_hardening import StrainHardening
 
-__all__ = ["LAWS", "GeneralisedHooke", "MembraneLaw", "NeoHookean", "Skalak", "law_named"]
+__all__ = ["LAWS", "GeneralisedHooke", "MembraneLaw", "NeoHookean", "Skalak", "StrainHardening", "law_named"]
 
-LAWS: dict[str, type[MembraneLaw]] = {"neo-hookean": NeoHookean, "skalak": Skalak, "hooke": GeneralisedHooke}
+LAWS: dict[str, type[MembraneLaw]] = {
+    "neo-hookean": NeoHookean,
+    "skalak": Skalak,
+    "hooke": GeneralisedHooke,
+    "strain-hardening": StrainHardening,
+}
 """Every law of the library by the name used on the command line; each is checked by the tests."""
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from capsbayes.database import Database
 from capsbayes.errors import InputError
-from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
+from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak, StrainHardening
 from capsbayes.simulation.build import build_database
 from capsbayes.simulation.build_effect import build_effect_database
 from capsbayes.simulation.grid import Cases, default_grid, effect_grid, parachute_grid, stiffening_grid, wide_grid
@@ -41,7 +41,12 @@ class Recipe:
 
 _FINE = Simulator(refinement=12)
 _COARSE = Simulator(refinement=8)
-_LAWS = {"neo-hookean": NeoHookean(), "skalak": Skalak(hardening=1.0), "hooke": GeneralisedHooke(poisson_ratio=0.5)}
+_LAWS = {
+    "neo-hookean": NeoHookean(),
+    "skalak": Skalak(hardening=1.0),
+    "hooke": GeneralisedHooke(poisson_ratio=0.5),
+    "strain-hardening": StrainHardening(strain_hardening=0.0),
+}
 _INFLATIONS = (0.0, 0.01, 0.025, 0.05, 0.1)
 
 
@@ -66,6 +71,7 @@ RECIPES: dict[str, Recipe] = {
         for section in ("square", "circular")
     },
     "square-hardening": _effect("hardening", 0.1, 0.3, 1.0, 3.0, 10.0, law="skalak"),
+    "square-strain-hardening": _effect("strain_hardening", 0.0, 0.5, 1.0, law="strain-hardening"),
     "square-bending": _effect("bending", 5e-5, 2e-4, 1e-3, 3e-3),
     "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
     "square-corner-radius": _effect("corner_radius", 0.0, 0.1, 0.2),
