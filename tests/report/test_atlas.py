@@ -240,3 +240,10 @@ def test_a_database_without_steady_states_is_said():
     none = manufactured.database(2, 3, failed=range(6))
     with pytest.raises(DatabaseError, match="expected a database with steady states to draw, got none in 6 cases"):
         atlas(none)
+
+
+def test_every_kind_of_border_is_in_the_legend(database):
+    kinds = np.resize(["snap-through", "lost from rest"], database.dataset.sizes["border"])
+    marked = Database(database.dataset.assign(border_kind=("border", kinds)))
+    (axes, *_) = cases_figure(marked).axes
+    assert {"snap-through", "lost from rest"} <= {line.get_label() for line in axes.lines}

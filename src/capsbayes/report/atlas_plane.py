@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.parameters import PARAMETERS
-from capsbayes.simulation.column import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, SNAP_THROUGH
+from capsbayes.simulation.column import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST, SNAP_THROUGH
 from capsbayes.status import Status
 from capsbayes.surrogate.branches import CONVEX
 
@@ -45,6 +45,7 @@ _BORDER_STYLES: dict[str, dict[str, Any]] = {
     LIMIT_OF_DATABASE: {"color": "black", "linewidth": 1.2, "linestyle": (0, (4, 2))},
     LIMIT_OF_EXISTENCE: {"color": "black", "linewidth": 2.0},
     SNAP_THROUGH: {"color": _CONVEX, "linewidth": 1.8},
+    LOST: {"color": _CONVEX, "linestyle": "none", "marker": "x", "markersize": 5.5},
 }
 
 
@@ -106,7 +107,7 @@ def draw_borders(ax: Axes, database: Database) -> None:
         if kind in database["border_kind"]:
             upper = (LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE)
             curve = border_curve(database, *(upper if kind == LIMIT_OF_DATABASE else (kind,)))
-            ax.plot(*curve, marker=".", markersize=2.5, label=kind, **style)
+            ax.plot(*curve, label=kind, **{"marker": ".", "markersize": 2.5, **style})
 
 
 def cases_figure(database: Database) -> Figure:
