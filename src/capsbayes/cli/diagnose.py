@@ -124,6 +124,7 @@ def _write(study: Study, out: Path) -> None:
 
 def _print(console: Console, study: Study, out: Path | None) -> None:
     from capsbayes.report import lengths_alone, verdict_sentence
+    from capsbayes.report.study_words import chance_words, deviation_words
 
     console.print(verdict_sentence(study), style="bold", markup=False)
     cost = lengths_alone(study.session)
@@ -134,7 +135,12 @@ def _print(console: Console, study: Study, out: Path | None) -> None:
         for line in study.session.left_out:
             console.print(f"  {line}", markup=False)
     if study.finding.deviations:
-        console.print(f"Largest deviation: {study.finding}.", markup=False)
+        first = study.finding.deviations[0]
+        console.print(
+            f"Largest deviation: {first.name} {deviation_words(first)}, as large by chance "
+            f"{chance_words(first.chance)}, in {study.finding.capsules} capsules.",
+            markup=False,
+        )
     if study.scores:
         console.print(_candidate_table(study))
     if study.verification is not None:
@@ -168,14 +174,14 @@ def _candidate_table(study: Study) -> Table:
 
 
 def _held_out(verification: Verification) -> str:
-    import numpy as np
+    import math
 
     from capsbayes.parameters import PARAMETERS
 
     modulus = PARAMETERS["surface_shear_modulus"]
-    before, after = (modulus.shown(float(np.nanmedian(one.modulus))) for one in verification.compared)
+    before, after = (modulus.shown(one.median_modulus) for one in verification.compared)
     gaps = [1e6 * one.gap for one in verification.compared]
-    gap = f"gap {gaps[0]:.3f} -> {gaps[1]:.3f} um, " if np.isfinite(gaps).all() else ""
+    gap = f"gap {gaps[0]:.3f} -> {gaps[1]:.3f} um, " if all(map(math.isfinite, gaps)) else ""
     chances = verification.before.chance, verification.after.chance
     return (
         f"{len(verification.gains)} capsules laid aside, before -> after: {gap}p-value {chances[0]:.2g} -> "

@@ -66,6 +66,12 @@ class Compared:
         """Its standard error : (n,) array [N/m]; that of the viscosity, which all share, is not in it."""
         return self.modulus * np.sqrt(self.fits.covariance[:, 0, 0])
 
+    @property
+    def median_modulus(self) -> float:
+        """Median of the apparent G_s [N/m]; NaN if the model has none of the shapes."""
+        known = self.modulus[self.fits.settled]
+        return float(np.median(known)) if len(known) else np.nan
+
     @cached_property
     def outlines(self) -> Floats:
         """Predicted outlines of the best shapes : (n, p, 2) array [l], NaN where the model has none."""

@@ -223,4 +223,6 @@ def _verified(model: Extendable, scores: Scores, confirm: Session, seed: int) ->
         compared.append(Compared(confirm, extended, fits, {name: size}))
     gains = likelihoods[1] - likelihoods[0]
     error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
-    return Verification(float(gains.mean()), error, *findings, gains, (compared[0], compared[1]))
+    return Verification(
+        float(gains.mean()), error, findings[0], findings[1], gains, compared=(compared[0], compared[1])
+    )

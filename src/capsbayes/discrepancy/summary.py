@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 import capsbayes
 from capsbayes.discrepancy.compared import Compared
 from capsbayes.discrepancy.diagnosis import Study, Verification
@@ -99,10 +97,9 @@ def _verification(verification: Verification) -> dict[str, Any]:
 
 
 def _moduli(compared: Compared) -> dict[str, Any]:
-    moduli = compared.modulus[np.isfinite(compared.modulus)]
     return {
         "gap": _number(compared.gap),
-        "median_surface_shear_modulus": _number(float(np.median(moduli))) if len(moduli) else None,
+        "median_surface_shear_modulus": _number(compared.median_modulus),
         "surface_shear_modulus": [_number(one) for one in compared.modulus],
         "surface_shear_modulus_error": [_number(one) for one in compared.modulus_error],
         "size_ratio": [_number(one) for one in compared.fits.size],

@@ -49,7 +49,7 @@ def held_out(verification: Verification) -> Figure:
 
     rows = chosen_capsules(verification)
     figure = Figure(figsize=(10.0, 8.6), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(2.3, 1.0))
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(2.3, 1.0))[:, 0]
     axes = above.subplots(2, len(rows), squeeze=False, sharey="row", height_ratios=(1.25, 1.0))
     for column, row in enumerate(rows):
         _outlines(axes[0, column], *verification.compared, row)

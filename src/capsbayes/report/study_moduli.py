@@ -39,7 +39,7 @@ def moduli(verification: Verification) -> Figure:
     places = np.arange(1, len(order) + 1)
     for compared, (when, colour, shift, marker, face) in zip(verification.compared, _STYLES, strict=True):
         values, errors = (_MODULUS.scale * one[order] for one in (compared.modulus, compared.modulus_error))
-        median = float(np.nanmedian(values))
+        median = _MODULUS.shown(compared.median_modulus)
         ax.axhline(median, color=colour, linewidth=1.0, linestyle="--")
         ax.errorbar(
             places + shift,

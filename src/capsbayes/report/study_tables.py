@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
-import numpy as np
-
 from capsbayes.discrepancy import Finding, Scores, Study, Verification
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.study_words import chance_words, deviation_words, odds_words, same_by_chance, size_words
@@ -62,7 +60,7 @@ def held_out_table(verification: Verification) -> str:
     gaps = [f"{1e6 * one.gap:.3f} µm" if math.isfinite(one.gap) else "no outlines" for one in verification.compared]
     noise = [f"{one.noise:.2f} σ" if math.isfinite(one.noise) else "nothing is left over" for one in pairs]
     modulus = PARAMETERS["surface_shear_modulus"]
-    medians = [modulus.shown(float(np.nanmedian(one.modulus))) for one in verification.compared]
+    medians = [modulus.shown(one.median_modulus) for one in verification.compared]
     shift = 100.0 * (medians[1] / medians[0] - 1.0)
     gain = f"{verification.gain:+.2f} ± {verification.error:.2f}"
     rows = [
