@@ -5,6 +5,7 @@ A number is known; a frozen distribution of `scipy.stats` is uncertain.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -111,6 +112,28 @@ class Experiment:
         widths, viscosities = _uncertain(width), _uncertain(viscosity)
         return cls(table["section"], widths, viscosities, source=where, sha256=file.sha256, frame_rate=rate)
 
+    def write(self, path: str | Path) -> None:
+        """Write a file that `read` reads.
+
+        Parameters
+        ----------
+        path : path
+
+        Raises
+        ------
+        InputError
+            If a value is uncertain in another way than ``mean +/- error``.
+        """
+        lines = [
+            f"section = {json.dumps(self.section)}",
+            f'half_width = "{_text(self.half_width, "half_width")} m"',
+            f'viscosity = "{_text(self.viscosity, "viscosity")} Pa s"',
+        ]
+        if self.frame_rate is not None:
+            error = f" +/- {self.frame_rate.error!r}" if self.frame_rate.error else ""
+            lines.append(f'frame_rate = "{self.frame_rate.value!r}{error} Hz"')
+        Path(path).write_text("\n".join(lines) + "\n")
+
 
 def positive_normal(mean: float, error: float) -> Uncertain:
     """Return a normal distribution cut at zero: what ``mean +/- error`` stands for.
@@ -162,6 +185,16 @@ def capsule_radius(*, size_ratio: ArrayLike, half_width: ArrayLike) -> Floats:
 
 def _uncertain(read: Quantity) -> Uncertain:
     return positive_normal(read.value, read.error) if read.error > 0.0 else read.value
+
+
+def _text(value: Uncertain, key: str) -> str:
+    """A number, or the mean and the error of a normal distribution cut at zero."""
+    if not hasattr(value, "cdf"):
+        return repr(float(value))
+    if value.dist.name != "truncnorm" or set(value.kwds) != {"loc", "scale"}:
+        expected = 'a number or a distribution "mean +/- error", made by positive_normal'
+        raise InputError("experiment", key, expected, f"one of the kind {value.dist.name}")
+    return f"{float(value.kwds['loc'])!r} +/- {float(value.kwds['scale'])!r}"
 
 
 def _check_positive(value: Uncertain, where: str, key: str) -> None:

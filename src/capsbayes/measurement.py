@@ -174,8 +174,8 @@ class Measurement:
         Parameters
         ----------
         path : path
-            The experiment is named in it by its absolute path; an outline is written beside it, in a CSV file of the
-            same name.
+            The experiment is named in it by its absolute path, or by its name alone if it lies in the same folder; an
+            outline is written beside it, in a CSV file of the same name.
 
         Raises
         ------
@@ -185,16 +185,16 @@ class Measurement:
         if not self.status.ok:
             raise InputError("measurement", "status", "a measurement that ended as it should", str(self.status))
         unit = "" if self.over_half_width else " m"
-        lines = [f"experiment = {json.dumps(str(self.experiment_file.resolve()))}"] if self.experiment_file else []
-        lines += ["", "[measurement]", f'axial_extent = "{self.axial_extent!r} +/- {self.axial_extent_error!r}{unit}"']
-        if self.axial_length is not None:
+        lines = [f"experiment = {json.dumps(_name_of(self.experiment_file, path))}"] if self.experiment_file else []
+        lines += ["", "[measurement]", f'axial_extent = "{_pair(self.axial_extent, self.axial_extent_error)}{unit}"']
+        if self.axial_length is not None and self.axial_length_error is not None:
             lines += [
-                f'axial_length = "{self.axial_length!r} +/- {self.axial_length_error!r}{unit}"',
-                f"length_correlation = {self.length_correlation!r}",
+                f'axial_length = "{_pair(self.axial_length, self.axial_length_error)}{unit}"',
+                f"length_correlation = {float(self.length_correlation)!r}",
             ]
         if self.axial_length_bound is not None:
-            lines.append(f"axial_length_bound = {self.axial_length_bound!r}")
-        lines.append(f'capsule_velocity = "{self.capsule_velocity!r} +/- {self.capsule_velocity_error!r} m/s"')
+            lines.append(f"axial_length_bound = {float(self.axial_length_bound)!r}")
+        lines.append(f'capsule_velocity = "{_pair(self.capsule_velocity, self.capsule_velocity_error)} m/s"')
         if self.outline is not None:
             lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
         Path(path).write_text("\n".join(lines).lstrip() + "\n")
@@ -225,6 +225,16 @@ def _measured(text: object, where: str, key: str, units: tuple[str, ...], exampl
     if read.error == 0.0:
         raise InputError(where, f"measurement.{key}", f'a standard error, as in "{example}"', repr(text))
     return read
+
+
+def _pair(value: float, error: float) -> str:
+    return f"{float(value)!r} +/- {float(error)!r}"
+
+
+def _name_of(file: Path, beside: str | Path) -> str:
+    """How a file is named in one that may lie in the same folder."""
+    whole = file.resolve()
+    return whole.name if whole.parent == Path(beside).resolve().parent else str(whole)
 
 
 def _named_file(name: object, beside: Path) -> Path | None:

@@ -22,7 +22,18 @@ app = typer.Typer(
 )
 
 
-for _name in ("simulate", "build", "rebuild", "validate", "measure", "identify", "atlas", "transient", "verify"):
+for _name in (
+    "simulate",
+    "build",
+    "rebuild",
+    "validate",
+    "measure",
+    "identify",
+    "diagnose",
+    "atlas",
+    "transient",
+    "verify",
+):
     app.command(_name)(getattr(importlib.import_module(f"capsbayes.cli.{_name}"), _name))
 
 

@@ -7,13 +7,15 @@ on the second half, whether the model with the effect does better.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.discrepancy.compared import Compared
 from capsbayes.discrepancy.finding import Finding, find
 from capsbayes.discrepancy.fits import Whitening, fitted, whitening
 from capsbayes.discrepancy.scoring import Scores, log_likelihood, scored
@@ -52,12 +54,18 @@ class Verification:
     gain, error : float
         Log likelihood per capsule that the effect gains, and its standard error.
     before, after : Finding
+    gains : (n,) array
+        Of each capsule.
+    compared : (Compared, Compared)
+        The capsules beside the model before and after.
     """
 
     gain: float
     error: float
     before: Finding
     after: Finding
+    gains: Floats = field(repr=False)
+    compared: tuple[Compared, Compared] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +87,12 @@ class Study:
         With the effect, if one was named.
     sizes : mapping of str to float
         Sizes of the model's effects.
+    session : Session
+        All that was measured.
+    seed : int
+    level : float
+    discover : Compared or None
+        The first half beside the model as it was; None if there were too few to divide.
     """
 
     verdict: Verdict
@@ -88,6 +102,10 @@ class Study:
     verification: Verification | None
     model: ForwardModel
     sizes: Mapping[str, float]
+    session: Session = field(repr=False)
+    seed: int
+    level: float
+    discover: Compared | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
         """One sentence."""
@@ -111,6 +129,7 @@ def diagnose(
     seed: int,
     candidates: Mapping[str, Effect] | None = None,
     level: float = 0.05,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> Study:
     """Say what a model misses in a session.
 
@@ -125,35 +144,51 @@ def diagnose(
         By name of their parameter; by default the catalogue.
     level : float
         Probability of finding a disagreement where there is none.
+    progress : callable, optional
+        Told what is done next, and how many of how many steps are behind.
 
     Returns
     -------
     Study
     """
     assert isinstance(model, ForwardModel), "a model with an answer"
+    made = partial(Study, session=session, seed=seed, level=level)
     if len(session) < _FEWEST:
         nothing = Finding((), float("nan"), len(session))
-        return Study(Verdict.NOT_TESTABLE, nothing, (), {}, None, model, {})
+        return made(Verdict.NOT_TESTABLE, nothing, (), {}, None, model, {})
     discover, confirm = session.halves(seed)
+    effects = catalogue() if candidates is None else candidates
+    tell = progress or _silent
+    tell("the model as it is", 0, len(effects) + 3)
     white = whitening(model, discover)
-    finding = find(model, discover, seed=seed, white=white)
+    fits = fitted(model, discover, white)
+    finding = find(model, discover, seed=seed, white=white, fits=fits)
+    made = partial(made, discover=Compared(discover, model, fits))
     if finding.chance > level:
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
-        return Study(verdict, finding, (), {}, None, model, {})
-    effects = catalogue() if candidates is None else candidates
-    scores = {name: scored(model, effect, discover, white) for name, effect in effects.items()}
+        return made(verdict, finding, (), {}, None, model, {})
+    scores = {}
+    for done, (name, effect) in enumerate(effects.items(), start=1):
+        tell(effect.name, done, len(effects) + 3)
+        scores[name] = scored(model, effect, discover, white)
     scores = dict(sorted(scores.items(), key=lambda item: -item[1].gains.sum()))
+    tell("what is left over", len(effects) + 1, len(effects) + 3)
     alike = tuple(name for name in _not_told_apart(scores) if _explains(model, scores[name], discover, white, seed))
     if not alike:
-        return Study(Verdict.UNKNOWN, finding, (), scores, None, model, {})
+        return made(Verdict.UNKNOWN, finding, (), scores, None, model, {})
     best = scores[alike[0]]
+    tell("the capsules laid aside", len(effects) + 2, len(effects) + 3)
     verification = _verified(model, best, confirm, seed)
     if verification.gain < _VERIFIED * verification.error or verification.after.chance < _LEFT:
-        return Study(Verdict.UNKNOWN, finding, alike, scores, verification, model, {})
+        return made(Verdict.UNKNOWN, finding, alike, scores, verification, model, {})
     if len(alike) > 1:
-        return Study(Verdict.AMBIGUOUS, finding, alike, scores, verification, model, {})
+        return made(Verdict.AMBIGUOUS, finding, alike, scores, verification, model, {})
     sizes = {alike[0]: best.size}
-    return Study(Verdict.NAMED, finding, alike, scores, verification, model + best.effect, sizes)
+    return made(Verdict.NAMED, finding, alike, scores, verification, model + best.effect, sizes)
+
+
+def _silent(step: str, done: int, steps: int) -> None:
+    """Tell nobody."""
 
 
 def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
@@ -180,10 +215,14 @@ def _verified(model: Extendable, scores: Scores, confirm: Session, seed: int) ->
     assert isinstance(model, ForwardModel), "a model with an answer"
     white = whitening(model, confirm)
     extended, name = model + scores.effect, scores.effect.parameter.name
-    likelihoods, findings = [], []
+    likelihoods, findings, compared = [], [], []
     for size in (scores.effect.null_value, scores.size):
         fits = fitted(extended, confirm, white, {name: size})
         likelihoods.append(log_likelihood(fits))
         findings.append(find(extended, confirm, seed=seed, white=white, sizes={name: size}, fits=fits))
+        compared.append(Compared(confirm, extended, fits, {name: size}))
     gains = likelihoods[1] - likelihoods[0]
-    return Verification(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))), *findings)
+    error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
+    return Verification(
+        float(gains.mean()), error, findings[0], findings[1], gains, compared=(compared[0], compared[1])
+    )

@@ -26,13 +26,13 @@ from capsbayes.discrepancy.regions import REGIONS, region_displacements
 from capsbayes.discrepancy.session import Session
 from capsbayes.model import ForwardModel
 
-__all__ = ["Deviation", "Finding", "find"]
+__all__ = ["TRENDS", "Deviation", "Finding", "find"]
 
 Floats = NDArray[np.float64]
 
 _FLIPS = 4999
 _FEWEST = 4  # contributions, up to which a deviation is not judged
-_TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
+TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def _of_trends(session: Session, fits: Fits, done: NDArray[np.int64], own: Float
         across = design[:, number] - others @ _solved(others, design[:, number], weight)
         about = fits.log_modulus[done] - others @ _solved(others, fits.log_modulus[done], weight)
         contributions = weight * (across * about - together[name])
-        tests.append(_Test(_TRENDS[name], "", 1.0, contributions, weight * across**2, weight * np.abs(across) * own))
+        tests.append(_Test(TRENDS[name], "", 1.0, contributions, weight * across**2, weight * np.abs(across) * own))
     return tests
 
 

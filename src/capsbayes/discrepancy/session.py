@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.discrepancy.sets import check_comparable, read_set, write_set
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.inference.inputs import Input
@@ -31,6 +33,8 @@ class Session:
     measurements : sequence of Measurement
         Lengths over l; those with an outline are compared by it.
     experiment : Experiment
+    left_out : tuple of str
+        One line for each capsule that was measured and cannot be used.
 
     Raises
     ------
@@ -40,16 +44,49 @@ class Session:
 
     measurements: Sequence[Measurement]
     experiment: Experiment
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.measurements:
             raise InputError("session", "measurements", "at least one capsule", "none")
         for number, one in enumerate(self.measurements):
-            where = one.source or f"capsule {number}"
-            if not one.status.ok:
-                raise InputError(where, "status", "a measurement that is done", str(one.status), "leave it out")
-            if not one.over_half_width:
-                raise InputError(where, "axial_extent", "lengths over l", "lengths in metres", "divide by l")
+            check_comparable(one, one.source or f"capsule {number}")
+
+    @classmethod
+    def read(cls, path: str | Path, experiment: Experiment | str | Path | None = None) -> Session:
+        """Read a set of measurements.
+
+        Parameters
+        ----------
+        path : path
+            A folder of measurement files as `Measurement.read` reads them, a table of lengths (.csv), or a file of
+            outlines (.nc). Capsules that cannot be used are in `left_out`.
+        experiment : Experiment or path, optional
+            In place of that which the set names.
+
+        Raises
+        ------
+        InputError
+            Naming file, key, what was expected and what was found.
+        """
+        found = read_set(path, experiment)
+        return cls(found.measurements, found.experiment, found.left_out)
+
+    def write(self, path: str | Path) -> None:
+        """Write a set that `read` reads.
+
+        Parameters
+        ----------
+        path : path
+            A folder, made if it is missing, for one file a capsule and ``experiment.toml``; or the name of a table of
+            lengths (.csv) or of a file of outlines (.nc), which do not hold the experiment.
+
+        Raises
+        ------
+        InputError
+            If the folder holds TOML files already, or a file has no place for what the capsules have.
+        """
+        write_set(path, self.measurements, self.experiment)
 
     def __len__(self) -> int:
         return len(self.measurements)

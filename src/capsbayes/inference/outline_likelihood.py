@@ -23,7 +23,7 @@ from capsbayes.inference.normal_distance import Footing, footing, normal_distanc
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.model import ForwardModel
 
-__all__ = ["OutlineLikelihood", "outline_likelihood"]
+__all__ = ["OutlineLikelihood", "aligned_with", "outline_likelihood"]
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class OutlineLikelihood:
     _factor: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        aligned, feet = _aligned_with(self.points, self.pilot)
+        aligned, feet = aligned_with(self.points, self.pilot)
         covariance = self.noise.covariance(self.points)
         spread = self.pose.directions(aligned, feet.normal)
         covariance = covariance + spread @ spread.T
@@ -136,8 +136,19 @@ def outline_likelihood(
     return OutlineLikelihood(measured.points, measured.noise, pilot, measured.pose, modes)
 
 
-def _aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
-    """The points shifted and turned onto an outline by least squares, and where they stand on it."""
+def aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
+    """Shift and turn measured points onto an outline by least squares.
+
+    Parameters
+    ----------
+    points : (m, 2) array
+    outline : (p, 2) array
+
+    Returns
+    -------
+    (m, 2) array, Footing
+        The points moved, and where they stand on the outline.
+    """
     moved = points - _middle(points) + _middle(outline)
     for _ in range(_FITS):
         feet = footing(moved, outline)

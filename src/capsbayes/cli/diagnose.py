@@ -1,0 +1,190 @@
+"""``capsbayes diagnose``: what a model misses in a set of capsules."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from capsbayes.discrepancy import Study, Verification
+    from capsbayes.effect import Effect
+
+
+def diagnose(
+    capsules: Annotated[
+        Path, typer.Argument(help="Folder of measurement files, .csv table of lengths, or .nc file of outlines.")
+    ],
+    out: Annotated[Path | None, typer.Option(help="Folder for study.html and study.json.")] = None,
+    experiment: Annotated[
+        Path | None, typer.Option(help="TOML file of the experiment; default: the one that the capsules name.")
+    ] = None,
+    database: Annotated[
+        str | None,
+        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the results.")] = 1,
+    candidates: Annotated[
+        str | None, typer.Option(help="Effects to try, as 'halo,exposure'; default: all that are known.")
+    ] = None,
+    level: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Probability of finding a disagreement where there is none.")
+    ] = 0.05,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the study as JSON.")] = False,
+) -> None:
+    """Find where capsules disagree with the model, name what would explain it, and try that on capsules laid aside.
+
+    Exit status: 0 whatever the verdict, 2 on bad input.
+    """
+    import json
+
+    from rich.console import Console
+
+    from capsbayes.discrepancy import Session, summary
+    from capsbayes.discrepancy import diagnose as diagnosed
+    from capsbayes.surrogate import Surrogate
+
+    _check_folder(out)
+    session = Session.read(capsules, experiment)
+    section = session.experiment.section
+    effects = _effects(candidates, section)
+    model = Surrogate.open(database or f"{section}-neo-hookean")
+    with _progress_bar() as progress:
+        study = diagnosed(session, model, seed=seed, candidates=effects, level=level, progress=progress)
+    if out is not None:
+        _write(study, out)
+    if as_json:
+        typer.echo(json.dumps(summary(study), indent=2))
+    else:
+        _print(Console(highlight=False), study, out)
+
+
+def _check_folder(out: Path | None) -> None:
+    """Refuse a folder that cannot be made before any work is done."""
+    from capsbayes.errors import InputError
+
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError("--out", "", "a folder", f"the file {out}")
+
+
+def _effects(names: str | None, section: str) -> dict[str, Effect]:
+    """The candidates that are named, by parameter or effect; by default all that hold in such a section."""
+    from capsbayes.cli.choices import one_of
+    from capsbayes.effects import SIMULATED, catalogue
+
+    effects = catalogue()
+    if section != "square":  # the simulated ones are of a square channel
+        effects = {name: one for name, one in effects.items() if name not in SIMULATED}
+    if names is None:
+        return effects
+    known = {one.name: name for name, one in effects.items()} | {name: name for name in effects}
+    chosen = [one_of("diagnose", "--candidates", name.strip(), known) for name in names.split(",")]
+    return {name: effects[name] for name in chosen}
+
+
+@contextlib.contextmanager
+def _progress_bar() -> Iterator[Callable[[str, int, int], None] | None]:
+    """Bar over the candidates, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    layout = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*layout, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("reading", total=None)
+        yield lambda step, done, steps: bar.update(task, description=step, completed=done, total=steps)
+
+
+def _write(study: Study, out: Path) -> None:
+    """Write both files into a folder beside, then move them: an error leaves nothing half done."""
+    import json
+    import os
+    import tempfile
+
+    from capsbayes.discrepancy import summary
+    from capsbayes.report import study_page
+
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=out, prefix=".unfinished-") as folder:
+        unfinished = Path(folder)
+        (unfinished / "study.html").write_text(study_page(study), encoding="utf-8")
+        (unfinished / "study.json").write_text(json.dumps(summary(study), indent=2) + "\n")
+        for made in sorted(unfinished.iterdir()):
+            os.replace(made, out / made.name)
+
+
+def _print(console: Console, study: Study, out: Path | None) -> None:
+    from capsbayes.report import lengths_alone, verdict_sentence
+    from capsbayes.report.study_words import chance_words, deviation_words
+
+    console.print(verdict_sentence(study), style="bold", markup=False)
+    cost = lengths_alone(study.session)
+    if cost:
+        console.print(cost, markup=False)
+    if study.session.left_out:
+        console.print(f"{len(study.session.left_out)} capsules were left out:")
+        for line in study.session.left_out:
+            console.print(f"  {line}", markup=False)
+    if study.finding.deviations:
+        first = study.finding.deviations[0]
+        console.print(
+            f"Largest deviation: {first.name} {deviation_words(first)}, as large by chance "
+            f"{chance_words(first.chance)}, in {study.finding.capsules} capsules.",
+            markup=False,
+        )
+    if study.scores:
+        console.print(_candidate_table(study))
+    if study.verification is not None:
+        console.print(_held_out(study.verification), markup=False)
+    model = study.model if study.discover is None else study.discover.model
+    console.print(f"Model: {model.name}, sha256 {model.sha256[:12]}; seed {study.seed}.")
+    if out is not None:
+        console.print(f"Written to {out}: study.html, study.json.", markup=False)
+
+
+def _candidate_table(study: Study) -> Table:
+    from rich import box
+    from rich.markup import escape
+    from rich.table import Table
+
+    from capsbayes.report.study_words import size_words
+
+    table = Table(title="Effects that were tried, the likeliest first", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.title_justify = "left"
+    table.add_column("effect", no_wrap=True)
+    table.add_column("gain", justify="right", no_wrap=True)
+    for heading in ("size", "", "would be separated by"):
+        table.add_column(heading)
+    for name, one in study.scores.items():
+        told = "in question" if name in study.names else "told apart" if study.names else "does not explain it"
+        size = escape(f"{one.effect.parameter.symbol} = {size_words(one)}")
+        table.add_row(one.effect.name, f"{one.gains.sum():.1f}", size, told, escape(one.effect.separated_by))
+    table.caption = "gain: in log likelihood of all capsules over the model without it"
+    table.caption_justify = "left"
+    return table
+
+
+def _held_out(verification: Verification) -> str:
+    import math
+
+    from capsbayes.parameters import PARAMETERS
+
+    modulus = PARAMETERS["surface_shear_modulus"]
+    before, after = (modulus.shown(one.median_modulus) for one in verification.compared)
+    gaps = [1e6 * one.gap for one in verification.compared]
+    gap = f"gap {gaps[0]:.3f} -> {gaps[1]:.3f} um, " if all(map(math.isfinite, gaps)) else ""
+    chances = verification.before.chance, verification.after.chance
+    return (
+        f"{len(verification.gains)} capsules laid aside, before -> after: {gap}p-value {chances[0]:.2g} -> "
+        f"{chances[1]:.2g}, median G_s {before:.1f} -> {after:.1f} {modulus.shown_unit}; gain "
+        f"{verification.gain:+.2f} +/- {verification.error:.2f} in log likelihood a capsule."
+    )

@@ -1,0 +1,97 @@
+"""Tables of a study's page: what was found, the candidates, the held-out capsules before and after."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from capsbayes.discrepancy import Finding, Scores, Study, Verification
+from capsbayes.parameters import PARAMETERS
+from capsbayes.report.study_words import chance_words, deviation_words, odds_words, same_by_chance, size_words
+
+__all__ = ["candidate_table", "finding_table", "held_out_table", "meaning_table", "typeset"]
+
+_GREEK = {"alpha": "α", "delta": "δ", "eps": "ε"}
+
+
+def finding_table(finding: Finding) -> str:
+    """Every deviation that was looked for, the most surprising first."""
+    rows = [(typeset(one.name), deviation_words(one), chance_words(one.chance)) for one in finding.deviations]
+    return _table(("where", "size ± standard error (significance)", "as large by chance"), rows)
+
+
+def candidate_table(study: Study) -> str:
+    """Odds and size of every candidate, and of the model without one."""
+    gains = {name: float(one.gains.sum()) for name, one in study.scores.items()}
+    best = max(gains.values())
+    rows = [
+        (
+            _marked(study, name, one),
+            typeset(odds_words(gains[name] - best)),
+            typeset(odds_words(gains[name])),
+            f"{typeset(one.effect.parameter.symbol)} = {typeset(size_words(one))}",
+            "in question" if name in study.names else "told apart" if study.names else "does not explain it",
+        )
+        for name, one in study.scores.items()
+    ]
+    rows.append(("<i>none</i>", typeset(odds_words(-best)), "1 : 1", "", ""))
+    return _table(("effect", "odds against the best", "odds against none", "size", "told apart?"), rows)
+
+
+def meaning_table(study: Study) -> str:
+    """What each candidate does, and what would separate it from the others."""
+    rows = [
+        (
+            _marked(study, name, one),
+            escape(one.effect.kind.value),
+            typeset(one.effect.changes),
+            typeset(one.effect.separated_by),
+        )
+        for name, one in study.scores.items()
+    ]
+    return _table(("effect", "kind", "what it changes", "what would separate it"), rows)
+
+
+def held_out_table(verification: Verification) -> str:
+    """Gap, noise, chance and shear modulus before and after."""
+    pairs = (verification.before, verification.after)
+    gaps = [f"{1e6 * one.gap:.3f} µm" if math.isfinite(one.gap) else "no outlines" for one in verification.compared]
+    noise = [f"{one.noise:.2f} σ" if math.isfinite(one.noise) else "nothing is left over" for one in pairs]
+    modulus = PARAMETERS["surface_shear_modulus"]
+    medians = [modulus.shown(one.median_modulus) for one in verification.compared]
+    shift = 100.0 * (medians[1] / medians[0] - 1.0)
+    gain = f"{verification.gain:+.2f} ± {verification.error:.2f}"
+    rows = [
+        ("gap: rms distance of measured and predicted edge", *gaps),
+        ("the same over the stated noise, correlations counted", *noise),
+        ("largest deviation", *(deviation_words(one.deviations[0]) if one.deviations else "" for one in pairs)),
+        ("as large by chance (residual p-value)", *(same_by_chance(one) for one in pairs)),
+        ("log score per capsule, over that before", "0", gain),
+        (
+            "median G<sub>s</sub>",
+            f"{medians[0]:.1f} {modulus.shown_unit}",
+            f"{medians[1]:.1f} {modulus.shown_unit} ({shift:+.1f} %)",
+        ),
+    ]
+    return _table((f"{len(verification.gains)} held-out capsules", "before", "after"), rows)
+
+
+def typeset(text: str) -> str:
+    """HTML of a text with plain symbols, as G_s or 10^3."""
+    text = re.sub(r"\b([A-Za-z]+)_([A-Za-z]+)\b", r"\1<sub>\2</sub>", escape(text))
+    text = re.sub(r"\^(\w+)", r"<sup>\1</sup>", text).replace("/l", "/ℓ")
+    return re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda found: _GREEK[found[0]], text)
+
+
+def _marked(study: Study, name: str, one: Scores) -> str:
+    text = escape(one.effect.name)
+    return f"<b>{text}</b>" if name in study.names else text
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """An HTML table of cells that are HTML already."""
+    heading = "".join(f"<th>{cell}</th>" for cell in head)
+    body = "\n".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f'<div class="wide"><table>\n<tr>{heading}</tr>\n{body}\n</table></div>'

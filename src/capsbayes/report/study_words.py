@@ -1,0 +1,89 @@
+"""What a study says in sentences and in short: numbers with their units, as people read them."""
+
+from __future__ import annotations
+
+import math
+
+from capsbayes.discrepancy import Deviation, Finding, Scores, Session, Study, Verdict
+
+__all__ = [
+    "chance_words",
+    "deviation_words",
+    "lengths_alone",
+    "odds_words",
+    "same_by_chance",
+    "size_words",
+    "verdict_sentence",
+]
+
+_MANY = 1e4  # odds beyond which their power of ten is enough
+
+
+def verdict_sentence(study: Study) -> str:
+    """What came of a study, in one sentence."""
+    model = (study.model if study.discover is None else study.discover.model).name
+    if study.verdict is Verdict.NOT_TESTABLE:
+        return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."
+    if study.verdict is Verdict.NONE:
+        return f"No disagreement was found between the capsules and {model}."
+    accused = f"The capsules disagree with {model}, and"
+    if study.verdict is Verdict.NAMED:
+        best = study.scores[study.names[0]]
+        return f"{accused} {best.effect.name} explains it: {best.effect.parameter.symbol} = {size_words(best)}."
+    if study.verdict is Verdict.AMBIGUOUS:
+        names = " and ".join(study.scores[name].effect.name for name in study.names)
+        return f"{accused} several effects explain it equally well: {names}."
+    if study.verification is not None:
+        best = study.scores[study.names[0]]
+        return (
+            f"{accused} nothing that was tried explains it: the likeliest, {best.effect.name}, fails on new capsules."
+        )
+    return f"{accused} nothing that was tried explains it."
+
+
+def lengths_alone(session: Session) -> str:
+    """What it costs that capsules were given without outlines; empty if none was."""
+    without = sum(one.outline is None for one in session.measurements)
+    if not without:
+        return ""
+    if without < len(session):
+        return f"{without} of {len(session)} capsules have no outline; they only count for the trends of G_s."
+    return (
+        "Lengths alone were given: Ca and a/l of a capsule take up both, so that only trends of G_s with velocity and "
+        "size are left to compare, and most effects stay unseen; outlines show them, and where."
+    )
+
+
+def size_words(scores: Scores) -> str:
+    """Size of an effect with its 68 % interval and unit."""
+    one = scores.effect.parameter
+    low, high = (one.shown(end) for end in scores.interval())
+    unit = "" if one.shown_unit in ("", "-") else f" {one.shown_unit.replace('um', 'µm').replace('us', 'µs')}"
+    return f"{one.shown(scores.size):.3g}{unit} (68 %: {low:.3g} to {high:.3g}{unit})"
+
+
+def odds_words(gain: float) -> str:
+    """A likelihood ratio of which the logarithm is given."""
+    if abs(gain) > math.log(_MANY):
+        power = round(abs(gain) / math.log(10.0))
+        return f"10^{power} : 1" if gain > 0.0 else f"1 : 10^{power}"
+    odds = math.exp(abs(gain))
+    text = f"{odds:.2g}" if odds < 10.0 else f"{odds:.0f}"
+    return f"{text} : 1" if gain >= 0.0 else f"1 : {text}"
+
+
+def deviation_words(one: Deviation) -> str:
+    """Amplitude of a deviation with its error, unit and significance."""
+    unit = f" {one.unit.replace('um', 'µm')}" if one.unit else ""
+    return f"{one.size:+.2f} ± {one.error:.2f}{unit} ({one.sigma:+.1f} σ)"
+
+
+def same_by_chance(finding: Finding) -> str:
+    """How often a right model shows a deviation as large as the largest."""
+    return chance_words(finding.chance) if finding.deviations else "not tested"
+
+
+def chance_words(chance: float) -> str:
+    """A probability in per cent."""
+    share = 100.0 * chance
+    return f"{share:.0f} %" if share >= 9.5 else f"{share:.2g} %"

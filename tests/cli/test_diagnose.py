@@ -1,0 +1,105 @@
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from capsbayes.cli import app
+from capsbayes.errors import InputError
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "discrepancy"))  # for the drawn sessions
+
+from sessions import drawn_session
+
+from capsbayes import Surrogate
+from capsbayes.effects import MotionBlur
+
+RESULTS = {"study.html", "study.json"}
+
+
+@pytest.fixture(scope="module")
+def lengths(tmp_path_factory):
+    """A folder of capsules that were drawn from the model, without outlines."""
+    folder = tmp_path_factory.mktemp("lengths") / "set"
+    drawn_session(Surrogate.open("square-neo-hookean"), 24, seed=7)[0].write(folder)
+    return folder
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["diagnose", *map(str, arguments)])
+
+
+def said(result):
+    return " ".join(result.output.split())
+
+
+def test_a_right_model_is_not_accused(lengths, tmp_path):
+    result = run(lengths, "--out", tmp_path / "study")
+    assert result.exit_code == 0, result.output
+    for words in (
+        "No disagreement was found between the capsules and square-neo-hookean.",
+        "Lengths alone were given",
+        "Largest deviation: trend of ln G_s",
+        "σ), as large by chance",
+        "Model: square-neo-hookean, sha256",
+        "study.html, study.json",
+    ):
+        assert words in said(result)
+    assert {path.name for path in (tmp_path / "study").iterdir()} == RESULTS
+    stored = json.loads((tmp_path / "study" / "study.json").read_text())
+    assert (stored["verdict"], stored["capsules"]) == ("NONE", 24)
+    assert set(map(len, stored["files"].values())) == {64}
+    assert (tmp_path / "study" / "study.html").read_text().startswith("<!DOCTYPE html>")
+
+
+def test_candidates_are_tried_at_another_level(lengths):
+    result = run(lengths, "--level", "1", "--candidates", "halo, motion blur", "--seed", "2", "--json")
+    assert result.exit_code == 0, result.output
+    stored = json.loads(result.stdout)
+    assert (stored["seed"], stored["level"]) == (2, 1.0)
+    assert {one["parameter"] for one in stored["candidates"]} == {"halo", "exposure"}
+    shown = said(run(lengths, "--level", "1", "--candidates", "halo"))
+    assert "Effects that were tried" in shown
+    assert "delta =" in shown
+
+
+def test_a_table_with_an_experiment_and_what_is_left_out(lengths, tmp_path):
+    table = tmp_path / "set.csv"
+    drawn_session(Surrogate.open("square-neo-hookean"), 12, seed=7)[0].write(table)
+    with table.open("a") as file:
+        file.write("[bad],2.1,,,,,,\n")
+    result = run(table, "--experiment", lengths / "experiment.toml")
+    assert result.exit_code == 0, result.output
+    assert "1 capsules were left out: " in said(result)
+    assert "capsule [bad]" in said(result)
+
+
+@pytest.mark.slow
+def test_an_effect_is_named_and_pictured(tmp_path):
+    model = Surrogate.open("square-neo-hookean")
+    session, _ = drawn_session(model + MotionBlur(), 24, seed=7, outline=True, sizes={"exposure": 4e-4})
+    session.write(tmp_path / "set")
+    result = run(tmp_path / "set", "--candidates", "exposure,halo", "--seed", "3", "--out", tmp_path / "study")
+    assert result.exit_code == 0, result.output
+    assert "motion blur explains it: t_e =" in said(result)
+    assert "12 capsules laid aside, before -> after: gap" in said(result)
+    assert (tmp_path / "study" / "study.html").read_text().count("data:image/svg+xml") == 5
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--candidates", "glow"), "diagnose: --candidates: expected one of"),
+        (("--experiment", "missing.toml"), "missing.toml: expected a file, got nothing there"),
+        (("--out", __file__), "--out: expected a folder, got the file"),
+    ],
+)
+def test_bad_input_is_one_line(lengths, options, message):
+    result = run(lengths, *options)
+    assert isinstance(result.exception, InputError)
+    assert message in str(result.exception)
+
+
+def test_a_missing_set_is_said(tmp_path):
+    assert "expected a folder of measurement files" in str(run(tmp_path / "missing").exception)

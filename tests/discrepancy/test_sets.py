@@ -1,0 +1,229 @@
+"""What is written is read back in each of the three forms; what cannot be used is left out and said."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+from sessions import EXPERIMENT
+
+from capsbayes.discrepancy.session import Session
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
+from capsbayes.measurement import Measurement
+
+NUMBERS = ("axial_extent", "axial_extent_error", "capsule_velocity", "capsule_velocity_error", "axial_length")
+
+
+def capsule(number, *, outline=False, **how):
+    angle = np.linspace(0.0, 2.0 * np.pi, 20 + number, endpoint=False)
+    edge = MeasuredOutline(np.stack([np.cos(angle), np.sin(angle)], axis=1), OutlineNoise(0.01, 0.2, 0.25))
+    lengths = {"axial_length": 1.8 + 0.01 * number, "axial_length_error": 0.02} | how
+    return Measurement(2.1, 0.01, np.float64(5e-3), 5e-5, **lengths, outline=edge if outline else None)
+
+
+def session(count=3, *, outline=False):
+    return Session([capsule(number, outline=outline) for number in range(count)], EXPERIMENT)
+
+
+def assert_same(found, wanted):
+    assert len(found) == len(wanted)
+    for name in NUMBERS:
+        given = [getattr(one, name) for one in wanted.measurements]
+        assert [getattr(one, name) for one in found.measurements] == given, name
+    for one, other in zip(found.measurements, wanted.measurements, strict=True):
+        assert (one.outline is None) == (other.outline is None)
+        if one.outline is not None:
+            np.testing.assert_allclose(one.outline.points, other.outline.points, atol=1e-8)
+            assert one.outline.noise == other.outline.noise
+
+
+@pytest.mark.parametrize("outline", [False, True])
+def test_a_folder_is_read_back_with_its_experiment(tmp_path, outline):
+    wanted = session(outline=outline)
+    wanted.write(tmp_path / "set")
+    (tmp_path / "set").rename(tmp_path / "moved")
+    found = Session.read(tmp_path / "moved")
+    assert_same(found, wanted)
+    assert found.left_out == ()
+    for name in ("half_width", "viscosity"):
+        assert getattr(found.experiment, name).kwds == getattr(EXPERIMENT, name).kwds
+    assert found.experiment.section == "square"
+
+
+def test_a_table_is_read_back(tmp_path):
+    hidden = capsule(9, axial_length=None, axial_length_error=None)
+    wanted = Session([*session().measurements, hidden], EXPERIMENT)
+    wanted.write(tmp_path / "set.csv")
+    found = Session.read(tmp_path / "set.csv", EXPERIMENT)
+    assert_same(found, wanted)
+    assert found.measurements[3].axial_length is None
+
+
+def test_a_file_of_outlines_is_read_back(tmp_path):
+    wanted = session(outline=True)
+    wanted.write(tmp_path / "set.nc")
+    EXPERIMENT.write(tmp_path / "channel.toml")
+    assert_same(Session.read(tmp_path / "set.nc", tmp_path / "channel.toml"), wanted)
+
+
+def test_a_file_of_outlines_may_name_its_experiment(tmp_path):
+    session(outline=True).write(tmp_path / "set.nc")
+    EXPERIMENT.write(tmp_path / "channel.toml")
+    with xr.open_dataset(tmp_path / "set.nc", engine="h5netcdf") as opened:
+        dataset = opened.load().assign_attrs(experiment="channel.toml")
+    dataset["name"] = ("capsule", ["a", "b", "c"])
+    dataset.to_netcdf(tmp_path / "named.nc", engine="h5netcdf")
+    found = Session.read(tmp_path / "named.nc")
+    assert found.mean("half_width") == 25e-6
+    assert found.measurements[1].source.endswith("named.nc: capsule b")
+
+
+def test_the_folder_and_the_table_of_a_film_are_sets(tmp_path):
+    EXPERIMENT.write(tmp_path / "channel.toml")
+    for number in (1, 2):
+        (tmp_path / f"capsule-{number}").mkdir()
+        seen = replace(capsule(number), experiment_file=tmp_path / "channel.toml")
+        seen.write(tmp_path / f"capsule-{number}" / "measurement.toml")
+    assert len(Session.read(tmp_path)) == 2
+    (tmp_path / "capsules.csv").write_text(
+        "capsule,status,frames,axial_extent_over_l,axial_extent_error_over_l,axial_length_over_l,"
+        "axial_length_error_over_l,velocity_m_s,velocity_error_m_s\n"
+        "1,DONE,8,2.1,0.01,1.8,0.01,0.005,0.00005\n2,DOUBLET,8,nan,nan,,,nan,nan\n"
+    )
+    found = Session.read(tmp_path / "capsules.csv", EXPERIMENT)
+    assert len(found) == 1
+    (line,) = found.left_out
+    assert "capsules.csv: capsule 2: status: expected DONE, got The outline is notched" in line
+
+
+def test_velocities_may_be_in_millimetres(tmp_path):
+    path = tmp_path / "set.csv"
+    path.write_text(
+        "name, axial_extent_over_l, axial_extent_error_over_l, capsule_velocity_mm_per_s, "
+        "capsule_velocity_error_mm_per_s\nA, 2.1, 0.01, 5.0, 0.05\n"
+    )
+    (one,) = Session.read(path, EXPERIMENT).measurements
+    assert (one.capsule_velocity, one.capsule_velocity_error) == pytest.approx((5e-3, 5e-5))
+    assert one.source == f"{path}: capsule A"
+
+
+def test_capsules_that_cannot_be_used_are_left_out_and_said(tmp_path):
+    folder = tmp_path / "set"
+    session(4).write(folder)
+    first, second, third = (folder / f"capsule-00{number}.toml" for number in (1, 2, 3))
+    first.write_text(first.read_text().replace("2.1 +/- 0.01", "2.1"))
+    second.write_text("no toml")
+    third.write_text(re.sub(r'(axial_\w+ = "[^"]+)"', r'\1 um"', third.read_text()))
+    found = Session.read(folder)
+    assert len(found) == 1
+    assert ["a standard error" in found.left_out[0], "a TOML file" in found.left_out[1]] == [True, True]
+    assert "capsule-003.toml: axial_extent: expected lengths over l, got lengths in metres" in found.left_out[2]
+    assert not any("\n" in line for line in found.left_out)
+
+
+def test_capsules_of_two_experiments_are_no_set(tmp_path):
+    folder = tmp_path / "set"
+    session().write(folder)
+    EXPERIMENT.write(tmp_path / "other.toml")
+    second = folder / "capsule-002.toml"
+    second.write_text(second.read_text().replace("experiment.toml", "../other.toml"))
+    with pytest.raises(InputError, match=r"capsule-002.toml: experiment: expected the same experiment as in .*001"):
+        Session.read(folder)
+    assert len(Session.read(folder, tmp_path / "other.toml")) == 3
+    second.write_text(second.read_text().replace('experiment = "../other.toml"', ""))
+    with pytest.raises(
+        InputError, match=r"capsule-002.toml: experiment: expected the name of a file, got nothing; give"
+    ):
+        Session.read(folder)
+
+
+TABLE = (
+    "axial_extent_over_l,axial_extent_error_over_l,capsule_velocity_m_per_s,capsule_velocity_error_m_per_s\n"
+    "2.1,0.01,0.005,0.00005\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("axial_extent_over_l", "axial_extent"), "set.csv: axial_extent: expected one of the columns axial_extent_ov"),
+        (("axial_extent_over_l,", ""), "set.csv: axial_extent_over_l: expected a column of this name, got only"),
+        (("2.1,", "long,"), "capsule 1: axial_extent_over_l: expected a number, got 'long'"),
+        (("2.1,", "-2.1,"), "capsule 1: axial_extent: expected a positive finite number, got -2.1"),
+        (("2.1,0.01,0.005,0.00005\n", ""), "set.csv: expected at least one capsule, got none"),
+    ],
+)
+def test_a_wrong_table_is_one_line(tmp_path, change, message):
+    path = tmp_path / "set.csv"
+    path.write_text(TABLE.replace(*change))
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        Session.read(path, EXPERIMENT)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda one: one.drop_vars("noise_scale"), "set.nc: noise_scale: expected a variable (capsule) in l, got noth"),
+        (
+            lambda one: one.rename(point="place"),
+            "set.nc: outline: expected a variable (capsule, point, axis) in l, got",
+        ),
+        (
+            lambda one: one.assign(capsule_velocity=one.capsule_velocity.assign_attrs(units="mm/s")),
+            "set.nc: capsule_velocity: expected a variable (capsule) in m/s, got one in mm/s; convert it",
+        ),
+        (
+            lambda one: one.assign(noise_scale=-one.noise_scale),
+            "set.nc: capsule 1: scale: expected a positive number, got -0.01",
+        ),
+    ],
+)
+def test_a_wrong_file_of_outlines_is_one_line(tmp_path, change, message):
+    session(outline=True).write(tmp_path / "made.nc")
+    with xr.open_dataset(tmp_path / "made.nc", engine="h5netcdf") as opened:
+        change(opened.load()).to_netcdf(tmp_path / "set.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match=re.escape(message)):
+        Session.read(tmp_path / "set.nc", EXPERIMENT)
+
+
+def test_what_is_no_set_is_said(tmp_path):
+    with pytest.raises(
+        InputError, match=r"expected a folder of measurement files, a \.csv table or a \.nc file, got noth"
+    ):
+        Session.read(tmp_path / "missing")
+    (tmp_path / "one.toml").write_text("")
+    with pytest.raises(InputError, match="put the measurement files into one folder"):
+        Session.read(tmp_path / "one.toml")
+    (tmp_path / "damaged.nc").write_text("no file")
+    with pytest.raises(InputError, match="expected a NetCDF file"):
+        Session.read(tmp_path / "damaged.nc")
+    (tmp_path / "set.csv").write_text(TABLE)
+    with pytest.raises(InputError, match="expected the experiment of the capsules, got nothing; say which"):
+        Session.read(tmp_path / "set.csv")
+
+
+def test_a_form_without_place_for_what_there_is_refuses_it(tmp_path):
+    with pytest.raises(InputError, match="expected capsules without outlines, got one with"):
+        session(outline=True).write(tmp_path / "set.csv")
+    with pytest.raises(InputError, match="expected capsules with outlines, got one without"):
+        session().write(tmp_path / "set.nc")
+    session().write(tmp_path / "set")
+    with pytest.raises(InputError, match="expected a folder without TOML files"):
+        session().write(tmp_path / "set")
+
+
+def test_an_experiment_is_read_back(tmp_path):
+    known = Experiment(section="circular", half_width=30e-6, viscosity=EXPERIMENT.viscosity)
+    known.write(tmp_path / "experiment.toml")
+    found = Experiment.read(tmp_path / "experiment.toml")
+    assert (found.section, found.half_width) == ("circular", 30e-6)
+    assert found.viscosity.kwds == EXPERIMENT.viscosity.kwds
+    with pytest.raises(
+        InputError, match=r"viscosity: expected a number or a distribution .*, got one of the kind gamma"
+    ):
+        replace(known, viscosity=stats.gamma(4.0)).write(tmp_path / "experiment.toml")
