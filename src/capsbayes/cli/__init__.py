@@ -33,6 +33,8 @@ for _name in (
     "atlas",
     "transient",
     "verify",
+    "hide",
+    "exam",
 ):
     app.command(_name)(getattr(importlib.import_module(f"capsbayes.cli.{_name}"), _name))
 

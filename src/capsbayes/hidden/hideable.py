@@ -13,7 +13,7 @@ from capsbayes.errors import InputError
 from capsbayes.hidden.capsule import Capsule
 from capsbayes.hidden.lab import Lab
 from capsbayes.hidden.optics import enlarged, grown, smeared
-from capsbayes.membrane import Skalak
+from capsbayes.membrane import GeneralisedHooke, Skalak, StrainHardening
 
 __all__ = ["HIDEABLE", "Hideable", "hideable_named"]
 
@@ -96,6 +96,8 @@ HIDEABLE = MappingProxyType(
             *map(_parameter, ("pre_inflation", "bending", "rest_aspect", "corner_radius")),
             Hideable("section_aspect", simulated=lambda size: {"section": "rectangular", "section_aspect": size}),
             Hideable("hardening", simulated=lambda size: {"law": Skalak(hardening=size)}),
+            Hideable("strain_hardening", simulated=lambda size: {"law": StrainHardening(strain_hardening=size)}),
+            Hideable("hooke", simulated=lambda size: {"law": GeneralisedHooke(poisson_ratio=size)}),
             Hideable("halo", "m", drawn=_halo),
             Hideable("exposure", "s", drawn=_blurred),
             Hideable("pixel_scale", drawn=_wrong_pixels),

@@ -27,7 +27,8 @@ _SIZES: dict[str, tuple[float, ...]] = {
     "rest_aspect": (0.925, 1.03, 1.075),
     "corner_radius": (0.07, 0.16),
     "section_aspect": (0.925, 1.03, 1.075),
-    "hardening": (1.0,),
+    "strain_hardening": (0.3, 0.8),
+    "hooke": (0.5,),
 }
 
 POOLS = MappingProxyType({(effect, size): HIDEABLE[effect] for effect, sizes in _SIZES.items() for size in sizes})

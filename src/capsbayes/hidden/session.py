@@ -17,7 +17,7 @@ from capsbayes.hidden.capsule import Capsule
 from capsbayes.hidden.hideable import Hideable
 from capsbayes.hidden.lab import Lab
 
-__all__ = ["HiddenSession", "drawn_session"]
+__all__ = ["HiddenSession", "assembled", "capsule_of", "drawn_session"]
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def drawn_session(
     rng = np.random.default_rng(seed)
     there = shapes.converged
     chosen = _pairs(there, hidden.lab(lab, size), capsules, rng)
-    seen = [hidden.drawn(_capsule(there, row, speed, lab), size, lab, seed) for row, speed in chosen]
+    seen = [hidden.drawn(capsule_of(there, row, speed, lab), size, lab, seed) for row, speed in chosen]
     return assembled(seen, hidden, size, lab=lab, seed=seed, outline=outline, rng=rng, shapes=shapes.sha256)
 
 
@@ -132,7 +132,8 @@ def _pairs(shapes: Database, lab: Lab, count: int, rng: np.random.Generator) -> 
     return [(int(place) // len(speeds), float(speeds[place % len(speeds)])) for place in places]
 
 
-def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Capsule:
+def capsule_of(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Capsule:
+    """The capsule that has a shape (a row of the database) at a mean velocity [m/s]."""
     ca, size = float(shapes["capillary_number"][row]), float(shapes["size_ratio"][row])
     velocity = mean_velocity * float(shapes["velocity_ratio"][row])
     return Capsule(

@@ -1,0 +1,40 @@
+"""``capsbayes exam``: how well the diagnosis finds what is hidden."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def exam(
+    out: Annotated[Path, typer.Option(help="Folder for the answers and the page exam.md.")],
+    pools: Annotated[Path, typer.Option(help="Folder of the simulated shapes; those that it lacks are made.")],
+    only: Annotated[str | None, typer.Option(help="Cells whose name holds this text.")] = None,
+    workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
+) -> None:
+    """Hide effects in many sessions, diagnose each, and write the table of the answers.
+
+    What is finished is kept, so the command can be stopped and run again. Shapes take about an hour of two cores, the
+    sessions another two. Exit status: 0 done, 2 bad input.
+    """
+    from rich.console import Console
+
+    from capsbayes.errors import InputError
+    from capsbayes.hidden.cells import CELLS
+    from capsbayes.hidden.exam import examine
+    from capsbayes.hidden.exam_page import exam_page
+    from capsbayes.hidden.pools import build_pools
+
+    chosen = [cell for cell in CELLS if only is None or only in cell.name]
+    if not chosen:
+        raise InputError("exam", "--only", f"part of one of {', '.join(cell.name for cell in CELLS)}", repr(only))
+    console = Console(stderr=True, quiet=not sys.stderr.isatty())
+    build_pools(dict.fromkeys(cell.shapes for cell in chosen), pools, workers=workers)
+    answers = examine(
+        chosen, pools, out, workers=workers, tell=lambda line: console.print(line, highlight=False, markup=False)
+    )
+    (out / "exam.md").write_text(exam_page(chosen, answers), encoding="utf-8")
+    typer.echo(f"{out / 'exam.md'}")

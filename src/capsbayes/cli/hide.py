@@ -1,0 +1,85 @@
+"""``capsbayes hide``: a set of measured capsules in which something is hidden."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from capsbayes.hidden import HiddenSession, Hideable
+
+
+def hide(
+    effect: Annotated[str, typer.Option(help="What to hide, as pre-inflation, halo or none.")],
+    out: Annotated[Path, typer.Option(help="Folder of the set; the truth goes into OUT.truth beside it.")],
+    size: Annotated[str, typer.Option(help="Its size with its unit, as '0.03', '0.4 um' or '300 us'.")] = "0",
+    capsules: Annotated[int, typer.Option(min=1, help="How many.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the truth.")] = 1,
+    lengths_only: Annotated[bool, typer.Option("--lengths-only", help="Measure lengths alone, no outlines.")] = False,
+    refinement: Annotated[int, typer.Option(min=4, help="Fineness n of the mesh.")] = 10,
+    workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
+) -> None:
+    """Simulate a lab's capsules with something hidden in them, and measure them: a blind set for `diagnose`.
+
+    A capsule takes about half a minute of one core. Shapes that are finished are kept, so the command can be stopped
+    and run again. Exit status: 0 done, 2 bad input.
+    """
+    from capsbayes.hidden import Lab, hideable_named
+    from capsbayes.hidden.simulated import simulated_session
+
+    hidden = hideable_named(effect)
+    value, truth = _size(hidden, size), out.with_name(f"{out.name}.truth")
+    _check_folders(out, truth)
+    truth.mkdir(parents=True, exist_ok=True)
+    drawn = simulated_session(
+        hidden,
+        value,
+        lab=Lab(),
+        capsules=capsules,
+        seed=seed,
+        shapes=truth / "shapes.nc",
+        outline=not lengths_only,
+        refinement=refinement,
+        workers=workers,
+    )
+    _write(drawn, out, truth)
+
+
+def _size(hidden: Hideable, text: str) -> float:
+    from capsbayes.errors import InputError
+    from capsbayes.quantity import quantity
+
+    if hidden.name == "none":
+        return 0.0
+    bare = text.strip().removeprefix("-")
+    example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(hidden.unit, "0.03")
+    read = quantity(bare, where="hide", key="--size", units=(hidden.unit,), example=example)
+    if read.error:
+        raise InputError("hide", "--size", f'a number without an error, as "{example}"', repr(text))
+    return -read.value if text.strip().startswith("-") else read.value
+
+
+def _check_folders(out: Path, truth: Path) -> None:
+    """Refuse a folder that holds something else before any work is done."""
+    from capsbayes.errors import InputError
+
+    for folder in (out, truth):
+        if folder.exists() and not folder.is_dir():
+            raise InputError("--out", "", "a folder", f"the file {folder}")
+    if out.exists() and any(out.iterdir()):
+        raise InputError("--out", "", "an empty folder, or none", f"{out}, which holds files", "name another")
+
+
+def _write(drawn: HiddenSession, out: Path, truth: Path) -> None:
+    """The set, and beside it the truth; the set holds the truth's fingerprint, so that it cannot be changed later."""
+    import hashlib
+    import json
+
+    told = json.dumps(drawn.truth(), indent=1) + "\n"
+    (truth / "truth.json").write_text(told, encoding="utf-8")
+    drawn.session.write(out)
+    seal = hashlib.sha256(told.encode()).hexdigest()
+    (out / "seal.txt").write_text(f"sha256 of the truth: {seal}\n", encoding="utf-8")
+    typer.echo(f"{out}: {len(drawn.session)} capsules; the truth is in {truth / 'truth.json'}, sealed by {seal[:12]}")

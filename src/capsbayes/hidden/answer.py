@@ -1,0 +1,145 @@
+"""How one session of the exam was answered."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.database import Database
+from capsbayes.discrepancy import Compared, Study, Verdict, diagnose
+from capsbayes.effect import Extendable
+from capsbayes.effects import catalogue
+from capsbayes.hidden.cells import Cell
+from capsbayes.hidden.hideable import HIDEABLE
+from capsbayes.hidden.session import HiddenSession, drawn_session
+
+__all__ = ["Answer", "answered"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One session: what was said of it, beside the truth.
+
+    Parameters
+    ----------
+    outcome : str
+        "none", "right", "ambiguous" (with the truth among the names, if the catalogue has it), "unknown", or "wrong".
+    names : list of str
+        Effects that were named.
+    chance : float
+        Of the finding.
+    size, low, high : float
+        Of what is hidden, as found, with its 95 % interval; NaN if it is not among the names.
+    bias_before, bias_after : float
+        Of the median of ln G_s of the capsules laid aside; after is NaN if nothing was named.
+    gain, gain_error : float
+        Log likelihood per capsule laid aside.
+    misfit_before, misfit_after : float
+        Of those capsules, over its freedom.
+    seconds : float
+        Processor time.
+    """
+
+    outcome: str
+    names: list[str]
+    chance: float
+    size: float
+    low: float
+    high: float
+    bias_before: float
+    bias_after: float
+    gain: float
+    gain_error: float
+    misfit_before: float
+    misfit_after: float
+    seconds: float
+
+
+_TWO_SIGMA = 1.92  # fall of the log likelihood at the ends of a 95 % interval
+
+
+def answered(cell: Cell, seed: int, shapes: Database, model: Extendable) -> Answer:
+    """Draw one session of a cell and diagnose it.
+
+    Parameters
+    ----------
+    cell : Cell
+    seed : int
+        Of the session and of the diagnosis.
+    shapes : Database
+        The cell's pool.
+    model : forward model
+        Without effects.
+    """
+    begin = time.process_time()
+    drawn = drawn_session(
+        shapes,
+        HIDEABLE[cell.effect],
+        cell.size,
+        lab=cell.lab,
+        capsules=cell.capsules,
+        seed=seed,
+        outline=cell.outline,
+    )
+    candidates = {name: effect for name, effect in catalogue().items() if name not in cell.removed}
+    study = diagnose(drawn.session, model, seed=seed, candidates=candidates)
+    return Answer(
+        outcome=outcome_of(cell, study),
+        names=list(study.names),
+        chance=study.finding.chance,
+        **_size(cell, study),
+        **_held_out(drawn, study),
+        seconds=time.process_time() - begin,
+    )
+
+
+def outcome_of(cell: Cell, study: Study) -> str:
+    """What kind of answer a verdict is, the truth known."""
+    if study.verdict in (Verdict.NONE, Verdict.NOT_TESTABLE):
+        return "none"
+    if study.verdict is Verdict.UNKNOWN:
+        return "unknown"
+    if cell.known and cell.effect not in study.names:
+        return "wrong"
+    if study.verdict is Verdict.AMBIGUOUS:
+        return "ambiguous"
+    return "right" if cell.known else "wrong"
+
+
+def _size(cell: Cell, study: Study) -> Mapping[str, float]:
+    if cell.effect not in study.names:
+        return {"size": np.nan, "low": np.nan, "high": np.nan}
+    scores = study.scores[cell.effect]
+    low, high = scores.interval(_TWO_SIGMA)
+    return {"size": scores.size, "low": low, "high": high}
+
+
+def _held_out(drawn: HiddenSession, study: Study) -> Mapping[str, float]:
+    """Gain and misfit of the capsules laid aside, and bias: of these, or of the first half if none were compared."""
+    seen = study.verification
+    if seen is None:
+        found = dict.fromkeys(("gain", "gain_error", "misfit_before", "misfit_after", "bias_after"), np.nan)
+        return found | {"bias_before": np.nan if study.discover is None else _bias(drawn, study.discover)}
+    before, after = (_bias(drawn, one) for one in seen.compared)
+    named = study.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    return {
+        "gain": seen.gain,
+        "gain_error": seen.error,
+        "misfit_before": seen.before.noise**2,
+        "misfit_after": seen.after.noise**2,
+        "bias_before": before,
+        "bias_after": after if named else np.nan,
+    }
+
+
+def _bias(drawn: HiddenSession, compared: Compared) -> float:
+    """Median of the errors of ln G_s."""
+    truth = dict(zip((one.source for one in drawn.session.measurements), drawn.log_modulus, strict=True))
+    known = np.array([truth[one.source] for one in compared.session.measurements])
+    return float(np.nanmedian(np.log(compared.modulus) - known))
