@@ -21,7 +21,7 @@ from capsbayes.model import Domain, Doubting, ForwardModel
 from capsbayes.parameters import Parameter
 from capsbayes.prediction import Prediction
 
-__all__ = ["Effect", "Extendable", "Extended", "Kind"]
+__all__ = ["Effect", "Extendable", "ExtendableModel", "Extended", "Held", "Kind"]
 
 Floats = NDArray[np.float64]
 Theta = Mapping[str, NDArray[np.float64]]
@@ -94,6 +94,15 @@ class Extendable:
         return Extended(self, effect)
 
 
+@runtime_checkable
+class ExtendableModel(ForwardModel, Protocol):
+    """A forward model to which effects can be added, as every one that is `Extendable`."""
+
+    def __add__(self, effect: Effect) -> Extended:
+        """The model with an effect."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Extended(Extendable):
     """A forward model with an effect.
@@ -154,6 +163,47 @@ class Extended(Extendable):
         if missing:
             raise KeyError(f"{self.effect.name}: theta lacks {', '.join(missing)}")
         return self.effect(self.model, theta, outline=outline)
+
+    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """Those of the model."""
+        return self.model.doubts(theta) if isinstance(self.model, Doubting) else {}
+
+
+@dataclass(frozen=True, eq=False)
+class Held(Extendable):
+    """A forward model whose effects have known sizes.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    sizes : mapping of str to float
+        By name of the effects' parameters.
+    """
+
+    model: ForwardModel
+    sizes: Mapping[str, float]
+
+    @property
+    def name(self) -> str:
+        """That of the model."""
+        return self.model.name
+
+    @property
+    def sha256(self) -> str:
+        """Fingerprint of the model with the sizes."""
+        return hashlib.sha256(f"{self.model.sha256} {sorted(self.sizes.items())}".encode()).hexdigest()
+
+    @property
+    def domain(self) -> Domain:
+        """That of the model."""
+        return self.model.domain
+
+    def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Predict a batch; sizes in ``theta`` are passed over."""
+        count = len(theta["capillary_number"])
+        return self.model(
+            {**theta, **{name: np.full(count, size) for name, size in self.sizes.items()}}, outline=outline
+        )
 
     def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
         """Those of the model."""

@@ -7,20 +7,22 @@ on the second half, whether the model with the effect does better.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.discrepancy.compared import Compared
 from capsbayes.discrepancy.finding import Finding, find
-from capsbayes.discrepancy.fits import Whitening, fitted, whitening
-from capsbayes.discrepancy.scoring import Scores, log_likelihood, scored
+from capsbayes.discrepancy.fits import fitted, whitening
+from capsbayes.discrepancy.scoring import Scores, log_likelihood
+from capsbayes.discrepancy.search import LEFT, Measured, Step, searched
 from capsbayes.discrepancy.session import Session
-from capsbayes.effect import Effect, Extendable
+from capsbayes.effect import Effect, ExtendableModel
 from capsbayes.effects import catalogue
 from capsbayes.model import ForwardModel
 
@@ -29,9 +31,6 @@ __all__ = ["Study", "Verdict", "Verification", "diagnose"]
 Floats = NDArray[np.float64]
 
 _FEWEST = 12  # capsules of a session that can be divided
-_LEAST_GAIN = 3.0  # in log likelihood, below which an effect explains nothing, or no more than another
-_APART = 2.5  # standard errors between the gains of two effects, below which they are not told apart
-_LEFT = 0.01  # chance of what is left over, below which an effect does not explain enough
 _VERIFIED = 2.0  # standard errors of the gain per capsule on the second half
 
 
@@ -45,6 +44,18 @@ class Verdict(Enum):
     NOT_TESTABLE = "these data cannot tell"
 
 
+class Gain(NamedTuple):
+    """Log likelihood per capsule that an effect gains, and its standard error."""
+
+    mean: float
+    error: float
+
+    @classmethod
+    def of(cls, gains: Floats) -> Gain:
+        """From the gains of all capsules (n,)."""
+        return cls(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
+
+
 @dataclass(frozen=True)
 class Verification:
     """The second half before and after the effect is added.
@@ -56,6 +67,8 @@ class Verification:
     before, after : Finding
     gains : (n,) array
         Of each capsule.
+    steps : tuple of Gain
+        Of each effect beside those before.
     compared : (Compared, Compared)
         The capsules beside the model before and after.
     """
@@ -65,7 +78,13 @@ class Verification:
     before: Finding
     after: Finding
     gains: Floats = field(repr=False)
+    steps: tuple[Gain, ...]
     compared: tuple[Compared, Compared] = field(repr=False)
+
+    @property
+    def holds(self) -> bool:
+        """Whether every effect predicts these capsules better, and nothing is left over."""
+        return self.after.chance >= LEFT and all(one.mean >= _VERIFIED * one.error for one in self.steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +96,12 @@ class Study:
     verdict : Verdict
     finding : Finding
         On the first half, under the model as it was.
-    names : tuple of str
-        The effect, or those that are not told apart, the likeliest first: names of their parameters.
-    scores : mapping of str to Scores
-        Of every candidate on the first half, the likeliest first.
+    steps : tuple of Step
+        Of the first half: one for each effect that was added, or tried in vain.
     verification : Verification or None
-        Of the likeliest effect.
+        Of the likeliest effect, or of both.
     model : ForwardModel
-        With the effect, if one was named.
+        With the effects, if they were named.
     sizes : mapping of str to float
         Sizes of the model's effects.
     session : Session
@@ -97,8 +114,7 @@ class Study:
 
     verdict: Verdict
     finding: Finding
-    names: tuple[str, ...]
-    scores: Mapping[str, Scores]
+    steps: tuple[Step, ...]
     verification: Verification | None
     model: ForwardModel
     sizes: Mapping[str, float]
@@ -107,12 +123,23 @@ class Study:
     level: float
     discover: Compared | None = field(default=None, repr=False)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects in question, the likeliest first: names of their parameters."""
+        return tuple(name for step in self.steps for name in step.alike)
+
+    @property
+    def scores(self) -> Mapping[str, Scores]:
+        """Of every candidate on the first half, the likeliest first; of a second effect, beside the first."""
+        found = dict(self.steps[0].scores) if self.steps else {}
+        return found | {name: step.scores[name] for step in self.steps[1:] for name in step.alike}
+
     def __str__(self) -> str:
         """One sentence."""
         if self.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
             return f"{self.verdict.value} ({self.finding})"
-        said = " or ".join(self._said(self.scores[name]) for name in self.names)
-        return f"{self.verdict.value}: {said} ({self.finding})"
+        groups = (" or ".join(self._said(step.scores[name]) for name in step.alike) for step in self.steps)
+        return f"{self.verdict.value}: {'; with '.join(groups)} ({self.finding})"
 
     @staticmethod
     def _said(scores: Scores) -> str:
@@ -124,11 +151,12 @@ class Study:
 
 def diagnose(
     session: Session,
-    model: Extendable,
+    model: ExtendableModel,
     *,
     seed: int,
     candidates: Mapping[str, Effect] | None = None,
     level: float = 0.05,
+    measured: Measured | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Study:
     """Say what a model misses in a session.
@@ -144,6 +172,8 @@ def diagnose(
         By name of their parameter; by default the catalogue.
     level : float
         Probability of finding a disagreement where there is none.
+    measured : mapping of str to (float, float), optional
+        Sizes of effects as measured apart from the capsules, and their standard errors, in SI.
     progress : callable, optional
         Told what is done next, and how many of how many steps are behind.
 
@@ -151,78 +181,63 @@ def diagnose(
     -------
     Study
     """
-    assert isinstance(model, ForwardModel), "a model with an answer"
     made = partial(Study, session=session, seed=seed, level=level)
     if len(session) < _FEWEST:
         nothing = Finding((), float("nan"), len(session))
-        return made(Verdict.NOT_TESTABLE, nothing, (), {}, None, model, {})
+        return made(Verdict.NOT_TESTABLE, nothing, (), None, model, {})
     discover, confirm = session.halves(seed)
     effects = catalogue() if candidates is None else candidates
-    tell = progress or _silent
-    tell("the model as it is", 0, len(effects) + 3)
+    told = _Told(progress, len(effects) + 2)
+    told("the model as it is")
     white = whitening(model, discover)
     fits = fitted(model, discover, white)
     finding = find(model, discover, seed=seed, white=white, fits=fits)
-    made = partial(made, discover=Compared(discover, model, fits))
+    made = partial(made, finding=finding, discover=Compared(discover, model, fits))
     if finding.chance > level:
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
-        return made(verdict, finding, (), {}, None, model, {})
-    scores = {}
-    for done, (name, effect) in enumerate(effects.items(), start=1):
-        tell(effect.name, done, len(effects) + 3)
-        scores[name] = scored(model, effect, discover, white)
-    scores = dict(sorted(scores.items(), key=lambda item: -item[1].gains.sum()))
-    tell("what is left over", len(effects) + 1, len(effects) + 3)
-    alike = tuple(name for name in _not_told_apart(scores) if _explains(model, scores[name], discover, white, seed))
-    if not alike:
-        return made(Verdict.UNKNOWN, finding, (), scores, None, model, {})
-    best = scores[alike[0]]
-    tell("the capsules laid aside", len(effects) + 2, len(effects) + 3)
-    verification = _verified(model, best, confirm, seed)
-    if verification.gain < _VERIFIED * verification.error or verification.after.chance < _LEFT:
-        return made(Verdict.UNKNOWN, finding, alike, scores, verification, model, {})
-    if len(alike) > 1:
-        return made(Verdict.AMBIGUOUS, finding, alike, scores, verification, model, {})
-    sizes = {alike[0]: best.size}
-    return made(Verdict.NAMED, finding, alike, scores, verification, model + best.effect, sizes)
+        return made(verdict, steps=(), verification=None, model=model, sizes={})
+    steps, explained = searched(model, effects, discover, white, seed=seed, measured=measured or {}, tell=told)
+    if not steps[0].alike:
+        return made(Verdict.UNKNOWN, steps=steps, verification=None, model=model, sizes={})
+    told("the capsules laid aside")
+    verification = _verified(model, steps, confirm, seed)
+    made = partial(made, steps=steps, verification=verification)
+    if not (explained and verification.holds):
+        return made(Verdict.UNKNOWN, model=model, sizes={})
+    if any(len(step.alike) > 1 for step in steps):
+        return made(Verdict.AMBIGUOUS, model=model, sizes={})
+    extended: ExtendableModel = model
+    for step in steps:
+        extended = extended + step.best.effect
+    return made(Verdict.NAMED, model=extended, sizes={step.alike[0]: step.best.size for step in steps})
 
 
-def _silent(step: str, done: int, steps: int) -> None:
-    """Tell nobody."""
+class _Told:
+    """Counts what is done."""
+
+    def __init__(self, progress: Callable[[str, int, int], None] | None, steps: int) -> None:
+        self.progress, self.steps, self.done = progress, steps, 0
+
+    def __call__(self, step: str) -> None:
+        if self.progress is not None:
+            self.progress(step, min(self.done, self.steps - 1), self.steps)
+        self.done += 1
 
 
-def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
-    """The effect that gains most, and those that gain as much but for the scatter from capsule to capsule."""
-    names = [name for name, one in scores.items() if one.gains.sum() > _LEAST_GAIN]
-    if not names:
-        return ()
-    best = scores[names[0]].gains
-    return tuple(name for name in names if _alike(best - scores[name].gains))
-
-
-def _alike(differences: Floats) -> bool:
-    lead = float(differences.sum())
-    return lead < max(_LEAST_GAIN, _APART * float(np.sqrt(np.sum(differences**2))))
-
-
-def _explains(model: Extendable, scores: Scores, session: Session, white: Whitening, seed: int) -> bool:
-    extended = model + scores.effect
-    left = find(extended, session, seed=seed, white=white, sizes={scores.effect.parameter.name: scores.size})
-    return left.chance >= _LEFT
-
-
-def _verified(model: Extendable, scores: Scores, confirm: Session, seed: int) -> Verification:
-    assert isinstance(model, ForwardModel), "a model with an answer"
+def _verified(model: ExtendableModel, steps: Sequence[Step], confirm: Session, seed: int) -> Verification:
+    """The second half beside the model, and beside it with each effect more."""
     white = whitening(model, confirm)
-    extended, name = model + scores.effect, scores.effect.parameter.name
-    likelihoods, findings, compared = [], [], []
-    for size in (scores.effect.null_value, scores.size):
-        fits = fitted(extended, confirm, white, {name: size})
-        likelihoods.append(log_likelihood(fits))
-        findings.append(find(extended, confirm, seed=seed, white=white, sizes={name: size}, fits=fits))
-        compared.append(Compared(confirm, extended, fits, {name: size}))
-    gains = likelihoods[1] - likelihoods[0]
-    error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
+    models: list[ExtendableModel] = [model, *(step.after for step in steps if step.alike)]
+    fits = [fitted(one, confirm, white) for one in models]
+    likelihoods = np.array([log_likelihood(one) for one in fits])
+    each = [Gain.of(gains) for gains in np.diff(likelihoods, axis=0)]
+    ends = [
+        (find(models[i], confirm, seed=seed, white=white, fits=fits[i]), Compared(confirm, models[i], fits[i]))
+        for i in (0, -1)
+    ]
+    gains = likelihoods[-1] - likelihoods[0]
+    whole = Gain.of(gains)
+    (before, compared_before), (after, compared_after) = ends
     return Verification(
-        float(gains.mean()), error, findings[0], findings[1], gains, compared=(compared[0], compared[1])
+        whole.mean, whole.error, before, after, gains, tuple(each), compared=(compared_before, compared_after)
     )

@@ -20,7 +20,7 @@ from scipy.optimize import minimize_scalar
 
 from capsbayes.discrepancy.fits import Fits, Whitening, fitted
 from capsbayes.discrepancy.session import Session
-from capsbayes.effect import Effect, Extendable
+from capsbayes.effect import Effect, ExtendableModel
 
 __all__ = ["Population", "Scores", "log_likelihood", "population", "scored"]
 
@@ -52,16 +52,24 @@ class Scores:
         Rising; the null value among them.
     log_likelihood : (J, n) array
         With the population that is most likely at each size.
+    elsewhere : (J,) array
+        Log likelihood of what was measured of the effect apart from the capsules.
     """
 
     effect: Effect
     sizes: Floats
     log_likelihood: Floats = field(repr=False)
+    elsewhere: Floats = field(repr=False)
 
     @property
     def total(self) -> Floats:
-        """Of all capsules : (J,) array."""
-        return np.asarray(self.log_likelihood.sum(axis=1))
+        """Of all that was measured : (J,) array."""
+        return np.asarray(self.log_likelihood.sum(axis=1) + self.elsewhere)
+
+    @property
+    def gain(self) -> float:
+        """Of all that was measured, at the best size over that at the null value."""
+        return float(self.total[self.best] - self.total[self.null])
 
     @property
     def null(self) -> int:
@@ -92,7 +100,13 @@ class Scores:
         return float(low), float(high)
 
 
-def scored(model: Extendable, effect: Effect, session: Session, white: Whitening) -> Scores:
+def scored(
+    model: ExtendableModel,
+    effect: Effect,
+    session: Session,
+    white: Whitening,
+    measured: tuple[float, float] | None = None,
+) -> Scores:
     """Try an effect at sizes over its prior, the more finely the nearer to the best.
 
     Parameters
@@ -103,6 +117,8 @@ def scored(model: Extendable, effect: Effect, session: Session, white: Whitening
     session : Session
     white : Whitening
         Made with the model.
+    measured : (float, float), optional
+        Size of the effect as measured apart from the capsules, and its standard error.
     """
     extended, name = model + effect, effect.parameter.name
     found: dict[float, Floats] = {}
@@ -114,16 +130,28 @@ def scored(model: Extendable, effect: Effect, session: Session, white: Whitening
             fits = fitted(extended, session, white, {name: size}, None if near is None else places[near])
             found[size], places[size] = log_likelihood(fits), fits.theta
 
-    for size in sorted({effect.null_value, *(float(one) for one in effect.prior.ppf(_QUANTILES))}):
+    for size in sorted({effect.null_value, *_first_sizes(effect, measured)}):
         add(size)
     for _ in range(_REFINED):
         sizes = sorted(found)
-        best = int(np.argmax([found[size].sum() for size in sizes]))
+        best = int(np.argmax([found[size].sum() + _elsewhere(size, measured) for size in sizes]))
         for other in (best - 1, best + 1):
             if 0 <= other < len(sizes):
                 add(0.5 * (sizes[best] + sizes[other]))
     sizes = sorted(found)
-    return Scores(effect, np.array(sizes), np.array([found[size] for size in sizes]))
+    elsewhere = np.array([_elsewhere(size, measured) for size in sizes])
+    return Scores(effect, np.array(sizes), np.array([found[size] for size in sizes]), elsewhere)
+
+
+def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[float]:
+    """Sizes at which an effect is tried first: over its prior, and about what was measured of it."""
+    low, high = effect.prior.support()
+    about = [] if measured is None else [measured[0] + sigma * measured[1] for sigma in (-2.0, -1.0, 0.0, 1.0, 2.0)]
+    return [*(float(one) for one in effect.prior.ppf(_QUANTILES)), *(one for one in about if low <= one <= high)]
+
+
+def _elsewhere(size: float, measured: tuple[float, float] | None) -> float:
+    return 0.0 if measured is None else -0.5 * ((size - measured[0]) / measured[1]) ** 2
 
 
 def population(values: Floats, variances: Floats) -> Population:

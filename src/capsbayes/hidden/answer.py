@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capsbayes.database import Database
 from capsbayes.discrepancy import Compared, Study, Verdict, diagnose
-from capsbayes.effect import Extendable
+from capsbayes.effect import ExtendableModel
 from capsbayes.effects import catalogue
 from capsbayes.hidden.cells import Cell
 from capsbayes.hidden.hideable import HIDEABLE
@@ -64,7 +64,7 @@ class Answer:
 _TWO_SIGMA = 1.92  # fall of the log likelihood at the ends of a 95 % interval
 
 
-def answered(cell: Cell, seed: int, shapes: Database, model: Extendable) -> Answer:
+def answered(cell: Cell, seed: int, shapes: Database, model: ExtendableModel) -> Answer:
     """Draw one session of a cell and diagnose it.
 
     Parameters

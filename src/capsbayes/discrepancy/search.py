@@ -1,0 +1,138 @@
+"""Effects that explain why a session disagrees with a model: one, or one and what it leaves over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.discrepancy.finding import find
+from capsbayes.discrepancy.fits import Whitening
+from capsbayes.discrepancy.scoring import Scores, scored
+from capsbayes.discrepancy.session import Session
+from capsbayes.effect import Effect, ExtendableModel, Held
+
+__all__ = ["LEFT", "Measured", "Step", "searched"]
+
+Floats = NDArray[np.float64]
+Measured = Mapping[str, tuple[float, float]]
+"""By parameter of an effect: its size as measured apart from the capsules, and the standard error."""
+
+LEFT = 0.01
+"""Chance of what is left over, below which it is not explained."""
+
+_MOST = 2  # effects that are added
+_LEAST_GAIN = 3.0  # in log likelihood, below which an effect explains nothing, or no more than another
+_APART = 2.5  # standard errors between the gains of two effects, below which they are not told apart
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One effect that is added.
+
+    Parameters
+    ----------
+    scores : mapping of str to Scores
+        Of every candidate, beside the effects added before, the likeliest first.
+    alike : tuple of str
+        The likeliest, and those that are not told apart from it; empty if none explains anything.
+    model : ForwardModel
+        To which it is added: with the effects added before, at their sizes.
+    """
+
+    scores: Mapping[str, Scores]
+    alike: tuple[str, ...]
+    model: ExtendableModel = field(repr=False)
+
+    @property
+    def best(self) -> Scores:
+        """Of the effect that is added."""
+        return self.scores[self.alike[0]]
+
+    @property
+    def after(self) -> Held:
+        """The model with the effect at its size."""
+        return _with(self.model, self.best)
+
+
+def searched(
+    model: ExtendableModel,
+    candidates: Mapping[str, Effect],
+    session: Session,
+    white: Whitening,
+    *,
+    seed: int,
+    measured: Measured,
+    tell: Callable[[str], None],
+) -> tuple[tuple[Step, ...], bool]:
+    """Try every effect, and beside the likeliest every other if it leaves something over.
+
+    Parameters
+    ----------
+    model : forward model
+    candidates : mapping of str to Effect
+        By name of their parameter.
+    session : Session
+    white : Whitening
+        Made with the model.
+    seed : int
+        Of the random signs.
+    measured : mapping of str to (float, float)
+    tell : callable
+        Is told each effect that is tried.
+
+    Returns
+    -------
+    steps, explained
+        Whether nothing is left over beside the last step.
+    """
+    steps: list[Step] = []
+    here = model
+    for _ in range(_MOST):
+        used = {step.alike[0] for step in steps}
+        scores = {}
+        for name, effect in candidates.items():
+            if name not in used:
+                tell(effect.name)
+                scores[name] = scored(here, effect, session, white, measured.get(name))
+        scores = dict(sorted(scores.items(), key=lambda item: -item[1].gain))
+        alike = _not_told_apart(scores)
+        explaining = tuple(name for name in alike if _explains(here, scores[name], session, white, seed))
+        steps.append(Step(scores, explaining or alike, here))
+        if explaining or not alike:
+            break
+        here = steps[-1].after
+    explained = bool(explaining)
+    return (
+        _beside_each_other(steps, session, white, measured) if len(steps) == _MOST and explained else tuple(steps)
+    ), explained
+
+
+def _beside_each_other(steps: list[Step], session: Session, white: Whitening, measured: Measured) -> tuple[Step, ...]:
+    """The steps with the size of the first effect as it is beside the second."""
+    first, second = steps
+    name = first.alike[0]
+    again = scored(_with(first.model, second.best), first.best.effect, session, white, measured.get(name))
+    first = replace(first, scores={**first.scores, name: again})
+    return first, replace(second, model=first.after)
+
+
+def _with(model: ExtendableModel, scores: Scores) -> Held:
+    return Held(model + scores.effect, {scores.effect.parameter.name: scores.size})
+
+
+def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
+    """The effect that gains most, and those that gain as much but for the scatter from capsule to capsule."""
+    names = [name for name, one in scores.items() if one.gain > _LEAST_GAIN]
+    return tuple(name for name in names if _alike(scores[names[0]], scores[name]))
+
+
+def _alike(best: Scores, other: Scores) -> bool:
+    scatter = float(np.sqrt(np.sum((best.gains - other.gains) ** 2)))
+    return best.gain - other.gain < max(_LEAST_GAIN, _APART * scatter)
+
+
+def _explains(model: ExtendableModel, scores: Scores, session: Session, white: Whitening, seed: int) -> bool:
+    return find(_with(model, scores), session, seed=seed, white=white).chance >= LEFT
