@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +132,8 @@ class MeasuredOutline:
         file : InputFile
             With the keys ``file``, a CSV file beside it with the columns ``z_over_l`` and ``y_over_l``; ``noise``, the
             standard deviation of the normal errors over l; ``correlation``, their length along the arc over l; and
-            optionally ``white``, the share of their variance that is independent from point to point.
+            optionally ``white``, the share of their variance that is independent from point to point, and ``pose``, a
+            table of some of the numbers of a `Pose`, as ``{ offset = 0.01 }``.
 
         Returns
         -------
@@ -143,7 +144,7 @@ class MeasuredOutline:
         InputError
             Naming file, key, what was expected and what was found.
         """
-        table = file.table("outline", required=("file", "noise", "correlation"), optional=("white",))
+        table = file.table("outline", required=("file", "noise", "correlation"), optional=("white", "pose"))
         where = str(file.path)
         if not isinstance(table["file"], str):
             raise InputError(where, "outline.file", 'the name of a file like "outline.csv"', repr(table["file"]))
@@ -151,7 +152,8 @@ class MeasuredOutline:
         for key, number in zip(("noise", "correlation", "white"), numbers, strict=True):
             if isinstance(number, bool) or not isinstance(number, (int, float)):
                 raise InputError(where, f"outline.{key}", "a number", repr(number))
-        return cls(_points(file.path.parent / table["file"]), OutlineNoise(*numbers))
+        pose = _pose(table.get("pose", {}), where)
+        return cls(_points(file.path.parent / table["file"]), OutlineNoise(*numbers), pose)
 
     def write(self, path: Path) -> list[str]:
         """Write the points to a CSV file.
@@ -166,13 +168,15 @@ class MeasuredOutline:
             Lines of the table ``[outline]`` with which `read` finds them, in a file beside it.
         """
         np.savetxt(path, self.points, fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
-        noise = self.noise
+        noise, pose = self.noise, asdict(self.pose)
+        posed = [f"pose = {{ {', '.join(f'{name} = {float(one)!r}' for name, one in pose.items())} }}"]
         return [
             "[outline]",
             f"file = {json.dumps(path.name)}",
             f"noise = {float(noise.scale)!r}",
             f"correlation = {float(noise.correlation_length)!r}",
             f"white = {float(noise.white)!r}",
+            *(posed if self.pose != Pose() else []),
         ]
 
     def __post_init__(self) -> None:
@@ -189,6 +193,18 @@ class MeasuredOutline:
         points = np.ascontiguousarray(points)
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
+
+
+def _pose(table: object, where: str) -> Pose:
+    names = [one.name for one in fields(Pose)]
+    if not isinstance(table, dict):
+        raise InputError(where, "outline.pose", "a table like { offset = 0.01 }", repr(table))
+    for name, value in table.items():
+        if name not in names:
+            raise InputError(where, f"outline.pose.{name}", f"one of {', '.join(names)}", "an unknown key")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not (np.isfinite(value) and value >= 0.0):
+            raise InputError(where, f"outline.pose.{name}", "a number that is not negative", repr(value))
+    return Pose(**table)
 
 
 def _points(path: Path) -> Floats:

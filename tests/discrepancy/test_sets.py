@@ -12,7 +12,7 @@ from sessions import EXPERIMENT
 from capsbayes.discrepancy.session import Session
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 
 NUMBERS = ("axial_extent", "axial_extent_error", "capsule_velocity", "capsule_velocity_error", "axial_length")
@@ -38,7 +38,7 @@ def assert_same(found, wanted):
         assert (one.outline is None) == (other.outline is None)
         if one.outline is not None:
             np.testing.assert_allclose(one.outline.points, other.outline.points, atol=1e-8)
-            assert one.outline.noise == other.outline.noise
+            assert (one.outline.noise, one.outline.pose) == (other.outline.noise, other.outline.pose)
 
 
 @pytest.mark.parametrize("outline", [False, True])
@@ -215,6 +215,25 @@ def test_a_form_without_place_for_what_there_is_refuses_it(tmp_path):
     session().write(tmp_path / "set")
     with pytest.raises(InputError, match="expected a folder without TOML files"):
         session().write(tmp_path / "set")
+
+
+def test_the_pose_of_an_outline_is_kept_or_refused(tmp_path):
+    one = capsule(1, outline=True)
+    posed = replace(one, outline=replace(one.outline, pose=Pose(offset=0.01)))
+    wanted = Session([posed], EXPERIMENT)
+    wanted.write(tmp_path / "set")
+    assert_same(Session.read(tmp_path / "set"), wanted)
+    with pytest.raises(InputError, match=r"set.nc: outline.pose: expected outlines of the usual pose"):
+        wanted.write(tmp_path / "set.nc")
+    file = tmp_path / "set" / "capsule-001.toml"
+    written = file.read_text()
+    for change, message in (
+        (("offset =", "halo ="), "outline.pose.halo: expected one of along, across, tilt, offset"),
+        (("offset = 0.01", "offset = -0.01"), "outline.pose.offset: expected a number that is not negative, got -0.01"),
+    ):
+        file.write_text(written.replace(*change))
+        with pytest.raises(InputError, match=re.escape(message)):
+            Session.read(tmp_path / "set")
 
 
 def test_an_experiment_is_read_back(tmp_path):

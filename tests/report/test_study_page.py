@@ -123,6 +123,18 @@ def test_held_out_capsules_are_of_different_sizes(study):
     assert np.all(np.diff(sizes) > 0.0)
 
 
+def test_other_verdicts_keep_what_they_have(study):
+    unknown = study_page(replace(study, verdict=Verdict.UNKNOWN, names=(), verification=None))
+    assert "and nothing that was tried explains it." in unknown
+    assert "does not explain it" in unknown
+    assert "Does it hold" not in unknown
+    failed = replace(study, verdict=Verdict.UNKNOWN)
+    assert verdict_sentence(failed).endswith("nothing that was tried explains it: motion blur fails on new capsules.")
+    ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, verification=None)
+    assert "What would: the width of the edges at nose and flanks" in study_page(ambiguous)
+    assert verdict_sentence(ambiguous).endswith("several effects explain it equally well: motion blur.")
+
+
 def test_lengths_alone_are_said_and_leave_no_outlines(model):
     session, _ = drawn_session(model, 14, seed=7)
     study = diagnose(session, model, seed=3, candidates=BLUR, level=1.0)

@@ -32,7 +32,7 @@ def candidate_table(study: Study) -> str:
             typeset(odds_words(gains[name] - best)),
             typeset(odds_words(gains[name])),
             f"{typeset(one.effect.parameter.symbol)} = {typeset(size_words(one))}",
-            "in question" if name in study.names else "told apart" if study.names else "does not explain it",
+            "in&nbsp;question" if name in study.names else "told&nbsp;apart" if study.names else "does not explain it",
         )
         for name, one in study.scores.items()
     ]
@@ -80,8 +80,8 @@ def held_out_table(verification: Verification) -> str:
 
 def typeset(text: str) -> str:
     """HTML of a text with plain symbols, as G_s or 10^3."""
-    text = re.sub(r"\b([A-Za-z]+)_([A-Za-z]+)\b", r"\1<sub>\2</sub>", escape(text))
-    text = re.sub(r"\^(\w+)", r"<sup>\1</sup>", text).replace("/l", "/ℓ")
+    text = re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9]+)\b", r"\1<sub>\2</sub>", escape(text))
+    text = re.sub(r"/l\b", "/ℓ", re.sub(r"\^(\w+)", r"<sup>\1</sup>", text))
     return re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda found: _GREEK[found[0]], text)
 
 

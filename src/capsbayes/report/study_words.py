@@ -35,9 +35,7 @@ def verdict_sentence(study: Study) -> str:
         return f"{accused} several effects explain it equally well: {names}."
     if study.verification is not None:
         best = study.scores[study.names[0]]
-        return (
-            f"{accused} nothing that was tried explains it: the likeliest, {best.effect.name}, fails on new capsules."
-        )
+        return f"{accused} nothing that was tried explains it: {best.effect.name} fails on new capsules."
     return f"{accused} nothing that was tried explains it."
 
 

@@ -12,7 +12,7 @@ import xarray as xr
 from capsbayes.discrepancy.sets.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 
 __all__ = ["read_netcdf", "write_netcdf"]
@@ -64,11 +64,14 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     Raises
     ------
     InputError
-        If a capsule has no outline.
+        If a capsule has no outline, or one with another `Pose` than the usual.
     """
     edges = [one.outline for one in measurements if one.outline is not None]
     if len(edges) < len(measurements):
         raise InputError(str(path), "outline", "capsules with outlines", "one without", "write a folder or a .csv")
+    if any(one.pose != Pose() for one in edges):
+        advice = "write a folder"
+        raise InputError(str(path), "outline.pose", "outlines of the usual pose", "one of another", advice)
     outlines = np.full((len(edges), max(len(one.points) for one in edges), 2), np.nan)
     for row, one in enumerate(edges):
         outlines[row, : len(one.points)] = one.points
