@@ -71,3 +71,11 @@ def test_a_mistake_is_named_with_what_would_have_been_right(text, got):
 def test_a_percentage_is_no_ratio():
     with pytest.raises(InputError, match="percent"):
         read("2.14 +/- 0.5 %", "")
+
+
+def test_zero_and_negative_numbers_are_read_where_they_are_allowed():
+    read = quantity("0 +/- 0.1 um", where="x", key="y", units=("m",), example="0.3 um", signed=True)
+    assert (read.value, read.error) == (0.0, pytest.approx(1e-7))
+    assert quantity("-2e-3", where="x", key="y", units=("",), example="0.1", signed=True).value == -2e-3
+    with pytest.raises(InputError, match="positive finite number"):
+        quantity("0 um", where="x", key="y", units=("m",), example="0.3 um")

@@ -36,7 +36,7 @@ percent = 0.01 = %
 
 @dataclass(frozen=True)
 class Quantity:
-    """A positive number with its standard error.
+    """A number with its standard error.
 
     Parameters
     ----------
@@ -67,7 +67,9 @@ def _registry() -> Any:
     return registry
 
 
-def quantity(text: object, *, where: str, key: str, units: tuple[str, ...], example: str) -> Quantity:
+def quantity(
+    text: object, *, where: str, key: str, units: tuple[str, ...], example: str, signed: bool = False
+) -> Quantity:
     """Read one quantity.
 
     Parameters
@@ -82,6 +84,8 @@ def quantity(text: object, *, where: str, key: str, units: tuple[str, ...], exam
         string allows a bare number (a ratio, never a percentage).
     example : str
         A value that would have been right, for the message.
+    signed : bool
+        Whether zero and negative numbers are allowed.
 
     Returns
     -------
@@ -108,8 +112,8 @@ def quantity(text: object, *, where: str, key: str, units: tuple[str, ...], exam
     magnitude = parsed.to(unit or "dimensionless").magnitude
     value = float(getattr(magnitude, "nominal_value", magnitude))
     error = float(getattr(magnitude, "std_dev", 0.0))
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(where, key, f"a positive finite number, {wanted}", repr(text))
+    if not (math.isfinite(value) and (signed or value > 0.0)):
+        raise InputError(where, key, f"a {'' if signed else 'positive '}finite number, {wanted}", repr(text))
     if not (math.isfinite(error) and error >= 0.0):
         raise InputError(where, key, f"a finite error, {wanted}", repr(text))
     return Quantity(value, error, unit)

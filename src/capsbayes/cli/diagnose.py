@@ -34,6 +34,10 @@ def diagnose(
     candidates: Annotated[
         str | None, typer.Option(help="Effects to try, as 'halo,exposure'; default: all that are known.")
     ] = None,
+    measured: Annotated[
+        list[str] | None,
+        typer.Option(help="Size of an effect as measured apart from the capsules, as 'halo=0.35 +/- 0.05 um'."),
+    ] = None,
     level: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Probability of finding a disagreement where there is none.")
     ] = 0.05,
@@ -55,9 +59,12 @@ def diagnose(
     session = Session.read(capsules, experiment)
     section = session.experiment.section
     effects = _effects(candidates, section)
+    elsewhere = _measured(measured or [], effects)
     model = Surrogate.open(database or f"{section}-neo-hookean")
     with _progress_bar() as progress:
-        study = diagnosed(session, model, seed=seed, candidates=effects, level=level, progress=progress)
+        study = diagnosed(
+            session, model, seed=seed, candidates=effects, level=level, measured=elsewhere, progress=progress
+        )
     if out is not None:
         _write(study, out)
     if as_json:
@@ -77,16 +84,35 @@ def _check_folder(out: Path | None) -> None:
 def _effects(names: str | None, section: str) -> dict[str, Effect]:
     """The candidates that are named, by parameter or effect; by default all that hold in such a section."""
     from capsbayes.cli.choices import one_of
-    from capsbayes.effects import SIMULATED, catalogue
+    from capsbayes.effects import catalogue
 
-    effects = catalogue()
-    if section != "square":  # the simulated ones are of a square channel
-        effects = {name: one for name, one in effects.items() if name not in SIMULATED}
+    effects = catalogue(section)
     if names is None:
         return effects
     known = {one.name: name for name, one in effects.items()} | {name: name for name in effects}
     chosen = [one_of("diagnose", "--candidates", name.strip(), known) for name in names.split(",")]
     return {name: effects[name] for name in chosen}
+
+
+def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[float, float]]:
+    """Size and standard error in SI of each ``NAME=VALUE +/- ERROR UNIT``."""
+    from capsbayes.cli.choices import one_of
+    from capsbayes.errors import InputError
+    from capsbayes.quantity import quantity
+
+    known = {one.name: name for name, one in effects.items()} | {name: name for name in effects}
+    found = {}
+    for text in texts:
+        label, _, stated = text.partition("=")
+        name = one_of("diagnose", "--measured", label.strip(), known)
+        unit = effects[name].parameter.unit
+        bare = "" if unit == "-" else unit
+        example = f"0.3 +/- 0.1 {bare}".strip()
+        read = quantity(stated, where="--measured", key=name, units=(bare,), example=example, signed=True)
+        if not read.error:
+            raise InputError("--measured", name, f'a standard error, as in "{example}"', repr(stated))
+        found[name] = read.value, read.error
+    return found
 
 
 @contextlib.contextmanager

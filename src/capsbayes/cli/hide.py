@@ -53,12 +53,11 @@ def _size(hidden: Hideable, text: str) -> float:
 
     if hidden.name == "none":
         return 0.0
-    bare = text.strip().removeprefix("-")
     example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(hidden.unit, "0.03")
-    read = quantity(bare, where="hide", key="--size", units=(hidden.unit,), example=example)
+    read = quantity(text, where="hide", key="--size", units=(hidden.unit,), example=example, signed=True)
     if read.error:
         raise InputError("hide", "--size", f'a number without an error, as "{example}"', repr(text))
-    return -read.value if text.strip().startswith("-") else read.value
+    return read.value
 
 
 def _check_folders(out: Path, truth: Path) -> None:

@@ -46,8 +46,6 @@ class Deviation:
     size, error : float
         Amplitude and its standard error [unit].
     unit : str
-    sigma : float
-        Size over error.
     chance : float
         Probability that under a right model the largest of all deviations is as large.
     """
@@ -56,8 +54,18 @@ class Deviation:
     size: float
     error: float
     unit: str
-    sigma: float
     chance: float
+
+    @property
+    def sigma(self) -> float:
+        """Size over error."""
+        return self.size / self.error
+
+    def __str__(self) -> str:
+        """Name, amplitude and how surprising it is."""
+        unit = f" {self.unit}" if self.unit else ""
+        said = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, by chance {self.chance:.2g}"
+        return f"{self.name}: {said}"
 
 
 @dataclass(frozen=True)
@@ -87,11 +95,7 @@ class Finding:
         """One line."""
         if not self.deviations:
             return f"{self.capsules} capsules, too few to compare"
-        first = self.deviations[0]
-        return (
-            f"{first.name}: {first.size:+.3g} +/- {first.error:.2g} {first.unit} ({first.sigma:+.1f} sigma, "
-            f"by chance {first.chance:.2g}) in {self.capsules} capsules"
-        )
+        return f"{self.deviations[0]} in {self.capsules} capsules"
 
 
 def find(
@@ -135,7 +139,7 @@ def find(
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
     chances = _by_signs(table, np.random.default_rng([seed, len(done)]))
     found = [
-        Deviation(one.name, one.size * one.scale, one.error * one.scale, one.unit, one.sigma, float(chance))
+        Deviation(one.name, one.size * one.scale, one.error * one.scale, one.unit, float(chance))
         for one, chance in zip(table, chances, strict=True)
     ]
     return Finding(tuple(sorted(found, key=lambda one: (one.chance, -abs(one.sigma)))), noise, len(done))
@@ -167,7 +171,8 @@ class _Test:
         return float(np.sqrt(np.sum(away**2) + np.sum(self.own) ** 2) / self.weights.sum())
 
     @property
-    def sigma(self) -> float:
+    def statistic(self) -> float:
+        """What is compared with random signs; at most the root of the number of capsules."""
         return float(self.contributions.sum() / np.sqrt(self.spread))
 
 
@@ -183,7 +188,7 @@ def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
         own = rng.standard_normal(_FLIPS) * one.own.sum()
         by_chance = (signs[:, :count] @ one.contributions + own) / np.sqrt(one.spread)
         largest = np.maximum(largest, np.abs(by_chance))
-    return np.array([(1 + np.sum(largest >= abs(one.sigma))) / (_FLIPS + 1) for one in table])
+    return np.array([(1 + np.sum(largest >= abs(one.statistic))) / (_FLIPS + 1) for one in table])
 
 
 def _of_regions(session: Session, white: Whitening, fits: Fits, done: NDArray[np.int64]) -> list[_Test]:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
 from capsbayes.discrepancy.fits import Fits, Whitening, fitted
@@ -26,8 +27,10 @@ __all__ = ["Population", "Scores", "log_likelihood", "population", "scored"]
 
 Floats = NDArray[np.float64]
 
-_QUANTILES = (0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 0.98)  # of the prior, at which an effect is tried first
-_REFINED = 3  # halvings of the steps about the best size
+_QUANTILES = (0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999)  # of the prior, at which an effect is tried first
+_REFINED = 3  # times that sizes about the best are added
+_NEXT = 0.02  # of the distance of its neighbours, from the best size
+_FINE = 20_001
 _LARGEST_SPREAD = 3.0
 _LOST = 15.0  # log likelihood of a capsule that the model cannot have made, below that of the least likely other
 _NOTHING = -1e6  # log likelihood of each where hardly one can have been made
@@ -92,12 +95,12 @@ class Scores:
         return np.asarray(self.log_likelihood[self.best] - self.log_likelihood[self.null])
 
     def interval(self, drop: float = 0.5) -> tuple[float, float]:
-        """Sizes at which the log likelihood has fallen by `drop` from its best; 0.5 for 68 %."""
-        lost = self.total.max() - self.total
-        below, above = self.sizes[: self.best + 1], self.sizes[self.best :]
-        low = np.interp(-drop, -lost[: self.best + 1], below) if lost[0] > drop else below[0]
-        high = np.interp(drop, lost[self.best :], above) if lost[-1] > drop else above[-1]
-        return float(low), float(high)
+        """Sizes at which the log likelihood has fallen by `drop` from its best: 0.5 for 68 %, 1.92 for 95 %."""
+        fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
+        total = PchipInterpolator(self.sizes, self.total)(fine)
+        within = np.flatnonzero(total >= self.total.max() - drop)
+        ends = (fine[within[0]], fine[within[-1]]) if len(within) else (self.size, self.size)
+        return min(float(ends[0]), self.size), max(float(ends[1]), self.size)
 
 
 def scored(
@@ -134,10 +137,8 @@ def scored(
         add(size)
     for _ in range(_REFINED):
         sizes = sorted(found)
-        best = int(np.argmax([found[size].sum() + _elsewhere(size, measured) for size in sizes]))
-        for other in (best - 1, best + 1):
-            if 0 <= other < len(sizes):
-                add(0.5 * (sizes[best] + sizes[other]))
+        for size in _about_the_best(sizes, [found[one].sum() + _elsewhere(one, measured) for one in sizes]):
+            add(size)
     sizes = sorted(found)
     elsewhere = np.array([_elsewhere(size, measured) for size in sizes])
     return Scores(effect, np.array(sizes), np.array([found[size] for size in sizes]), elsewhere)
@@ -148,6 +149,27 @@ def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[f
     low, high = effect.prior.support()
     about = [] if measured is None else [measured[0] + sigma * measured[1] for sigma in (-2.0, -1.0, 0.0, 1.0, 2.0)]
     return [*(float(one) for one in effect.prior.ppf(_QUANTILES)), *(one for one in about if low <= one <= high)]
+
+
+def _about_the_best(sizes: list[float], totals: list[float]) -> list[float]:
+    """Sizes to try next: the top of a parabola through the best and its neighbours, and two standard errors beside.
+
+    Those that lie next to a size that is known already are left out.
+    """
+    best = int(np.argmax(totals))
+    if best in (0, len(sizes) - 1):
+        beside = sizes[1] if best == 0 else sizes[-2]
+        return [0.5 * (sizes[best] + beside)]
+    low, high = sizes[best - 1], sizes[best + 1]
+    (x0, x1, x2), (y0, y1, y2) = sizes[best - 1 : best + 2], totals[best - 1 : best + 2]
+    left, right = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
+    bend = (right - left) / (0.5 * (x2 - x0))
+    if bend >= 0.0:  # an effect that leaves no trace
+        return []
+    top = 0.5 * (x0 + x1) - left / bend
+    error = 1.0 / np.sqrt(-bend)
+    wanted = [min(max(one, low), high) for one in (top, top - 2.0 * error, top + 2.0 * error)]
+    return [one for one in wanted if min(abs(one - size) for size in sizes) > _NEXT * (high - low)]
 
 
 def _elsewhere(size: float, measured: tuple[float, float] | None) -> float:

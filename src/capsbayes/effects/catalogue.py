@@ -15,8 +15,13 @@ from capsbayes.effects.viscosity_error import ViscosityError
 __all__ = ["catalogue"]
 
 
-def catalogue() -> dict[str, Effect]:
+def catalogue(section: str = "square") -> dict[str, Effect]:
     """Effects by name of their parameter.
+
+    Parameters
+    ----------
+    section : str
+        Of the channel; the simulated effects are those of a square one.
 
     Returns
     -------
@@ -28,6 +33,6 @@ def catalogue() -> dict[str, Effect]:
     ['bending', 'corner_radius', 'exposure']
     """
     shipped = Database.shipped()
-    effects: list[Effect] = [one for one in SIMULATED.values() if one.database in shipped]
+    effects: list[Effect] = [one for one in SIMULATED.values() if section == "square" and one.database in shipped]
     effects += [ChannelSwelling(), Halo(), ModulusSlope(), MotionBlur(), PixelScale(), ViscosityError()]
     return {one.parameter.name: one for one in effects}

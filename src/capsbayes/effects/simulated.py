@@ -150,8 +150,8 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "rest_aspect",
                 1.0,
                 (0.9, 1.1),
-                Kind.CAPSULE,
-                "L_z scatters at equal Ca.",
+                Kind.SESSION,
+                "L_z is larger or smaller at equal Ca.",
                 "A picture of the capsules at rest.",
             ),
             _described(
