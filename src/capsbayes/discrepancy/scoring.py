@@ -23,12 +23,12 @@ from capsbayes.discrepancy.fits import Fits, Whitening, fitted
 from capsbayes.discrepancy.session import Session
 from capsbayes.effect import Effect, ExtendableModel
 
-__all__ = ["Population", "Scores", "log_likelihood", "population", "scored"]
+__all__ = ["Population", "Scores", "Trial", "log_likelihood", "population"]
 
 Floats = NDArray[np.float64]
 
 _QUANTILES = (0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999)  # of the prior, at which an effect is tried first
-_REFINED = 3  # times that sizes about the best are added
+_REFINED = 2  # times that sizes about the best are added
 _NEXT = 0.02  # of the distance of its neighbours, from the best size
 _FINE = 20_001
 _LARGEST_SPREAD = 3.0
@@ -103,14 +103,8 @@ class Scores:
         return min(float(ends[0]), self.size), max(float(ends[1]), self.size)
 
 
-def scored(
-    model: ExtendableModel,
-    effect: Effect,
-    session: Session,
-    white: Whitening,
-    measured: tuple[float, float] | None = None,
-) -> Scores:
-    """Try an effect at sizes over its prior, the more finely the nearer to the best.
+class Trial:
+    """An effect that is tried on a session, at more and more sizes.
 
     Parameters
     ----------
@@ -123,25 +117,45 @@ def scored(
     measured : (float, float), optional
         Size of the effect as measured apart from the capsules, and its standard error.
     """
-    extended, name = model + effect, effect.parameter.name
-    found: dict[float, Floats] = {}
-    places: dict[float, Floats] = {}
 
-    def add(size: float) -> None:
-        if size not in found:
-            near = min(places, key=lambda other: abs(other - size), default=None)
-            fits = fitted(extended, session, white, {name: size}, None if near is None else places[near])
-            found[size], places[size] = log_likelihood(fits), fits.theta
+    def __init__(
+        self,
+        model: ExtendableModel,
+        effect: Effect,
+        session: Session,
+        white: Whitening,
+        measured: tuple[float, float] | None = None,
+    ) -> None:
+        self.model, self.effect, self.session, self.white, self.measured = model, effect, session, white, measured
+        self._found: dict[float, tuple[Floats, Floats]] = {}  # log likelihood and where the fits ended
+        for size in sorted({effect.null_value, *_first_sizes(effect, measured)}):
+            self._add(size)
+        self.refine(1)
 
-    for size in sorted({effect.null_value, *_first_sizes(effect, measured)}):
-        add(size)
-    for _ in range(_REFINED):
-        sizes = sorted(found)
-        for size in _about_the_best(sizes, [found[one].sum() + _elsewhere(one, measured) for one in sizes]):
-            add(size)
-    sizes = sorted(found)
-    elsewhere = np.array([_elsewhere(size, measured) for size in sizes])
-    return Scores(effect, np.array(sizes), np.array([found[size] for size in sizes]), elsewhere)
+    @property
+    def scores(self) -> Scores:
+        """What is known by now."""
+        sizes = np.array(sorted(self._found))
+        elsewhere = np.zeros(len(sizes))
+        if self.measured is not None:
+            elsewhere = -0.5 * ((sizes - self.measured[0]) / self.measured[1]) ** 2
+        return Scores(self.effect, sizes, np.array([self._found[size][0] for size in sizes]), elsewhere)
+
+    def refine(self, times: int = _REFINED) -> None:
+        """Add sizes about the best."""
+        for _ in range(times):
+            known = self.scores
+            for size in _about_the_best(known.sizes.tolist(), known.total.tolist()):
+                self._add(size)
+
+    def _add(self, size: float) -> None:
+        if size in self._found:
+            return
+        near = min(self._found, key=lambda other: abs(other - size), default=None)
+        start = None if near is None else self._found[near][1]
+        sizes = {self.effect.parameter.name: size}
+        fits = fitted(self.model + self.effect, self.session, self.white, sizes, start)
+        self._found[size] = log_likelihood(fits), fits.theta
 
 
 def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[float]:
@@ -170,10 +184,6 @@ def _about_the_best(sizes: list[float], totals: list[float]) -> list[float]:
     error = 1.0 / np.sqrt(-bend)
     wanted = [min(max(one, low), high) for one in (top, top - 2.0 * error, top + 2.0 * error)]
     return [one for one in wanted if min(abs(one - size) for size in sizes) > _NEXT * (high - low)]
-
-
-def _elsewhere(size: float, measured: tuple[float, float] | None) -> float:
-    return 0.0 if measured is None else -0.5 * ((size - measured[0]) / measured[1]) ** 2
 
 
 def population(values: Floats, variances: Floats) -> Population:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capsbayes.discrepancy.finding import find
 from capsbayes.discrepancy.fits import Whitening
-from capsbayes.discrepancy.scoring import Scores, scored
+from capsbayes.discrepancy.scoring import Scores, Trial
 from capsbayes.discrepancy.session import Session
 from capsbayes.effect import Effect, ExtendableModel, Held
 
@@ -24,6 +24,7 @@ LEFT = 0.01
 """Chance of what is left over, below which it is not explained."""
 
 _MOST = 2  # effects that are added
+_FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
 _LEAST_GAIN = 3.0  # in log likelihood, below which an effect explains nothing, or no more than another
 _APART = 2.5  # standard errors between the gains of two effects, below which they are not told apart
 
@@ -92,12 +93,12 @@ def searched(
     here = model
     for _ in range(_MOST):
         used = {step.alike[0] for step in steps}
-        scores = {}
+        trials = {}
         for name, effect in candidates.items():
             if name not in used:
                 tell(effect.name)
-                scores[name] = scored(here, effect, session, white, measured.get(name))
-        scores = dict(sorted(scores.items(), key=lambda item: -item[1].gain))
+                trials[name] = Trial(here, effect, session, white, measured.get(name))
+        scores = _refined(trials)
         alike = _not_told_apart(scores)
         explaining = tuple(name for name in alike if _explains(here, scores[name], session, white, seed))
         steps.append(Step(scores, explaining or alike, here))
@@ -110,12 +111,22 @@ def searched(
     ), explained
 
 
+def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
+    """Scores of all, the likeliest first; of those that are not far behind at more sizes."""
+    most = max((one.scores.gain for one in trials.values()), default=0.0)
+    for one in trials.values():
+        if one.scores.gain > min(0.5 * most, most - _FAR_BEHIND):
+            one.refine()
+    return dict(sorted(((name, one.scores) for name, one in trials.items()), key=lambda item: -item[1].gain))
+
+
 def _beside_each_other(steps: list[Step], session: Session, white: Whitening, measured: Measured) -> tuple[Step, ...]:
     """The steps with the size of the first effect as it is beside the second."""
     first, second = steps
     name = first.alike[0]
-    again = scored(_with(first.model, second.best), first.best.effect, session, white, measured.get(name))
-    first = replace(first, scores={**first.scores, name: again})
+    again = Trial(_with(first.model, second.best), first.best.effect, session, white, measured.get(name))
+    again.refine()
+    first = replace(first, scores={**first.scores, name: again.scores})
     return first, replace(second, model=first.after)
 
 
