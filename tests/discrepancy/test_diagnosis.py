@@ -12,8 +12,9 @@ from sessions import drawn_session
 from capsbayes import Surrogate
 from capsbayes.discrepancy.diagnosis import Verdict, diagnose
 from capsbayes.discrepancy.fits import fitted, whitening
-from capsbayes.discrepancy.scoring import log_likelihood, population
-from capsbayes.effects import Halo, MotionBlur, PixelScale, catalogue
+from capsbayes.discrepancy.scoring import _about_the_best, log_likelihood, population
+from capsbayes.effect import Held
+from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
 
 CAPSULES = 40
 OPTICAL = {one.parameter.name: one for one in (Halo(), MotionBlur(), PixelScale())}
@@ -64,10 +65,49 @@ def test_look_alikes_are_not_told_apart(model):
 
 
 @pytest.mark.slow
+def test_a_measurement_made_elsewhere_tells_look_alikes_apart(model):
+    session, bead = session_with(model, "pixel_scale", 0.02), {"halo": (0.0, 1e-7)}
+    study = diagnose(session, model, seed=3, candidates=OPTICAL, measured=bead)
+    assert (study.verdict, study.names) == (Verdict.NAMED, ("pixel_scale",))
+    assert study.sizes["pixel_scale"] == pytest.approx(0.02, rel=0.25)
+
+
+@pytest.mark.slow
+def test_a_second_effect_is_found_beside_the_first(model):
+    sizes = {"exposure": 3e-4, "modulus_slope": 3.0}
+    both = model + MotionBlur() + ModulusSlope()
+    session, _ = drawn_session(both, 80, seed=7, outline=True, sizes=sizes)
+    candidates = {"exposure": MotionBlur(), "modulus_slope": ModulusSlope()}
+    study = diagnose(session, model, seed=3, candidates=candidates)
+    assert study.verdict is Verdict.NAMED
+    assert set(study.names) == set(sizes)
+    assert len(study.verification.steps) == 2
+    assert study.model.name == f"{model.name} + {' + '.join(candidates[name].name for name in study.names)}"
+    assert "; with " in str(study)
+    assert study.sizes == {name: pytest.approx(size, rel=0.5) for name, size in sizes.items()}
+
+
+@pytest.mark.slow
 def test_an_effect_that_no_candidate_explains_is_unknown(model):
     study = diagnose(session_with(model, "pre_inflation", 0.03), model, seed=3, candidates=OPTICAL)
     assert study.verdict is Verdict.UNKNOWN
     assert study.model is model
+
+
+def test_next_sizes_are_the_top_of_a_parabola_and_two_standard_errors_beside():
+    sizes = [0.0, 1.0, 2.5]
+    totals = [-0.5 * ((size - 1.2) / 0.3) ** 2 for size in sizes]
+    assert sorted(_about_the_best(sizes, totals)) == pytest.approx([0.6, 1.2, 1.8])
+    assert _about_the_best(sizes, [0.0, 0.0, 0.0]) == [0.5]  # the first is as good as any
+
+
+def test_a_model_with_held_sizes_is_that_at_these_sizes(model):
+    theta = {"capillary_number": np.array([0.03, 0.07]), "size_ratio": np.array([0.85, 0.9])}
+    held = Held(model + PixelScale(), {"pixel_scale": 0.02})
+    due = (model + PixelScale())(theta | {"pixel_scale": np.full(2, 0.02)})
+    np.testing.assert_array_equal(held(theta).values, due.values)
+    assert held.sha256 != Held(model + PixelScale(), {"pixel_scale": 0.01}).sha256
+    assert (held + Halo()).name == "square-neo-hookean + pixel scale + halo"
 
 
 def test_spread_of_a_population_without_its_errors():
