@@ -124,7 +124,7 @@ def tasks() -> Iterator[tuple[str, Callable[[], list[State]]]]:
 
 
 def compute(only_page: bool, wanted: str) -> Results:
-    """Everything, from the store where it is there; with `only_page`, nothing that is not; else what begins with `wanted`."""
+    """Everything that begins with `wanted`, from the store where it is there; with `only_page`, nothing that is not."""
     known: Results = json.loads(STORE.read_text()) if STORE.exists() else {}
     if only_page:
         return known
