@@ -87,6 +87,9 @@ _TABLE = (
     _ratio("capillary_number", "Ca", r"\mathrm{Ca}", "viscous over elastic forces, mu U / G_s"),
     _ratio("size_ratio", "a/l", r"a/\ell", "radius of the capsule over the half width of the channel"),
     _ratio("velocity_ratio", "v_o/U", r"v_\mathrm{o}/U", "velocity of the capsule over that of the undisturbed flow"),
+    _ratio(
+        "unsteadiness", "l/(U t)", r"\ell/(Ut)", "inverse of the time since the capsule was put into the flow", "U/l"
+    ),
     # of the steady shape
     _ratio("axial_extent", "L_z", r"L_z/\ell", "maximum extension along the flow", "l"),
     _ratio("axial_length", "L_a", r"L_a/\ell", "length on the axis", "l"),
@@ -120,5 +123,6 @@ COORDINATES = (
     "rest_aspect",
     "corner_radius",
     "section_aspect",
+    "unsteadiness",
 )
 """Those that a forward model may have beside the capillary number and the size ratio."""

@@ -164,6 +164,15 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "A section of the channel under the microscope.",
             ),
             _described(
+                "not yet steady",
+                "unsteadiness",
+                0.0,
+                (0.0, 2.0),
+                Kind.SESSION,
+                "The capsule is shorter than it will be and its rear less concave, and its velocity still changes.",
+                "A second window farther downstream.",
+            ),
+            _described(
                 "aspect of the section",
                 "section_aspect",
                 1.0,

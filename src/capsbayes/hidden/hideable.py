@@ -93,7 +93,7 @@ HIDEABLE = MappingProxyType(
         one.name: one
         for one in (
             Hideable("none"),
-            *map(_parameter, ("pre_inflation", "bending", "rest_aspect", "corner_radius")),
+            *map(_parameter, ("pre_inflation", "bending", "rest_aspect", "corner_radius", "unsteadiness")),
             Hideable("section_aspect", simulated=lambda size: {"section": "rectangular", "section_aspect": size}),
             Hideable("hardening", simulated=lambda size: {"law": Skalak(hardening=size)}),
             Hideable("strain_hardening", simulated=lambda size: {"law": StrainHardening(strain_hardening=size)}),

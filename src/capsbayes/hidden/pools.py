@@ -12,6 +12,8 @@ from capsbayes.database import Database
 from capsbayes.hidden.hideable import HIDEABLE, Hideable
 from capsbayes.simulation import Simulator
 from capsbayes.simulation.build import build_database
+from capsbayes.simulation.column import SteadySimulator
+from capsbayes.simulation.entering import Entering
 from capsbayes.simulation.grid import Cases
 
 __all__ = ["POOLS", "build_pools", "pool_name", "simulator_with"]
@@ -28,6 +30,7 @@ _SIZES: dict[str, tuple[float, ...]] = {
     "corner_radius": (0.07, 0.16),
     "section_aspect": (0.925, 1.03, 1.075),
     "strain_hardening": (0.3, 0.8),
+    "unsteadiness": (0.7, 1.5),
     "hooke": (0.5,),
 }
 
@@ -45,9 +48,12 @@ def pool_cases() -> Cases:
     return [(ca, size) for size in _SIZE_RATIOS for ca in _CAPILLARY_NUMBERS]
 
 
-def simulator_with(hidden: Hideable, size: float, refinement: int = _REFINEMENT) -> Simulator:
+def simulator_with(hidden: Hideable, size: float, refinement: int = _REFINEMENT) -> SteadySimulator:
     """The simulator of a neo-Hookean capsule in a square channel with something hidden in it."""
-    return replace(Simulator(refinement=refinement), **hidden.simulated(size))
+    changed = dict(hidden.simulated(size))
+    unsteadiness = changed.pop("unsteadiness", 0.0)
+    simulator = replace(Simulator(refinement=refinement), **changed)
+    return Entering(simulator, unsteadiness) if unsteadiness else simulator
 
 
 def build_pools(

@@ -10,6 +10,8 @@ from capsbayes.errors import InputError
 from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak, StrainHardening
 from capsbayes.simulation.build import build_database
 from capsbayes.simulation.build_effect import build_effect_database
+from capsbayes.simulation.column import SteadySimulator
+from capsbayes.simulation.entering import Entering
 from capsbayes.simulation.grid import Cases, default_grid, effect_grid, parachute_grid, stiffening_grid, wide_grid
 from capsbayes.simulation.simulator import Simulator
 
@@ -22,7 +24,7 @@ class Recipe:
 
     Attributes
     ----------
-    simulator : Simulator
+    simulator : SteadySimulator
     cases : list of (float, float)
         Capillary number and size ratio.
     effect : str
@@ -32,7 +34,7 @@ class Recipe:
         Refinement of the finer mesh for the mesh's error.
     """
 
-    simulator: Simulator
+    simulator: SteadySimulator
     cases: Cases
     effect: str = ""
     values: tuple[float, ...] = ()
@@ -75,6 +77,7 @@ RECIPES: dict[str, Recipe] = {
     "square-bending": _effect("bending", 5e-5, 2e-4, 1e-3, 3e-3),
     "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
     "square-corner-radius": _effect("corner_radius", 0.0, 0.1, 0.2),
+    "square-unsteadiness": Recipe(Entering(_COARSE), parachute_grid(), "unsteadiness", (0.0, 0.5, 1.0, 2.0)),
     "square-section-aspect": replace(
         _effect("section_aspect", 0.9, 1.0, 1.1, section="rectangular"), cases=parachute_grid()
     ),

@@ -203,10 +203,10 @@ class Simulator:
                 first = self._taken_up(problem, start)
                 if first.converged:
                     end = followed(problem, first, capillary_number, size_ratio)
-                    return self._state(problem, end, capillary_number, size_ratio)
+                    return self.state(problem, end, capillary_number, size_ratio)
             find = parachute if start == "parachute" else reached_from_rest
             end = find(problem, capillary_number, size_ratio)
-            return self._state(problem, end, capillary_number, size_ratio)
+            return self.state(problem, end, capillary_number, size_ratio)
 
     def transient(
         self,
@@ -279,7 +279,8 @@ class Simulator:
         taken = NewtonResult(iterate, start.status.ok, start.residual, 0, along_ca)
         return taken if dict(start.settings) == self.settings else steady_state(problem, iterate)
 
-    def _state(self, problem: Problem, end: BranchEnd, capillary_number: float, size_ratio: float) -> SteadyState:
+    def state(self, problem: Problem, end: BranchEnd, capillary_number: float, size_ratio: float) -> SteadyState:
+        """All that is told of a shape, from the unknowns of this simulator's problem."""
         result, iterate = end.result, end.result.iterate
         detail = ""
         if end.status in (Status.NO_STEADY_STATE, Status.NOT_CONVERGED, Status.UNSTABLE):
