@@ -47,6 +47,7 @@ def identify(
     from capsbayes.experiment import Experiment
     from capsbayes.inference import Prior
     from capsbayes.inference import identify as identified
+    from capsbayes.measured_outline import SECTION
     from capsbayes.measurement import Measurement
     from capsbayes.surrogate import Surrogate
 
@@ -54,7 +55,8 @@ def identify(
     measurement = Measurement.read(capsule)
     believed = Prior.read(capsule).with_coordinates(_coordinates(prior or []), where="--prior")
     known = Experiment.read(experiment or _named(measurement))
-    model = Surrogate.open(database or f"{known.section}-neo-hookean")
+    view = SECTION if measurement.outline is None else measurement.outline.view
+    model = Surrogate.open(database or f"{known.section}-neo-hookean", view=view)
     posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
     if out is not None:
         _write(posterior, out)

@@ -99,9 +99,10 @@ class Quadrature:
             return self._refined(window, target)
         if outline is not None:
             return self._refined(window, replace(target, outline=outline))
+        seen, length = measurement.outline, measurement.length_beside_outline
         posterior = self._on(window, window.nodes(self.model, target), target, None)
         for _ in range(_PILOTS):
-            pilot = outline_likelihood(self.model, measurement.outline, *posterior.likeliest, error_scale)
+            pilot = outline_likelihood(self.model, seen, *posterior.likeliest, error_scale, length=length)
             posterior = self._refined(posterior.window, replace(target, outline=pilot))
         return posterior
 
