@@ -200,6 +200,7 @@ def _finish(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
         bbox_to_anchor=(0.5, -0.075),
         ncols=len(order),
         frameon=False,
-        columnspacing=1.5,
-        handlelength=1.6,
+        columnspacing=1.5 if len(order) < 4 else 1.0,
+        handlelength=1.6 if len(order) < 4 else 1.2,
+        fontsize=10 if len(order) < 4 else 8.5,
     )
