@@ -3,12 +3,14 @@
 Run ``python benchmarks/silhouettes.py [CAPSULES]``. The pictures are those of ``benchmarks/pictures.py``, of simulated
 capsules in columns of a/l that were left out of the surrogate that identifies them. The first table holds the normal
 residuals of the measured silhouettes about the true ones; the second the shares of the intervals of Ca and a/l that
-hold the truth, and how wide they are beside those from the lengths of the same pictures.
+hold the truth, and how wide they are beside those from the lengths of the same pictures. An interrupt ends the run, and
+prints what there is.
 """
 
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -131,7 +133,7 @@ def main() -> None:
     inside = half({name: cases[name] for name in NAMES}).inside
     hidden = Database(cases.dataset.isel(case=np.flatnonzero(out & inside)))
     engine, tallies = Quadrature(half, EXPERIMENT), {name: Tally() for name in SETS}
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1), suppress(KeyboardInterrupt):
         for number in track(range(asked.count), description="capsules", transient=True):
             name = list(SETS)[number % len(SETS)]
             one(hidden, engine, SETS[name], random, tallies[name])
