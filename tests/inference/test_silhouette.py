@@ -81,19 +81,15 @@ def test_whitened_displacements_reach_the_length():
     assert abs(plain.whitened_displacement(rear)[0, -1]) < 1e-3
 
 
-def test_silhouette_and_length_are_used_and_a_bound_is_not(model, capsule):
+def test_the_length_narrows_what_the_silhouette_says(model, capsule):
     engine = Quadrature(model, EXPERIMENT)
     without = replace(capsule, axial_length=None, axial_length_error=None)
     both, alone = engine(capsule), engine(without)
-    bounded = engine(replace(without, axial_length_bound=capsule.axial_extent + 0.01))
     for name, truth in (("capillary_number", 0.08), ("size_ratio", 0.95)):
         assert abs(both.marginal(name).mean - truth) < 3.5 * both.marginal(name).sd
         assert abs(alone.marginal(name).mean - truth) < 3.5 * alone.marginal(name).sd
     # the shape of the rest tells the depth of the rear to 0.01 l or so: a measured one narrows that a little further
     assert both.log_marginal("capillary_number").sd < alone.log_marginal("capillary_number").sd
-    assert bounded.marginal("size_ratio").mean == alone.marginal("size_ratio").mean
-    wrong = engine(replace(capsule, axial_length=capsule.axial_length - 0.02))
-    assert abs(wrong.marginal("capillary_number").mean - both.marginal("capillary_number").mean) > 1e-4
 
 
 def test_a_model_of_the_other_view_is_refused(capsule, model):
