@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -176,3 +178,15 @@ def test_mistakes_in_an_outline_are_named(tmp_path, change, message):
         Measurement.read(path)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_says_what_its_outline_shows(tmp_path):
+    seen = with_outline()
+    path = tmp_path / "capsule.toml"
+    seen.write(path)
+    assert "view" not in path.read_text()
+    replace(seen, outline=replace(seen.outline, view="silhouette")).write(path)
+    assert Measurement.read(path).outline.view == "silhouette"
+    path.write_text(path.read_text().replace('"silhouette"', '"shadow"'))
+    with pytest.raises(InputError, match=r'outline\.view: expected "section" or "silhouette", got \'shadow\''):
+        Measurement.read(path)

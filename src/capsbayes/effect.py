@@ -17,7 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from capsbayes.model import Domain, Doubting, ForwardModel
+from capsbayes.model import Domain, Doubting, ForwardModel, view_of
 from capsbayes.parameters import Parameter
 from capsbayes.prediction import Prediction
 
@@ -132,6 +132,11 @@ class Extended(Extendable):
         return f"{self.model.name} + {self.effect.name}"
 
     @property
+    def view(self) -> str:
+        """That of the model."""
+        return view_of(self.model)
+
+    @property
     def sha256(self) -> str:
         """Fingerprint of the model with the effect."""
         return hashlib.sha256(f"{self.model.sha256} {self.effect!r}".encode()).hexdigest()
@@ -187,6 +192,11 @@ class Held(Extendable):
     def name(self) -> str:
         """That of the model."""
         return self.model.name
+
+    @property
+    def view(self) -> str:
+        """That of the model."""
+        return view_of(self.model)
 
     @property
     def sha256(self) -> str:

@@ -15,9 +15,17 @@ from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
 from capsbayes.profile import edge_lengths, signed_area
 
-__all__ = ["MeasuredOutline", "OutlineNoise", "Pose"]
+__all__ = ["SECTION", "SILHOUETTE", "VIEWS", "MeasuredOutline", "OutlineNoise", "Pose", "check_view"]
 
 Floats = NDArray[np.float64]
+
+SECTION = "section"
+"""View of an outline in the plane of the axis."""
+
+SILHOUETTE = "silhouette"
+"""View of an outline as a photograph shows it: the farthest edge of the capsule, which hides a concave rear."""
+
+VIEWS = (SECTION, SILHOUETTE)
 
 _FEWEST = 16
 _COLUMNS = ("z_over_l", "y_over_l")
@@ -102,7 +110,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredOutline:
-    """Edge of a capsule in its mid-plane.
+    """Edge of a capsule, in its mid-plane or seen from the side.
 
     Parameters
     ----------
@@ -112,6 +120,8 @@ class MeasuredOutline:
     noise : OutlineNoise
     pose : Pose
         What it may have besides the capsule's shape.
+    view : str
+        ``"section"`` in the plane of the axis, ``"silhouette"`` as seen from the side.
 
     Raises
     ------
@@ -122,6 +132,7 @@ class MeasuredOutline:
     points: Floats
     noise: OutlineNoise
     pose: Pose = field(default_factory=Pose)
+    view: str = SECTION
 
     @classmethod
     def read(cls, file: InputFile) -> MeasuredOutline:
@@ -132,8 +143,8 @@ class MeasuredOutline:
         file : InputFile
             With the keys ``file``, a CSV file beside it with the columns ``z_over_l`` and ``y_over_l``; ``noise``, the
             standard deviation of the normal errors over l; ``correlation``, their length along the arc over l; and
-            optionally ``white``, the share of their variance that is independent from point to point, and ``pose``, a
-            table of some of the numbers of a `Pose`, as ``{ offset = 0.01 }``.
+            optionally ``white``, the share of their variance that is independent from point to point, ``pose``, a
+            table of some of the numbers of a `Pose`, as ``{ offset = 0.01 }``, and ``view``, one of `VIEWS`.
 
         Returns
         -------
@@ -144,7 +155,8 @@ class MeasuredOutline:
         InputError
             Naming file, key, what was expected and what was found.
         """
-        table = file.table("outline", required=("file", "noise", "correlation"), optional=("white", "pose"))
+        optional = ("white", "pose", "view")
+        table = file.table("outline", required=("file", "noise", "correlation"), optional=optional)
         where = str(file.path)
         if not isinstance(table["file"], str):
             raise InputError(where, "outline.file", 'the name of a file like "outline.csv"', repr(table["file"]))
@@ -153,7 +165,8 @@ class MeasuredOutline:
             if isinstance(number, bool) or not isinstance(number, (int, float)):
                 raise InputError(where, f"outline.{key}", "a number", repr(number))
         pose = _pose(table.get("pose", {}), where)
-        return cls(_points(file.path.parent / table["file"]), OutlineNoise(*numbers), pose)
+        view = check_view(table.get("view", SECTION), where, "outline.view")
+        return cls(_points(file.path.parent / table["file"]), OutlineNoise(*numbers), pose, view)
 
     def write(self, path: Path) -> list[str]:
         """Write the points to a CSV file.
@@ -177,9 +190,11 @@ class MeasuredOutline:
             f"correlation = {float(noise.correlation_length)!r}",
             f"white = {float(noise.white)!r}",
             *(posed if self.pose != Pose() else []),
+            *([f"view = {json.dumps(self.view)}"] if self.view != SECTION else []),
         ]
 
     def __post_init__(self) -> None:
+        check_view(self.view, "measurement", "outline.view")
         points = np.array(self.points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < _FEWEST:
             expected = f"an array (m, 2) with m >= {_FEWEST}"
@@ -193,6 +208,13 @@ class MeasuredOutline:
         points = np.ascontiguousarray(points)
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
+
+
+def check_view(view: object, where: str, key: str) -> str:
+    """The name of a view; another word is refused."""
+    if view not in VIEWS:
+        raise InputError(where, key, " or ".join(f'"{one}"' for one in VIEWS), repr(view))
+    return str(view)
 
 
 def _pose(table: object, where: str) -> Pose:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
-from capsbayes.measured_outline import MeasuredOutline
+from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
 from capsbayes.quantity import Quantity, quantity
 from capsbayes.status import Status
 
@@ -45,7 +45,8 @@ class Measurement:
         Whether the lengths are over l (measured against the walls on the same
         picture) or in metres.
     outline : MeasuredOutline, optional
-        The whole edge, over l; it then takes the place of the lengths, which only say where to look.
+        The whole edge, over l; it then takes the place of the lengths, which only say where to look. But a silhouette
+        does not hold L_a, which then counts beside it.
     source : str
         File the measurement was read from, empty if none.
     sha256 : str
@@ -204,6 +205,15 @@ class Measurement:
         """The lengths measured, L_z or (L_z, L_a) : (k,) array."""
         both = [self.axial_extent] if self.axial_length is None else [self.axial_extent, self.axial_length]
         return np.array(both)
+
+    @property
+    def length_beside_outline(self) -> tuple[float, float] | None:
+        """L_a and its standard error where the outline is a silhouette, which does not hold it, else None."""
+        if self.outline is None or self.outline.view != SILHOUETTE:
+            return None
+        if self.axial_length is None or self.axial_length_error is None:
+            return None
+        return self.axial_length, self.axial_length_error
 
     @property
     def covariance(self) -> Floats:

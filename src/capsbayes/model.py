@@ -8,9 +8,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from capsbayes.measured_outline import SECTION
 from capsbayes.prediction import Prediction
 
-__all__ = ["TWO_SHAPES", "WRINKLES", "Domain", "Doubting", "ForwardModel"]
+__all__ = ["TWO_SHAPES", "WRINKLES", "Domain", "Doubting", "ForwardModel", "view_of"]
 
 TWO_SHAPES = "two shapes"
 """Doubt of a model that answers for capsules started from rest, where another shape is stable too."""
@@ -70,3 +71,8 @@ class Doubting(Protocol):
     def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
         """By kind of doubt (TWO_SHAPES, WRINKLES), whether it concerns each point of a batch : (n,) arrays."""
         ...
+
+
+def view_of(model: ForwardModel) -> str:
+    """Which outlines a model predicts, one of `capsbayes.measured_outline.VIEWS`; sections if it does not say."""
+    return str(getattr(model, "view", SECTION))

@@ -2,6 +2,7 @@ import json
 import sys
 from pathlib import Path
 
+import cv2
 import pytest
 from typer.testing import CliRunner
 
@@ -9,8 +10,10 @@ from capsbayes.cli import app
 from capsbayes.errors import CapsbayesError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "surrogate"))  # for the manufactured database
+sys.path.insert(0, str(Path(__file__).parents[1] / "image"))  # for the drawn pictures
 
 import manufactured
+from drawn import drawn
 
 EXPERIMENT = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin" / "capsule.toml"
@@ -130,3 +133,44 @@ def test_an_error_while_writing_leaves_nothing_behind(capsule, database, tmp_pat
     result = run(capsule, "--database", database, "--engine", "quadrature", "--out", tmp_path / "result")
     assert str(result.exception) == "no ink"
     assert list((tmp_path / "result").iterdir()) == []
+
+
+@pytest.fixture
+def picture(tmp_path):
+    """A drawn capsule at Ca = 0.08, a/l = 1.05, whose rear is seen."""
+    made = drawn(0.08, 1.05, half_width=55.0)
+    cv2.imwrite(str(tmp_path / "capsule.png"), made.picture)
+    cv2.imwrite(str(tmp_path / "empty.png"), made.background)
+    (tmp_path / "channel.toml").write_text(EXPERIMENT)
+    return tmp_path / "capsule.png"
+
+
+@pytest.mark.slow
+def test_a_picture_is_measured_and_identified_in_one_go(picture):
+    out = picture.parent / "result"
+    options = ("--experiment", picture.parent / "channel.toml", "--velocity", "6.20 +/- 0.06 mm/s")
+    result = run(
+        picture, *options, "--background", picture.parent / "empty.png", "--engine", "quadrature", "--out", out
+    )
+    assert result.exit_code == 0, result.output
+    measured = {"measurement.toml", "measurement.outline.csv", "outline.csv", "silhouette.csv", "overlay.png"}
+    assert {path.name for path in out.iterdir()} == RESULTS | measured
+    summary = json.loads((out / "summary.json").read_text())
+    ca = summary["quantities"]["capillary_number"]
+    assert ca["lower_95"] < 0.08 < ca["upper_95"]
+    assert summary["quantities"]["size_ratio"]["sd"] < 0.003
+    assert {"outline", "axial_length"} < set(summary["variance_of_log_surface_shear_modulus"])
+    assert "(silhouettes)" in result.output
+    again = run(out / "measurement.toml", "--engine", "quadrature", "--json")
+    assert json.loads(again.stdout)["quantities"]["size_ratio"] == pytest.approx(summary["quantities"]["size_ratio"])
+
+
+def test_a_picture_needs_an_experiment_and_a_velocity(picture):
+    assert "--experiment: expected the experiment's file beside a picture" in str(run(picture).exception)
+    lacking = run(picture, "--experiment", picture.parent / "channel.toml")
+    assert "--velocity" in str(lacking.exception)
+
+
+def test_what_belongs_to_a_picture_is_refused_beside_a_measurement(capsule):
+    result = run(capsule, "--velocity", "6.20 +/- 0.06 mm/s")
+    assert "identify: --velocity: expected a picture (.png, .tif" in str(result.exception)

@@ -43,6 +43,8 @@ def test_a_picture_becomes_a_file_that_identify_reads(folder):
     measured = Measurement.read(out / "measurement.toml")
     truth = np.array([made.axial_extent, made.axial_length]) / made.half_width
     np.testing.assert_allclose(measured.lengths, truth, atol=0.01)
+    assert measured.outline.view == "silhouette"
+    assert np.ptp(measured.outline.points[:, 0]) == pytest.approx(measured.axial_extent, abs=0.01)
     assert measured.capsule_velocity == pytest.approx(6.2e-3)
     assert measured.experiment_file == folder / "experiment.toml"
     outline = np.loadtxt(out / "outline.csv", delimiter=",", skiprows=1)

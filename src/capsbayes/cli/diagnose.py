@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from capsbayes.discrepancy import Study, Verification
+    from capsbayes.discrepancy import Session, Study, Verification
     from capsbayes.effect import Effect
 
 
@@ -60,7 +60,7 @@ def diagnose(
     section = session.experiment.section
     effects = _effects(candidates, section)
     elsewhere = _measured(measured or [], effects)
-    model = Surrogate.open(database or f"{section}-neo-hookean")
+    model = Surrogate.open(database or f"{section}-neo-hookean", view=_view(session))
     with _progress_bar() as progress:
         study = diagnosed(
             session, model, seed=seed, candidates=effects, level=level, measured=elsewhere, progress=progress
@@ -71,6 +71,17 @@ def diagnose(
         typer.echo(json.dumps(summary(study), indent=2))
     else:
         _print(Console(highlight=False), study, out)
+
+
+def _view(session: Session) -> str:
+    """What the outlines of a session show, sections if there are none."""
+    from capsbayes.errors import InputError
+    from capsbayes.measured_outline import SECTION
+
+    views = sorted({one.outline.view for one in session.measurements if one.outline is not None})
+    if len(views) > 1:
+        raise InputError("capsules", "outline.view", "outlines of one view", ", ".join(views))
+    return views[0] if views else SECTION
 
 
 def _check_folder(out: Path | None) -> None:

@@ -129,7 +129,7 @@ def _counted(statuses: Counter[Status] | None) -> str:
 
 def _write(made: FilmMeasurement, out: Path) -> None:
     """Write capsules.csv and a folder for each capsule."""
-    from capsbayes.cli.measure import write_sighting
+    from capsbayes.cli.measure_picture import write_sighting
 
     out.mkdir(parents=True, exist_ok=True)
     with (out / "capsules.csv").open("w", newline="") as file:

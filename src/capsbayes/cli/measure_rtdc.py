@@ -75,6 +75,6 @@ def _row(event: Event, pixel: float) -> list[object]:
 
 
 def _write(event: Event, out: Path) -> None:
-    from capsbayes.cli.measure import write_sighting
+    from capsbayes.cli.measure_picture import write_sighting
 
     write_sighting(out / f"event-{event.number}", event.picture, event.sighting, event.measurement)

@@ -70,7 +70,8 @@ class OfOutline:
     def __call__(self, prediction: Prediction) -> Floats:
         """See `Whitener`."""
         assert prediction.outline is not None, "asked for"
-        return self.likelihood.whitened(np.where(prediction.inside[:, None, None], prediction.outline, np.nan))
+        outlines = np.where(prediction.inside[:, None, None], prediction.outline, np.nan)
+        return self.likelihood.whitened(outlines, prediction.axial_length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,5 +310,5 @@ def _whiteners(model: ForwardModel, session: Session, pilots: Floats) -> tuple[W
             each.append(OfLengths(*_lengths(one, own[i])))
         else:
             place = float(np.exp(pilots[i, 0])), float(pilots[i, 1])
-            each.append(OfOutline(outline_likelihood(model, one.outline, *place)))
+            each.append(OfOutline(outline_likelihood(model, one.outline, *place, length=one.length_beside_outline)))
     return tuple(each)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from capsbayes.database import Database
 from capsbayes.effect import Kind, Theta
 from capsbayes.effects.ranges import log_uniform, uniform
-from capsbayes.model import ForwardModel
+from capsbayes.model import ForwardModel, view_of
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate import Surrogate
@@ -74,8 +74,8 @@ class Simulated:
         the effect as well; any other model is left to say where it has an answer.
         """
         if isinstance(model, Surrogate):
-            return _on(self.database, model)(theta, outline=outline)
-        simulated = _on(self.database, None)
+            return _on(self.database, model, model.view)(theta, outline=outline)
+        simulated = _on(self.database, None, view_of(model))
         here = model(theta, outline=outline)
         there = simulated(theta, outline=outline)
         null = simulated({**theta, self.coordinate: np.full(len(here), self.null_value)}, outline=outline)
@@ -99,9 +99,12 @@ def _changed(here: Outlines, there: Outlines, null: Outlines) -> Outlines:
 
 
 @lru_cache(maxsize=16)
-def _on(database: str, base: Surrogate | None) -> EffectSurrogate:
+def _on(database: str, base: Surrogate | None, view: str) -> EffectSurrogate:
     """The effect's surrogate over a base, its own if None."""
-    found = Surrogate.open(database) if base is None else Surrogate.from_database(Database.open(database), base=base)
+    if base is None:
+        found = Surrogate.open(database, view=view)
+    else:
+        found = Surrogate.from_database(Database.open(database), base=base, view=view)
     assert isinstance(found, EffectSurrogate), "an effect database"
     return found
 

@@ -15,12 +15,12 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
 from capsbayes.image.edge_models import edge, locate
 
-__all__ = ["Outline", "pixel_noise", "sharpened"]
+__all__ = ["ARC", "Outline", "pixel_noise", "sharpened"]
 
 Floats = NDArray[np.float64]
 
 _SPACING = 1.25  # px between normals
-_ARC = 18.0  # px: length of the arcs over which the edge's shape is taken as one
+ARC = 18.0  # px: length of the arcs over which the edge's shape is taken as one
 _REACH = 9  # px along a normal to either side
 _SMOOTHING = 2.0  # px: of the curve on which the normals stand
 _START_WIDTH = 1.5  # px
@@ -103,7 +103,7 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> Outli
     samples = np.arange(-_REACH, _REACH + 1, dtype=float)  # positive inwards
     at = base[:, None] - samples[:, None] * normals[:, None]
     profiles = map_coordinates(spline, [at[..., 1], at[..., 0]], order=3, mode="nearest", prefilter=False)
-    arcs = max(8, round(_SPACING * len(base) / _ARC))
+    arcs = max(8, round(_SPACING * len(base) / ARC))
     arc = np.arange(len(base)) * arcs // len(base)
     count = np.bincount(arc, minlength=arcs)
     means = np.add.reduceat(profiles, np.flatnonzero(np.diff(arc, prepend=-1)), axis=0) / count[:, None]

@@ -12,6 +12,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.background import along_the_channel, transmission
 from capsbayes.image.contour import pixel_noise
+from capsbayes.image.edge_outline import silhouette_of
 from capsbayes.image.frames import Picture
 from capsbayes.image.sighting import Sighting, sighted
 from capsbayes.image.spots import find_spots
@@ -95,8 +96,9 @@ def measure(
     Returns
     -------
     Measurement
-        Lengths over l, measured against the walls of the same picture. L_a is missing, with an upper bound, where the
-        concave rear is not seen. Where nothing could be measured, the status says why.
+        Lengths over l, measured against the walls of the same picture, and the silhouette with its noise. L_a is
+        missing, with an upper bound, where the concave rear is not seen. Where nothing could be measured, the status
+        says why.
 
     Raises
     ------
@@ -129,7 +131,7 @@ def measurement_of(
     named = Path(experiment.source) if experiment.source else None
     if not sighting.status.ok:
         return Measurement.refused(sighting.status, source=picture.source, sha256=picture.sha256, experiment_file=named)
-    return measurement_of_lengths(
+    measured = measurement_of_lengths(
         sighting.lengths,
         sighting.covariance,
         capsule_velocity,
@@ -137,6 +139,7 @@ def measurement_of(
         sha256=picture.sha256,
         experiment_file=named,
     )
+    return replace(measured, outline=silhouette_of(sighting))
 
 
 def measurement_of_lengths(

@@ -20,7 +20,7 @@ from capsbayes.inference.log_density import LogDensity
 from capsbayes.inference.marginal import Marginal
 from capsbayes.inference.mixed_posterior import MixedPosterior
 from capsbayes.inference.mixed_quadrature import exact_engine
-from capsbayes.inference.outline_likelihood import OutlineLikelihood
+from capsbayes.inference.outline_likelihood import OutlineLikelihood, check_view_of
 from capsbayes.inference.posterior import REPORTED, Posterior
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.shares import variance_shares
@@ -79,7 +79,8 @@ def identify(
     Raises
     ------
     InputError
-        If no case of the model has such a shape, or an argument cannot be used.
+        If no case of the model has such a shape, if it predicts outlines of another view than the measured one, or if
+        an argument cannot be used.
 
     Examples
     --------
@@ -88,6 +89,8 @@ def identify(
     if engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
     _check_section(model, experiment)
+    if measurement.outline is not None:
+        check_view_of(model, measurement.outline, measurement.source or "measurement")
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would only wait for each other
         quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)

@@ -7,27 +7,49 @@ and by how much all edges are found too far out does not belong to its shape;
 these nuisances are integrated out, each with a Gaussian prior, as is the
 model's own error. All of it is one covariance matrix, made at a pilot shape
 near the posterior and kept for all others.
+
+A silhouette hides a concave rear. Where its depth was seen all the same, L_a is
+one more number beside the normal distances; it ends at the nose of the same
+picture, whose error it shares.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from capsbayes.errors import InputError
 from capsbayes.inference.normal_distance import Footing, footing, normal_distances
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
-from capsbayes.model import ForwardModel
+from capsbayes.model import ForwardModel, view_of
 
-__all__ = ["OutlineLikelihood", "aligned_with", "outline_likelihood"]
+__all__ = ["LengthBeside", "OutlineLikelihood", "aligned_with", "check_view_of", "outline_likelihood"]
 
 Floats = NDArray[np.float64]
 
 _FITS = 5  # of the pose to the pilot; three suffice from half a radius away
+_SHARED = 0.9  # of the error of L_a that the nose's may be: some is that of the rear
+
+
+class LengthBeside(NamedTuple):
+    """L_a measured beside a silhouette.
+
+    Parameters
+    ----------
+    value, error : float [l]
+        L_a and its standard error.
+    own_error : float [l]
+        That of the model.
+    """
+
+    value: float
+    error: float
+    own_error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +67,7 @@ class OutlineLikelihood:
     pose : Pose
     modes : (k, p) array [l], optional
         Displacements of the pilot's vertices along their normals, each one standard deviation of the model's own error.
+    length : LengthBeside, optional
 
     Examples
     --------
@@ -60,6 +83,7 @@ class OutlineLikelihood:
     pilot: Floats
     pose: Pose = field(default_factory=Pose)
     modes: Floats | None = None
+    length: LengthBeside | None = None
     _aligned: Floats = field(init=False, repr=False)
     _place: Floats = field(init=False, repr=False)
     _factor: Floats = field(init=False, repr=False)
@@ -73,14 +97,39 @@ class OutlineLikelihood:
             own = _at_places(self.modes, feet.place)
             covariance += own.T @ own
         covariance[np.diag_indices_from(covariance)] += 1e-8 * self.noise.scale**2
+        if self.length is not None:
+            covariance = self._bordered(covariance, self.length, int(np.argmax(aligned[:, 0])))
         object.__setattr__(self, "_aligned", aligned)
         object.__setattr__(self, "_place", feet.place)
         object.__setattr__(self, "_factor", scipy.linalg.cholesky(covariance, lower=True))
 
-    def whitened(self, outlines: Floats) -> Floats:
-        """Normal distances from predicted outlines (n, p, 2), as independent standard normal numbers : (n, m) array."""
+    def _bordered(self, covariance: Floats, length: LengthBeside, nose: int) -> Floats:
+        """Covariance (m + 1, m + 1) with that of L_a, which shares the error of the nose."""
+        own = OutlineNoise(self.noise.scale, self.noise.correlation_length)
+        shared = (1.0 - self.noise.white) * own.covariance(self.points)[nose] + self.pose.offset**2
+        shared *= min(1.0, _SHARED * length.error / np.sqrt(shared[nose])) if shared[nose] > 0.0 else 1.0
+        variance = length.error**2 + length.own_error**2
+        return np.block([[covariance, shared[:, None]], [shared, np.array(variance)]])
+
+    def whitened(self, outlines: Floats, axial_lengths: Floats | None = None) -> Floats:
+        """What is left beside predictions, as independent standard normal numbers.
+
+        Parameters
+        ----------
+        outlines : (n, p, 2) array [l]
+            Predicted; a row of NaN gives NaN.
+        axial_lengths : (n,) array, optional [l]
+            L_a as predicted, read if L_a was measured too.
+
+        Returns
+        -------
+        (n, m) array, or (n, m + 1) with L_a
+        """
         distances = normal_distances(self._aligned, outlines)
         known = np.isfinite(distances[:, 0])
+        if self.length is not None:
+            assert axial_lengths is not None, "L_a was measured"
+            distances = np.column_stack([distances, self.length.value - axial_lengths])
         white = np.full_like(distances, np.nan)
         white[known] = scipy.linalg.solve_triangular(self._factor, distances[known].T, lower=True).T
         return white
@@ -95,26 +144,47 @@ class OutlineLikelihood:
 
         Returns
         -------
-        (k, m) array
+        (k, m) array, or (k, m + 1) with L_a, which ends at the displaced nose
         """
         at_points = _at_places(displacement, self._place)
+        if self.length is not None:
+            at_points = np.column_stack([at_points, at_points[:, np.argmax(self._aligned[:, 0])]])
         return np.asarray(scipy.linalg.solve_triangular(self._factor, at_points.T, lower=True).T)
 
-    def log_density(self, outlines: Floats) -> Floats:
-        """Log density given each of n outlines (n, p, 2) : (n,) array, NaN for a row of NaN."""
-        square = np.sum(self.whitened(outlines) ** 2, axis=1)
-        constant = np.sum(np.log(np.diag(self._factor))) + 0.5 * len(self.points) * np.log(2.0 * np.pi)
+    def log_density(self, outlines: Floats, axial_lengths: Floats | None = None) -> Floats:
+        """Log density given each of n outlines (n, p, 2), and L_a (n,) : (n,) array, NaN for a row of NaN."""
+        square = np.sum(self.whitened(outlines, axial_lengths) ** 2, axis=1)
+        constant = np.sum(np.log(np.diag(self._factor))) + 0.5 * len(self._factor) * np.log(2.0 * np.pi)
         return np.asarray(-0.5 * square - constant)
 
     def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
         """Log density given what a model predicts at a batch of points : (n,) array, NaN outside its domain."""
-        predicted = model(theta, outline=True).outline
-        assert predicted is not None, "asked for"
-        return self.log_density(predicted)
+        predicted = model(theta, outline=True)
+        assert predicted.outline is not None, "asked for"
+        return self.log_density(predicted.outline, predicted.axial_length)
+
+
+def check_view_of(model: ForwardModel, measured: MeasuredOutline, where: str = "measurement") -> None:
+    """Refuse a model that predicts outlines of another view than the measured one.
+
+    Raises
+    ------
+    InputError
+    """
+    if view_of(model) != measured.view:
+        expected = f'"{view_of(model)}", that of the outlines of {model.name}'
+        advice = f'open the model with view="{measured.view}"'
+        raise InputError(where, "outline.view", expected, f'"{measured.view}"', advice)
 
 
 def outline_likelihood(
-    model: Any, measured: MeasuredOutline, capillary_number: float, size_ratio: float, error_scale: float = 1.0
+    model: Any,
+    measured: MeasuredOutline,
+    capillary_number: float,
+    size_ratio: float,
+    error_scale: float = 1.0,
+    *,
+    length: tuple[float, float] | None = None,
 ) -> OutlineLikelihood:
     """Likelihood of a measured outline with the shape of a model as its pilot.
 
@@ -127,13 +197,25 @@ def outline_likelihood(
         Where the pilot is, within the model's domain.
     error_scale : float
         Factor on the model's own error.
+    length : tuple of two float, optional [l]
+        L_a and its standard error, where they count beside the outline.
+
+    Raises
+    ------
+    InputError
+        If the model predicts outlines of another view.
     """
+    check_view_of(model, measured)
     theta = {"capillary_number": np.array([capillary_number]), "size_ratio": np.array([size_ratio])}
-    pilot = model(theta, outline=True).outline[0]
+    there = model(theta, outline=True)
+    pilot = there.outline[0]
     modes = None
     if hasattr(model, "outline_modes"):
         modes = error_scale * model.outline_modes(capillary_number=capillary_number, size_ratio=size_ratio)
-    return OutlineLikelihood(measured.points, measured.noise, pilot, measured.pose, modes)
+    beside = None
+    if length is not None:
+        beside = LengthBeside(*length, error_scale * float(np.sqrt(there.covariance[0, 1, 1])))
+    return OutlineLikelihood(measured.points, measured.noise, pilot, measured.pose, modes, beside)
 
 
 def aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:

@@ -42,6 +42,7 @@ _FIRST, _THEN, _LARGEST = 32, 56, 512
 _COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
 _EDGE_DROP = 12.0  # at the edge of a window: what is cut off there is below 1e-5
 _ROUNDS = 12
+_FINER = 3.0  # at most from window to window with an outline, each node of which costs: most are beside the posterior
 _PILOTS = 2  # shapes at which the covariance of an outline is made, one after the other
 _WIDTHS = (33, 129)  # fewest and most nodes of the half width
 _WIDTH_REACH = 5.5  # standard deviations of l on either side
@@ -99,9 +100,10 @@ class Quadrature:
             return self._refined(window, target)
         if outline is not None:
             return self._refined(window, replace(target, outline=outline))
+        seen, length = measurement.outline, measurement.length_beside_outline
         posterior = self._on(window, window.nodes(self.model, target), target, None)
         for _ in range(_PILOTS):
-            pilot = outline_likelihood(self.model, measurement.outline, *posterior.likeliest, error_scale)
+            pilot = outline_likelihood(self.model, seen, *posterior.likeliest, error_scale, length=length)
             posterior = self._refined(posterior.window, replace(target, outline=pilot))
         return posterior
 
@@ -201,10 +203,11 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
         return None
     needed = [max(gate.least / max(gate.value, 1e-3) for gate in gates) for gates in resolution]
     # shrinking the window already makes its cells smaller; cut it finer only as far as that does not suffice
+    most = np.inf if posterior.target.outline is None else _FINER
     shape = []
     for k in (0, 1):
         shrink = (around.high[k] - around.low[k]) / (window.high[k] - window.low[k])
-        cells = window.shape[k] * shrink * (1.15 * needed[k] if needed[k] > 1.0 else 1.0)
+        cells = window.shape[k] * shrink * (min(1.15 * needed[k], most) if needed[k] > 1.0 else 1.0)
         shape.append(int(np.clip(np.ceil(cells), _THEN, _LARGEST)))
     better = Window(around.low, around.high, (shape[0], shape[1]))
     return None if better == window else better

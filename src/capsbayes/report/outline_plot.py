@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.inference import Posterior
+from capsbayes.inference.outline_likelihood import aligned_with
+from capsbayes.measured_outline import SECTION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,10 +54,11 @@ def outline_figure(posterior: Posterior, *, width: float = 7.4) -> Figure:
 
 
 def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
-    """Draw the predicted mid-plane outline between the walls, lengths over l, with a scale in micrometres.
+    """Draw the predicted outline between the walls, lengths over l, with a scale in micrometres.
 
     The line is the mean outline, the band holds 95 % of the posterior along
-    the normal. The measured lengths are arrows that start at the predicted
+    the normal. The points of a measured outline are shifted and turned onto
+    it. The measured lengths are arrows that start at the predicted
     nose; their ends are shaded over two standard errors either side.
 
     Parameters
@@ -81,7 +84,12 @@ def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
     closed = [np.concatenate([line, line[:1]]) for line in (middle, inner, outer)]
     ax.fill(*closed[2].T, color=_BAND, linewidth=0, label="95 % of the posterior", zorder=2)
     ax.fill(*closed[1].T, color=_INSIDE, linewidth=0, zorder=2.1)
-    ax.plot(*closed[0].T, color=_INK, linewidth=1.6, label="predicted outline", zorder=3)
+    seen = posterior.measurement.outline
+    shown = "outline" if seen is None or seen.view == SECTION else seen.view
+    ax.plot(*closed[0].T, color=_INK, linewidth=1.6, label=f"predicted {shown}", zorder=3)
+    if seen is not None:
+        measured, _ = aligned_with(seen.points, middle)
+        ax.plot(*measured.T, ".", color=_SEEN, markersize=2.0, label="measured outline", zorder=4)
     _draw_lengths(ax, posterior, nose)
     _finish(ax, posterior, ends)
     return ax
@@ -184,13 +192,15 @@ def _finish(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
     text = rf"medians: $\mathrm{{Ca}} = {ca.median:.4f}$, $a/\ell = {size.median:.3f}$"
     ax.text(ends[0] + 0.05, _TOP - 0.05, text, va="top", fontsize=11)
     handles, labels = ax.get_legend_handles_labels()
+    order = [1, 0, *range(2, len(handles))]  # the line before its band
     ax.legend(
-        [handles[k] for k in (1, 0, 2)],
-        [labels[k] for k in (1, 0, 2)],
+        [handles[k] for k in order],
+        [labels[k] for k in order],
         loc="upper center",
         bbox_to_anchor=(0.5, -0.075),
-        ncols=3,
+        ncols=len(order),
         frameon=False,
-        columnspacing=1.5,
-        handlelength=1.6,
+        columnspacing=1.5 if len(order) < 4 else 1.0,
+        handlelength=1.6 if len(order) < 4 else 1.2,
+        fontsize=10 if len(order) < 4 else 8.5,
     )

@@ -104,6 +104,11 @@ class EffectSurrogate(Extendable):
         return self.base.database
 
     @property
+    def view(self) -> str:
+        """Which outlines it predicts, as its base and its slices do."""
+        return self.base.view
+
+    @property
     def name(self) -> str:
         """Section, law and coordinate, for results."""
         return f"{self.base.name} with {self.coordinate}"
@@ -122,7 +127,7 @@ class EffectSurrogate(Extendable):
             ``"capillary_number"``, ``"size_ratio"`` and the coordinate, arrays (n,) [-]; without the coordinate, its
             null value is meant.
         outline : bool
-            Whether to predict the mid-plane outlines too.
+            Whether to predict the outlines of its view too.
         """
         ca, size, place = self._points(theta)
         values, covariance = np.full((len(ca), len(COLUMNS)), np.nan), np.full((len(ca), 3, 3), np.nan)
@@ -150,7 +155,7 @@ class EffectSurrogate(Extendable):
         return prediction
 
     def outline_modes(self, *, capillary_number: float, size_ratio: float, **coordinate: float) -> Floats:
-        """Own error of the mid-plane outline at one point, as independent displacements along its normals.
+        """Own error of the outline at one point, as independent displacements along its normals.
 
         Those of the base and, as they are weighed, of the slices; of the interpolation between the slices; and the
         mesh's, as far as it may change with the effect: what makes up the covariance of a prediction.

@@ -41,6 +41,11 @@ class FixedEffect(Extendable):
         return f"{self.model.base.name} at {self.model.coordinate} = {self.value:g}"
 
     @property
+    def view(self) -> str:
+        """That of the model."""
+        return self.model.view
+
+    @property
     def sha256(self) -> str:
         """That of the model."""
         return self.model.sha256

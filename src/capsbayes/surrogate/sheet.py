@@ -17,6 +17,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
+from capsbayes.measured_outline import SECTION, SILHOUETTE
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.branches import Branch
 from capsbayes.surrogate.chart import Chart
@@ -31,6 +32,7 @@ Floats = NDArray[np.float64]
 
 COLUMNS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 CELLS = (160, 120)
+OUTLINES = {SECTION: "profile", SILHOUETTE: "silhouette"}  # variable of the database, by view
 FLOOR = 1e-5  # of each standard deviation: several times the table's own error
 BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases on (in more columns than), degree, k
 
@@ -51,6 +53,8 @@ class Sheet:
         The other branch: in the gap between the two, their difference is part of the error.
     cells : tuple of int
         Of the table, along sqrt(Ca) and a/l.
+    view : str
+        Which outlines it predicts, one of `OUTLINES`.
     """
 
     cases: Database
@@ -58,6 +62,7 @@ class Sheet:
     chart: Chart
     rival: DiffuseApproximation | None = None
     cells: tuple[int, int] = CELLS
+    view: str = SECTION
     approximation: DiffuseApproximation = field(init=False, repr=False)
     table: HermiteTable = field(init=False, repr=False)
     lattice_covariance: Floats = field(init=False, repr=False)
@@ -72,12 +77,13 @@ class Sheet:
         except ValueError as error:
             raise DatabaseError(f"the {self.branch.name} cases cannot be approximated: {error}") from error
         low, high = lattice[0, 0], lattice[-1, -1]
+        outlines = self.cases[OUTLINES[self.view]][rows].reshape(len(rows), -1)
         table = HermiteTable.of(approximation.with_gradient, low, high, cells=self.cells, wanted=wanted)
         steps = (self.chart.ca_step, self.chart.size_step, *table.origin, *table.step)
         made = {
             "approximation": approximation,
             "table": table,
-            "_outlines": replace(approximation, values=self.cases["profile"][rows].reshape(len(rows), -1)),
+            "_outlines": replace(approximation, values=outlines),
             "_frame": (region.size_ratio, region.lowest, region.highest, *(float(step) for step in steps)),
         }
         for name, value in made.items():
@@ -116,14 +122,14 @@ class Sheet:
         return by_plane * self.chart.slopes(ca)[:, None, :]
 
     def outlines(self, ca: Floats, size: Floats) -> Floats:
-        """Mid-plane outlines at points of the region : (n, p, 2) array."""
+        """Outlines at points of the region : (n, p, 2) array."""
         return self._outlines(self.chart.to_plane(ca, size)).reshape(len(ca), self._outlines.values.shape[1] // 2, 2)
 
     def outline_modes(self, ca: float, size: float) -> Floats:
         """Own error of the outline at one point, as displacements along its normals : (k, p) array.
 
         Independent of each other, each one standard deviation: those of left-out cases around, as far as they count
-        there, and the mesh's, as a stretch along the flow and of the rear on the axis.
+        there, and the mesh's, as a stretch along the flow and, of a section, of the rear on the axis.
         """
         place = self.chart.to_plane(np.array([ca]), np.array([size]))
         outline = self.outlines(np.array([ca]), np.array([size]))[0]
@@ -132,8 +138,11 @@ class Sheet:
         near = shares > 1e-6
         left_out = np.sqrt(shares[near, None]) * self._outline_residuals[near]
         extent, length, _ = mesh_error_of(self.cases.dataset.attrs)
+        stretch = extent * outline[:, 0] * normal[:, 0]
+        if self.view == SILHOUETTE:  # which shows the rim, not the rear on the axis
+            return np.stack([*left_out, stretch])
         rear = np.clip(-normal[:, 0], 0.0, None) * (np.abs(outline[:, 1]) < 0.5 * outline[:, 1].max())
-        return np.stack([*left_out, extent * outline[:, 0] * normal[:, 0], length * np.ptp(outline[:, 0]) * rear])
+        return np.stack([*left_out, stretch, length * np.ptp(outline[:, 0]) * rear])
 
     @cached_property
     def _own_error(self) -> OwnError:

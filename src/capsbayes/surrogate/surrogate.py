@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.effect import Extendable
-from capsbayes.errors import OutsideDatabaseError
+from capsbayes.errors import InputError, OutsideDatabaseError
+from capsbayes.measured_outline import SECTION, check_view
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.branches import branches_of
 from capsbayes.surrogate.chart import Chart
@@ -41,6 +42,8 @@ class Surrogate(Extendable):
         Steady shapes, in columns of equal a/l.
     cells : tuple of int
         Of the tables of its sheets, along sqrt(Ca) and a/l.
+    view : str
+        Which outlines it predicts: ``"section"`` in the plane x = 0, or ``"silhouette"``, as a photograph shows them.
 
     Attributes
     ----------
@@ -61,11 +64,13 @@ class Surrogate(Extendable):
 
     database: Database
     cells: tuple[int, int] = CELLS
+    view: str = SECTION
     domain: DomainOfExistence = field(init=False, repr=False)
     sheets: tuple[Sheet, ...] = field(init=False, repr=False)
     _doubts: Doubts = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        check_view(self.view, "Surrogate", "view")
         cases = self.database.converged
         branches = branches_of(self.database)
         chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
@@ -73,24 +78,38 @@ class Surrogate(Extendable):
         smooth = [approximation_of(cases, branch, chart) for branch in branches]
         rivals = smooth[::-1] if len(branches) == 2 else [None]
         pairs = zip(branches, rivals, strict=True)
-        sheets = tuple(Sheet(cases, branch, chart, rival, self.cells) for branch, rival in pairs)
+        sheets = tuple(Sheet(cases, branch, chart, rival, self.cells, self.view) for branch, rival in pairs)
         object.__setattr__(self, "sheets", sheets)
         object.__setattr__(self, "_doubts", Doubts.of(cases, chart))
 
     @classmethod
-    def open(cls, source: str | Path) -> Surrogate | EffectSurrogate:
+    def open(cls, source: str | Path, *, view: str = SECTION) -> Surrogate | EffectSurrogate:
         """Make a surrogate of a shipped database (by name) or of a file (by path, with its ending .nc).
 
         The base of an effect database is the shipped one of its section and law, if there is one.
+
+        Parameters
+        ----------
+        source : str or path
+        view : str
+            Which outlines it predicts: ``"section"`` or ``"silhouette"``.
+
+        Raises
+        ------
+        DatabaseError
+            If the database cannot be read.
+        InputError
+            On another word for the view.
         """
+        check_view(view, "Surrogate", "view")
         is_file = isinstance(source, Path) or str(source).endswith(".nc")
         database = Database.read(source) if is_file else Database.open(str(source))
         base = database.plain_relative() if database.effect != NO_EFFECT else None
-        return cls.from_database(database, base=base)
+        return cls.from_database(database, base=base, view=view)
 
     @classmethod
     def from_database(
-        cls, database: Database, *, base: Database | Surrogate | None = None
+        cls, database: Database, *, base: Database | Surrogate | None = None, view: str | None = None
     ) -> Surrogate | EffectSurrogate:
         """Make a surrogate; that of an effect database has the effect as one more coordinate.
 
@@ -99,23 +118,33 @@ class Surrogate(Extendable):
         database : Database
         base : Database or Surrogate, optional
             For an effect database, a plain one of a finer mesh at the null value; by default the null slice itself.
+        view : str, optional
+            Which outlines it predicts: ``"section"`` or ``"silhouette"``; by default those of the base, or sections.
 
         Raises
         ------
         DatabaseError
             If an effect database has too few values or not the null value, or if the base is of another section.
+        InputError
+            On another word for the view, or if it is not that of the base.
         """
+        if view is None:
+            view = base.view if isinstance(base, Surrogate) else SECTION
         if database.effect == NO_EFFECT:
-            return cls(database)
+            return cls(database, view=view)
         check_values(database)
-        slices = {value: cls(database.at_value(value), SLICE_CELLS) for value in database.values}
-        plain = slices[database.null_value] if base is None else base
-        return EffectSurrogate(database, tuple(slices.values()), cls(plain) if isinstance(plain, Database) else plain)
+        if isinstance(base, Surrogate) and base.view != view:
+            raise InputError("Surrogate", "view", f'"{base.view}", that of the base', repr(view))
+        slices = {value: cls(database.at_value(value), SLICE_CELLS, view) for value in database.values}
+        plain = cls(base, view=view) if isinstance(base, Database) else base
+        return EffectSurrogate(
+            database, tuple(slices.values()), slices[database.null_value] if plain is None else plain
+        )
 
     @property
     def name(self) -> str:
-        """Section and law, for results."""
-        return _name(self.database)
+        """Section and law, and which outlines if not those of the plane x = 0, for results."""
+        return _name(self.database) + ("" if self.view == SECTION else f" ({self.view}s)")
 
     @property
     def sha256(self) -> str:
@@ -130,7 +159,7 @@ class Surrogate(Extendable):
         theta : mapping
             ``"capillary_number"`` and ``"size_ratio"``, arrays (n,) [-].
         outline : bool
-            Whether to predict the mid-plane outlines too.
+            Whether to predict the outlines of its view too.
         """
         ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
         values, covariance = np.full((len(COLUMNS), len(ca)), np.nan), np.full((len(ca), 3, 3), np.nan)
@@ -160,7 +189,7 @@ class Surrogate(Extendable):
         return prediction
 
     def outline_modes(self, *, capillary_number: float, size_ratio: float) -> Floats:
-        """Own error of the mid-plane outline at one point, as independent displacements along its normals.
+        """Own error of the outline at one point, as independent displacements along its normals.
 
         Returns
         -------

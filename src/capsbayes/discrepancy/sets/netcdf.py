@@ -12,7 +12,7 @@ import xarray as xr
 from capsbayes.discrepancy.sets.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
+from capsbayes.measured_outline import SECTION, MeasuredOutline, OutlineNoise, Pose, check_view
 from capsbayes.measurement import Measurement
 
 __all__ = ["read_netcdf", "write_netcdf"]
@@ -40,7 +40,8 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
         one; over the capsules ``axial_extent``, ``axial_extent_error`` [l], ``capsule_velocity``,
         ``capsule_velocity_error`` [m/s], ``noise_scale``, ``noise_correlation`` [l] as of `OutlineNoise`; optionally
         ``noise_white``, ``axial_length``, ``axial_length_error`` [l] and ``name``. A variable's attribute ``units``,
-        if it has one, must be the unit here.
+        if it has one, must be the unit here. The attribute ``view`` says what all outlines show, ``"section"`` by
+        default.
     experiment : Experiment or path
         By default the file that the attribute ``experiment`` names, relative to this one.
 
@@ -64,7 +65,7 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     Raises
     ------
     InputError
-        If a capsule has no outline, or one with another `Pose` than the usual.
+        If a capsule has no outline, or one with another `Pose` than the usual, or if they differ in their view.
     """
     edges = [one.outline for one in measurements if one.outline is not None]
     if len(edges) < len(measurements):
@@ -72,6 +73,9 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     if any(one.pose != Pose() for one in edges):
         advice = "write a folder"
         raise InputError(str(path), "outline.pose", "outlines of the usual pose", "one of another", advice)
+    views = sorted({one.view for one in edges})
+    if len(views) > 1:
+        raise InputError(str(path), "outline.view", "outlines of one view", ", ".join(views), "write a folder")
     outlines = np.full((len(edges), max(len(one.points) for one in edges), 2), np.nan)
     for row, one in enumerate(edges):
         outlines[row, : len(one.points)] = one.points
@@ -81,6 +85,7 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     units = _NUMBERS | _LENGTH | _NOISE | _WHITE
     variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
     dataset = xr.Dataset({**variables, "outline": (_OUTLINE, outlines, {"units": "l"})}, coords={"axis": ["z", "y"]})
+    dataset.attrs["view"] = (views or [SECTION])[0]
     dataset.to_netcdf(path, engine="h5netcdf")
 
 
@@ -118,10 +123,11 @@ def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
     numbers = {name: float(one[name]) for name in (*_NUMBERS, *_LENGTH) if name in one.variables}
     seen = {name: value for name, value in numbers.items() if name in _NUMBERS or np.isfinite(value)}
     points = np.asarray(one["outline"].values, np.float64)
+    view = check_view(one.attrs.get("view", SECTION), str(path), "view")
     white = float(one["noise_white"]) if "noise_white" in one.variables else 0.0
     try:
         noise = OutlineNoise(float(one["noise_scale"]), float(one["noise_correlation"]), white)
-        outline = MeasuredOutline(points[np.isfinite(points).any(axis=1)], noise)
+        outline = MeasuredOutline(points[np.isfinite(points).any(axis=1)], noise, view=view)
     except InputError as error:  # which does not know whose outline it is
         raise InputError(where, error.key, error.expected, error.got, error.advice) from None
     return Measurement(**seen, outline=outline, source=where)  # type: ignore[arg-type]

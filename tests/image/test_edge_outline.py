@@ -1,0 +1,59 @@
+"""The silhouette of a picture with its noise, beside the drawn one."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from drawn import HALF_WIDTH, circle, drawn
+
+from capsbayes.image.edge_outline import silhouette_of
+from capsbayes.image.frames import Picture
+from capsbayes.image.measure import sight
+from capsbayes.image.synthetic import Optics, Scene, draw
+from capsbayes.inference.outline_likelihood import aligned_with
+
+SHAPES = [(0.03, 0.8), (0.05, 0.93), (0.08, 1.05), (0.1, 0.75)]
+
+
+def found(made, **options):
+    seen = sight(Picture.from_array(made.picture), background=Picture.from_array(made.background), **options)
+    return silhouette_of(seen)
+
+
+@pytest.mark.parametrize("blur", [0.7, 2.0])
+def test_residuals_are_as_stated(blur):
+    """Normal distances from the true silhouette, whitened: of variance one."""
+    squares = []
+    for seed, shape in enumerate(SHAPES):
+        made = drawn(*shape, optics=Optics(blur=blur, electrons=5000), seed=seed)
+        seen = found(made)
+        points, feet = aligned_with(seen.points, np.asarray(made.scene.silhouette))
+        covariance = seen.noise.covariance(points) + seen.pose.offset**2
+        factor = scipy.linalg.cholesky(covariance, lower=True)
+        squares.append(np.mean(scipy.linalg.solve_triangular(factor, feet.distance, lower=True) ** 2))
+    assert 0.6 < np.mean(squares) < 1.3
+    assert max(squares) < 1.8
+
+
+def test_a_capsule_that_moves_to_the_left_looks_the_same():
+    right, left = (found(drawn(0.08, 1.05, flow=flow)) for flow in (1, -1))
+    assert right.view == "silhouette"
+    # the blunt rear is behind: the centroid is nearer to it
+    for seen in (right, left):
+        z = seen.points[:, 0]
+        assert z.mean() < 0.5 * (z.max() + z.min())
+    for axis in (0, 1):
+        assert np.ptp(left.points[:, axis]) == pytest.approx(np.ptp(right.points[:, axis]), abs=0.005)
+
+
+def test_blurred_edges_are_less_sure():
+    sharp, blurred = (found(drawn(0.08, 1.05, optics=Optics(blur=blur))) for blur in (0.6, 2.0))
+    assert blurred.noise.scale > 1.2 * sharp.noise.scale
+    assert blurred.noise.white < sharp.noise.white
+    assert blurred.pose.offset > sharp.pose.offset
+
+
+def test_without_a_direction_there_is_none():
+    disc = circle(0.8)
+    made = draw(Scene(disc, disc, half_width=HALF_WIDTH), Optics(), seed=2)
+    assert found(made) is None
+    assert found(made, flow="right") is not None

@@ -1,0 +1,93 @@
+"""The same surrogate with the outlines that a photograph shows."""
+
+from dataclasses import replace
+
+import manufactured
+import numpy as np
+import pytest
+
+from capsbayes.database import Database
+from capsbayes.effects import Halo
+from capsbayes.errors import InputError
+from capsbayes.model import view_of
+from capsbayes.surrogate import Surrogate
+from capsbayes.surrogate.branches import branches_of
+from capsbayes.surrogate.chart import Chart
+from capsbayes.surrogate.diffuse import leave_one_out
+from capsbayes.surrogate.sheet import OUTLINES, approximation_of
+
+LARGER = 1.1
+PLACE = {"capillary_number": np.array([0.05]), "size_ratio": np.array([0.9])}
+POINT = {"capillary_number": 0.05, "size_ratio": 0.9}
+
+
+@pytest.fixture(scope="module")
+def both():
+    """The manufactured map with silhouettes that are larger than the sections, in both views."""
+    dataset = manufactured.database(mesh_error=manufactured.MESH_ERROR).dataset.copy(deep=True)
+    dataset["silhouette"].values[:] *= LARGER
+    database = Database(dataset)
+    return Surrogate(database), Surrogate.from_database(database, view="silhouette")
+
+
+def test_only_the_outlines_differ(both):
+    section, silhouette = (model(PLACE, outline=True) for model in both)
+    np.testing.assert_allclose(silhouette.outline, LARGER * section.outline, rtol=1e-9)
+    np.testing.assert_array_equal(silhouette.values, section.values)
+    np.testing.assert_array_equal(silhouette.covariance, section.covariance)
+
+
+def test_the_view_is_in_the_name_and_sections_are_the_default(both):
+    section, silhouette = both
+    assert (section.view, silhouette.view) == ("section", "silhouette")
+    assert silhouette.name == f"{section.name} (silhouettes)"
+    assert silhouette.sha256 == section.sha256
+
+
+def test_own_errors_are_those_of_the_view_and_the_rear_on_the_axis_is_hidden(both):
+    section, silhouette = (model.outline_modes(**POINT) for model in both)
+    assert len(silhouette) == len(section) - 1
+    np.testing.assert_allclose(silhouette, LARGER * section[:-1], rtol=1e-6, atol=1e-12)
+
+
+def test_effects_keep_the_view(both):
+    assert view_of(both[1] + Halo()) == "silhouette"
+    assert view_of(both[0] + Halo()) == "section"
+
+
+def test_another_word_is_refused(both):
+    with pytest.raises(InputError, match='Surrogate: view: expected "section" or "silhouette", got \'shadow\''):
+        replace(both[0], view="shadow")
+    with pytest.raises(InputError, match='view: expected "section" or "silhouette"'):
+        Surrogate.open("square-neo-hookean", view="shadow")
+
+
+@pytest.mark.slow
+def test_an_effect_database_predicts_silhouettes_too():
+    database = Database.open("square-rest-aspect")
+    base = Surrogate.open("square-neo-hookean", view="silhouette")
+    model = Surrogate.from_database(database, base=base)
+    assert model.view == model.fixed(1.02).view == "silhouette"
+    null = {**PLACE, "rest_aspect": np.array([1.0])}
+    np.testing.assert_allclose(model(null, outline=True).outline, base(PLACE, outline=True).outline, atol=1e-9)
+    assert np.isfinite(model.outline_modes(**POINT, rest_aspect=1.03)).all()
+    with pytest.raises(InputError, match='view: expected "silhouette", that of the base'):
+        Surrogate.from_database(database, base=base, view="section")
+
+
+def test_shipped_silhouettes_are_approximated_as_well_as_sections():
+    """Median and largest root mean square of a case left out, over all branches [l]."""
+    database = Database.open("square-neo-hookean")
+    cases = database.converged
+    chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
+    errors = {view: [] for view in OUTLINES}
+    for branch in branches_of(database):
+        smooth = approximation_of(cases, branch, chart)
+        for view, name in OUTLINES.items():
+            values = cases[name][branch.rows].reshape(len(branch.rows), -1)
+            left_out = leave_one_out(replace(smooth, values=values)) - values
+            errors[view].extend(np.sqrt(np.mean(left_out**2, axis=1)))
+    section, silhouette = (np.array(errors[view]) for view in ("section", "silhouette"))
+    assert np.nanmedian(silhouette) < 2.0 * np.nanmedian(section)
+    assert np.nanmax(silhouette) < 1.2 * np.nanmax(section)
+    assert np.nanmedian(silhouette) < 1e-3
