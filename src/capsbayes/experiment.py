@@ -21,6 +21,7 @@ __all__ = [
     "Experiment",
     "capillary_number",
     "capsule_radius",
+    "centre_and_error",
     "mean_velocity",
     "positive_normal",
     "size_ratio",
@@ -150,6 +151,17 @@ def positive_normal(mean: float, error: float) -> Uncertain:
     from scipy.stats import truncnorm  # half a second to import
 
     return truncnorm(-mean / error, np.inf, loc=mean, scale=error)
+
+
+def centre_and_error(value: Uncertain) -> tuple[float, float]:
+    """Mean and standard deviation of a number, which has none, or of a distribution.
+
+    Examples
+    --------
+    >>> centre_and_error(25e-6)
+    (2.5e-05, 0.0)
+    """
+    return (float(value.mean()), float(value.std())) if hasattr(value, "std") else (float(value), 0.0)
 
 
 def capillary_number(*, viscosity: ArrayLike, mean_velocity: ArrayLike, surface_shear_modulus: ArrayLike) -> Floats:

@@ -81,9 +81,10 @@ def _print(sighting: Sighting, experiment: Experiment) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    width = experiment.half_width
-    micrometres = 1e6 * float(width.mean() if hasattr(width, "mean") else width)
-    spread = float(width.std() / width.mean()) if hasattr(width, "mean") else 0.0
+    from capsbayes.experiment import centre_and_error
+
+    centre, error = centre_and_error(experiment.half_width)
+    micrometres, spread = 1e6 * centre, error / centre
     lengths, errors = sighting.lengths, np.sqrt(np.diag(sighting.covariance))
     l_px, l_error = lengths[3], errors[3]
     table = Table("", "px", "over l", "um", box=box.SIMPLE_HEAD)

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from capsbayes.discrepancy.sets import check_comparable, read_set, write_set
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
-from capsbayes.inference.inputs import Input
+from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.measurement import Measurement
 
 __all__ = ["Session"]
@@ -105,7 +104,7 @@ class Session:
 
     def mean(self, name: str) -> float:
         """Mean of the half width [m] or of the viscosity [Pa s]."""
-        return Input.of(name, getattr(self.experiment, name)).centre
+        return centre_and_error(getattr(self.experiment, name))[0]
 
     def taken(self, rows: Any) -> Session:
         """Some of the capsules, by an array of row numbers."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.image.background import temporal_median, transmission
 from capsbayes.image.contour import pixel_noise
 from capsbayes.image.frames import Picture
@@ -137,8 +137,7 @@ def spot_of(mask: NDArray[np.bool_], walls: Walls) -> Spot:
 
 
 def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity) -> None:
-    width = experiment.half_width
-    wide = 2.0 * float(width.mean() if hasattr(width, "mean") else width)
+    wide = 2.0 * centre_and_error(experiment.half_width)[0]
     where = experiment.source or "experiment"
     if abs(wide / file.channel_width - 1.0) > _WIDTHS:
         expected = f"half of the {1e6 * file.channel_width:g} um of the channel in {file.path}"
