@@ -78,7 +78,7 @@ def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: f
         Name of the parameter that varies.
     null_value : float
     """
-    law, section = settings["law"], settings["section"]
+    law, section = settings["law"], _shown_section(settings)
     varied = "" if effect == NO_EFFECT else f", over {effect.replace('_', ' ')}"
     return {
         "title": f"Steady shapes of capsules with a {law} membrane in a channel of {section} section{varied}",
@@ -93,6 +93,12 @@ def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: f
         "version": capsbayes.__version__,
         "created": _now(),
     }
+
+
+def _shown_section(settings: Mapping[str, Any]) -> str:
+    """Section of the channel; a rectangle of equal sides is a square, whatever symmetry it was computed with."""
+    section = str(settings["section"])
+    return "square" if section == "rectangular" and settings.get("section_aspect") == 1.0 else section
 
 
 def _now() -> str:
