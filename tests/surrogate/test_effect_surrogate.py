@@ -116,3 +116,12 @@ def test_modes_of_the_outline_say_what_the_covariance_of_the_lengths_says(model)
     said = held({name: np.array([value]) for name, value in one.items()}).covariance[0, 1, 1]
     assert 0.5 < np.sqrt(np.sum(change**2) / said) < 2.0
     assert np.sum(modes**2) > np.sum(model.outline_modes(**one) ** 2)
+
+
+def test_slices_that_start_above_the_convex_shapes_of_the_base_are_read_at_one_ca():
+    """Their lowest Ca is that of the computation, not where the base's parachutes begin."""
+    surrogate = Surrogate.open("square-corner-radius")
+    places = surrogate._corresponding(np.array([0.05]), np.array([0.88]), np.array([0.05]))[1]
+    np.testing.assert_allclose(places, 0.05, rtol=1e-3)
+    between = surrogate.at(capillary_number=0.05, size_ratio=0.88, corner_radius=0.05)
+    assert np.sqrt(between.covariance[0, 0, 0]) < 0.003

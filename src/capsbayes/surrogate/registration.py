@@ -77,9 +77,12 @@ class Borders:
         return cls(columns, np.stack([lowest, division, highest]), limit, known)
 
     def with_convex_of(self, other: Borders) -> Borders:
-        """The same, with the other's lowest Ca and division at columns where only the other has convex shapes."""
+        """The same, with the other's lowest Ca and division at columns where only the other has convex shapes.
+
+        Not where these end below the lowest Ca of this one.
+        """
         mine, theirs = self.capillary_number, other.capillary_number
-        lacking = (mine[1] <= mine[0]) & (theirs[1] > theirs[0]) & (theirs[1] < mine[2])
+        lacking = (mine[1] <= mine[0]) & (theirs[1] > theirs[0]) & (theirs[1] < mine[2]) & (theirs[1] > mine[0])
         return replace(self, capillary_number=np.where(lacking & (np.arange(3) < 2)[:, None], theirs, mine))
 
 
