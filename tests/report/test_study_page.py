@@ -124,7 +124,8 @@ def test_held_out_capsules_are_of_different_sizes(study):
 
 
 def test_other_verdicts_keep_what_they_have(study):
-    unknown = study_page(replace(study, verdict=Verdict.UNKNOWN, names=(), verification=None))
+    nothing = tuple(replace(step, alike=()) for step in study.steps)
+    unknown = study_page(replace(study, verdict=Verdict.UNKNOWN, steps=nothing, verification=None))
     assert "and nothing that was tried explains it." in unknown
     assert "does not explain it" in unknown
     assert "Does it hold" not in unknown

@@ -138,11 +138,12 @@ def find(
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
     chances = _by_signs(table, np.random.default_rng([seed, len(done)]))
+    by_surprise = sorted(zip(table, chances, strict=True), key=lambda pair: (pair[1], -abs(pair[0].statistic)))
     found = [
         Deviation(one.name, one.size * one.scale, one.error * one.scale, one.unit, float(chance))
-        for one, chance in zip(table, chances, strict=True)
+        for one, chance in by_surprise
     ]
-    return Finding(tuple(sorted(found, key=lambda one: (one.chance, -abs(one.sigma)))), noise, len(done))
+    return Finding(tuple(found), noise, len(done))
 
 
 @dataclass(frozen=True, eq=False)
