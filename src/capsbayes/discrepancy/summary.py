@@ -72,7 +72,7 @@ def _candidate(study: Study, name: str, scores: Scores) -> dict[str, Any]:
     return {
         "parameter": name,
         "effect": scores.effect.name,
-        "log_likelihood_gain": float(scores.gains.sum()),
+        "log_likelihood_gain": scores.gain,
         "size": scores.size,
         "interval_68": [low, high],
         "unit": scores.effect.parameter.unit,

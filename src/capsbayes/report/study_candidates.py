@@ -29,7 +29,7 @@ def candidate_gains(study: Study) -> Figure:
 
     figure = Figure(figsize=(10.0, 0.9 + 0.32 * len(study.scores)), layout="constrained")
     ax = figure.subplots()
-    gains = [float(one.gains.sum()) for one in study.scores.values()]
+    gains = [one.gain for one in study.scores.values()]
     bars = ax.barh(
         [one.effect.name for one in study.scores.values()],
         gains,

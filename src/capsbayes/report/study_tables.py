@@ -24,7 +24,7 @@ def finding_table(finding: Finding) -> str:
 
 def candidate_table(study: Study) -> str:
     """Odds and size of every candidate, and of the model without one."""
-    gains = {name: float(one.gains.sum()) for name, one in study.scores.items()}
+    gains = {name: one.gain for name, one in study.scores.items()}
     best = max(gains.values())
     rows = [
         (
