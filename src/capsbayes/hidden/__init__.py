@@ -2,8 +2,9 @@
 
 Shapes come from the simulator itself, at parameters between those of the
 databases that models are made of and on another mesh. What a microscope adds is
-drawn on their outlines as geometry. Nothing here reads a model or an effect's
-operator, so that what is found again has not been put in by the same code.
+drawn on their outlines as geometry. What draws them reads no model and no effect's
+operator, so that what is found again has not been put in by the same code; the
+exam, which diagnoses them, does.
 """
 
 from capsbayes.hidden.hideable import HIDEABLE, Hideable, hideable_named
