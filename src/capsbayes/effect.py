@@ -104,7 +104,28 @@ class ExtendableModel(ForwardModel, Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Extended(Extendable):
+class _Around(Extendable):
+    """What a model built around another takes from it."""
+
+    model: ForwardModel
+
+    @property
+    def view(self) -> str:
+        """That of the model."""
+        return view_of(self.model)
+
+    @property
+    def domain(self) -> Domain:
+        """Where the model inside has an answer."""
+        return self.model.domain
+
+    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """Those of the model."""
+        return self.model.doubts(theta) if isinstance(self.model, Doubting) else {}
+
+
+@dataclass(frozen=True, eq=False)
+class Extended(_Around):
     """A forward model with an effect.
 
     Parameters
@@ -123,7 +144,6 @@ class Extended(Extendable):
     0.04
     """
 
-    model: ForwardModel
     effect: Effect
 
     @property
@@ -132,19 +152,9 @@ class Extended(Extendable):
         return f"{self.model.name} + {self.effect.name}"
 
     @property
-    def view(self) -> str:
-        """That of the model."""
-        return view_of(self.model)
-
-    @property
     def sha256(self) -> str:
         """Fingerprint of the model with the effect."""
         return hashlib.sha256(f"{self.model.sha256} {self.effect!r}".encode()).hexdigest()
-
-    @property
-    def domain(self) -> Domain:
-        """Where the model without the effect has an answer."""
-        return self.model.domain
 
     def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict a batch.
@@ -169,13 +179,9 @@ class Extended(Extendable):
             raise KeyError(f"{self.effect.name}: theta lacks {', '.join(missing)}")
         return self.effect(self.model, theta, outline=outline)
 
-    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """Those of the model."""
-        return self.model.doubts(theta) if isinstance(self.model, Doubting) else {}
-
 
 @dataclass(frozen=True, eq=False)
-class Held(Extendable):
+class Held(_Around):
     """A forward model whose effects have known sizes.
 
     Parameters
@@ -185,7 +191,6 @@ class Held(Extendable):
         By name of the effects' parameters.
     """
 
-    model: ForwardModel
     sizes: Mapping[str, float]
 
     @property
@@ -194,19 +199,9 @@ class Held(Extendable):
         return self.model.name
 
     @property
-    def view(self) -> str:
-        """That of the model."""
-        return view_of(self.model)
-
-    @property
     def sha256(self) -> str:
         """Fingerprint of the model with the sizes."""
         return hashlib.sha256(f"{self.model.sha256} {sorted(self.sizes.items())}".encode()).hexdigest()
-
-    @property
-    def domain(self) -> Domain:
-        """That of the model."""
-        return self.model.domain
 
     def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict a batch; sizes in ``theta`` are passed over."""
@@ -214,7 +209,3 @@ class Held(Extendable):
         return self.model(
             {**theta, **{name: np.full(count, size) for name, size in self.sizes.items()}}, outline=outline
         )
-
-    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """Those of the model."""
-        return self.model.doubts(theta) if isinstance(self.model, Doubting) else {}

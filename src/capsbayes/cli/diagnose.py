@@ -51,11 +51,12 @@ def diagnose(
 
     from rich.console import Console
 
+    from capsbayes.cli.folder import check_folder
     from capsbayes.discrepancy import Session, summary
     from capsbayes.discrepancy import diagnose as diagnosed
     from capsbayes.surrogate import Surrogate
 
-    _check_folder(out)
+    check_folder("--out", out)
     session = Session.read(capsules, experiment)
     section = session.experiment.section
     effects = _effects(candidates, section)
@@ -84,14 +85,6 @@ def _view(session: Session) -> str:
     return views[0] if views else SECTION
 
 
-def _check_folder(out: Path | None) -> None:
-    """Refuse a folder that cannot be made before any work is done."""
-    from capsbayes.errors import InputError
-
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError("--out", "", "a folder", f"the file {out}")
-
-
 def _effects(names: str | None, section: str) -> dict[str, Effect]:
     """The candidates that are named, by parameter or effect; by default all that hold in such a section."""
     from capsbayes.cli.choices import one_of
@@ -100,9 +93,14 @@ def _effects(names: str | None, section: str) -> dict[str, Effect]:
     effects = catalogue(section)
     if names is None:
         return effects
-    known = {one.name: name for name, one in effects.items()} | {name: name for name in effects}
+    known = _by_either_name(effects)
     chosen = [one_of("diagnose", "--candidates", name.strip(), known) for name in names.split(",")]
     return {name: effects[name] for name in chosen}
+
+
+def _by_either_name(effects: dict[str, Effect]) -> dict[str, str]:
+    """Name of the parameter by that of the effect, and by itself."""
+    return {one.name: name for name, one in effects.items()} | {name: name for name in effects}
 
 
 def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[float, float]]:
@@ -111,7 +109,7 @@ def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[f
     from capsbayes.errors import InputError
     from capsbayes.quantity import quantity
 
-    known = {one.name: name for name, one in effects.items()} | {name: name for name in effects}
+    known = _by_either_name(effects)
     found = {}
     for text in texts:
         label, _, stated = text.partition("=")
@@ -142,21 +140,16 @@ def _progress_bar() -> Iterator[Callable[[str, int, int], None] | None]:
 
 
 def _write(study: Study, out: Path) -> None:
-    """Write both files into a folder beside, then move them: an error leaves nothing half done."""
+    """Write both files, or nothing."""
     import json
-    import os
-    import tempfile
 
+    from capsbayes.cli.folder import filled
     from capsbayes.discrepancy import summary
     from capsbayes.report import study_page
 
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out, prefix=".unfinished-") as folder:
-        unfinished = Path(folder)
+    with filled(out) as unfinished:
         (unfinished / "study.html").write_text(study_page(study), encoding="utf-8")
         (unfinished / "study.json").write_text(json.dumps(summary(study), indent=2) + "\n")
-        for made in sorted(unfinished.iterdir()):
-            os.replace(made, out / made.name)
 
 
 def _print(console: Console, study: Study, out: Path | None) -> None:
@@ -204,7 +197,7 @@ def _candidate_table(study: Study) -> Table:
     for name, one in study.scores.items():
         told = "in question" if name in study.names else "told apart" if study.names else "does not explain it"
         size = escape(f"{one.effect.parameter.symbol} = {size_words(one)}")
-        table.add_row(one.effect.name, f"{one.gains.sum():.1f}", size, told, escape(one.effect.separated_by))
+        table.add_row(one.effect.name, f"{one.gain:.1f}", size, told, escape(one.effect.separated_by))
     table.caption = "gain: in log likelihood of all capsules over the model without it"
     table.caption_justify = "left"
     return table

@@ -22,19 +22,23 @@ def exam(
     """
     from rich.console import Console
 
+    from capsbayes.cli.folder import check_folder
     from capsbayes.errors import InputError
     from capsbayes.hidden.cells import CELLS
     from capsbayes.hidden.exam import examine
     from capsbayes.hidden.exam_page import exam_page
     from capsbayes.hidden.pools import build_pools
+    from capsbayes.output_file import replaced
 
     chosen = [cell for cell in CELLS if only is None or only in cell.name]
     if not chosen:
         raise InputError("exam", "--only", f"part of one of {', '.join(cell.name for cell in CELLS)}", repr(only))
+    check_folder("--out", out)
+    check_folder("--pools", pools)
     console = Console(stderr=True, quiet=not sys.stderr.isatty())
     build_pools(dict.fromkeys(cell.shapes for cell in chosen), pools, workers=workers)
     answers = examine(
         chosen, pools, out, workers=workers, tell=lambda line: console.print(line, highlight=False, markup=False)
     )
-    (out / "exam.md").write_text(exam_page(chosen, answers), encoding="utf-8")
+    replaced(out / "exam.md", exam_page(chosen, answers))
     typer.echo(f"{out / 'exam.md'}")

@@ -32,7 +32,6 @@ def hide(
     hidden = hideable_named(effect)
     value, truth = _size(hidden, size), out.with_name(f"{out.name}.truth")
     _check_folders(out, truth)
-    truth.mkdir(parents=True, exist_ok=True)
     drawn = simulated_session(
         hidden,
         value,
@@ -62,11 +61,11 @@ def _size(hidden: Hideable, text: str) -> float:
 
 def _check_folders(out: Path, truth: Path) -> None:
     """Refuse a folder that holds something else before any work is done."""
+    from capsbayes.cli.folder import check_folder
     from capsbayes.errors import InputError
 
     for folder in (out, truth):
-        if folder.exists() and not folder.is_dir():
-            raise InputError("--out", "", "a folder", f"the file {folder}")
+        check_folder("--out", folder)
     if out.exists() and any(out.iterdir()):
         raise InputError("--out", "", "an empty folder, or none", f"{out}, which holds files", "name another")
 

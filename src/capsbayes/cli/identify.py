@@ -56,6 +56,7 @@ def identify(
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
     import json
 
+    from capsbayes.cli.folder import check_folder
     from capsbayes.cli.posterior_tables import print_posterior
     from capsbayes.experiment import Experiment
     from capsbayes.inference import Prior
@@ -64,7 +65,7 @@ def identify(
     from capsbayes.measurement import Measurement
     from capsbayes.surrogate import Surrogate
 
-    _check_folder(out)
+    check_folder("--out", out)
     if capsule.suffix.lower() in PICTURES:
         measurement = _measured(capsule, experiment, velocity, background, flow, out, quiet=as_json)
         written = Prior()
@@ -139,30 +140,17 @@ def _named(measurement: Measurement) -> Path:
     return measurement.experiment_file
 
 
-def _check_folder(out: Path | None) -> None:
-    """Refuse a folder that cannot be made before any work is done."""
-    from capsbayes.errors import InputError
-
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError("--out", "", "a folder", f"the file {out}")
-
-
 def _write(posterior: Posterior, out: Path) -> None:
-    """Write all results into a folder beside, then move them: an error leaves nothing half done."""
+    """Write all results, or nothing."""
     import json
-    import os
-    import tempfile
 
+    from capsbayes.cli.folder import filled
     from capsbayes.report import corner_plot, outline_figure
     from capsbayes.report.corner_plot import SHOWN
 
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out, prefix=".unfinished-") as folder:
-        unfinished = Path(folder)
+    with filled(out) as unfinished:
         posterior.write(unfinished / "posterior.nc")
         (unfinished / "summary.json").write_text(json.dumps(posterior.as_dict(), indent=2) + "\n")
         corner_plot(posterior, (*SHOWN, *posterior.prior.coordinates)).savefig(unfinished / "corner.png", dpi=110)
         if posterior.outlines is not None:
             outline_figure(posterior).savefig(unfinished / "outline.png", dpi=140)
-        for made in sorted(unfinished.iterdir()):
-            os.replace(made, out / made.name)

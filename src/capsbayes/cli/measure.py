@@ -51,14 +51,14 @@ def measure(
     ] = None,
 ) -> None:
     """Measure the capsule in a picture, or all those in a film: lengths with their errors."""
+    from capsbayes.cli.folder import check_folder
     from capsbayes.cli.measure_film import measure_film
     from capsbayes.cli.measure_picture import measured_picture, pixel_size_of, speed_of
     from capsbayes.cli.measure_rtdc import measure_rtdc
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
 
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError("--out", "", "a folder", f"the file {out}")
+    check_folder("--out", out)
     kind = _kind(picture)
     options = {
         "--velocity": velocity,

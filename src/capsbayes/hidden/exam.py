@@ -13,6 +13,7 @@ from capsbayes.database import Database
 from capsbayes.hidden.answer import Answer, answered
 from capsbayes.hidden.cells import Cell
 from capsbayes.hidden.pools import pool_name
+from capsbayes.output_file import replaced
 from capsbayes.simulation.workers import computed
 from capsbayes.surrogate import Surrogate
 
@@ -92,7 +93,5 @@ def _read(path: Path) -> dict[int, Answer]:
 
 
 def _write(path: Path, answers: dict[int, Answer]) -> None:
-    partial_file = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     told = {str(seed): asdict(answer) for seed, answer in sorted(answers.items())}
-    partial_file.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-    os.replace(partial_file, path)
+    replaced(path, json.dumps(told, indent=1) + "\n")

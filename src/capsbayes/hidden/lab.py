@@ -53,7 +53,7 @@ class Lab:
     mean_velocities : tuple of float [m/s]
         Of the undisturbed flow at each flow rate.
     surface_shear_modulus : float [N/m]
-        Median of the capsules of `reference_size`.
+        Median of the capsules in the middle of `size_ratios`.
     spread : float
         Standard deviation of ln G_s between capsules.
     slope : float
@@ -86,14 +86,17 @@ class Lab:
     def log_density(self, surface_shear_modulus: Floats, size_ratio: Floats) -> Floats:
         """Logarithm of the density of ln G_s at given a/l, but for a constant; -inf outside the range of sizes."""
         low, high = self.size_ratios
-        middle = np.log(self.surface_shear_modulus) + self.slope * np.log(2.0 * size_ratio / (low + high))
-        away = (np.log(surface_shear_modulus) - middle) / self.spread
+        away = (np.log(surface_shear_modulus) - self._median(size_ratio)) / self.spread
         return np.where((size_ratio >= low) & (size_ratio <= high), -0.5 * away**2, -np.inf)
 
     def drawn(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
         """G_s [N/m], a/l and U [m/s] of capsules : (count,) arrays."""
         low, high = self.size_ratios
         size = rng.uniform(low, high, count)
-        middle = np.log(self.surface_shear_modulus) + self.slope * np.log(2.0 * size / (low + high))
-        modulus = np.exp(middle + self.spread * rng.standard_normal(count))
+        modulus = np.exp(self._median(size) + self.spread * rng.standard_normal(count))
         return modulus, size, rng.choice(np.array(self.mean_velocities), count)
+
+    def _median(self, size_ratio: Floats) -> Floats:
+        """Median of ln G_s at given a/l."""
+        relative = size_ratio / np.mean(self.size_ratios)
+        return np.asarray(np.log(self.surface_shear_modulus) + self.slope * np.log(relative))

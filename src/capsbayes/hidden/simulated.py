@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 
@@ -62,6 +63,7 @@ def simulated_session(
     number = np.round(np.maximum(lab.viscosity * speed / modulus, _LOWEST), _DIGITS)
     size_ratio = np.round(size_ratio, _DIGITS)
     simulator = simulator_with(hidden, size) if refinement is None else simulator_with(hidden, size, refinement)
+    Path(shapes).parent.mkdir(parents=True, exist_ok=True)
     there = build_database(simulator, list(zip(number, size_ratio, strict=True)), out=shapes, workers=workers).converged
     found = [_row(there, *case) for case in zip(number, size_ratio, strict=True)]
     rows = [(row, float(one)) for row, one in zip(found, speed, strict=True) if row is not None][:capsules]

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import capsbayes
+from capsbayes.output_file import replaced
 from capsbayes.verification.row import Row, Verdict
 from capsbayes.verification.section import Results, Section
-from capsbayes.verification.store import Store, replaced
+from capsbayes.verification.store import Store
 
 __all__ = ["write_page"]
 

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from capsbayes.errors import InputError
+from capsbayes.output_file import replaced
 from capsbayes.verification.section import Outcome, Results
 
-__all__ = ["Store", "replaced"]
-
-
-def replaced(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, path)
+__all__ = ["Store"]
 
 
 @dataclass(frozen=True)
