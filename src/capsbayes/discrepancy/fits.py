@@ -26,10 +26,9 @@ from capsbayes.prediction import Prediction
 __all__ = ["Fits", "Whitening", "fitted", "whitening"]
 
 Floats = NDArray[np.float64]
-Evaluated = tuple[list[Floats], list[Floats], Floats, Floats]
 
 _STEPS = 12
-_DIFFERENCE = (1e-3, 1e-4)  # of log Ca and a/l, for derivatives
+_DIFFERENCE = (3e-4, 3e-5)  # of log Ca and a/l, for derivatives
 _LONGEST = (0.3, 0.03)  # step
 _LOOSE = np.array([2.0, 1.0])  # standard deviations of a prior about the start: it holds what the data leave open
 _SETTLED = 1e-4  # of the misfit that is still to be gained
@@ -172,109 +171,152 @@ def fitted(
         log Ca and a/l to begin at, in place of the pilots; outside the model's domain the pilots take its place.
     """
     rest = {name: np.broadcast_to(np.asarray(value, float), len(session)) for name, value in (sizes or {}).items()}
-    rest = {**session.circumstances, **rest}
+    evaluate = _Evaluation(model, white, {**session.circumstances, **rest})
     centre = white.pilots
-    theta, (best, slopes, ratio, ratio_slopes) = _begun(model, white, rest, start)
-    value = _penalised(best, theta, centre)
-    damping, moving = np.full(len(theta), 1e-3), np.isfinite(value)
+    here = _begun(evaluate, start)
+    value = here.penalised(centre)
+    damping, moving = np.full(len(value), 1e-3), np.isfinite(value)
     for _ in range(_STEPS):
-        step, promised = _step(best, slopes, theta, centre, damping)
+        step, promised = here.step(centre, damping)
         moving &= promised > _SETTLED
-        if not moving.any():
+        rows = np.flatnonzero(moving)
+        if not len(rows):
             break
-        trial = np.where(moving[:, None], theta + step, theta)
-        found, found_slopes, found_ratio, found_ratio_slopes = _evaluated(model, white, rest, trial)
-        there = _penalised(found, trial, centre)
-        good = moving & (there < value + 1e-9)
-        for i in np.flatnonzero(good):
-            theta[i], best[i], slopes[i], value[i] = trial[i], found[i], found_slopes[i], there[i]
-            ratio[i], ratio_slopes[i] = found_ratio[i], found_ratio_slopes[i]
-        damping = np.where(good, damping / 10.0, damping * 10.0)
+        there = evaluate(here.theta[rows] + step[rows], rows)
+        reached = there.penalised(centre[rows])
+        better = reached < value[rows] + 1e-9
+        here.put(rows[better], there.taken(np.flatnonzero(better)))
+        value[rows[better]] = reached[better]
+        damping[rows] *= np.where(better, 0.1, 10.0)
         moving &= damping < 1e8
-    known = np.isfinite(value) & np.array([np.isfinite(slope).all() for slope in slopes], dtype=bool)
-    left = _step(best, slopes, theta, centre, damping)[1]
-    return _made(session, theta, best, slopes, ratio, ratio_slopes, known & (left < _NEAR))
+    known = np.isfinite(value) & here.differentiable
+    left = here.step(centre, damping)[1]
+    return _made(session, here, known & (left < _NEAR))
 
 
-def _begun(
-    model: ForwardModel, white: Whitening, rest: Mapping[str, Floats], start: Floats | None
-) -> tuple[Floats, Evaluated]:
-    """Where to begin (n, 2), and what is there."""
-    theta = np.array(white.pilots if start is None else start)
-    found = _evaluated(model, white, rest, theta)
-    outside = np.array([not np.isfinite(residual).all() for residual in found[0]])
-    if start is None or not outside.any():
-        return theta, found
-    theta[outside] = white.pilots[outside]
-    return theta, _evaluated(model, white, rest, theta)
+@dataclass(eq=False)
+class _Places:
+    """Where n capsules are, and what a model makes of them there.
+
+    Parameters
+    ----------
+    theta : (n, 2) array
+    residuals : list of n (m,) arrays
+        NaN outside the model's domain.
+    slopes : list of n (m, 2) arrays
+    ratio : (n,) array
+        v_o/U.
+    ratio_slopes : (n, 2) array
+    """
+
+    theta: Floats
+    residuals: list[Floats]
+    slopes: list[Floats]
+    ratio: Floats
+    ratio_slopes: Floats
+
+    def taken(self, rows: NDArray[np.int64]) -> _Places:
+        """Some of them."""
+        each = [self.residuals[i] for i in rows], [self.slopes[i] for i in rows]
+        return _Places(self.theta[rows], *each, self.ratio[rows], self.ratio_slopes[rows])
+
+    def put(self, rows: NDArray[np.int64], others: _Places) -> None:
+        """Replace some."""
+        self.theta[rows], self.ratio[rows], self.ratio_slopes[rows] = others.theta, others.ratio, others.ratio_slopes
+        for i, residual, slope in zip(rows, others.residuals, others.slopes, strict=True):
+            self.residuals[i], self.slopes[i] = residual, slope
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which have a shape of the model : (n,) array."""
+        return np.array([np.isfinite(residual).all() for residual in self.residuals], dtype=bool)
+
+    @property
+    def differentiable(self) -> NDArray[np.bool_]:
+        """Which have slopes : (n,) array."""
+        return np.array([np.isfinite(slope).all() for slope in self.slopes], dtype=bool)
+
+    def penalised(self, centre: Floats) -> Floats:
+        """What is minimised, with a loose prior about centres (n, 2) : (n,) array, infinite outside the domain."""
+        misfit = np.array([residual @ residual for residual in self.residuals])
+        found = misfit + np.sum(((self.theta - centre) / _LOOSE) ** 2, axis=1)
+        return np.where(np.isfinite(found), found, np.inf)
+
+    def step(self, centre: Floats, damping: Floats) -> tuple[Floats, Floats]:
+        """Damped Gauss-Newton step (n, 2), and by how much the whole one would lower what is minimised (n,)."""
+        known = np.flatnonzero(self.inside & self.differentiable)
+        step, promised = np.zeros_like(self.theta), np.zeros(len(self.theta))
+        if not len(known):
+            return step, promised
+        matrix = np.array([self.slopes[i].T @ self.slopes[i] for i in known]) + np.diag(1.0 / _LOOSE**2)
+        pull = np.array([self.slopes[i].T @ self.residuals[i] for i in known])
+        pull += (self.theta[known] - centre[known]) / _LOOSE**2
+        promised[known] = np.sum(pull * _solved(matrix, pull), axis=1)
+        diagonal = np.eye(2) * matrix
+        step[known] = -_solved(matrix + damping[known, None, None] * diagonal, pull)
+        return np.clip(step, -np.array(_LONGEST), _LONGEST), promised
 
 
-def _made(
-    session: Session,
-    theta: Floats,
-    residuals: list[Floats],
-    slopes: list[Floats],
-    ratio: Floats,
-    ratio_slopes: Floats,
-    settled: NDArray[np.bool_],
-) -> Fits:
-    speed = session.circumstances["capsule_velocity"] / ratio
-    log_modulus = np.log(session.mean("viscosity") * speed) - theta[:, 0]
-    covariance = np.full((len(theta), 2, 2), np.nan)
-    for i, slope in enumerate(slopes):
-        if np.isfinite(slope).all():
-            spread = np.linalg.inv(slope.T @ slope + np.diag(1.0 / _LOOSE**2))
-            along = np.array([[-1.0 - ratio_slopes[i, 0] / ratio[i], -ratio_slopes[i, 1] / ratio[i]], [0.0, 1.0]])
-            covariance[i] = along @ spread @ along.T
+def _solved(matrices: Floats, sides: Floats) -> Floats:
+    return np.asarray(np.linalg.solve(matrices, sides[..., None])[..., 0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Evaluation:
+    """What a model makes of some of the capsules somewhere; `rest` holds the circumstances and sizes of all."""
+
+    model: ForwardModel
+    white: Whitening
+    rest: Mapping[str, Floats]
+
+    def __call__(self, theta: Floats, rows: NDArray[np.int64]) -> _Places:
+        """Evaluate at theta (k, 2) the capsules of k rows."""
+        found = self._towards(theta, rows, 1.0)
+        edge = np.flatnonzero(found.inside & ~found.differentiable)  # of the domain: look the other way
+        if len(edge):
+            found.put(edge, self._towards(theta[edge], rows[edge], -1.0))
+        return found
+
+    def _towards(self, theta: Floats, rows: NDArray[np.int64], sign: float) -> _Places:
+        """With slopes by differences to one side."""
+        shifts = sign * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) * _DIFFERENCE
+        points = (theta[:, None] + shifts).reshape(-1, 2)
+        batch = {name: np.repeat(values[rows], len(shifts)) for name, values in self.rest.items()}
+        batch |= {"capillary_number": np.exp(points[:, 0]), "size_ratio": points[:, 1]}
+        prediction = self.model(batch, outline=self.white.outline)
+        ratio = prediction.velocity_ratio.reshape(-1, len(shifts))
+        residuals, slopes = [], []
+        for k, row in enumerate(rows):
+            seen = self.white.each[row](prediction.taken(slice(len(shifts) * k, len(shifts) * (k + 1))))
+            residuals.append(seen[0])
+            slopes.append((seen[1:] - seen[0]).T / (sign * np.array(_DIFFERENCE)))
+        ratio_slopes = (ratio[:, 1:] - ratio[:, :1]) / (sign * np.array(_DIFFERENCE))
+        return _Places(theta, residuals, slopes, ratio[:, 0], ratio_slopes)
+
+
+def _begun(evaluate: _Evaluation, start: Floats | None) -> _Places:
+    """The capsules at a start (n, 2); at their pilots where the model has no shape there, or if there is none."""
+    pilots = evaluate.white.pilots
+    found = evaluate(np.array(pilots if start is None else start), np.arange(len(pilots)))
+    outside = np.flatnonzero(~found.inside)
+    if start is not None and len(outside):
+        found.put(outside, evaluate(pilots[outside], outside))
+    return found
+
+
+def _made(session: Session, places: _Places, settled: NDArray[np.bool_]) -> Fits:
+    speed = session.circumstances["capsule_velocity"] / places.ratio
+    log_modulus = np.log(session.mean("viscosity") * speed) - places.theta[:, 0]
+    covariance = np.full((len(settled), 2, 2), np.nan)
+    for i in np.flatnonzero(places.differentiable):
+        slope = places.slopes[i]
+        spread = np.linalg.inv(slope.T @ slope + np.diag(1.0 / _LOOSE**2))
+        by_ca, by_size = -places.ratio_slopes[i] / places.ratio[i]
+        along = np.array([[by_ca - 1.0, by_size], [0.0, 1.0]])
+        covariance[i] = along @ spread @ along.T
     covariance[:, 0, 0] += np.square(session.velocity_errors)
-    return Fits(theta, tuple(residuals), tuple(slopes), log_modulus, theta[:, 1], covariance, settled)
-
-
-def _evaluated(model: ForwardModel, white: Whitening, rest: Mapping[str, Floats], theta: Floats) -> Evaluated:
-    """Residual (m,) and slopes (m, 2) of each capsule, v_o/U (n,) and its slopes (n, 2)."""
-    shifts = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]) * _DIFFERENCE
-    points = (theta[:, None] + shifts).reshape(-1, 2)
-    batch = {name: np.repeat(values, len(shifts)) for name, values in rest.items()}
-    batch |= {"capillary_number": np.exp(points[:, 0]), "size_ratio": points[:, 1]}
-    prediction = model(batch, outline=white.outline)
-    ratio = prediction.velocity_ratio.reshape(-1, len(shifts))
-    residuals, slopes = [], []
-    for i, whitener in enumerate(white.each):
-        here = whitener(prediction.taken(slice(len(shifts) * i, len(shifts) * (i + 1))))
-        residuals.append(here[0])
-        slopes.append(np.stack([_slope(here, axis) for axis in range(2)], axis=1))
-    ratio_slopes = np.stack([_slope(ratio.T, axis) for axis in range(2)], axis=1)
-    return residuals, slopes, ratio[:, 0], ratio_slopes
-
-
-def _slope(values: Floats, axis: int) -> Floats:
-    """Derivative from rows (here, up, down, up, down), to one side where the other is outside the domain."""
-    up, down, step = values[1 + 2 * axis], values[2 + 2 * axis], _DIFFERENCE[axis]
-    central = (up - down) / (2.0 * step)
-    forth, back = (up - values[0]) / step, (values[0] - down) / step
-    return np.where(np.isfinite(central), central, np.where(np.isfinite(forth), forth, back))
-
-
-def _step(
-    residuals: list[Floats], slopes: list[Floats], theta: Floats, centre: Floats, damping: Floats
-) -> tuple[Floats, Floats]:
-    """Damped Gauss-Newton step (n, 2), and by how much the whole one would lower what is minimised (n,)."""
-    step, promised = np.zeros_like(theta), np.zeros(len(theta))
-    for i, (residual, slope) in enumerate(zip(residuals, slopes, strict=True)):
-        if not (np.isfinite(residual).all() and np.isfinite(slope).all()):
-            continue
-        matrix = slope.T @ slope + np.diag(1.0 / _LOOSE**2)
-        pull = slope.T @ residual + (theta[i] - centre[i]) / _LOOSE**2
-        promised[i] = pull @ np.linalg.solve(matrix, pull)
-        step[i] = -np.linalg.solve(matrix + damping[i] * np.diag(np.diag(matrix)), pull)
-    return np.clip(step, -np.array(_LONGEST), _LONGEST), promised
-
-
-def _penalised(residuals: list[Floats], theta: Floats, centre: Floats) -> Floats:
-    """What is minimised : (n,) array, infinite outside the domain."""
-    misfit = np.array([residual @ residual for residual in residuals])
-    found = misfit + np.sum(((theta - centre) / _LOOSE) ** 2, axis=1)
-    return np.where(np.isfinite(found), found, np.inf)
+    theta = places.theta
+    return Fits(theta, tuple(places.residuals), tuple(places.slopes), log_modulus, theta[:, 1], covariance, settled)
 
 
 def _pilots(model: ForwardModel, session: Session) -> Floats:
