@@ -73,7 +73,7 @@ RECIPES: dict[str, Recipe] = {
         for section in ("square", "circular")
     },
     "square-hardening": _effect("hardening", 0.1, 0.3, 1.0, 3.0, 10.0, law="skalak"),
-    "square-strain-hardening": _effect("strain_hardening", 0.0, 0.5, 1.0, law="strain-hardening"),
+    "square-strain-hardening": _effect("strain_hardening", 0.0, 0.25, 0.5, 1.0, law="strain-hardening"),
     "square-bending": _effect("bending", 5e-5, 2e-4, 1e-3, 3e-3),
     "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
     "square-corner-radius": _effect("corner_radius", 0.0, 0.1, 0.2),
