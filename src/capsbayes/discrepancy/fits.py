@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -39,6 +39,11 @@ _SCOUTS = (60, 40)
 class Whitener(Protocol):
     """What is left of one capsule's measurement beside predictions."""
 
+    @property
+    def placed(self) -> int:
+        """How many numbers its place in the picture has taken up already."""
+        ...
+
     def __call__(self, prediction: Prediction) -> Floats:
         """Whitened differences (k, m) from k predictions, NaN outside the model's domain."""
         ...
@@ -50,6 +55,7 @@ class OfLengths:
 
     lengths: Floats
     factor: Floats
+    placed: ClassVar[int] = 0
 
     def __call__(self, prediction: Prediction) -> Floats:
         """See `Whitener`."""
@@ -65,6 +71,7 @@ class OfOutline:
     """A measured outline; its likelihood holds the covariance."""
 
     likelihood: OutlineLikelihood
+    placed: ClassVar[int] = 3  # shifts and tilt
 
     def __call__(self, prediction: Prediction) -> Floats:
         """See `Whitener`."""
@@ -109,6 +116,8 @@ class Fits:
         Of ln G_s and a/l.
     settled : (n,) bool array
         Whether the steps came to the least misfit, within the model's domain.
+    freedom : (n,) array
+        Numbers measured of each capsule less those that are fitted: Ca, a/l, and place and tilt of an outline.
     """
 
     theta: Floats
@@ -118,16 +127,12 @@ class Fits:
     size: Floats
     covariance: Floats
     settled: NDArray[np.bool_]
+    freedom: NDArray[np.int64]
 
     @property
     def misfit(self) -> Floats:
         """Sum of the squares of what is left of each capsule : (n,) array."""
         return np.array([residual @ residual for residual in self.residuals])
-
-    @property
-    def freedom(self) -> NDArray[np.int64]:
-        """Numbers measured of each capsule less the two that are fitted : (n,) array."""
-        return np.array([len(residual) - 2 for residual in self.residuals])
 
 
 def whitening(model: ForwardModel, session: Session) -> Whitening:
@@ -191,7 +196,7 @@ def fitted(
         moving &= damping < 1e8
     known = np.isfinite(value) & here.differentiable
     left = here.step(centre, damping)[1]
-    return _made(session, here, known & (left < _NEAR))
+    return _made(session, white, here, known & (left < _NEAR))
 
 
 @dataclass(eq=False)
@@ -304,7 +309,7 @@ def _begun(evaluate: _Evaluation, start: Floats | None) -> _Places:
     return found
 
 
-def _made(session: Session, places: _Places, settled: NDArray[np.bool_]) -> Fits:
+def _made(session: Session, white: Whitening, places: _Places, settled: NDArray[np.bool_]) -> Fits:
     speed = session.circumstances["capsule_velocity"] / places.ratio
     log_modulus = np.log(session.mean("viscosity") * speed) - places.theta[:, 0]
     covariance = np.full((len(settled), 2, 2), np.nan)
@@ -315,8 +320,9 @@ def _made(session: Session, places: _Places, settled: NDArray[np.bool_]) -> Fits
         along = np.array([[by_ca - 1.0, by_size], [0.0, 1.0]])
         covariance[i] = along @ spread @ along.T
     covariance[:, 0, 0] += np.square(session.velocity_errors)
-    theta = places.theta
-    return Fits(theta, tuple(places.residuals), tuple(places.slopes), log_modulus, theta[:, 1], covariance, settled)
+    freedom = [len(left) - 2 - seen.placed for left, seen in zip(places.residuals, white.each, strict=True)]
+    each = tuple(places.residuals), tuple(places.slopes)
+    return Fits(places.theta, *each, log_modulus, places.theta[:, 1], covariance, settled, np.array(freedom))
 
 
 def _pilots(model: ForwardModel, session: Session) -> Floats:

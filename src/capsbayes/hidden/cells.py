@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from capsbayes.hidden.hideable import HIDEABLE
+from capsbayes.hidden.hideable import HIDEABLE, Hideable
 from capsbayes.hidden.lab import Lab, Noise
 from capsbayes.hidden.pools import POOLS
 
@@ -25,6 +25,11 @@ _DRAWN = {  # a small and a clear size of what is not simulated, in SI
     "swelling": (2.5, 6.0),
     "modulus_slope": (0.7, 2.0),
 }
+_PAIRS = (
+    (("halo", 5e-7), ("pre_inflation", 0.07)),
+    (("exposure", 3e-4), ("bending", 2e-3)),
+    (("pixel_scale", 0.025), ("rest_aspect", 1.075)),
+)
 _SESSIONS = 24
 
 
@@ -49,6 +54,10 @@ class Cell:
         Whether outlines are measured, or lengths alone.
     clear : bool
         Whether it moves edges by 0.02 l or more, or the apparent G_s of some capsules by 10 % or more beside others.
+    also : tuple of (str, float)
+        What else is hidden, and its size.
+    decoy : bool
+        Whether a random pattern is all that is tried.
     """
 
     name: str
@@ -61,6 +70,8 @@ class Cell:
     removed: tuple[str, ...] = ()
     outline: bool = True
     clear: bool = False
+    also: tuple[tuple[str, float], ...] = ()
+    decoy: bool = False
 
     @property
     def null(self) -> bool:
@@ -68,9 +79,22 @@ class Cell:
         return self.effect == "none"
 
     @property
+    def sizes(self) -> dict[str, float]:
+        """Of all that is hidden, by name."""
+        return {self.effect: self.size, **dict(self.also)}
+
+    @property
+    def hidden(self) -> Hideable:
+        """All that is hidden, its size that of `effect`."""
+        found = HIDEABLE[self.effect]
+        for name, size in self.also:
+            found = found.beside(HIDEABLE[name], size)
+        return found
+
+    @property
     def shapes(self) -> tuple[str, float]:
         """The pool of shapes from which its capsules come."""
-        return (self.effect, self.size) if (self.effect, self.size) in POOLS else ("none", 0.0)
+        return next((pair for pair in self.sizes.items() if pair in POOLS), ("none", 0.0))
 
 
 def _cells() -> list[Cell]:
@@ -90,6 +114,14 @@ def _cells() -> list[Cell]:
     cells += [
         Cell(f"{shown[effect]} {size:g}, not in the catalogue", effect, size, False, removed=(effect,))
         for effect, size in (("pre_inflation", 0.07), ("bending", 2e-3), ("rest_aspect", 1.075), ("exposure", 3e-4))
+    ]
+    cells += [
+        Cell(f"{shown[one]} {size:g} with {shown[other]} {other_size:g}", one, size, True, also=((other, other_size),))
+        for (one, size), (other, other_size) in _PAIRS
+    ]
+    cells += [
+        Cell(f"{shown[effect]} {size:g}, a random pattern tried", effect, size, False, decoy=True)
+        for effect, size in (("pre_inflation", 0.07), ("bending", 2e-3), ("halo", 5e-7))
     ]
     cells += [Cell(f"pattern {size:g}", "pattern", size, False) for size in (0.01, 0.02)]
     return [*cells, Cell("generalised Hooke membrane", "hooke", 0.5, False)]

@@ -7,19 +7,16 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from capsbayes.errors import InputError
 from capsbayes.hidden.capsule import Capsule
 from capsbayes.hidden.lab import Lab
 from capsbayes.hidden.optics import enlarged, grown, smeared
+from capsbayes.hidden.pattern import smooth_pattern
 from capsbayes.membrane import GeneralisedHooke, Skalak, StrainHardening
 
 __all__ = ["HIDEABLE", "Hideable", "hideable_named"]
 
 Drawn = Callable[[Capsule, float, Lab, int], Capsule]
-
-_WAVES = 6  # of the arc, of a smooth pattern
 
 
 def _as_it_is(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
@@ -49,6 +46,17 @@ class Hideable:
     drawn: Drawn = _as_it_is
     lab: Callable[[Lab, float], Lab] = lambda lab, size: lab
 
+    def beside(self, other: Hideable, other_size: float) -> Hideable:
+        """This, and another of a given size, which is drawn first."""
+        return replace(
+            self,
+            simulated=lambda size: {**other.simulated(other_size), **self.simulated(size)},
+            drawn=lambda capsule, size, lab, seed: self.drawn(
+                other.drawn(capsule, other_size, lab, seed), size, lab, seed
+            ),
+            lab=lambda lab, size: self.lab(other.lab(lab, other_size), size),
+        )
+
 
 def _parameter(name: str) -> Hideable:
     return Hideable(name, simulated=lambda size: {name: size})
@@ -76,16 +84,7 @@ def _swollen(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
 
 def _patterned(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
     """Edges displaced by a smooth random function of the arc, of root mean square `size`, the same for all capsules."""
-    rng = np.random.default_rng([seed, _WAVES])
-    cosines, sines = rng.standard_normal((2, _WAVES))
-    closed = np.concatenate([capsule.outline, capsule.outline[:1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
-    phase = 2.0 * np.pi * np.outer(arc[:-1] / arc[-1], np.arange(1, _WAVES + 1))
-    pattern = np.cos(phase) @ cosines + np.sin(phase) @ sines
-    pattern *= size / np.sqrt(0.5 * np.sum(cosines**2 + sines**2))
-    chord = np.roll(capsule.outline, -1, axis=0) - np.roll(capsule.outline, 1, axis=0)
-    outward = np.stack([chord[:, 1], -chord[:, 0]], axis=1) / np.hypot(chord[:, 0], chord[:, 1])[:, None]
-    return replace(capsule, outline=capsule.outline + pattern[:, None] * outward)
+    return replace(capsule, outline=capsule.outline + size * smooth_pattern(capsule.outline, seed))
 
 
 HIDEABLE = MappingProxyType(

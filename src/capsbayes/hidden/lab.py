@@ -67,7 +67,7 @@ class Lab:
     half_width_error: float = 0.25e-6
     viscosity: float = 0.8
     viscosity_error: float = 0.02
-    mean_velocities: tuple[float, ...] = (2.0e-3, 2.7e-3, 3.6e-3, 4.8e-3)
+    mean_velocities: tuple[float, ...] = (2.6e-3, 3.2e-3, 4.0e-3, 5.0e-3)
     surface_shear_modulus: float = 0.05
     spread: float = 0.1
     slope: float = 0.0

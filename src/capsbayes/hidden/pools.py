@@ -18,7 +18,7 @@ from capsbayes.simulation.grid import Cases
 
 __all__ = ["POOLS", "build_pools", "pool_name", "simulator_with"]
 
-_CAPILLARY_NUMBERS = (0.0235, 0.028, 0.033, 0.0385, 0.0455, 0.053, 0.0625, 0.073, 0.085, 0.0985)
+_CAPILLARY_NUMBERS = (0.0315, 0.0365, 0.042, 0.0475, 0.0545, 0.0625, 0.0725, 0.0845, 0.0965, 0.107)
 _SIZE_RATIOS = (0.79, 0.818, 0.84, 0.866, 0.886, 0.91, 0.938, 0.963)
 _REFINEMENT = 10  # neither that of the plain databases nor that of the effects
 
