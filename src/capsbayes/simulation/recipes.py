@@ -76,7 +76,7 @@ RECIPES: dict[str, Recipe] = {
     "square-strain-hardening": _effect("strain_hardening", 0.0, 0.25, 0.5, 1.0, law="strain-hardening"),
     "square-bending": _effect("bending", 5e-5, 2e-4, 1e-3, 3e-3),
     "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
-    "square-corner-radius": _effect("corner_radius", 0.0, 0.1, 0.2),
+    "square-corner-radius": _effect("corner_radius", 0.0, 0.05, 0.1, 0.15, 0.2),
     "square-unsteadiness": Recipe(Entering(_COARSE), parachute_grid(), "unsteadiness", (0.0, 0.5, 1.0, 2.0)),
     "square-section-aspect": replace(
         _effect("section_aspect", 0.9, 1.0, 1.1, section="rectangular"), cases=parachute_grid()
