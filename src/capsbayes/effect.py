@@ -17,11 +17,11 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from capsbayes.model import Domain, Doubting, ForwardModel, view_of
+from capsbayes.model import Domain, Doubting, ForwardModel, outline_modes_of, view_of
 from capsbayes.parameters import Parameter
 from capsbayes.prediction import Prediction
 
-__all__ = ["Effect", "Extendable", "ExtendableModel", "Extended", "Held", "Kind"]
+__all__ = ["Effect", "Extendable", "ExtendableModel", "Extended", "Held", "Kind", "circumstances_of"]
 
 Floats = NDArray[np.float64]
 Theta = Mapping[str, NDArray[np.float64]]
@@ -84,6 +84,11 @@ class Effect(Protocol):
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict a batch with the effect; ``theta`` holds its parameter and its circumstances as well."""
         ...
+
+
+def circumstances_of(model: ForwardModel) -> tuple[str, ...]:
+    """What a model must know of each capsule besides Ca and a/l, and the sizes of its effects."""
+    return tuple(getattr(model, "circumstances", ()))
 
 
 class Extendable:
@@ -152,6 +157,11 @@ class Extended(_Around):
         return f"{self.model.name} + {self.effect.name}"
 
     @property
+    def circumstances(self) -> tuple[str, ...]:
+        """What its effects must know of each capsule."""
+        return (*circumstances_of(self.model), *self.effect.circumstances)
+
+    @property
     def sha256(self) -> str:
         """Fingerprint of the model with the effect."""
         return hashlib.sha256(f"{self.model.sha256} {self.effect!r}".encode()).hexdigest()
@@ -179,6 +189,13 @@ class Extended(_Around):
             raise KeyError(f"{self.effect.name}: theta lacks {', '.join(missing)}")
         return self.effect(self.model, theta, outline=outline)
 
+    def outline_modes(self, **theta: float) -> Floats | None:
+        """Own error of the outline at one point, see `outline_modes_of`: the effect's if it has one, or the model's."""
+        modes = getattr(self.effect, "outline_modes", None)
+        if modes is None or self.effect.parameter.name not in theta:
+            return outline_modes_of(self.model, theta)
+        return np.asarray(modes(self.model, theta))
+
 
 @dataclass(frozen=True, eq=False)
 class Held(_Around):
@@ -192,6 +209,11 @@ class Held(_Around):
     """
 
     sizes: Mapping[str, float]
+
+    @property
+    def circumstances(self) -> tuple[str, ...]:
+        """Those of the model."""
+        return circumstances_of(self.model)
 
     @property
     def name(self) -> str:
@@ -209,3 +231,7 @@ class Held(_Around):
         return self.model(
             {**theta, **{name: np.full(count, size) for name, size in self.sizes.items()}}, outline=outline
         )
+
+    def outline_modes(self, **theta: float) -> Floats | None:
+        """Own error of the outline at one point, see `outline_modes_of`."""
+        return outline_modes_of(self.model, {**theta, **self.sizes})

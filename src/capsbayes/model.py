@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from capsbayes.measured_outline import SECTION
 from capsbayes.prediction import Prediction
 
-__all__ = ["TWO_SHAPES", "WRINKLES", "Domain", "Doubting", "ForwardModel", "view_of"]
+__all__ = ["TWO_SHAPES", "WRINKLES", "Domain", "Doubting", "ForwardModel", "outline_modes_of", "view_of"]
 
 TWO_SHAPES = "two shapes"
 """Doubt of a model that answers for capsules started from rest, where another shape is stable too."""
@@ -76,3 +76,12 @@ class Doubting(Protocol):
 def view_of(model: ForwardModel) -> str:
     """Which outlines a model predicts, one of `capsbayes.measured_outline.VIEWS`; sections if it does not say."""
     return str(getattr(model, "view", SECTION))
+
+
+def outline_modes_of(model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64] | None:
+    """A model's own error of the outline at one point, as independent displacements along its normals.
+
+    Each is one standard deviation : (k, p) array [l]; None if the model does not say.
+    """
+    modes = getattr(model, "outline_modes", None)
+    return None if modes is None else modes(**theta)

@@ -133,7 +133,7 @@ def test_a_capsule_that_a_model_cannot_have_made_is_less_likely_than_any_other(m
     session, _ = drawn_session(model, CAPSULES, seed=9, outline=True)
     fits = fitted(model, session, whitening(model, session))
     lost = np.arange(CAPSULES) < 3
-    found = log_likelihood(replace(fits, settled=fits.settled & ~lost))
+    found = log_likelihood(replace(fits, known=fits.known & ~lost))
     assert found[lost].max() < found[~lost].min()
     assert found.sum() < log_likelihood(fits).sum()
-    assert np.isfinite(log_likelihood(replace(fits, settled=np.zeros(CAPSULES, dtype=bool)))).all()
+    assert np.isfinite(log_likelihood(replace(fits, known=np.zeros(CAPSULES, dtype=bool)))).all()

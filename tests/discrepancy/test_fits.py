@@ -7,7 +7,7 @@ from sessions import drawn_session
 from capsbayes import Surrogate
 from capsbayes.discrepancy.fits import fitted, whitening
 from capsbayes.discrepancy.session import Session
-from capsbayes.effects import Halo
+from capsbayes.effects import Halo, catalogue
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +49,21 @@ def test_the_size_of_an_effect_lowers_the_misfit_where_it_is_true(model):
     ]
     assert int(np.argmin(misfits)) == 2
     assert misfits[0] - misfits[2] > 50.0
+
+
+def test_capsules_far_from_the_model_are_fitted_with_the_effect_that_they_have(model):
+    """Their shapes without it are on the other side of the snap-through."""
+    inflation = catalogue()["pre_inflation"]
+    sizes = {"pre_inflation": 0.1}
+    session, truth = drawn_session(model + inflation, 12, seed=6, outline=True, sizes=sizes)
+    white = whitening(model, session)
+    without, fits = fitted(model, session, white), fitted(model + inflation, session, white, sizes)
+    assert without.ill.sum() > 6
+    fitted(model + catalogue()["swelling"], session, white, {"swelling": 5.0})  # sought from elsewhere too, in vain
+    assert np.median(white.pilots[:, 0] - truth["log_ca"]) < -0.5
+    assert not fits.ill.any()
+    score = (fits.log_modulus - truth["log_modulus"]) / np.sqrt(fits.covariance[:, 0, 0])
+    assert np.abs(score).max() < 4.0
 
 
 def test_halves_are_disjoint_and_alike(model):

@@ -7,7 +7,7 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.inference.normal_distance import footing, normal_distances
-from capsbayes.inference.outline_likelihood import OutlineLikelihood
+from capsbayes.inference.outline_likelihood import OutlineLikelihood, aligned_with
 from capsbayes.measured_outline import OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
@@ -66,6 +66,18 @@ def test_distances_from_a_circle_are_exact():
     np.testing.assert_allclose(distances[0], feet.distance)
     assert np.isnan(distances[1]).all()
     assert distances[2, 0] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_points_are_shifted_and_turned_onto_each_outline_if_asked(model):
+    here, there = outlines(model, [0.03, 0.85])[0], outlines(model, [0.09, 0.9])[0]
+    angle = 0.02
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    points = there[::4] @ turn + [0.2, -0.1]
+    both = np.stack([here, there])
+    assert np.abs(normal_distances(points, both)[1]).max() > 0.05
+    distances = normal_distances(points, both, posed=True)
+    np.testing.assert_allclose(distances[1], 0.0, atol=1e-4)
+    np.testing.assert_allclose(distances[0], aligned_with(points, here)[1].distance, atol=5e-3)
 
 
 def test_points_of_the_rear_do_not_jump_across_the_rim(model):

@@ -196,7 +196,7 @@ def diagnose(
     if finding.chance > level:
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
         return made(verdict, steps=(), verification=None, model=model, sizes={})
-    steps, explained = searched(model, effects, discover, white, seed=seed, measured=measured or {}, tell=told)
+    steps, explained = searched(model, effects, discover, white, fits, seed=seed, measured=measured or {}, tell=told)
     if not steps[0].alike:
         return made(Verdict.UNKNOWN, steps=steps, verification=None, model=model, sizes={})
     told("the capsules laid aside")
@@ -225,19 +225,20 @@ class _Told:
 
 
 def _verified(model: ExtendableModel, steps: Sequence[Step], confirm: Session, seed: int) -> Verification:
-    """The second half beside the model, and beside it with each effect more."""
+    """The second half beside the model, and beside it with each effect more.
+
+    Gains are of one covariance for all; what is left over in the end, of that of the model with the effects.
+    """
     white = whitening(model, confirm)
     models: list[ExtendableModel] = [model, *(step.after for step in steps if step.alike)]
     fits = [fitted(one, confirm, white) for one in models]
     likelihoods = np.array([log_likelihood(one) for one in fits])
     each = [Gain.of(gains) for gains in np.diff(likelihoods, axis=0)]
-    ends = [
-        (find(models[i], confirm, seed=seed, white=white, fits=fits[i]), Compared(confirm, models[i], fits[i]))
-        for i in (0, -1)
-    ]
     gains = likelihoods[-1] - likelihoods[0]
     whole = Gain.of(gains)
-    (before, compared_before), (after, compared_after) = ends
-    return Verification(
-        whole.mean, whole.error, before, after, gains, tuple(each), compared=(compared_before, compared_after)
-    )
+    before = find(model, confirm, seed=seed, white=white, fits=fits[0])
+    own = whitening(models[-1], confirm)
+    last = fitted(models[-1], confirm, own)
+    after = find(models[-1], confirm, seed=seed, white=own, fits=last)
+    compared = Compared(confirm, model, fits[0]), Compared(confirm, models[-1], last)
+    return Verification(whole.mean, whole.error, before, after, gains, tuple(each), compared)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import beta, binom
 
 from capsbayes.discrepancy.fits import Fits, OfOutline, Whitening, fitted, whitening
 from capsbayes.discrepancy.regions import REGIONS, region_displacements
@@ -31,6 +32,7 @@ __all__ = ["TRENDS", "Deviation", "Finding", "find"]
 Floats = NDArray[np.float64]
 
 _FLIPS = 4999
+_WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
 _FEWEST = 4  # contributions, up to which a deviation is not judged
 TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
 
@@ -143,7 +145,18 @@ def find(
         Deviation(one.name, one.size * one.scale, one.error * one.scale, one.unit, float(chance))
         for one, chance in by_surprise
     ]
-    return Finding(tuple(found), noise, len(done))
+    found += _without_a_shape(fits)
+    return Finding(tuple(sorted(found, key=lambda one: one.chance)), noise, len(done))
+
+
+def _without_a_shape(fits: Fits) -> list[Deviation]:
+    """That many capsules have no shape of the model, if more than a right model leaves."""
+    ill, count = int(fits.ill.sum()), len(fits.ill)
+    if ill <= _WITHOUT * count:
+        return []
+    chance = float(binom.sf(ill - 1, count, _WITHOUT))
+    share, error = beta(ill + 1, count - ill + 1).stats()
+    return [Deviation("share of capsules without a shape", float(share), float(np.sqrt(error)), "", chance)]
 
 
 @dataclass(frozen=True, eq=False)

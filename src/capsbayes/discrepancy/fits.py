@@ -18,6 +18,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.discrepancy.session import Session
+from capsbayes.effect import circumstances_of
 from capsbayes.inference.outline_likelihood import OutlineLikelihood, outline_likelihood
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -33,7 +34,10 @@ _LONGEST = (0.3, 0.03)  # step
 _LOOSE = np.array([2.0, 1.0])  # standard deviations of a prior about the start: it holds what the data leave open
 _SETTLED = 1e-4  # of the misfit that is still to be gained
 _NEAR = 0.1  # of the misfit still to be gained, from which a capsule counts as not fitted
-_SCOUTS = (60, 40)
+_ILL = 4.0  # misfit over its freedom, from which a capsule has no shape of the model: twice the stated noise
+_AGAIN = 2.0  # misfit over its freedom, from which a fit is sought from elsewhere too
+_SCOUTS = (60, 40)  # along log Ca and a/l
+_BANDS = 4  # of Ca, in each of which a capsule that is not fitted is tried again
 
 
 class Whitener(Protocol):
@@ -77,7 +81,7 @@ class OfOutline:
         """See `Whitener`."""
         assert prediction.outline is not None, "asked for"
         outlines = np.where(prediction.inside[:, None, None], prediction.outline, np.nan)
-        return self.likelihood.whitened(outlines, prediction.axial_length)
+        return self.likelihood.whitened(outlines, prediction.axial_length, posed=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +118,10 @@ class Fits:
         ln G_s [N/m] at the mean viscosity, and a/l.
     covariance : (n, 2, 2) array
         Of ln G_s and a/l.
+    known : (n,) bool array
+        Whether the model has any shape for it.
     settled : (n,) bool array
-        Whether the steps came to the least misfit, within the model's domain.
+        Whether the steps came to the least misfit, and not to the border of the model's domain.
     freedom : (n,) array
         Numbers measured of each capsule less those that are fitted: Ca, a/l, and place and tilt of an outline.
     """
@@ -126,8 +132,14 @@ class Fits:
     log_modulus: Floats
     size: Floats
     covariance: Floats
+    known: NDArray[np.bool_]
     settled: NDArray[np.bool_]
     freedom: NDArray[np.int64]
+
+    @property
+    def ill(self) -> NDArray[np.bool_]:
+        """Which have no shape of the model: none at all, none but at its border, or a misfit far beyond the noise."""
+        return ~(self.settled & (self.misfit < _ILL * np.maximum(self.freedom, 1)))
 
     @property
     def misfit(self) -> Floats:
@@ -145,7 +157,7 @@ def whitening(model: ForwardModel, session: Session) -> Whitening:
     InputError
         If a capsule has a shape that the model has not.
     """
-    pilots = _pilots(model, session)
+    pilots = _scouts(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
     outline = any(one.outline is not None for one in session.measurements)
     made = Whitening(_whiteners(model, session, pilots), pilots, outline)
     if not outline:
@@ -161,6 +173,8 @@ def fitted(
     white: Whitening,
     sizes: Mapping[str, ArrayLike] | None = None,
     start: Floats | None = None,
+    *,
+    everywhere: bool = True,
 ) -> Fits:
     """Fit a model to every capsule.
 
@@ -174,11 +188,39 @@ def fitted(
         Parameters of effects of the model.
     start : (n, 2) array, optional
         log Ca and a/l to begin at, in place of the pilots; outside the model's domain the pilots take its place.
+    everywhere : bool
+        Whether a capsule that is not fitted from there is tried again from elsewhere.
     """
     rest = {name: np.broadcast_to(np.asarray(value, float), len(session)) for name, value in (sizes or {}).items()}
-    evaluate = _Evaluation(model, white, {**session.circumstances, **rest})
+    rest = {**session.circumstances, **rest}
+    evaluate = _Evaluation(model, white, rest)
     centre = white.pilots
-    here = _begun(evaluate, start)
+    here = _descended(evaluate, _begun(evaluate, start), np.arange(len(centre)))
+    freedom = np.array([len(left) - 2 - seen.placed for left, seen in zip(here.residuals, white.each, strict=True)])
+    ill = np.flatnonzero(~(here.penalised(centre) < _AGAIN * np.maximum(freedom, 1)))
+    if everywhere and len(ill):
+        scouts = [evaluate(one, ill) for one in _scouts(model, session, rest, ill)]
+        if start is not None:  # which was sought from everywhere before: the likeliest is enough
+            for scout in scouts[1:]:
+                _take_better(scouts[0], scout, centre[ill])
+            scouts = scouts[:1]
+        for scout in scouts:
+            _take_better(here, _descended(evaluate, scout, ill), centre, ill)
+    known = here.inside & here.differentiable
+    settled = known & (here.step(centre, np.zeros(len(centre)))[1] < _NEAR)
+    return _made(session, here, known, settled, freedom)
+
+
+def _take_better(here: _Places, there: _Places, centre: Floats, rows: NDArray[np.int64] | None = None) -> None:
+    """Replace those of some rows, by default all, that fit better elsewhere."""
+    rows = np.arange(len(centre)) if rows is None else rows
+    better = there.penalised(centre[rows]) < here.penalised(centre)[rows]
+    here.put(rows[better], there.taken(np.flatnonzero(better)))
+
+
+def _descended(evaluate: _Evaluation, here: _Places, who: NDArray[np.int64]) -> _Places:
+    """Gauss-Newton steps of k capsules, given by their rows, down to where they fit best."""
+    centre = evaluate.white.pilots[who]
     value = here.penalised(centre)
     damping, moving = np.full(len(value), 1e-3), np.isfinite(value)
     for _ in range(_STEPS):
@@ -187,16 +229,14 @@ def fitted(
         rows = np.flatnonzero(moving)
         if not len(rows):
             break
-        there = evaluate(here.theta[rows] + step[rows], rows)
+        there = evaluate(here.theta[rows] + step[rows], who[rows])
         reached = there.penalised(centre[rows])
         better = reached < value[rows] + 1e-9
         here.put(rows[better], there.taken(np.flatnonzero(better)))
         value[rows[better]] = reached[better]
         damping[rows] *= np.where(better, 0.1, 10.0)
         moving &= damping < 1e8
-    known = np.isfinite(value) & here.differentiable
-    left = here.step(centre, damping)[1]
-    return _made(session, white, here, known & (left < _NEAR))
+    return here
 
 
 @dataclass(eq=False)
@@ -279,7 +319,11 @@ class _Evaluation:
         found = self._towards(theta, rows, 1.0)
         edge = np.flatnonzero(found.inside & ~found.differentiable)  # of the domain: look the other way
         if len(edge):
-            found.put(edge, self._towards(theta[edge], rows[edge], -1.0))
+            back = self._towards(theta[edge], rows[edge], -1.0)
+            for k, row in enumerate(edge):
+                found.slopes[row] = np.where(np.isfinite(found.slopes[row]), found.slopes[row], back.slopes[k])
+            there = found.ratio_slopes[edge]
+            found.ratio_slopes[edge] = np.where(np.isfinite(there), there, back.ratio_slopes)
         return found
 
     def _towards(self, theta: Floats, rows: NDArray[np.int64], sign: float) -> _Places:
@@ -309,37 +353,54 @@ def _begun(evaluate: _Evaluation, start: Floats | None) -> _Places:
     return found
 
 
-def _made(session: Session, white: Whitening, places: _Places, settled: NDArray[np.bool_]) -> Fits:
+def _made(
+    session: Session,
+    places: _Places,
+    known: NDArray[np.bool_],
+    settled: NDArray[np.bool_],
+    freedom: NDArray[np.int64],
+) -> Fits:
     speed = session.circumstances["capsule_velocity"] / places.ratio
     log_modulus = np.log(session.mean("viscosity") * speed) - places.theta[:, 0]
     covariance = np.full((len(settled), 2, 2), np.nan)
-    for i in np.flatnonzero(places.differentiable):
+    for i in np.flatnonzero(known):
         slope = places.slopes[i]
         spread = np.linalg.inv(slope.T @ slope + np.diag(1.0 / _LOOSE**2))
         by_ca, by_size = -places.ratio_slopes[i] / places.ratio[i]
         along = np.array([[by_ca - 1.0, by_size], [0.0, 1.0]])
         covariance[i] = along @ spread @ along.T
     covariance[:, 0, 0] += np.square(session.velocity_errors)
-    freedom = [len(left) - 2 - seen.placed for left, seen in zip(places.residuals, white.each, strict=True)]
     each = tuple(places.residuals), tuple(places.slopes)
-    return Fits(places.theta, *each, log_modulus, places.theta[:, 1], covariance, settled, np.array(freedom))
+    return Fits(places.theta, *each, log_modulus, places.theta[:, 1], covariance, known, settled, freedom)
 
 
-def _pilots(model: ForwardModel, session: Session) -> Floats:
-    """log Ca and a/l (n, 2) of the shape that is nearest by its lengths."""
+def _scouts(
+    model: ForwardModel, session: Session, rest: Mapping[str, Floats], rows: NDArray[np.int64], bands: int = _BANDS
+) -> Floats:
+    """log Ca and a/l (bands, k, 2) of the shapes nearest by their lengths in each band of Ca, for k rows of capsules.
+
+    `rest` holds the circumstances of all and the sizes of effects.
+    """
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
     columns = np.linspace(size_low, size_high, _SCOUTS[1] + 2)[1:-1]
-    ca, size = np.meshgrid(np.geomspace(ca_low, ca_high, _SCOUTS[0] + 2)[1:-1], columns)
-    scouts = model({"capillary_number": ca.ravel(), "size_ratio": size.ravel()})
-    known = np.flatnonzero(scouts.inside)
-    shapes = scouts.taken(known)
-    pilots = np.empty((len(session), 2))
-    for i, one in enumerate(session.measurements):
-        lengths, factor = _lengths(one, np.zeros((2, 2)))
-        away = np.square(OfLengths(lengths, factor)(shapes))
-        nearest = known[int(np.argmin(np.sum(away, axis=1)))]
-        pilots[i] = np.log(ca.ravel()[nearest]), size.ravel()[nearest]
-    return pilots
+    ca, size = (one.ravel() for one in np.meshgrid(np.geomspace(ca_low, ca_high, _SCOUTS[0] + 2)[1:-1], columns))
+    band = np.digitize(ca, np.geomspace(ca_low, ca_high, bands + 1)[1:-1])
+    found = np.empty((bands, len(rows), 2))
+    acting = [name for name in rest if name not in session.circumstances or name in circumstances_of(model)]
+    alike: dict[tuple[float, ...], Prediction] = {}
+    for k, row in enumerate(rows):
+        here = tuple(float(rest[name][row]) for name in acting)
+        if here not in alike:
+            given = {name: np.full(ca.size, value) for name, value in zip(acting, here, strict=True)}
+            alike[here] = model({**given, "capillary_number": ca, "size_ratio": size})
+        seen = alike[here]
+        lengths, factor = _lengths(session.measurements[row], np.zeros((2, 2)))
+        away = np.full(ca.size, np.inf)
+        away[seen.inside] = np.sum(np.square(OfLengths(lengths, factor)(seen))[seen.inside], axis=1)
+        for j in range(bands):
+            place = int(np.argmin(np.where(band == j, away, np.inf)))
+            found[j, k] = np.log(ca[place]), size[place]
+    return found
 
 
 def _lengths(measurement: Measurement, own: Floats) -> tuple[Floats, Floats]:
@@ -350,13 +411,13 @@ def _lengths(measurement: Measurement, own: Floats) -> tuple[Floats, Floats]:
 
 
 def _whiteners(model: ForwardModel, session: Session, pilots: Floats) -> tuple[Whitener, ...]:
-    theta = {"capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
-    own = model(theta).covariance[:, :2, :2]
+    places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
+    own = model(places).covariance[:, :2, :2]
     each: list[Whitener] = []
     for i, one in enumerate(session.measurements):
         if one.outline is None:
             each.append(OfLengths(*_lengths(one, own[i])))
         else:
-            place = float(np.exp(pilots[i, 0])), float(pilots[i, 1])
-            each.append(OfOutline(outline_likelihood(model, one.outline, *place, length=one.length_beside_outline)))
+            place = {name: float(values[i]) for name, values in places.items()}
+            each.append(OfOutline(outline_likelihood(model, one.outline, place, length=one.length_beside_outline)))
     return tuple(each)

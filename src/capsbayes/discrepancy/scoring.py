@@ -32,7 +32,7 @@ _REFINED = 2  # times that sizes about the best are added
 _NEXT = 0.02  # of the distance of its neighbours, from the best size
 _FINE = 20_001
 _LARGEST_SPREAD = 3.0
-_LOST = 15.0  # log likelihood of a capsule that the model cannot have made, below that of the least likely other
+_LOST = 15.0  # log likelihood of a capsule of which the model knows no shape, below that of the least likely other
 _NOTHING = -1e6  # log likelihood of each where hardly one can have been made
 
 
@@ -52,7 +52,7 @@ class Scores:
     ----------
     effect : Effect
     sizes : (J,) array
-        Rising; the null value among them.
+        Rising; the null value among them, for which the model without the effect stands.
     log_likelihood : (J, n) array
         With the population that is most likely at each size.
     elsewhere : (J,) array
@@ -114,6 +114,8 @@ class Trial:
     session : Session
     white : Whitening
         Made with the model.
+    without : Fits
+        Of the model, which is what the effect is measured against: all effects alike, wherever they have shapes.
     measured : (float, float), optional
         Size of the effect as measured apart from the capsules, and its standard error.
     """
@@ -124,12 +126,14 @@ class Trial:
         effect: Effect,
         session: Session,
         white: Whitening,
+        without: Fits,
         measured: tuple[float, float] | None = None,
     ) -> None:
         self.model, self.effect, self.session, self.white, self.measured = model, effect, session, white, measured
-        self._found: dict[float, tuple[Floats, Floats]] = {}  # log likelihood and where the fits ended
-        for size in sorted({effect.null_value, *_first_sizes(effect, measured)}):
-            self._add(size)
+        # log likelihood and where the fits ended
+        self._found: dict[float, tuple[Floats, Floats]] = {effect.null_value: (log_likelihood(without), without.theta)}
+        for size in sorted(_first_sizes(effect, measured), key=lambda one: abs(one - effect.null_value)):
+            self._add(size, everywhere=True)
         self.refine(1)
 
     @property
@@ -148,13 +152,12 @@ class Trial:
             for size in _about_the_best(known.sizes.tolist(), known.total.tolist()):
                 self._add(size)
 
-    def _add(self, size: float) -> None:
+    def _add(self, size: float, *, everywhere: bool = False) -> None:
         if size in self._found:
             return
-        near = min(self._found, key=lambda other: abs(other - size), default=None)
-        start = None if near is None else self._found[near][1]
+        start = self._found[min(self._found, key=lambda other: abs(other - size))][1]
         sizes = {self.effect.parameter.name: size}
-        fits = fitted(self.model + self.effect, self.session, self.white, sizes, start)
+        fits = fitted(self.model + self.effect, self.session, self.white, sizes, start, everywhere=everywhere)
         self._found[size] = log_likelihood(fits), fits.theta
 
 
@@ -203,8 +206,8 @@ def population(values: Floats, variances: Floats) -> Population:
 
 
 def log_likelihood(fits: Fits) -> Floats:
-    """Log likelihood of each capsule : (n,) array; one that the model cannot have made counts as very unlikely."""
-    done, values, variances = fits.settled, fits.log_modulus, fits.covariance[:, 0, 0]
+    """Log likelihood of each capsule : (n,) array; one of which the model knows no shape counts as very unlikely."""
+    done, values, variances = fits.known, fits.log_modulus, fits.covariance[:, 0, 0]
     found = np.full(len(done), _NOTHING)
     if done.sum() > 1:
         people = population(values[done], variances[done])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.discrepancy.finding import find
-from capsbayes.discrepancy.fits import Whitening
+from capsbayes.discrepancy.fits import Fits, Whitening, fitted
 from capsbayes.discrepancy.scoring import Scores, Trial
 from capsbayes.discrepancy.session import Session
 from capsbayes.effect import Effect, ExtendableModel, Held
@@ -63,6 +63,7 @@ def searched(
     candidates: Mapping[str, Effect],
     session: Session,
     white: Whitening,
+    fits: Fits,
     *,
     seed: int,
     measured: Measured,
@@ -78,6 +79,8 @@ def searched(
     session : Session
     white : Whitening
         Made with the model.
+    fits : Fits
+        Of the model.
     seed : int
         Of the random signs.
     measured : mapping of str to (float, float)
@@ -97,14 +100,15 @@ def searched(
         for name, effect in candidates.items():
             if name not in used:
                 tell(effect.name)
-                trials[name] = Trial(here, effect, session, white, measured.get(name))
+                trials[name] = Trial(here, effect, session, white, fits, measured.get(name))
         scores = _refined(trials)
         alike = _not_told_apart(scores)
-        explaining = tuple(name for name in alike if _explains(here, scores[name], session, white, seed))
+        explaining = tuple(name for name in alike if _explains(here, scores[name], session, seed))
         steps.append(Step(scores, explaining or alike, here))
         if explaining or not alike:
             break
         here = steps[-1].after
+        fits = fitted(here, session, white)
     explained = bool(explaining)
     return (
         _beside_each_other(steps, session, white, measured) if len(steps) == _MOST and explained else tuple(steps)
@@ -124,7 +128,9 @@ def _beside_each_other(steps: list[Step], session: Session, white: Whitening, me
     """The steps with the size of the first effect as it is beside the second."""
     first, second = steps
     name = first.alike[0]
-    again = Trial(_with(first.model, second.best), first.best.effect, session, white, measured.get(name))
+    beside = _with(first.model, second.best)
+    without = fitted(beside, session, white)
+    again = Trial(beside, first.best.effect, session, white, without, measured.get(name))
     again.refine()
     first = replace(first, scores={**first.scores, name: again.scores})
     return first, replace(second, model=first.after)
@@ -145,5 +151,5 @@ def _alike(best: Scores, other: Scores) -> bool:
     return best.gain - other.gain < max(_LEAST_GAIN, _APART * scatter)
 
 
-def _explains(model: ExtendableModel, scores: Scores, session: Session, white: Whitening, seed: int) -> bool:
-    return find(_with(model, scores), session, seed=seed, white=white).chance >= LEFT
+def _explains(model: ExtendableModel, scores: Scores, session: Session, seed: int) -> bool:
+    return find(_with(model, scores), session, seed=seed).chance >= LEFT

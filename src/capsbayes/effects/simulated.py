@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from capsbayes.database import Database
 from capsbayes.effect import Kind, Theta
 from capsbayes.effects.ranges import log_uniform, uniform
-from capsbayes.model import ForwardModel, view_of
+from capsbayes.model import ForwardModel, outline_modes_of, view_of
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate import Surrogate
@@ -92,6 +92,14 @@ class Simulated:
             inside=both,
             outline=_changed(here.outline, there.outline, null.outline),
         )
+
+    def outline_modes(self, model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64]:
+        """Own error of the outline at one point, see `outline_modes_of`: of the model and of the slices."""
+        if isinstance(model, Surrogate):
+            return _on(self.database, model, model.view).outline_modes(**theta)
+        own = _on(self.database, None, view_of(model)).outline_modes(**theta)
+        inner = outline_modes_of(model, theta)
+        return own if inner is None else np.concatenate([inner, own])
 
 
 def _changed(here: Outlines, there: Outlines, null: Outlines) -> Outlines:

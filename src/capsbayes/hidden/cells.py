@@ -26,7 +26,7 @@ _DRAWN = {  # a small and a clear size of what is not simulated, in SI
     "modulus_slope": (0.7, 2.0),
 }
 _PAIRS = (
-    (("halo", 5e-7), ("pre_inflation", 0.07)),
+    (("halo", 5e-7), ("pre_inflation", 0.015)),
     (("exposure", 3e-4), ("bending", 2e-3)),
     (("pixel_scale", 0.025), ("rest_aspect", 1.075)),
 )
@@ -113,7 +113,7 @@ def _cells() -> list[Cell]:
     ]
     cells += [
         Cell(f"{shown[effect]} {size:g}, not in the catalogue", effect, size, False, removed=(effect,))
-        for effect, size in (("pre_inflation", 0.07), ("bending", 2e-3), ("rest_aspect", 1.075), ("exposure", 3e-4))
+        for effect, size in (("pre_inflation", 0.035), ("bending", 2e-3), ("rest_aspect", 1.075), ("exposure", 3e-4))
     ]
     cells += [
         Cell(f"{shown[one]} {size:g} with {shown[other]} {other_size:g}", one, size, True, also=((other, other_size),))
@@ -121,7 +121,7 @@ def _cells() -> list[Cell]:
     ]
     cells += [
         Cell(f"{shown[effect]} {size:g}, a random pattern tried", effect, size, False, decoy=True)
-        for effect, size in (("pre_inflation", 0.07), ("bending", 2e-3), ("halo", 5e-7))
+        for effect, size in (("pre_inflation", 0.035), ("bending", 2e-3), ("halo", 5e-7))
     ]
     cells += [Cell(f"pattern {size:g}", "pattern", size, False) for size in (0.01, 0.02)]
     return [*cells, Cell("generalised Hooke membrane", "hooke", 0.5, False)]

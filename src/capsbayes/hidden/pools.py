@@ -24,7 +24,7 @@ _REFINEMENT = 10  # neither that of the plain databases nor that of the effects
 
 _SIZES: dict[str, tuple[float, ...]] = {
     "none": (0.0,),
-    "pre_inflation": (0.015, 0.035, 0.07),
+    "pre_inflation": (0.008, 0.015, 0.035),
     "bending": (6e-4, 2e-3),
     "rest_aspect": (0.925, 1.03, 1.075),
     "corner_radius": (0.07, 0.16),

@@ -12,6 +12,9 @@ __all__ = ["Footing", "footing", "normal_distances"]
 
 Floats = NDArray[np.float64]
 
+_FITS = 5  # of the pose; three suffice from half a radius away
+_STANDS = 1e-4  # shift and turn that are left alone
+
 
 class Footing(NamedTuple):
     """Where measured points (m, 2) stand on one outline.
@@ -47,7 +50,7 @@ def footing(points: Floats, outline: Floats) -> Footing:
     return Footing(distance, place, normal)
 
 
-def normal_distances(points: Floats, outlines: Floats) -> Floats:
+def normal_distances(points: Floats, outlines: Floats, *, posed: bool = False) -> Floats:
     """Normal distances of measured points from each of n outlines, positive outside.
 
     Parameters
@@ -55,13 +58,15 @@ def normal_distances(points: Floats, outlines: Floats) -> Floats:
     points : (m, 2) array
     outlines : (n, p, 2) array
         A row of NaN gives NaN.
+    posed : bool
+        Whether to shift and turn the points onto each outline first, by least squares.
 
     Returns
     -------
     (n, m) array
     """
     distances = np.empty((len(outlines), len(points)))
-    _all_distances(_contiguous(points), _contiguous(outlines), distances)
+    _all_distances(_contiguous(points), _contiguous(outlines), _FITS if posed else 0, distances)
     return distances
 
 
@@ -70,13 +75,39 @@ def _contiguous(array: Floats) -> Floats:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _all_distances(points, outlines, distances):  # type: ignore[no-untyped-def]
-    place, normal = np.empty(len(points)), np.empty((len(points), 2))
+def _all_distances(points, outlines, fits, distances):  # type: ignore[no-untyped-def]
+    moved, place, normal = np.empty_like(points), np.empty(len(points)), np.empty((len(points), 2))
     for n in range(len(outlines)):
         if np.isnan(outlines[n, 0, 0]):
             distances[n] = np.nan
-        else:
-            _nearest(points, outlines[n], distances[n], place, normal)
+            continue
+        moved[:] = points
+        _nearest(moved, outlines[n], distances[n], place, normal)
+        for _ in range(fits):
+            if not _posed(moved, distances[n], normal):
+                break
+            _nearest(moved, outlines[n], distances[n], place, normal)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _posed(points, distance, normal):  # type: ignore[no-untyped-def]
+    """Shift and turn points by least squares of their distances, in place; False if they stand well."""
+    matrix, side, row = np.zeros((3, 3)), np.zeros(3), np.empty(3)
+    for i in range(len(points)):
+        row[0], row[1] = normal[i, 0], normal[i, 1]
+        row[2] = points[i, 0] * normal[i, 1] - points[i, 1] * normal[i, 0]
+        for j in range(3):
+            side[j] -= row[j] * distance[i]
+            for k in range(3):
+                matrix[j, k] += row[j] * row[k]
+    step = np.linalg.solve(matrix, side)
+    if max(abs(step[0]), abs(step[1]), abs(step[2])) < _STANDS:
+        return False
+    cosine, sine = np.cos(step[2]), np.sin(step[2])
+    for i in range(len(points)):
+        z, y = points[i]
+        points[i, 0], points[i, 1] = cosine * z - sine * y + step[0], sine * z + cosine * y + step[1]
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

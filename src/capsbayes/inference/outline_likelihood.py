@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError
 from capsbayes.inference.normal_distance import Footing, footing, normal_distances
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
-from capsbayes.model import ForwardModel, view_of
+from capsbayes.model import ForwardModel, outline_modes_of, view_of
 
 __all__ = ["LengthBeside", "OutlineLikelihood", "aligned_with", "check_view_of", "outline_likelihood"]
 
@@ -111,7 +111,7 @@ class OutlineLikelihood:
         variance = length.error**2 + length.own_error**2
         return np.block([[covariance, shared[:, None]], [shared, np.array(variance)]])
 
-    def whitened(self, outlines: Floats, axial_lengths: Floats | None = None) -> Floats:
+    def whitened(self, outlines: Floats, axial_lengths: Floats | None = None, *, posed: bool = False) -> Floats:
         """What is left beside predictions, as independent standard normal numbers.
 
         Parameters
@@ -120,12 +120,14 @@ class OutlineLikelihood:
             Predicted; a row of NaN gives NaN.
         axial_lengths : (n,) array, optional [l]
             L_a as predicted, read if L_a was measured too.
+        posed : bool
+            Whether to shift and turn the measured outline onto each prediction: for those far from the pilot.
 
         Returns
         -------
         (n, m) array, or (n, m + 1) with L_a
         """
-        distances = normal_distances(self._aligned, outlines)
+        distances = normal_distances(self._aligned, outlines, posed=posed)
         known = np.isfinite(distances[:, 0])
         if self.length is not None:
             assert axial_lengths is not None, "L_a was measured"
@@ -178,10 +180,9 @@ def check_view_of(model: ForwardModel, measured: MeasuredOutline, where: str = "
 
 
 def outline_likelihood(
-    model: Any,
+    model: ForwardModel,
     measured: MeasuredOutline,
-    capillary_number: float,
-    size_ratio: float,
+    theta: Mapping[str, float],
     error_scale: float = 1.0,
     *,
     length: tuple[float, float] | None = None,
@@ -191,9 +192,8 @@ def outline_likelihood(
     Parameters
     ----------
     model : ForwardModel
-        Its own error is that of its method `outline_modes`, if it has one.
     measured : MeasuredOutline
-    capillary_number, size_ratio : float
+    theta : mapping of str to float
         Where the pilot is, within the model's domain.
     error_scale : float
         Factor on the model's own error.
@@ -206,12 +206,11 @@ def outline_likelihood(
         If the model predicts outlines of another view.
     """
     check_view_of(model, measured)
-    theta = {"capillary_number": np.array([capillary_number]), "size_ratio": np.array([size_ratio])}
-    there = model(theta, outline=True)
-    pilot = there.outline[0]
-    modes = None
-    if hasattr(model, "outline_modes"):
-        modes = error_scale * model.outline_modes(capillary_number=capillary_number, size_ratio=size_ratio)
+    there = model({name: np.array([value]) for name, value in theta.items()}, outline=True)
+    assert there.outline is not None, "asked for"
+    pilot, modes = there.outline[0], outline_modes_of(model, theta)
+    if modes is not None:
+        modes = error_scale * modes
     beside = None
     if length is not None:
         beside = LengthBeside(*length, error_scale * float(np.sqrt(there.covariance[0, 1, 1])))

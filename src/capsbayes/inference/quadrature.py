@@ -103,7 +103,8 @@ class Quadrature:
         seen, length = measurement.outline, measurement.length_beside_outline
         posterior = self._on(window, window.nodes(self.model, target), target, None)
         for _ in range(_PILOTS):
-            pilot = outline_likelihood(self.model, seen, *posterior.likeliest, error_scale, length=length)
+            there = dict(zip(("capillary_number", "size_ratio"), posterior.likeliest, strict=True))
+            pilot = outline_likelihood(self.model, seen, there, error_scale, length=length)
             posterior = self._refined(posterior.window, replace(target, outline=pilot))
         return posterior
 

@@ -64,10 +64,9 @@ class FixedEffect(Extendable):
         """Predict a batch."""
         return self.model(self._held(theta), outline=outline)
 
-    def outline_modes(self, *, capillary_number: float, size_ratio: float) -> Floats:
+    def outline_modes(self, **theta: float) -> Floats:
         """See that of the model."""
-        held = {self.model.coordinate: self.value}
-        return self.model.outline_modes(capillary_number=capillary_number, size_ratio=size_ratio, **held)
+        return self.model.outline_modes(**{**theta, self.model.coordinate: self.value})
 
     def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
         """Those of the model."""

@@ -188,8 +188,14 @@ class Surrogate(Extendable):
             raise OutsideDatabaseError(capillary_number, size_ratio, reason)
         return prediction
 
-    def outline_modes(self, *, capillary_number: float, size_ratio: float) -> Floats:
+    def outline_modes(self, *, capillary_number: float, size_ratio: float, **rest: float) -> Floats:
         """Own error of the outline at one point, as independent displacements along its normals.
+
+        Parameters
+        ----------
+        capillary_number, size_ratio : float
+        rest : float
+            Passed over.
 
         Returns
         -------
