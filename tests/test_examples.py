@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import runpy
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from capsbayes import Simulator, build_database
@@ -15,13 +17,18 @@ from capsbayes import Simulator, build_database
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(path.relative_to(EXAMPLES).as_posix() for path in EXAMPLES.rglob("*.py"))
 
-NUMBERS = {"own_law/own_law.py": ("v_o/U", 1.416, 0.002), "own_effect/own_effect.py": ("v_o/U", 1.343, 0.0005)}
-"""For each script a name that it prints before an equals sign, its value on a fine mesh, and the relative tolerance."""
+NUMBERS = {
+    "own_law/own_law.py": ("v_o/U", 1.416, 0.002),
+    "own_effect/own_effect.py": ("v_o/U", 1.343, 0.0005),
+    "drifting_modulus/drifting_modulus.py": ("G_s [mN/m]", 50.0, 0.05),
+}
+"""For each script a name that it prints before an equals sign, its true value, and the relative tolerance."""
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_an_example_prints_its_number(script, capsys):
+def test_an_example_prints_its_number(script, capsys, monkeypatch):
     name, value, tolerance = NUMBERS[script]
+    monkeypatch.setattr(sys, "argv", [script])
     runpy.run_path(str(EXAMPLES / script), run_name="__main__")
     printed = re.search(rf"^{re.escape(name)} = (\S+)$", capsys.readouterr().out, re.MULTILINE)
     assert printed is not None
@@ -37,3 +44,16 @@ def test_a_law_of_ones_own_makes_a_database_that_states_it(tmp_path, monkeypatch
     database = build_database(simulator, [(0.05, 0.8)], out=tmp_path / "own.nc", scheduler="synchronous")
     assert list(database["status"]) == ["DONE"]
     assert database.settings["law"] == "Evans-Skalak K = 4.0"
+
+
+def test_the_drift_of_the_example_goes_with_the_effect(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["drifting_modulus.py"])
+    runpy.run_path(str(EXAMPLES / "drifting_modulus" / "drifting_modulus.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    truth = json.loads((EXAMPLES / "drifting_modulus" / "truth.json").read_text())
+    low, high = map(float, re.search(r"alpha = \S+ \[(\S+), (\S+)\]", printed).groups())
+    middle = 0.5 * (low + high)
+    assert abs(middle - truth["size"]) < high - low  # two standard errors
+    rows = np.array([line.split() for line in printed.splitlines() if re.fullmatch(r"[\d. ]+", line)], dtype=float)
+    assert np.all(np.diff(rows[:, 1]) < 0.0)
+    assert np.ptp(np.log(rows[:, 1])) > 2.0 * np.ptp(np.log(rows[:, 2]))
