@@ -11,10 +11,13 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.discrepancy.diagnosis import Verdict, diagnose
+from capsbayes.discrepancy.finding import Deviation, Finding
 from capsbayes.discrepancy.fits import fitted, whitening
 from capsbayes.discrepancy.scoring import _about_the_best, log_likelihood, population
+from capsbayes.discrepancy.summary import summary
 from capsbayes.effect import Held
 from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
+from capsbayes.report import verdict_sentence
 
 CAPSULES = 40
 OPTICAL = {one.parameter.name: one for one in (Halo(), MotionBlur(), PixelScale())}
@@ -137,3 +140,24 @@ def test_a_capsule_that_a_model_cannot_have_made_is_less_likely_than_any_other(m
     assert found[lost].max() < found[~lost].min()
     assert found.sum() < log_likelihood(fits).sum()
     assert np.isfinite(log_likelihood(replace(fits, known=np.zeros(CAPSULES, dtype=bool)))).all()
+
+
+def test_what_only_one_half_shows_is_no_disagreement(model):
+    session, _ = drawn_session(model, CAPSULES, seed=12)
+    study = diagnose(session, model, seed=1, candidates={}, level=0.999)
+    assert study.finding.chance <= study.level
+    assert study.verdict is Verdict.NONE
+    assert study.again is not None
+    assert "not seen again" in str(study)
+    assert summary(study)["not_seen_again"]["capsules"] == CAPSULES // 2
+    assert "what the first half shows" in verdict_sentence(study)
+
+
+@pytest.mark.parametrize(
+    ("there", "level", "seen"),
+    [(2.0, 0.05, True), (1.5, 0.05, False), (-3.0, 0.05, False), (2.0, 0.005, False)],
+)
+def test_a_deviation_is_seen_again_in_its_own_direction(there, level, seen):
+    first = Finding((Deviation("nose", 3.0, 1.0, "um", 0.01), Deviation("flanks", -1.0, 1.0, "um", 0.9)), 1.0, 20)
+    second = Finding((Deviation("flanks", -5.0, 1.0, "um", 0.001), Deviation("nose", there, 1.0, "um", 0.5)), 1.0, 20)
+    assert first.seen_again(second, level) is seen

@@ -31,7 +31,7 @@ __all__ = ["Study", "Verdict", "Verification", "diagnose"]
 Floats = NDArray[np.float64]
 
 _FEWEST = 12  # capsules of a session that can be divided
-_VERIFIED = 2.0  # standard errors of the gain per capsule on the second half
+_VERIFIED = 1.64  # standard errors of the gain per capsule on the second half: by chance one in twenty
 
 
 class Verdict(Enum):
@@ -110,6 +110,8 @@ class Study:
     level : float
     discover : Compared or None
         The first half beside the model as it was; None if there were too few to divide.
+    again : Finding or None
+        On the second half, if it does not show what the first did, and nothing explains it.
     """
 
     verdict: Verdict
@@ -122,6 +124,7 @@ class Study:
     seed: int
     level: float
     discover: Compared | None = field(default=None, repr=False)
+    again: Finding | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -137,7 +140,8 @@ class Study:
     def __str__(self) -> str:
         """One sentence."""
         if self.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
-            return f"{self.verdict.value} ({self.finding})"
+            again = "" if self.again is None else f"; not seen again: {self.again}"
+            return f"{self.verdict.value} ({self.finding}{again})"
         groups = (" or ".join(self._said(step.scores[name]) for name in step.alike) for step in self.steps)
         return f"{self.verdict.value}: {'; with '.join(groups)} ({self.finding})"
 
@@ -197,15 +201,17 @@ def diagnose(
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
         return made(verdict, steps=(), verification=None, model=model, sizes={})
     steps, explained = searched(model, effects, discover, white, fits, seed=seed, measured=measured or {}, tell=told)
-    if not steps[0].alike:
-        return made(Verdict.UNKNOWN, steps=steps, verification=None, model=model, sizes={})
     told("the capsules laid aside")
-    verification = _verified(model, steps, confirm, seed)
+    verification = _verified(model, steps, confirm, seed) if steps[0].alike else None
+    made = partial(made, model=model, sizes={})
+    if verification is None or not (explained and verification.holds):
+        again = find(model, confirm, seed=seed) if verification is None else verification.before
+        if not finding.seen_again(again, level):
+            return made(Verdict.NONE, steps=(), verification=None, again=again)
+        return made(Verdict.UNKNOWN, steps=steps, verification=verification)
     made = partial(made, steps=steps, verification=verification)
-    if not (explained and verification.holds):
-        return made(Verdict.UNKNOWN, model=model, sizes={})
     if any(len(step.alike) > 1 for step in steps):
-        return made(Verdict.AMBIGUOUS, model=model, sizes={})
+        return made(Verdict.AMBIGUOUS)
     extended: ExtendableModel = model
     for step in steps:
         extended = extended + step.best.effect

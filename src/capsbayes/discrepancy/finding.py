@@ -33,6 +33,8 @@ Floats = NDArray[np.float64]
 
 _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
+_AGAIN = 1.64  # standard errors of a deviation that is seen again: by chance one in twenty
+_SHAPELESS = "share of capsules without a shape"
 _FEWEST = 4  # contributions, up to which a deviation is not judged
 TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
 
@@ -92,6 +94,15 @@ class Finding:
     def chance(self) -> float:
         """Probability under a right model of a deviation as large as the largest."""
         return min((one.chance for one in self.deviations), default=1.0)
+
+    def seen_again(self, other: Finding, level: float) -> bool:
+        """Whether any deviation of this is one of other capsules as well, in the same direction."""
+        there = {one.name: one for one in other.deviations}
+        return any(
+            one.name in there and there[one.name].sigma * np.sign(one.size) >= _AGAIN
+            for one in self.deviations
+            if one.chance <= level and (one.name != _SHAPELESS or there.get(one.name, one).chance <= level)
+        )
 
     def __str__(self) -> str:
         """One line."""
@@ -156,7 +167,7 @@ def _without_a_shape(fits: Fits) -> list[Deviation]:
         return []
     chance = float(binom.sf(ill - 1, count, _WITHOUT))
     share, error = beta(ill + 1, count - ill + 1).stats()
-    return [Deviation("share of capsules without a shape", float(share), float(np.sqrt(error)), "", chance)]
+    return [Deviation(_SHAPELESS, float(share), float(np.sqrt(error)), "", chance)]
 
 
 @dataclass(frozen=True, eq=False)

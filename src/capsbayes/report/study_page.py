@@ -17,7 +17,7 @@ from capsbayes.report.study_moduli import moduli
 from capsbayes.report.study_outline import outline_finding
 from capsbayes.report.study_tables import candidate_table, finding_table, held_out_table, meaning_table, typeset
 from capsbayes.report.study_trends import trends
-from capsbayes.report.study_words import lengths_alone, same_by_chance, verdict_sentence
+from capsbayes.report.study_words import deviation_words, lengths_alone, same_by_chance, verdict_sentence
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,6 +85,10 @@ def _finding(study: Study) -> Iterator[str]:
             f"<p>The largest deviation ({typeset(finding.deviations[0].name)}) would be as large by chance in "
             f"{same_by_chance(finding)} of such sessions. What is smaller than the errors below was not seen.</p>"
         )
+    if study.again is not None:
+        there = {one.name: deviation_words(one) for one in study.again.deviations}
+        name = finding.deviations[0].name
+        yield f"<p>In the capsules laid aside it is {typeset(there.get(name, 'not there'))}.</p>"
     along = compared.along_outline
     if along is not None:
         caption = (

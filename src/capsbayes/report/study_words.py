@@ -25,7 +25,8 @@ def verdict_sentence(study: Study) -> str:
     if study.verdict is Verdict.NOT_TESTABLE:
         return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."
     if study.verdict is Verdict.NONE:
-        return f"No disagreement was found between the capsules and {model}."
+        doubt = "" if study.again is None else ": what the first half shows, the capsules laid aside do not"
+        return f"No disagreement was found between the capsules and {model}{doubt}."
     accused = f"The capsules disagree with {model}, and"
     if study.verdict is Verdict.NAMED:
         best = study.scores[study.names[0]]
