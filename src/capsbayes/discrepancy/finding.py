@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta, binom
+from scipy.stats import beta, binom, norm
 
 from capsbayes.discrepancy.fits import Fits, OfOutline, Whitening, fitted, whitening
 from capsbayes.discrepancy.regions import REGIONS, region_displacements
@@ -33,7 +33,6 @@ Floats = NDArray[np.float64]
 
 _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
-_AGAIN = 1.64  # standard errors of a deviation that is seen again: by chance one in twenty
 _SHAPELESS = "share of capsules without a shape"
 _FEWEST = 4  # contributions, up to which a deviation is not judged
 TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
@@ -96,12 +95,16 @@ class Finding:
         return min((one.chance for one in self.deviations), default=1.0)
 
     def seen_again(self, other: Finding, level: float) -> bool:
-        """Whether any deviation of this is one of other capsules as well, in the same direction."""
+        """Whether a deviation of this stands at a level together with the same one of other capsules.
+
+        That of the other is looked for by name and direction, so that it needs no correction for the number of
+        deviations; the two are combined by Stouffer's method.
+        """
         there = {one.name: one for one in other.deviations}
         return any(
-            one.name in there and there[one.name].sigma * np.sign(one.size) >= _AGAIN
+            norm.sf((norm.isf(one.chance) + _standing(one, there[one.name])) / np.sqrt(2.0)) <= level
             for one in self.deviations
-            if one.chance <= level and (one.name != _SHAPELESS or there.get(one.name, one).chance <= level)
+            if one.chance <= level and one.name in there
         )
 
     def __str__(self) -> str:
@@ -168,6 +171,13 @@ def _without_a_shape(fits: Fits) -> list[Deviation]:
     chance = float(binom.sf(ill - 1, count, _WITHOUT))
     share, error = beta(ill + 1, count - ill + 1).stats()
     return [Deviation(_SHAPELESS, float(share), float(np.sqrt(error)), "", chance)]
+
+
+def _standing(first: Deviation, second: Deviation) -> float:
+    """Standard normal deviate of a deviation in the direction of the one that was found before."""
+    if first.name == _SHAPELESS:
+        return float(norm.isf(second.chance))
+    return float(second.sigma * np.sign(first.size))
 
 
 @dataclass(frozen=True, eq=False)
