@@ -7,6 +7,9 @@ import json
 import re
 import runpy
 import sys
+from contextlib import redirect_stdout
+from functools import cache
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +28,18 @@ NUMBERS = {
 """For each script a name that it prints before an equals sign, its true value, and the relative tolerance."""
 
 
+@cache
+def printed_by(script):
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
+        patch.setattr(sys, "argv", [script])
+        runpy.run_path(str(EXAMPLES / script), run_name="__main__")
+    return printed.getvalue()
+
+
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_an_example_prints_its_number(script, capsys, monkeypatch):
+def test_an_example_prints_its_number(script):
     name, value, tolerance = NUMBERS[script]
-    monkeypatch.setattr(sys, "argv", [script])
-    runpy.run_path(str(EXAMPLES / script), run_name="__main__")
-    printed = re.search(rf"^{re.escape(name)} = (\S+)$", capsys.readouterr().out, re.MULTILINE)
+    printed = re.search(rf"^{re.escape(name)} = (\S+)$", printed_by(script), re.MULTILINE)
     assert printed is not None
     assert float(printed[1]) == pytest.approx(value, rel=tolerance)
 
@@ -46,10 +55,8 @@ def test_a_law_of_ones_own_makes_a_database_that_states_it(tmp_path, monkeypatch
     assert database.settings["law"] == "Evans-Skalak K = 4.0"
 
 
-def test_the_drift_of_the_example_goes_with_the_effect(capsys, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["drifting_modulus.py"])
-    runpy.run_path(str(EXAMPLES / "drifting_modulus" / "drifting_modulus.py"), run_name="__main__")
-    printed = capsys.readouterr().out
+def test_the_drift_of_the_example_goes_with_the_effect():
+    printed = printed_by("drifting_modulus/drifting_modulus.py")
     truth = json.loads((EXAMPLES / "drifting_modulus" / "truth.json").read_text())
     low, high = map(float, re.search(r"alpha = \S+ \[(\S+), (\S+)\]", printed).groups())
     middle = 0.5 * (low + high)
