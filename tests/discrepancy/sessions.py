@@ -30,7 +30,7 @@ def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None):
         ratio = 1.3
         for _ in range(3):
             ca = 0.8 * velocity / ratio / np.exp(log_modulus)
-            shape = model(theta | {"capillary_number": np.array([ca])}, outline=outline)
+            shape = model(theta | {"capillary_number": np.array([ca])})
             ratio = shape.velocity_ratio[0]
         if not shape.inside[0]:
             continue
@@ -38,7 +38,9 @@ def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None):
         seen = shape.values[0, :2] + noise * rng.standard_normal(2)
         if seen[1] > seen[0] or shape.parachute_depth[0] < 0.05:
             continue
-        edge = _edge(rng, shape.outline[0], noise) if outline else None
+        edge = None
+        if outline:
+            edge = _edge(rng, model(theta | {"capillary_number": np.array([ca])}, outline=True).outline[0], noise)
         measurements.append(
             Measurement(
                 float(seen[0]),

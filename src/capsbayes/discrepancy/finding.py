@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta, binom, norm
 
-from capsbayes.discrepancy.fits import Fits, OfOutline, Whitening, fitted, whitening
+from capsbayes.discrepancy.fits import Fits, fitted, whitening
 from capsbayes.discrepancy.regions import REGIONS, region_displacements
 from capsbayes.discrepancy.session import Session
+from capsbayes.discrepancy.whitening import OfOutline, Whitening
 from capsbayes.model import ForwardModel
 
 __all__ = ["TRENDS", "Deviation", "Finding", "find"]

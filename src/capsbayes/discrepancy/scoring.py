@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
-from capsbayes.discrepancy.fits import Fits, Whitening, fitted
+from capsbayes.discrepancy.fits import Fits, fitted
 from capsbayes.discrepancy.session import Session
+from capsbayes.discrepancy.whitening import Whitening
 from capsbayes.effect import Effect, ExtendableModel
 
 __all__ = ["Population", "Scores", "Trial", "log_likelihood", "population"]

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.discrepancy.finding import find
-from capsbayes.discrepancy.fits import Fits, Whitening, fitted
+from capsbayes.discrepancy.fits import Fits, fitted
 from capsbayes.discrepancy.scoring import Scores, Trial
 from capsbayes.discrepancy.session import Session
+from capsbayes.discrepancy.whitening import Whitening
 from capsbayes.effect import Effect, ExtendableModel, Held
 
 __all__ = ["LEFT", "Measured", "Step", "searched"]
