@@ -17,6 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from capsbayes.errors import OutsideDatabaseError
 from capsbayes.model import Domain, Doubting, ForwardModel, outline_modes_of, view_of
 from capsbayes.parameters import Parameter
 from capsbayes.prediction import Prediction
@@ -193,7 +194,10 @@ class Extended(_Around):
         """Own error of the outline at one point, see `outline_modes_of`: the effect's if it has one, or the model's."""
         modes = getattr(self.effect, "outline_modes", None)
         if modes is None or self.effect.parameter.name not in theta:
-            return outline_modes_of(self.model, theta)
+            try:
+                return outline_modes_of(self.model, theta)
+            except OutsideDatabaseError:  # the effect asks the model elsewhere, just within its border
+                return None
         return np.asarray(modes(self.model, theta))
 
 

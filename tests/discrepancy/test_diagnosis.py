@@ -10,7 +10,7 @@ import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
-from capsbayes.discrepancy.diagnosis import Verdict, diagnose
+from capsbayes.discrepancy.diagnosis import Gain, Verdict, diagnose
 from capsbayes.discrepancy.finding import Deviation, Finding
 from capsbayes.discrepancy.fits import fitted, whitening
 from capsbayes.discrepancy.scoring import _about_the_best, log_likelihood, population
@@ -83,6 +83,13 @@ def test_a_measurement_made_elsewhere_tells_look_alikes_apart(model):
     study = diagnose(session, model, seed=3, candidates=OPTICAL, measured=bead)
     assert (study.verdict, study.names) == (Verdict.NAMED, ("pixel_scale",))
     assert study.sizes["pixel_scale"] == pytest.approx(0.02, rel=0.25)
+    assert study.verification.established == (False,)
+    weak = replace(study.verification, steps=(Gain(0.1, 0.2),))
+    assert not weak.holds
+    assert replace(weak, established=(True,)).holds
+    assert not replace(weak, steps=(Gain(-0.4, 0.2),), established=(True,)).holds
+    scale = {"pixel_scale": (0.021, 0.002)}
+    assert diagnose(session, model, seed=3, candidates=OPTICAL, measured=scale).verification.established == (True,)
 
 
 @pytest.mark.slow

@@ -113,3 +113,14 @@ def test_wrong_viscosity_is_a_factor_of_ca(model):
     seen = (model + ViscosityError())(CAPSULES | {"viscosity_error": three(0.1)})
     due = model(CAPSULES | {"capillary_number": 1.1 * CAPSULES["capillary_number"]})
     np.testing.assert_allclose(seen.values, due.values, rtol=1e-14)
+
+
+def test_the_own_error_of_outlines_is_unknown_where_an_effect_reaches_beyond_the_model():
+    model = Surrogate.open("square-neo-hookean")
+    swollen = model + catalogue()["swelling"]
+    theta = {"capillary_number": 0.04, "size_ratio": 1.16, "swelling": 6.0, "capsule_velocity": 5e-3}
+    batch = {name: np.array([value]) for name, value in theta.items()}
+    assert not model(batch).inside[0]
+    assert swollen(batch).inside[0]
+    assert swollen.outline_modes(**theta) is None
+    assert swollen.outline_modes(**{**theta, "size_ratio": 0.9}).shape[1] > 0

@@ -32,6 +32,7 @@ Floats = NDArray[np.float64]
 
 _FEWEST = 12  # capsules of a session that can be divided
 _VERIFIED = 1.64  # standard errors of the gain per capsule on the second half: by chance one in twenty
+_ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
 
 
 class Verdict(Enum):
@@ -71,6 +72,8 @@ class Verification:
         Of each effect beside those before.
     compared : (Compared, Compared)
         The capsules beside the model before and after.
+    established : tuple of bool
+        Of each step, whether its effect is known to be there from what was measured elsewhere.
     """
 
     gain: float
@@ -80,11 +83,14 @@ class Verification:
     gains: Floats = field(repr=False)
     steps: tuple[Gain, ...]
     compared: tuple[Compared, Compared] = field(repr=False)
+    established: tuple[bool, ...]
 
     @property
     def holds(self) -> bool:
-        """Whether every effect predicts these capsules better, and nothing is left over."""
-        return self.after.chance >= LEFT and all(one.mean >= _VERIFIED * one.error for one in self.steps)
+        """Whether every effect predicts these capsules better, one that is established not worse; nothing is left."""
+        least = (-_VERIFIED if known else _VERIFIED for known in self.established)
+        better = all(gain.mean >= sigma * gain.error for gain, sigma in zip(self.steps, least, strict=True))
+        return better and self.after.chance >= LEFT
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +208,7 @@ def diagnose(
         return made(verdict, steps=(), verification=None, model=model, sizes={})
     steps, explained = searched(model, effects, discover, white, fits, seed=seed, measured=measured or {}, tell=told)
     told("the capsules laid aside")
-    verification = _verified(model, steps, confirm, seed) if steps[0].alike else None
+    verification = _verified(model, steps, confirm, seed, measured or {}) if steps[0].alike else None
     made = partial(made, model=model, sizes={})
     if verification is None or not (explained and verification.holds):
         again = find(model, confirm, seed=seed) if verification is None else verification.before
@@ -230,13 +236,21 @@ class _Told:
         self.done += 1
 
 
-def _verified(model: ExtendableModel, steps: Sequence[Step], confirm: Session, seed: int) -> Verification:
+def _established(effect: Effect, measured: Measured) -> bool:
+    size, error = measured.get(effect.parameter.name, (effect.null_value, np.inf))
+    return abs(size - effect.null_value) >= _ESTABLISHED * error
+
+
+def _verified(
+    model: ExtendableModel, steps: Sequence[Step], confirm: Session, seed: int, measured: Measured
+) -> Verification:
     """The second half beside the model, and beside it with each effect more.
 
     Gains are of one covariance for all; what is left over in the end, of that of the model with the effects.
     """
     white = whitening(model, confirm)
-    models: list[ExtendableModel] = [model, *(step.after for step in steps if step.alike)]
+    added = [step for step in steps if step.alike]
+    models: list[ExtendableModel] = [model, *(step.after for step in added)]
     fits = [fitted(one, confirm, white) for one in models]
     likelihoods = np.array([log_likelihood(one) for one in fits])
     each = [Gain.of(gains) for gains in np.diff(likelihoods, axis=0)]
@@ -247,4 +261,5 @@ def _verified(model: ExtendableModel, steps: Sequence[Step], confirm: Session, s
     last = fitted(models[-1], confirm, own)
     after = find(models[-1], confirm, seed=seed, white=own, fits=last)
     compared = Compared(confirm, model, fits[0]), Compared(confirm, models[-1], last)
-    return Verification(whole.mean, whole.error, before, after, gains, tuple(each), compared)
+    established = tuple(_established(step.best.effect, measured) for step in added)
+    return Verification(whole.mean, whole.error, before, after, gains, tuple(each), compared, established)
