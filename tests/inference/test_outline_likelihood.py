@@ -80,6 +80,14 @@ def test_points_are_shifted_and_turned_onto_each_outline_if_asked(model):
     np.testing.assert_allclose(distances[0], aligned_with(points, here)[1].distance, atol=5e-3)
 
 
+def test_a_circle_is_posed_though_nothing_tells_its_tilt():
+    angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    feet = aligned_with(0.9 * circle[::10] + [0.3, -0.2], circle)[1]
+    np.testing.assert_allclose(feet.distance, -0.1, atol=1e-4)
+    np.testing.assert_allclose(normal_distances(0.9 * circle[::10] + 0.1, circle[None], posed=True), -0.1, atol=1e-4)
+
+
 def test_points_of_the_rear_do_not_jump_across_the_rim(model):
     """The rear rim is thinner than the step between two points."""
     outline = outlines(model, [0.1, 0.95])[0]

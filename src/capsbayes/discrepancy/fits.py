@@ -106,7 +106,7 @@ def fitted(
     model : ForwardModel
     session : Session
     white : Whitening
-        Made with the model without effects.
+        Made with the model, or with that with which it is compared.
     sizes : mapping of str to float or (n,) array, optional
         Parameters of effects of the model.
     start : (n, 2) array, optional

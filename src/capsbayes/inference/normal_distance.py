@@ -8,12 +8,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Footing", "footing", "normal_distances"]
+__all__ = ["Footing", "footing", "normal_distances", "posed_on"]
 
 Floats = NDArray[np.float64]
 
 _FITS = 5  # of the pose; three suffice from half a radius away
-_STANDS = 1e-4  # shift and turn that are left alone
+_STANDS = 1e-4  # shift and turn that are left alone where many outlines are compared
+_DAMPED = 1e-3  # mean square change by a turn, below which it is damped: a circle does not tell its tilt
 
 
 class Footing(NamedTuple):
@@ -50,6 +51,14 @@ def footing(points: Floats, outline: Floats) -> Footing:
     return Footing(distance, place, normal)
 
 
+def posed_on(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
+    """Shift and turn points (m, 2) onto one outline by least squares, and say where they stand then."""
+    moved, count = np.array(points, dtype=np.float64, order="C"), len(points)
+    distance, place, normal = np.empty(count), np.empty(count), np.empty((count, 2))
+    _pose(moved, _contiguous(outline), _FITS, 0.0, distance, place, normal)
+    return moved, Footing(distance, place, normal)
+
+
 def normal_distances(points: Floats, outlines: Floats, *, posed: bool = False) -> Floats:
     """Normal distances of measured points from each of n outlines, positive outside.
 
@@ -82,15 +91,21 @@ def _all_distances(points, outlines, fits, distances):  # type: ignore[no-untype
             distances[n] = np.nan
             continue
         moved[:] = points
-        _nearest(moved, outlines[n], distances[n], place, normal)
-        for _ in range(fits):
-            if not _posed(moved, distances[n], normal):
-                break
-            _nearest(moved, outlines[n], distances[n], place, normal)
+        _pose(moved, outlines[n], fits, _STANDS, distances[n], place, normal)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _posed(points, distance, normal):  # type: ignore[no-untyped-def]
+def _pose(points, outline, fits, stands, distance, place, normal):  # type: ignore[no-untyped-def]
+    """Shift and turn points in place, a few times or until they stand well, and say where they stand."""
+    _nearest(points, outline, distance, place, normal)
+    for _ in range(fits):
+        if not _moved(points, stands, distance, normal):
+            break
+        _nearest(points, outline, distance, place, normal)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moved(points, stands, distance, normal):  # type: ignore[no-untyped-def]
     """Shift and turn points by least squares of their distances, in place; False if they stand well."""
     matrix, side, row = np.zeros((3, 3)), np.zeros(3), np.empty(3)
     for i in range(len(points)):
@@ -100,8 +115,9 @@ def _posed(points, distance, normal):  # type: ignore[no-untyped-def]
             side[j] -= row[j] * distance[i]
             for k in range(3):
                 matrix[j, k] += row[j] * row[k]
+    matrix[2, 2] += _DAMPED * len(points)
     step = np.linalg.solve(matrix, side)
-    if max(abs(step[0]), abs(step[1]), abs(step[2])) < _STANDS:
+    if max(abs(step[0]), abs(step[1]), abs(step[2])) < stands:
         return False
     cosine, sine = np.cos(step[2]), np.sin(step[2])
     for i in range(len(points)):

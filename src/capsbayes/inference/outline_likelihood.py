@@ -24,7 +24,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.inference.normal_distance import Footing, footing, normal_distances
+from capsbayes.inference.normal_distance import Footing, normal_distances, posed_on
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.model import ForwardModel, outline_modes_of, view_of
 
@@ -32,7 +32,6 @@ __all__ = ["LengthBeside", "OutlineLikelihood", "aligned_with", "check_view_of",
 
 Floats = NDArray[np.float64]
 
-_FITS = 5  # of the pose to the pilot; three suffice from half a radius away
 _SHARED = 0.9  # of the error of L_a that the nose's may be: some is that of the rear
 
 
@@ -230,14 +229,7 @@ def aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
     (m, 2) array, Footing
         The points moved, and where they stand on the outline.
     """
-    moved = points - _middle(points) + _middle(outline)
-    for _ in range(_FITS):
-        feet = footing(moved, outline)
-        rows = Pose(1.0, 1.0, 1.0).directions(moved, feet.normal)[:, :3]
-        shift_z, shift_y, turn = np.linalg.lstsq(rows, -feet.distance)[0]
-        cosine, sine = np.cos(turn), np.sin(turn)
-        moved = moved @ np.array([[cosine, sine], [-sine, cosine]]) + [shift_z, shift_y]
-    return moved, footing(moved, outline)
+    return posed_on(points - _middle(points) + _middle(outline), outline)
 
 
 def _middle(points: Floats) -> Floats:
