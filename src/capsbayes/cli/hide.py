@@ -18,7 +18,7 @@ def hide(
     capsules: Annotated[int, typer.Option(min=1, help="How many.")] = 40,
     seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the truth.")] = 1,
     lengths_only: Annotated[bool, typer.Option("--lengths-only", help="Measure lengths alone, no outlines.")] = False,
-    refinement: Annotated[int, typer.Option(min=4, help="Fineness n of the mesh.")] = 10,
+    refinement: Annotated[int, typer.Option(min=4, help="Fineness n of the mesh.")] = 12,
     workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
 ) -> None:
     """Simulate a lab's capsules with something hidden in them, and measure them: a blind set for `diagnose`.

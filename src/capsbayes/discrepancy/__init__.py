@@ -1,13 +1,17 @@
 """What a model misses: where data disagree with it, which effect would explain that, and whether adding it helps."""
 
 from capsbayes.discrepancy.compared import AlongOutline, Compared
-from capsbayes.discrepancy.diagnosis import Study, Verdict, Verification, diagnose
+from capsbayes.discrepancy.diagnosis import Study, Verdict, diagnose
+from capsbayes.discrepancy.evidence import NOTHING, UNKNOWN
 from capsbayes.discrepancy.finding import Deviation, Finding, find
 from capsbayes.discrepancy.scoring import Scores
 from capsbayes.discrepancy.session import Session
 from capsbayes.discrepancy.summary import summary
+from capsbayes.discrepancy.verification import Verification
 
 __all__ = [
+    "NOTHING",
+    "UNKNOWN",
     "AlongOutline",
     "Compared",
     "Deviation",

@@ -7,32 +7,26 @@ on the second half, whether the model with the effect does better.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from capsbayes.discrepancy.compared import Compared
+from capsbayes.discrepancy.evidence import evidences
 from capsbayes.discrepancy.finding import Finding, find
 from capsbayes.discrepancy.fits import fitted, whitening
-from capsbayes.discrepancy.scoring import Scores, log_likelihood
-from capsbayes.discrepancy.search import LEFT, Measured, Step, searched
+from capsbayes.discrepancy.scoring import Scores
+from capsbayes.discrepancy.search import Measured, Step, searched
 from capsbayes.discrepancy.session import Session
+from capsbayes.discrepancy.verification import Verification, verified
 from capsbayes.effect import Effect, ExtendableModel
 from capsbayes.effects import catalogue
 from capsbayes.model import ForwardModel
 
-__all__ = ["Study", "Verdict", "Verification", "diagnose"]
-
-Floats = NDArray[np.float64]
+__all__ = ["Study", "Verdict", "diagnose"]
 
 _FEWEST = 12  # capsules of a session that can be divided
-_VERIFIED = 1.64  # standard errors of the gain per capsule on the second half: by chance one in twenty
-_ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
 
 
 class Verdict(Enum):
@@ -43,54 +37,6 @@ class Verdict(Enum):
     AMBIGUOUS = "several effects explain it equally well"
     UNKNOWN = "no effect of the catalogue explains it"
     NOT_TESTABLE = "these data cannot tell"
-
-
-class Gain(NamedTuple):
-    """Log likelihood per capsule that an effect gains, and its standard error."""
-
-    mean: float
-    error: float
-
-    @classmethod
-    def of(cls, gains: Floats) -> Gain:
-        """From the gains of all capsules (n,)."""
-        return cls(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
-
-
-@dataclass(frozen=True)
-class Verification:
-    """The second half before and after the effect is added.
-
-    Parameters
-    ----------
-    gain, error : float
-        Log likelihood per capsule that the effect gains, and its standard error.
-    before, after : Finding
-    gains : (n,) array
-        Of each capsule.
-    steps : tuple of Gain
-        Of each effect beside those before.
-    compared : (Compared, Compared)
-        The capsules beside the model before and after.
-    established : tuple of bool
-        Of each step, whether its effect is known to be there from what was measured elsewhere.
-    """
-
-    gain: float
-    error: float
-    before: Finding
-    after: Finding
-    gains: Floats = field(repr=False)
-    steps: tuple[Gain, ...]
-    compared: tuple[Compared, Compared] = field(repr=False)
-    established: tuple[bool, ...]
-
-    @property
-    def holds(self) -> bool:
-        """Whether every effect predicts these capsules better, one that is established not worse; nothing is left."""
-        least = (-_VERIFIED if known else _VERIFIED for known in self.established)
-        better = all(gain.mean >= sigma * gain.error for gain, sigma in zip(self.steps, least, strict=True))
-        return better and self.after.chance >= LEFT
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +64,8 @@ class Study:
         The first half beside the model as it was; None if there were too few to divide.
     again : Finding or None
         On the second half, if it does not show what the first did, and nothing explains it.
+    evidence : mapping of str to float
+        Logarithm of that of each candidate alone on the first half, of "none" and of "unknown", over that of "none".
     """
 
     verdict: Verdict
@@ -131,6 +79,7 @@ class Study:
     level: float
     discover: Compared | None = field(default=None, repr=False)
     again: Finding | None = None
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -207,12 +156,15 @@ def diagnose(
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
         return made(verdict, steps=(), verification=None, model=model, sizes={})
     steps, explained = searched(model, effects, discover, white, fits, seed=seed, measured=measured or {}, tell=told)
+    made = partial(made, evidence=evidences(steps[0].scores, white, fits))
     told("the capsules laid aside")
-    verification = _verified(model, steps, confirm, seed, measured or {}) if steps[0].alike else None
+    verification = None
+    if steps[0].alike:
+        steps, verification = verified(model, steps, confirm, seed, measured or {})
     made = partial(made, model=model, sizes={})
     if verification is None or not (explained and verification.holds):
         again = find(model, confirm, seed=seed) if verification is None else verification.before
-        if not finding.seen_again(again, level):
+        if finding.together(again, among=level) > level:
             return made(Verdict.NONE, steps=(), verification=None, again=again)
         return made(Verdict.UNKNOWN, steps=steps, verification=verification)
     made = partial(made, steps=steps, verification=verification)
@@ -234,32 +186,3 @@ class _Told:
         if self.progress is not None:
             self.progress(step, min(self.done, self.steps - 1), self.steps)
         self.done += 1
-
-
-def _established(effect: Effect, measured: Measured) -> bool:
-    size, error = measured.get(effect.parameter.name, (effect.null_value, np.inf))
-    return abs(size - effect.null_value) >= _ESTABLISHED * error
-
-
-def _verified(
-    model: ExtendableModel, steps: Sequence[Step], confirm: Session, seed: int, measured: Measured
-) -> Verification:
-    """The second half beside the model, and beside it with each effect more.
-
-    Gains are of one covariance for all; what is left over in the end, of that of the model with the effects.
-    """
-    white = whitening(model, confirm)
-    added = [step for step in steps if step.alike]
-    models: list[ExtendableModel] = [model, *(step.after for step in added)]
-    fits = [fitted(one, confirm, white) for one in models]
-    likelihoods = np.array([log_likelihood(one) for one in fits])
-    each = [Gain.of(gains) for gains in np.diff(likelihoods, axis=0)]
-    gains = likelihoods[-1] - likelihoods[0]
-    whole = Gain.of(gains)
-    before = find(model, confirm, seed=seed, white=white, fits=fits[0])
-    own = whitening(models[-1], confirm)
-    last = fitted(models[-1], confirm, own)
-    after = find(models[-1], confirm, seed=seed, white=own, fits=last)
-    compared = Compared(confirm, model, fits[0]), Compared(confirm, models[-1], last)
-    established = tuple(_established(step.best.effect, measured) for step in added)
-    return Verification(whole.mean, whole.error, before, after, gains, tuple(each), compared, established)

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.stats import beta, binom, norm
 
 from capsbayes.discrepancy.fits import Fits, fitted, whitening
-from capsbayes.discrepancy.regions import REGIONS, region_displacements
+from capsbayes.discrepancy.regions import REGIONS
 from capsbayes.discrepancy.session import Session
-from capsbayes.discrepancy.whitening import OfOutline, Whitening
+from capsbayes.discrepancy.whitening import OfOutline, Whitening, displaced_regions
 from capsbayes.model import ForwardModel
 
 __all__ = ["TRENDS", "Deviation", "Finding", "find"]
@@ -95,18 +95,20 @@ class Finding:
         """Probability under a right model of a deviation as large as the largest."""
         return min((one.chance for one in self.deviations), default=1.0)
 
-    def seen_again(self, other: Finding, level: float) -> bool:
-        """Whether a deviation of this stands at a level together with the same one of other capsules.
+    def together(self, other: Finding, among: float) -> float:
+        """Chance of the largest deviation of this and of other capsules together.
 
-        That of the other is looked for by name and direction, so that it needs no correction for the number of
-        deviations; the two are combined by Stouffer's method.
+        Only those are looked at that have a chance of at most `among` here. That of the other is looked for by name and
+        direction, so that it needs no correction for the number of deviations; the two are combined by Stouffer's
+        method.
         """
         there = {one.name: one for one in other.deviations}
-        return any(
-            norm.sf((norm.isf(one.chance) + _standing(one, there[one.name])) / np.sqrt(2.0)) <= level
+        both = (
+            float(norm.sf((norm.isf(one.chance) + _standing(one, there[one.name])) / np.sqrt(2.0)))
             for one in self.deviations
-            if one.chance <= level and one.name in there
+            if one.chance <= among and one.name in there
         )
+        return min(both, default=1.0)
 
     def __str__(self) -> str:
         """One line."""
@@ -234,7 +236,7 @@ def _of_regions(session: Session, white: Whitening, fits: Fits, done: NDArray[np
         whitener = white.each[i]
         if isinstance(whitener, OfOutline):
             seen = whitener.likelihood
-            pattern = _left(seen.whitened_displacement(region_displacements(seen.pilot)), fits.slopes[i])
+            pattern = displaced_regions(whitener, fits.slopes[i])
             modes = np.zeros((1, len(seen.pilot))) if seen.modes is None else seen.modes
             own = np.linalg.norm(pattern @ seen.whitened_displacement(modes).T, axis=1)
             rows.append((pattern @ fits.residuals[i], np.sum(pattern**2, axis=1), own))
@@ -243,12 +245,6 @@ def _of_regions(session: Session, white: Whitening, fits: Fits, done: NDArray[np
     contributions, weights, own = (np.array(column).T for column in zip(*rows, strict=True))
     width = 1e6 * session.mean("half_width")
     return [_Test(name, "um", width, *each) for name, *each in zip(REGIONS, contributions, weights, own, strict=True)]
-
-
-def _left(patterns: Floats, slopes: Floats) -> Floats:
-    """What is left of whitened patterns (k, m) once log Ca and a/l have absorbed what they can."""
-    basis = np.linalg.qr(slopes)[0]
-    return np.asarray(patterns - (patterns @ basis) @ basis.T)
 
 
 def _of_trends(session: Session, fits: Fits, done: NDArray[np.int64], own: Floats) -> list[_Test]:

@@ -95,10 +95,23 @@ class Scores:
         """Log likelihood of each capsule at the best size over that at the null value : (n,) array."""
         return np.asarray(self.log_likelihood[self.best] - self.log_likelihood[self.null])
 
+    @property
+    def evidence(self) -> float:
+        """Log of the likelihood averaged over the prior of the size, over that at the null value."""
+        fine, total = self._between()
+        prior = self.effect.prior.pdf(fine)
+        most = float(total.max())
+        mean = np.trapezoid(prior * np.exp(total - most), fine) / np.trapezoid(prior, fine)
+        return most + float(np.log(mean)) - float(self.total[self.null])
+
+    def _between(self) -> tuple[Floats, Floats]:
+        """Many sizes, and the log likelihood there."""
+        fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
+        return fine, np.asarray(PchipInterpolator(self.sizes, self.total)(fine))
+
     def interval(self, drop: float = 0.5) -> tuple[float, float]:
         """Sizes at which the log likelihood has fallen by `drop` from its best: 0.5 for 68 %, 1.92 for 95 %."""
-        fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
-        total = PchipInterpolator(self.sizes, self.total)(fine)
+        fine, total = self._between()
         within = np.flatnonzero(total >= self.total.max() - drop)
         ends = (fine[within[0]], fine[within[-1]]) if len(within) else (self.size, self.size)
         return min(float(ends[0]), self.size), max(float(ends[1]), self.size)

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.discrepancy.finding import find
+from capsbayes.discrepancy.finding import Finding, find
 from capsbayes.discrepancy.fits import Fits, fitted
 from capsbayes.discrepancy.scoring import Scores, Trial
 from capsbayes.discrepancy.session import Session
 from capsbayes.discrepancy.whitening import Whitening
 from capsbayes.effect import Effect, ExtendableModel, Held
 
-__all__ = ["LEFT", "Measured", "Step", "searched"]
+__all__ = ["LEFT", "Measured", "Step", "not_told_apart", "searched"]
 
 Floats = NDArray[np.float64]
 Measured = Mapping[str, tuple[float, float]]
@@ -42,11 +42,14 @@ class Step:
         The likeliest, and those that are not told apart from it; empty if none explains anything.
     model : ForwardModel
         To which it is added: with the effects added before, at their sizes.
+    left : mapping of str to Finding
+        What each that is not told apart from the likeliest leaves over.
     """
 
     scores: Mapping[str, Scores]
     alike: tuple[str, ...]
     model: ExtendableModel = field(repr=False)
+    left: Mapping[str, Finding] = field(repr=False)
 
     @property
     def best(self) -> Scores:
@@ -56,7 +59,11 @@ class Step:
     @property
     def after(self) -> Held:
         """The model with the effect at its size."""
-        return _with(self.model, self.best)
+        return self.with_effect(self.alike[0])
+
+    def with_effect(self, name: str) -> Held:
+        """The model with one of the candidates at its size."""
+        return _with(self.model, self.scores[name])
 
 
 def searched(
@@ -104,8 +111,9 @@ def searched(
                 trials[name] = Trial(here, effect, session, white, fits, measured.get(name))
         scores = _refined(trials)
         alike = _not_told_apart(scores)
-        explaining = tuple(name for name in alike if _explains(here, scores[name], session, seed))
-        steps.append(Step(scores, explaining or alike, here))
+        left = {name: find(_with(here, scores[name]), session, seed=seed) for name in alike}
+        explaining = tuple(name for name in alike if left[name].chance >= LEFT)
+        steps.append(Step(scores, explaining or alike, here, left))
         if explaining or not alike:
             break
         here = steps[-1].after
@@ -148,9 +156,17 @@ def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
 
 
 def _alike(best: Scores, other: Scores) -> bool:
-    scatter = float(np.sqrt(np.sum((best.gains - other.gains) ** 2)))
-    return best.gain - other.gain < max(_LEAST_GAIN, _APART * scatter)
+    return not_told_apart(best.gain - other.gain, best.gains - other.gains)
 
 
-def _explains(model: ExtendableModel, scores: Scores, session: Session, seed: int) -> bool:
-    return find(_with(model, scores), session, seed=seed).chance >= LEFT
+def not_told_apart(lag: float, lags: Floats) -> bool:
+    """Whether one effect lags behind another in log likelihood by no more than what a few capsules make of it.
+
+    Parameters
+    ----------
+    lag : float
+        Of all that was measured.
+    lags : (n,) array
+        Of each capsule.
+    """
+    return lag < max(_LEAST_GAIN, _APART * float(np.sqrt(np.sum(lags**2))))

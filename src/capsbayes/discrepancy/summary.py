@@ -34,6 +34,7 @@ def summary(study: Study) -> dict[str, Any]:
         "sizes": dict(study.sizes),
         "finding": _finding(study.finding),
         "not_seen_again": None if study.again is None else _finding(study.again),
+        "log_evidence": dict(study.evidence),
         "candidates": [_candidate(study, name, one) for name, one in study.scores.items()],
         "held_out": None if study.verification is None else _verification(study.verification),
         "capsules": len(study.session),

@@ -115,10 +115,11 @@ def _candidates(study: Study) -> Iterator[str]:
     yield _picture(candidate_gains(study), "gain of each candidate", caption)
     yield candidate_table(study)
     yield (
-        '<p class="note">Odds are ratios of likelihoods at the best size of each effect, before any belief about which '
-        "is the more common. They trust the stated noise; an effect is told apart only if its lag behind the best also "
-        "stands out from the scatter between the capsules. The size of an effect that was hardly seen is "
-        "overestimated, near the threshold by some 40 %, because only sizes that look large are seen at all.</p>"
+        '<p class="note">Odds are ratios of likelihoods, averaged over what was held possible of the size of each '
+        "effect, before any belief about which is the more common. They trust the stated noise; an effect is told "
+        "apart only if its lag behind the best also stands out from the scatter between the capsules. The size of an "
+        "effect that was hardly seen is overestimated, near the threshold by some 40 %, because only sizes that look "
+        "large are seen at all.</p>"
     )
     if study.verdict is Verdict.AMBIGUOUS:
         best = study.scores[study.names[0]].effect

@@ -7,12 +7,13 @@ import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from capsbayes.discrepancy import Finding, Scores, Study, Verification
+from capsbayes.discrepancy import NOTHING, UNKNOWN, Finding, Scores, Study, Verification
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.study_words import chance_words, deviation_words, odds_words, same_by_chance, size_words
 
 __all__ = ["candidate_table", "finding_table", "held_out_table", "meaning_table", "typeset"]
 
+_OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike in all capsules"}
 _GREEK = {"alpha": "α", "delta": "δ", "eps": "ε"}
 
 
@@ -23,21 +24,24 @@ def finding_table(finding: Finding) -> str:
 
 
 def candidate_table(study: Study) -> str:
-    """Odds and size of every candidate, and of the model without one."""
-    gains = {name: one.gain for name, one in study.scores.items()}
-    best = max(gains.values())
-    rows = [
-        (
-            _marked(study, name, one),
-            typeset(odds_words(gains[name] - best)),
-            typeset(odds_words(gains[name])),
-            f"{typeset(one.effect.parameter.symbol)} = {typeset(size_words(one))}",
-            "in&nbsp;question" if name in study.names else "told&nbsp;apart" if study.names else "does not explain it",
-        )
-        for name, one in study.scores.items()
-    ]
-    rows.append(("<i>none</i>", typeset(odds_words(-best)), "1 : 1", "", ""))
+    """Odds and size of every candidate, of the model without one, and of what nobody has thought of."""
+    best = max(study.evidence.values())
+    rows = []
+    for name, evidence in study.evidence.items():
+        odds = typeset(odds_words(evidence - best)), typeset(odds_words(evidence))
+        if name in study.scores:
+            one = study.scores[name]
+            size = f"{typeset(one.effect.parameter.symbol)} = {typeset(size_words(one))}"
+            rows.append((_marked(study, name, one), *odds, size, _told_apart(study, name)))
+        else:
+            rows.append((f"<i>{_OTHERS[name]}</i>", *odds, "", ""))
     return _table(("effect", "odds against the best", "odds against none", "size", "told apart?"), rows)
+
+
+def _told_apart(study: Study, name: str) -> str:
+    if name in study.names:
+        return "in&nbsp;question"
+    return "told&nbsp;apart" if study.names else "does not explain it"
 
 
 def meaning_table(study: Study) -> str:

@@ -1,0 +1,144 @@
+"""Whether a model with an effect does better on capsules that had no part in finding it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.discrepancy.compared import Compared
+from capsbayes.discrepancy.finding import Finding, find
+from capsbayes.discrepancy.fits import fitted, whitening
+from capsbayes.discrepancy.scoring import log_likelihood
+from capsbayes.discrepancy.search import LEFT, Measured, Step, not_told_apart
+from capsbayes.discrepancy.session import Session
+from capsbayes.effect import Effect, ExtendableModel
+
+__all__ = ["Gain", "Verification", "verified"]
+
+Floats = NDArray[np.float64]
+
+_VERIFIED = 1.64  # standard errors of the gain per capsule on the second half: by chance one in twenty
+_WORTH_A_LOOK = 0.5  # chance of what is left over in the first half, up to which the second is asked about it
+_ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
+
+
+class Gain(NamedTuple):
+    """Log likelihood per capsule that an effect gains, and its standard error."""
+
+    mean: float
+    error: float
+
+    @classmethod
+    def of(cls, gains: Floats) -> Gain:
+        """From the gains of all capsules (n,)."""
+        return cls(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The second half before and after the effect is added.
+
+    Parameters
+    ----------
+    gain, error : float
+        Log likelihood per capsule that the effect gains, and its standard error.
+    before, after : Finding
+    left : Finding
+        What the effect leaves over in the first half.
+    gains : (n,) array
+        Of each capsule.
+    steps : tuple of Gain
+        Of each effect beside those before.
+    compared : (Compared, Compared)
+        The capsules beside the model before and after.
+    established : tuple of bool
+        Of each step, whether its effect is known to be there from what was measured elsewhere.
+    """
+
+    gain: float
+    error: float
+    before: Finding
+    after: Finding
+    left: Finding
+    gains: Floats = field(repr=False)
+    steps: tuple[Gain, ...]
+    compared: tuple[Compared, Compared] = field(repr=False)
+    established: tuple[bool, ...]
+
+    @property
+    def leaves_nothing(self) -> bool:
+        """Whether nothing is left over, neither in these capsules nor in both halves together."""
+        return min(self.after.chance, self.left.together(self.after, _WORTH_A_LOOK)) >= LEFT
+
+    @property
+    def holds(self) -> bool:
+        """Whether every effect predicts these capsules better, one that is established not worse; nothing is left."""
+        least = (-_VERIFIED if known else _VERIFIED for known in self.established)
+        better = all(gain.mean >= sigma * gain.error for gain, sigma in zip(self.steps, least, strict=True))
+        return better and self.leaves_nothing
+
+
+def verified(
+    model: ExtendableModel, steps: tuple[Step, ...], confirm: Session, seed: int, measured: Measured
+) -> tuple[tuple[Step, ...], Verification]:
+    """The second half beside the model, and beside it with each effect more.
+
+    Of the effects that the first half did not tell apart, those stay that leave nothing over here and are not told
+    apart by both halves together. Gains are of one covariance for all; what is left over in the end, of that of the
+    model with the effects.
+    """
+    white = whitening(model, confirm)
+    *before, last = (step for step in steps if step.alike)
+    models: list[ExtendableModel] = [model, *(step.after for step in before)]
+    fits = [fitted(one, confirm, white) for one in models]
+    chain = [log_likelihood(one) for one in fits]
+    shown = find(model, confirm, seed=seed, white=white, fits=fits[0]), Compared(confirm, model, fits[0])
+
+    def tried(name: str) -> Verification:
+        extended = last.with_effect(name)
+        likelihoods = np.array([*chain, log_likelihood(fitted(extended, confirm, white))])
+        gains = likelihoods[-1] - likelihoods[0]
+        whole = Gain.of(gains)
+        own = whitening(extended, confirm)
+        fit = fitted(extended, confirm, own)
+        return Verification(
+            gain=whole.mean,
+            error=whole.error,
+            before=shown[0],
+            after=find(extended, confirm, seed=seed, white=own, fits=fit),
+            left=last.left[name],
+            gains=gains,
+            steps=tuple(Gain.of(one) for one in np.diff(likelihoods, axis=0)),
+            compared=(shown[1], Compared(confirm, extended, fit)),
+            established=tuple(
+                _established(effect, measured)
+                for effect in (*(step.best.effect for step in before), last.scores[name].effect)
+            ),
+        )
+
+    tries = {name: tried(name) for name in last.alike}
+    in_question = _in_question(last, tries)
+    if not in_question:
+        return steps, tries[last.alike[0]]
+    return (*before, replace(last, alike=in_question)), tries[in_question[0]]
+
+
+def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ...]:
+    """The effects that leave nothing over and are not told apart by both halves; first, if any, one that holds."""
+    gains = {name: np.concatenate([step.scores[name].gains, one.gains]) for name, one in tries.items()}
+    total = {name: step.scores[name].gain + float(one.gains.sum()) for name, one in tries.items() if one.leaves_nothing}
+    by_total = sorted(total, key=lambda name: -total[name])
+    best = by_total[:1]
+    alike = best + [
+        name for name in by_total[1:] if not_told_apart(total[best[0]] - total[name], gains[best[0]] - gains[name])
+    ]
+    return tuple(sorted(alike, key=lambda name: not tries[name].holds))
+
+
+def _established(effect: Effect, measured: Measured) -> bool:
+    size, error = measured.get(effect.parameter.name, (effect.null_value, np.inf))
+    return abs(size - effect.null_value) >= _ESTABLISHED * error
