@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,12 @@ from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
 from capsbayes.quantity import Quantity, quantity
 from capsbayes.status import Status
 
-__all__ = ["Measurement"]
+__all__ = ["CONDITIONS", "Measurement"]
 
 Floats = NDArray[np.float64]
+
+CONDITIONS = ("half_width", "viscosity")
+"""What of an experiment may differ from capsule to capsule of a set."""
 
 _KEYS = ("axial_extent", "capsule_velocity")
 _OPTIONAL = ("axial_length", "length_correlation", "axial_length_bound")
@@ -57,6 +61,9 @@ class Measurement:
         How the measurement ended; unless it is ``DONE``, the numbers are NaN.
     axial_length_bound : float, optional
         Where L_a is missing: what it cannot exceed, the length of the silhouette with two standard errors.
+    conditions : mapping of str to float
+        What is otherwise for this capsule of a set than its experiment says, in SI: its ``half_width``, its
+        ``viscosity``. A measurement file says so by the experiment it names.
 
     Raises
     ------
@@ -85,6 +92,7 @@ class Measurement:
     experiment_file: Path | None = None
     status: Status = Status.DONE
     axial_length_bound: float | None = None
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.status.ok:
@@ -101,6 +109,9 @@ class Measurement:
             )
         if self.outline is not None and not self.over_half_width:
             raise InputError(where, "outline", "lengths over l, as the outline is", "lengths in metres", "divide by l")
+        for key, value in self.conditions.items():
+            if key not in CONDITIONS or not (np.isfinite(value) and value > 0.0):
+                raise InputError(where, key, f"a positive number, of {' or '.join(CONDITIONS)}", repr(value))
         if not (isinstance(self.length_correlation, (int, float)) and -1.0 < self.length_correlation < 1.0):
             raise InputError(where, "length_correlation", "a number between -1 and 1", repr(self.length_correlation))
 

@@ -1,5 +1,7 @@
 """Fits of many capsules: the truth without noise, as much left over as there is noise, errors that are true."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sessions import drawn_session
@@ -22,6 +24,17 @@ def test_without_noise_the_truth_is_found(model, outline):
     assert fits.settled.all()
     np.testing.assert_allclose(fits.theta[:, 0], truth["log_ca"], atol=5e-3 if outline else 5e-2)
     np.testing.assert_allclose(fits.size, truth["size_ratio"], atol=1e-3)
+
+
+def test_the_viscosity_of_a_capsule_goes_into_its_modulus(model):
+    session, _ = drawn_session(model, 6, seed=1, outline=False)
+    usual = session.mean("viscosity")
+    own = [usual, usual, 2.0 * usual, 2.0 * usual, usual, usual]
+    each = [replace(one, conditions={"viscosity": mu}) for one, mu in zip(session.measurements, own, strict=True)]
+    before, after = (
+        fitted(model, one, whitening(model, one)).log_modulus for one in (session, Session(each, session.experiment))
+    )
+    np.testing.assert_allclose(after - before, np.log(np.array(own) / usual), atol=1e-9)
 
 
 @pytest.mark.parametrize("outline", [False, True])

@@ -125,20 +125,57 @@ def test_capsules_that_cannot_be_used_are_left_out_and_said(tmp_path):
     assert not any("\n" in line for line in found.left_out)
 
 
-def test_capsules_of_two_experiments_are_no_set(tmp_path):
-    folder = tmp_path / "set"
+def named_by_the_second(folder, experiment):
+    """A set whose second capsule names another experiment."""
     session().write(folder)
-    EXPERIMENT.write(tmp_path / "other.toml")
+    experiment.write(folder / "other.toml")
     second = folder / "capsule-002.toml"
-    second.write_text(second.read_text().replace("experiment.toml", "../other.toml"))
-    with pytest.raises(InputError, match=r"capsule-002.toml: experiment: expected the same experiment as in .*001"):
-        Session.read(folder)
-    assert len(Session.read(folder, tmp_path / "other.toml")) == 3
-    second.write_text(second.read_text().replace('experiment = "../other.toml"', ""))
+    second.write_text(second.read_text().replace("experiment.toml", "other.toml"))
+    return second
+
+
+def test_each_capsule_of_a_folder_may_name_its_own_experiment(tmp_path):
+    folder = tmp_path / "set"
+    second = named_by_the_second(folder, replace(EXPERIMENT, viscosity=0.5, half_width=30e-6))
+    found = Session.read(folder)
+    usual = float(EXPERIMENT.viscosity.mean())
+    np.testing.assert_allclose(found.circumstances["viscosity"], [usual, 0.5, usual])
+    np.testing.assert_allclose(found.circumstances["half_width"], [25e-6, 30e-6, 25e-6], rtol=1e-6)
+    assert Session.read(folder, folder / "other.toml").mean("viscosity") == 0.5
+    second.write_text(second.read_text().replace('experiment = "other.toml"', ""))
     with pytest.raises(
         InputError, match=r"capsule-002.toml: experiment: expected the name of a file, got nothing; give"
     ):
         Session.read(folder)
+
+
+def test_capsules_of_different_sections_are_no_set(tmp_path):
+    named_by_the_second(tmp_path / "set", replace(EXPERIMENT, section="circular"))
+    with pytest.raises(InputError, match=r"other.toml: section: expected 'square' as in .*experiment.toml"):
+        Session.read(tmp_path / "set")
+
+
+@pytest.mark.parametrize("name", ["set.csv", "set.nc"])
+def test_conditions_of_each_capsule_are_read_back(tmp_path, name):
+    each = session(outline=name.endswith(".nc")).measurements
+    mixed = Session([each[0], *(replace(one, conditions={"viscosity": 0.7}) for one in each[1:])], EXPERIMENT)
+    mixed.write(tmp_path / name)
+    found = Session.read(tmp_path / name, EXPERIMENT)
+    assert [dict(one.conditions) for one in found.measurements] == [{}, {"viscosity": 0.7}, {"viscosity": 0.7}]
+    with pytest.raises(
+        InputError, match=r"conditions: expected capsules under one experiment.*write a \.csv or a \.nc"
+    ):
+        mixed.write(tmp_path / "folder")
+    assert not (tmp_path / "folder").exists()
+
+
+def test_conditions_may_be_in_micrometres_and_are_checked(tmp_path):
+    path = tmp_path / "set.csv"
+    header, row = TABLE.splitlines()
+    path.write_text(f"{header},half_width_um,viscosity_mpa_s\n{row},27.5,\n{row},0,800\n")
+    found = Session.read(path, EXPERIMENT)
+    assert found.circumstances["half_width"] == pytest.approx([27.5e-6])
+    assert "capsule 2: half_width: expected a positive number" in found.left_out[0]
 
 
 TABLE = (

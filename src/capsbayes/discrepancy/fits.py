@@ -152,7 +152,7 @@ def _made(
     freedom: NDArray[np.int64],
 ) -> Fits:
     speed = session.circumstances["capsule_velocity"] / places.ratio
-    log_modulus = np.log(session.mean("viscosity") * speed) - places.theta[:, 0]
+    log_modulus = np.log(session.circumstances["viscosity"] * speed) - places.theta[:, 0]
     covariance = np.full((len(settled), 2, 2), np.nan)
     for i in np.flatnonzero(known):
         slope = places.slopes[i]

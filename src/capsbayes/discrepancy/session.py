@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from capsbayes.discrepancy.sets import check_comparable, read_set, write_set
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, centre_and_error
-from capsbayes.measurement import Measurement
+from capsbayes.measurement import CONDITIONS, Measurement
 
 __all__ = ["Session"]
 
@@ -25,7 +25,7 @@ _BIN = 4  # capsules of like size among which halves are drawn
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Capsules measured under the same conditions but for the flow rate.
+    """Capsules measured under the same conditions but for the flow rate, and what each says in its `conditions`.
 
     Parameters
     ----------
@@ -94,8 +94,11 @@ class Session:
     def circumstances(self) -> dict[str, Floats]:
         """What effects may depend on besides the shape: (n,) arrays, SI."""
         velocity = np.array([one.capsule_velocity for one in self.measurements])
-        inputs = {name: self.mean(name) for name in ("half_width", "viscosity")}
-        return {"capsule_velocity": velocity} | {name: np.full(len(self), value) for name, value in inputs.items()}
+        found = {"capsule_velocity": velocity}
+        for name in CONDITIONS:
+            usual = centre_and_error(getattr(self.experiment, name))[0]
+            found[name] = np.array([one.conditions.get(name, usual) for one in self.measurements])
+        return found
 
     @property
     def velocity_errors(self) -> Floats:
@@ -103,8 +106,8 @@ class Session:
         return np.array([one.capsule_velocity_error / one.capsule_velocity for one in self.measurements])
 
     def mean(self, name: str) -> float:
-        """Mean of the half width [m] or of the viscosity [Pa s]."""
-        return centre_and_error(getattr(self.experiment, name))[0]
+        """Mean of the half width [m] or of the viscosity [Pa s] over the capsules."""
+        return float(self.circumstances[name].mean())
 
     def taken(self, rows: Any) -> Session:
         """Some of the capsules, by an array of row numbers."""

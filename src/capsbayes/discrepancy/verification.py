@@ -128,15 +128,16 @@ def verified(
 
 
 def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ...]:
-    """The effects that leave nothing over and are not told apart by both halves; first, if any, one that holds."""
+    """The effects that are not told apart by both halves and leave nothing over; first, if any, one that holds.
+
+    One that leaves nothing over is not in question if another that does leave something is far likelier.
+    """
     gains = {name: np.concatenate([step.scores[name].gains, one.gains]) for name, one in tries.items()}
-    total = {name: step.scores[name].gain + float(one.gains.sum()) for name, one in tries.items() if one.leaves_nothing}
-    by_total = sorted(total, key=lambda name: -total[name])
-    best = by_total[:1]
-    alike = best + [
-        name for name in by_total[1:] if not_told_apart(total[best[0]] - total[name], gains[best[0]] - gains[name])
-    ]
-    return tuple(sorted(alike, key=lambda name: not tries[name].holds))
+    total = {name: step.scores[name].gain + float(one.gains.sum()) for name, one in tries.items()}
+    best, *others = sorted(total, key=lambda name: -total[name])
+    alike = [best, *(name for name in others if not_told_apart(total[best] - total[name], gains[best] - gains[name]))]
+    leaving_nothing = (name for name in alike if tries[name].leaves_nothing)
+    return tuple(sorted(leaving_nothing, key=lambda name: not tries[name].holds))
 
 
 def _established(effect: Effect, measured: Measured) -> bool:

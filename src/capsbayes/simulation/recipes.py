@@ -56,8 +56,10 @@ def _plain(section: str, law: str, cases: Cases) -> Recipe:
     return Recipe(replace(_FINE, section=section, law=_LAWS[law]), cases, compare=16)
 
 
-def _effect(effect: str, *values: float, section: str = "square", law: str = "neo-hookean") -> Recipe:
-    return Recipe(replace(_COARSE, section=section, law=_LAWS[law]), effect_grid(), effect, values)
+def _effect(
+    effect: str, *values: float, section: str = "square", law: str = "neo-hookean", mesh: Simulator = _COARSE
+) -> Recipe:
+    return Recipe(replace(mesh, section=section, law=_LAWS[law]), effect_grid(), effect, values)
 
 
 RECIPES: dict[str, Recipe] = {
@@ -73,7 +75,8 @@ RECIPES: dict[str, Recipe] = {
         for section in ("square", "circular")
     },
     "square-hardening": _effect("hardening", 0.1, 0.3, 1.0, 3.0, 10.0, law="skalak"),
-    "square-strain-hardening": _effect("strain_hardening", 0.0, 0.25, 0.5, 1.0, law="strain-hardening"),
+    # a membrane that is stiffer where the rim is sharp has less of the coarse mesh's error than the one without
+    "square-strain-hardening": _effect("strain_hardening", 0.0, 0.25, 0.5, 1.0, law="strain-hardening", mesh=_FINE),
     "square-bending": _effect("bending", 5e-5, 2e-4, 1e-3, 3e-3),
     "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
     "square-corner-radius": _effect("corner_radius", 0.0, 0.05, 0.1, 0.15, 0.2),

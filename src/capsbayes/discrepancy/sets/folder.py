@@ -9,9 +9,9 @@ from pathlib import Path
 
 from capsbayes.discrepancy.sets.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.input_file import InputFile
-from capsbayes.measurement import Measurement
+from capsbayes.measurement import CONDITIONS, Measurement
 
 __all__ = ["read_folder", "write_folder"]
 
@@ -26,18 +26,22 @@ def read_folder(folder: Path, experiment: Experiment | str | Path | None = None)
     folder : Path
         Each file as `Measurement.read` reads it; files of experiments among them are passed over.
     experiment : Experiment or path, optional
-        By default the one that all measurements name.
+        By default the one that each measurement names; if there are several, of one section, half width and viscosity
+        are those of each.
 
     Raises
     ------
     InputError
-        If no capsule can be used, or they do not name the same experiment.
+        If no capsule can be used, or one names no experiment, or they name some of different sections.
     """
     files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/measurement.toml"))]
     readers = [partial(Measurement.read, file) for file in files if not _is_experiment(file)]
     measurements, left_out = gathered(readers, folder)
-    known = _named_by_all(folder, measurements) if experiment is None else experiment
-    return MeasuredSet(measurements, known_experiment(folder, known), left_out)
+    if experiment is None:
+        measurements, known = _each_under_its_own(measurements)
+    else:
+        known = known_experiment(folder, experiment)
+    return MeasuredSet(measurements, known, left_out)
 
 
 def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: Experiment) -> None:
@@ -46,8 +50,10 @@ def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: 
     Raises
     ------
     InputError
-        If the folder holds TOML files already, which would be read as well.
+        If the folder holds TOML files already, which would be read as well, or a capsule has conditions of its own.
     """
+    if any(one.conditions for one in measurements):
+        raise InputError(str(folder), "conditions", "capsules under one experiment", "others", "write a .csv or a .nc")
     if folder.exists() and (not folder.is_dir() or any(folder.glob("*.toml"))):
         got = "one with TOML files" if folder.is_dir() else "a file"
         raise InputError(str(folder), "", "a folder without TOML files", got, "choose another")
@@ -67,15 +73,26 @@ def _is_experiment(file: Path) -> bool:
     return "section" in content and "measurement" not in content
 
 
-def _named_by_all(folder: Path, measurements: Sequence[Measurement]) -> Path:
-    advice = "give one for all with experiment=..., or --experiment"
-    first = measurements[0]
-    for one in measurements:
-        if one.experiment_file is None:
-            raise InputError(one.source, "experiment", "the name of a file", "nothing", advice)
-        assert first.experiment_file is not None, "looked at before the others"
-        if one.experiment_file.resolve() != first.experiment_file.resolve():
-            expected = f"the same experiment as in {first.source}, {first.experiment_file}"
-            raise InputError(one.source, "experiment", expected, str(one.experiment_file), advice)
-    assert first.experiment_file is not None, "all name one"
-    return first.experiment_file
+def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Measurement, ...], Experiment]:
+    """The measurements with the conditions of the experiments that they name, if these are several, and the first."""
+    files = [_named(one) for one in measurements]
+    known = {file: Experiment.read(file) for file in dict.fromkeys(files)}
+    first = known[files[0]]
+    for other in known.values():
+        if other.section != first.section:
+            raise InputError(other.source, "section", f"{first.section!r} as in {first.source}", repr(other.section))
+    if len(known) == 1:
+        return measurements, first
+    conditions = {
+        file: {name: centre_and_error(getattr(experiment, name))[0] for name in CONDITIONS}
+        for file, experiment in known.items()
+    }
+    own = [replace(one, conditions=conditions[file]) for one, file in zip(measurements, files, strict=True)]
+    return tuple(own), first
+
+
+def _named(measurement: Measurement) -> Path:
+    if measurement.experiment_file is None:
+        advice = "give one for all with experiment=..., or --experiment"
+        raise InputError(measurement.source, "experiment", "the name of a file", "nothing", advice)
+    return measurement.experiment_file.resolve()

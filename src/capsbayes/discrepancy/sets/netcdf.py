@@ -27,6 +27,7 @@ _NUMBERS = {
 _LENGTH = {"axial_length": "l", "axial_length_error": "l"}
 _NOISE = {"noise_scale": "l", "noise_correlation": "l"}
 _WHITE = {"noise_white": "1"}
+_CONDITIONS = {"half_width": "m", "viscosity": "Pa s"}
 _OUTLINE = ("capsule", "point", "axis")
 
 
@@ -39,7 +40,8 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
         With the variables ``outline`` (capsule, point, axis) [l], columns (z, y), filled up with NaN behind a short
         one; over the capsules ``axial_extent``, ``axial_extent_error`` [l], ``capsule_velocity``,
         ``capsule_velocity_error`` [m/s], ``noise_scale``, ``noise_correlation`` [l] as of `OutlineNoise`; optionally
-        ``noise_white``, ``axial_length``, ``axial_length_error`` [l] and ``name``. A variable's attribute ``units``,
+        ``noise_white``, ``axial_length``, ``axial_length_error`` [l], ``half_width`` [m] and ``viscosity`` [Pa s] where
+        they are not those of the experiment (else NaN), and ``name``. A variable's attribute ``units``,
         if it has one, must be the unit here. The attribute ``view`` says what all outlines show, ``"section"`` by
         default.
     experiment : Experiment or path
@@ -82,7 +84,9 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     noise = np.array([[one.noise.scale, one.noise.correlation_length, one.noise.white] for one in edges])
     numbers = {name: [getattr(one, name) for one in measurements] for name in _NUMBERS | _LENGTH}
     numbers |= dict(zip(_NOISE | _WHITE, noise.T, strict=True))
-    units = _NUMBERS | _LENGTH | _NOISE | _WHITE
+    own = {name: [one.conditions.get(name, np.nan) for one in measurements] for name in _CONDITIONS}
+    numbers |= {name: values for name, values in own.items() if np.isfinite(values).any()}
+    units = _NUMBERS | _LENGTH | _NOISE | _WHITE | _CONDITIONS
     variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
     dataset = xr.Dataset({**variables, "outline": (_OUTLINE, outlines, {"units": "l"})}, coords={"axis": ["z", "y"]})
     dataset.attrs["view"] = (views or [SECTION])[0]
@@ -101,7 +105,7 @@ def _opened(path: Path) -> xr.Dataset:
 def _check(path: Path, dataset: xr.Dataset) -> None:
     """Refuse a file that lacks a variable, or has one of another shape or unit."""
     needed = {"outline": "l", **_NUMBERS, **_NOISE}
-    for name, unit in (needed | _LENGTH | _WHITE).items():
+    for name, unit in (needed | _LENGTH | _WHITE | _CONDITIONS).items():
         dims = _OUTLINE if name == "outline" else ("capsule",)
         wanted = f"a variable ({', '.join(dims)}) in {unit}"
         if name not in dataset.variables:
@@ -130,4 +134,5 @@ def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
         outline = MeasuredOutline(points[np.isfinite(points).any(axis=1)], noise, view=view)
     except InputError as error:  # which does not know whose outline it is
         raise InputError(where, error.key, error.expected, error.got, error.advice) from None
-    return Measurement(**seen, outline=outline, source=where)  # type: ignore[arg-type]
+    own = {name: float(one[name]) for name in _CONDITIONS if name in one.variables and np.isfinite(one[name])}
+    return Measurement(**seen, outline=outline, conditions=own, source=where)  # type: ignore[arg-type]

@@ -35,6 +35,10 @@ _OPTIONAL: dict[str, dict[str, float]] = {
     "axial_length_error": {"axial_length_error_over_l": 1.0},
     "length_correlation": {"length_correlation": 1.0},
 }
+_CONDITIONS: dict[str, dict[str, float]] = {
+    "half_width": {"half_width_m": 1.0, "half_width_um": 1e-6},
+    "viscosity": {"viscosity_pa_s": 1.0, "viscosity_mpa_s": 1e-3},
+}
 _NAMES = ("name", "capsule")
 _PASSED_OVER = ("status", "frames")
 
@@ -48,6 +52,7 @@ def read_table(path: Path, experiment: Experiment | str | Path | None = None) ->
         CSV file with the columns ``axial_extent_over_l``, ``axial_extent_error_over_l``, ``capsule_velocity_m_per_s``
         and ``capsule_velocity_error_m_per_s`` (or both ``..._mm_per_s``); optionally ``axial_length_over_l`` and
         ``axial_length_error_over_l``, whose cells may be empty where the rear is hidden, ``length_correlation``,
+        ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or ``_mpa_s``) where they are not those of the experiment,
         ``name``, and ``status``, which is DONE for a capsule to be used.
     experiment : Experiment or path
 
@@ -76,11 +81,13 @@ def write_table(path: Path, measurements: Sequence[Measurement]) -> None:
         if one.outline is not None:
             raise InputError(str(path), "outline", "capsules without outlines", "one with", "write a folder or a .nc")
     headers = {name: next(iter(found)) for name, found in (_COLUMNS | _OPTIONAL).items()}
+    stated = {name for one in measurements for name in one.conditions}
+    own = {name: next(iter(found)) for name, found in _CONDITIONS.items() if name in stated}
     with path.open("w", newline="") as file:
         table = csv.writer(file)
-        table.writerow(["name", *headers.values()])
+        table.writerow(["name", *headers.values(), *own.values()])
         for number, one in enumerate(measurements, start=1):
-            numbers = [getattr(one, name) for name in headers]
+            numbers = [*(getattr(one, name) for name in headers), *(one.conditions.get(name) for name in own)]
             table.writerow([number, *("" if value is None else repr(float(value)) for value in numbers)])
 
 
@@ -95,7 +102,7 @@ def _rows(path: Path) -> tuple[list[str], list[Row]]:
 
 
 def _check_columns(path: Path, columns: list[str]) -> None:
-    headers = {name: tuple(found) for name, found in (_COLUMNS | _OPTIONAL).items()}
+    headers = {name: tuple(found) for name, found in (_COLUMNS | _OPTIONAL | _CONDITIONS).items()}
     known = [header for found in headers.values() for header in found] + [*_NAMES, *_PASSED_OVER]
     for column in columns:
         if column not in known:
@@ -116,7 +123,9 @@ def _measurement(path: Path, number: int, row: Row) -> Measurement:
     numbers = {name: _number(row, where, found) for name, found in _COLUMNS.items()}
     numbers |= {name: _number(row, where, found, optional=True) for name, found in _OPTIONAL.items()}
     correlation = numbers.pop("length_correlation") or 0.0
-    return Measurement(**numbers, length_correlation=correlation, source=where)  # type: ignore[arg-type]
+    conditions = {name: _number(row, where, found, optional=True) for name, found in _CONDITIONS.items()}
+    own = {name: value for name, value in conditions.items() if value is not None}
+    return Measurement(**numbers, length_correlation=correlation, conditions=own, source=where)  # type: ignore[arg-type]
 
 
 def _number(row: Row, where: str, headers: Mapping[str, float], *, optional: bool = False) -> float | None:
