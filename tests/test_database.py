@@ -96,6 +96,18 @@ def test_converged_keeps_the_done_rows_only(database, tmp_path):
     assert len(Database.read(tmp_path / "done.nc")) == 3
 
 
+def test_without_nodes_the_rest_is_the_same(database, tmp_path):
+    slim = database.without_nodes()
+    assert slim.dataset.sizes["node"] == 0
+    for name in VARIABLES.keys() - {"nodes", "axis", "plane"}:
+        if slim[name].dtype.kind == "f":
+            np.testing.assert_allclose(slim[name], database[name], rtol=1e-7, err_msg=name)
+        else:
+            np.testing.assert_array_equal(slim[name], database[name], err_msg=name)
+    slim.write(tmp_path / "slim.nc")
+    assert Database.read(tmp_path / "slim.nc").sha256 != database.sha256
+
+
 def test_the_rows_of_one_value_of_an_effect(database):
     np.testing.assert_array_equal(database.values, [0.0, 0.1])
     one = database.at_value(0.1)

@@ -109,8 +109,11 @@ def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
     told = []
     few = replace(NOTHING, sessions=2)
     first = examine([few], tmp_path, tmp_path / "out", workers=1, tell=told.append)
+    (file,) = (tmp_path / "out").iterdir()
+    file.write_text(file.read_text() + '{"seed": 3, "outcome": "no')  # a run that was cut off
     more = examine([replace(few, sessions=3)], tmp_path, tmp_path / "out", workers=1, tell=told.append)
-    assert told == ["nothing: sessions 1 to 2 of 2", "nothing: sessions 3 to 3 of 3"]
+    said = "of each of 1 cells:"
+    assert told == [f"sessions 1 to 2 {said} 2 to diagnose", f"sessions 1 to 3 {said} 1 to diagnose"]
     assert {seed: more["nothing"][seed].chance for seed in (1, 2)} == {
         seed: answer.chance for seed, answer in first["nothing"].items()
     }

@@ -13,6 +13,7 @@ def exam(
     out: Annotated[Path, typer.Option(help="Folder for the answers and the page exam.md.")],
     pools: Annotated[Path, typer.Option(help="Folder of the simulated shapes; those that it lacks are made.")],
     only: Annotated[str | None, typer.Option(help="Cells whose name holds this text.")] = None,
+    sessions: Annotated[int | None, typer.Option(min=1, help="Of each cell, at most; all if absent.")] = None,
     workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
 ) -> None:
     """Hide effects in many sessions, diagnose each, and write the table of the answers.
@@ -20,6 +21,8 @@ def exam(
     What is finished is kept, so the command can be stopped and run again. Shapes take about an hour of two cores, the
     sessions another two. Exit status: 0 done, 2 bad input.
     """
+    from dataclasses import replace
+
     from rich.console import Console
 
     from capsbayes.cli.folder import check_folder
@@ -33,6 +36,8 @@ def exam(
     chosen = [cell for cell in CELLS if only is None or only in cell.name]
     if not chosen:
         raise InputError("exam", "--only", f"part of one of {', '.join(cell.name for cell in CELLS)}", repr(only))
+    if sessions is not None:
+        chosen = [replace(cell, sessions=min(sessions, cell.sessions)) for cell in chosen]
     check_folder("--out", out)
     check_folder("--pools", pools)
     console = Console(stderr=True, quiet=not sys.stderr.isatty())

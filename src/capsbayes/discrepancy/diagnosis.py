@@ -13,11 +13,11 @@ from enum import Enum
 from functools import partial
 
 from capsbayes.discrepancy.compared import Compared
-from capsbayes.discrepancy.evidence import evidences
+from capsbayes.discrepancy.evidence import UNKNOWN, evidences
 from capsbayes.discrepancy.finding import Finding, find
 from capsbayes.discrepancy.fits import fitted, whitening
 from capsbayes.discrepancy.scoring import Scores
-from capsbayes.discrepancy.search import Measured, Step, searched
+from capsbayes.discrepancy.search import LEAST_GAIN, Measured, Step, searched
 from capsbayes.discrepancy.session import Session
 from capsbayes.discrepancy.verification import Verification, verified
 from capsbayes.effect import Effect, ExtendableModel
@@ -156,13 +156,14 @@ def diagnose(
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
         return made(verdict, steps=(), verification=None, model=model, sizes={})
     steps, explained = searched(model, effects, discover, white, fits, seed=seed, measured=measured or {}, tell=told)
-    made = partial(made, evidence=evidences(steps[0].scores, white, fits))
+    evidence = evidences(steps[0].scores, white, fits)
+    made = partial(made, evidence=evidence)
     told("the capsules laid aside")
     verification = None
     if steps[0].alike:
         steps, verification = verified(model, steps, confirm, seed, measured or {})
     made = partial(made, model=model, sizes={})
-    if verification is None or not (explained and verification.holds):
+    if verification is None or not (explained and verification.holds and _likely(steps, evidence)):
         again = find(model, confirm, seed=seed) if verification is None else verification.before
         if finding.together(again, among=level) > level:
             return made(Verdict.NONE, steps=(), verification=None, again=again)
@@ -174,6 +175,11 @@ def diagnose(
     for step in steps:
         extended = extended + step.best.effect
     return made(Verdict.NAMED, model=extended, sizes={step.alike[0]: step.best.size for step in steps})
+
+
+def _likely(steps: tuple[Step, ...], evidence: Mapping[str, float]) -> bool:
+    """Whether one effect that explains it is not far less likely than what nobody has thought of."""
+    return len(steps) > 1 or evidence[steps[0].alike[0]] >= evidence[UNKNOWN] - LEAST_GAIN
 
 
 class _Told:

@@ -15,7 +15,7 @@ from capsbayes.discrepancy.session import Session
 from capsbayes.discrepancy.whitening import Whitening
 from capsbayes.effect import Effect, ExtendableModel, Held
 
-__all__ = ["LEFT", "Measured", "Step", "not_told_apart", "searched"]
+__all__ = ["LEAST_GAIN", "LEFT", "Measured", "Step", "not_told_apart", "searched"]
 
 Floats = NDArray[np.float64]
 Measured = Mapping[str, tuple[float, float]]
@@ -24,9 +24,11 @@ Measured = Mapping[str, tuple[float, float]]
 LEFT = 0.01
 """Chance of what is left over, below which it is not explained."""
 
+LEAST_GAIN = 3.0
+"""In log likelihood, below which an effect explains nothing, or no more than another."""
+
 _MOST = 2  # effects that are added
 _FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
-_LEAST_GAIN = 3.0  # in log likelihood, below which an effect explains nothing, or no more than another
 _APART = 2.5  # standard errors between the gains of two effects, below which they are not told apart
 
 
@@ -151,7 +153,7 @@ def _with(model: ExtendableModel, scores: Scores) -> Held:
 
 def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
     """The effect that gains most, and those that gain as much but for the scatter from capsule to capsule."""
-    names = [name for name, one in scores.items() if one.gain > _LEAST_GAIN]
+    names = [name for name, one in scores.items() if one.gain > LEAST_GAIN]
     return tuple(name for name in names if _alike(scores[names[0]], scores[name]))
 
 
@@ -169,4 +171,4 @@ def not_told_apart(lag: float, lags: Floats) -> bool:
     lags : (n,) array
         Of each capsule.
     """
-    return lag < max(_LEAST_GAIN, _APART * float(np.sqrt(np.sum(lags**2))))
+    return lag < max(LEAST_GAIN, _APART * float(np.sqrt(np.sum(lags**2))))

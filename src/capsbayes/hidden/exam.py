@@ -13,7 +13,6 @@ from capsbayes.database import Database
 from capsbayes.hidden.answer import Answer, answered
 from capsbayes.hidden.cells import Cell
 from capsbayes.hidden.pools import pool_name
-from capsbayes.output_file import replaced
 from capsbayes.simulation.workers import computed
 from capsbayes.surrogate import Surrogate
 
@@ -31,10 +30,10 @@ def examine(
     workers: int | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Answers:
-    """Diagnose every session of the cells that has no answer yet.
+    """Diagnose every session of the cells that has no answer yet, in rounds over all cells.
 
-    The answers of a cell are kept in one file in `out`; each is added as soon as a handful more is known, so that
-    the same call made again goes on where it was.
+    The answers of a cell are kept in one file in `out`, a line each, written as soon as it is known, so that the same
+    call made again goes on where it was.
 
     Parameters
     ----------
@@ -46,27 +45,43 @@ def examine(
     workers : int, optional
         Number of worker processes; by default, one for each core.
     tell : callable
-        Is told each handful that begins.
+        Is told each round that begins.
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    found = {cell.name: _read(folder / _file(cell)) for cell in cells}
-    for cell in cells:
-        missing = [seed for seed in range(1, cell.sessions + 1) if seed not in found[cell.name]]
-        for start in range(0, len(missing), _HANDFUL):
-            seeds = missing[start : start + _HANDFUL]
-            tell(f"{cell.name}: sessions {seeds[0]} to {seeds[-1]} of {cell.sessions}")
-            tasks = [partial(_one, cell, seed, os.fspath(pools)) for seed in seeds]
-            found[cell.name] |= dict(zip(seeds, computed(tasks, None, workers), strict=True))
-            _write(folder / _file(cell), found[cell.name])
-    return found
+    for file in folder.glob("*.jsonl"):
+        _end_the_last_line(file)
+    last = max((cell.sessions for cell in cells), default=0)
+    for start in range(1, last + 1, _ROUND):
+        known = {cell.name: _read(folder / _file(cell)) for cell in cells}
+        tasks = [
+            partial(_one, cell, seed, os.fspath(pools), folder / _file(cell))
+            for seed in range(start, start + _ROUND)
+            for cell in cells
+            if seed <= cell.sessions and seed not in known[cell.name]
+        ]
+        if tasks:
+            end = min(start + _ROUND - 1, last)
+            tell(f"sessions {start} to {end} of each of {len(cells)} cells: {len(tasks)} to diagnose")
+            computed(tasks, None, workers)
+    return {cell.name: _read(folder / _file(cell)) for cell in cells}
 
 
-_HANDFUL = 24
+_ROUND = 4  # sessions of each cell
 
 
-def _one(cell: Cell, seed: int, pools: str) -> Answer:
-    return answered(cell, seed, _shapes(pools, *cell.shapes), _model())
+def _one(cell: Cell, seed: int, pools: str, out: Path) -> None:
+    answer = answered(cell, seed, _shapes(pools, *cell.shapes), _model())
+    line = json.dumps({"seed": seed, **asdict(answer)}) + "\n"
+    with out.open("a", encoding="utf-8") as file:  # one short write, so that workers do not mix theirs
+        file.write(line)
+
+
+def _end_the_last_line(file: Path) -> None:
+    """So that the next answer does not go on where one was cut off."""
+    if not file.read_text(encoding="utf-8").endswith("\n"):
+        with file.open("a", encoding="utf-8") as cut_off:
+            cut_off.write("\n")
 
 
 @lru_cache(maxsize=4)
@@ -83,15 +98,17 @@ def _model() -> Surrogate:
 
 def _file(cell: Cell) -> str:
     words = "".join(letter if letter.isalnum() or letter in ".+" else "-" for letter in cell.name)
-    return f"{words}.json"
+    return f"{words}.jsonl"
 
 
 def _read(path: Path) -> dict[int, Answer]:
-    if not path.exists():
-        return {}
-    return {int(seed): Answer(**values) for seed, values in json.loads(path.read_text(encoding="utf-8")).items()}
-
-
-def _write(path: Path, answers: dict[int, Answer]) -> None:
-    told = {str(seed): asdict(answer) for seed, answer in sorted(answers.items())}
-    replaced(path, json.dumps(told, indent=1) + "\n")
+    """Answers by seed; a line that was cut off is passed over."""
+    found = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        try:
+            values = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        seed = values.pop("seed")
+        found[seed] = Answer(**values)
+    return found

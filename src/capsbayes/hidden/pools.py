@@ -40,7 +40,7 @@ POOLS = MappingProxyType({(effect, size): HIDEABLE[effect] for effect, sizes in 
 
 def pool_name(effect: str, size: float) -> str:
     """Name of a pool's file, without its ending."""
-    return f"hidden-{effect.replace('_', '-')}-{size:g}"
+    return f"{effect.replace('_', '-')}-{size:g}"
 
 
 def pool_cases() -> Cases:
@@ -74,6 +74,7 @@ def build_pools(
         path = Path(folder) / f"{pool_name(effect, size)}.nc"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
+            made = build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
+            made.without_nodes().write(path)
         found[effect, size] = Database.read(path)
     return found

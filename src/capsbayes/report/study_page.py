@@ -111,7 +111,8 @@ def _candidates(study: Study) -> Iterator[str]:
     if not study.scores:
         return
     yield "<h2>What would explain it</h2>"
-    caption = "In a dark colour: the effects in question. A gain of 3 is the least that counts."
+    those = "the nearest, which fail" if study.verdict is Verdict.UNKNOWN else "the effects in question"
+    caption = f"In a dark colour: {those}. A gain of 3 is the least that counts."
     yield _picture(candidate_gains(study), "gain of each candidate", caption)
     yield candidate_table(study)
     yield (

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from capsbayes.discrepancy import NOTHING, UNKNOWN, Finding, Scores, Study, Verification
+from capsbayes.discrepancy import NOTHING, UNKNOWN, Finding, Scores, Study, Verdict, Verification
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.study_words import chance_words, deviation_words, odds_words, same_by_chance, size_words
 
@@ -39,9 +39,9 @@ def candidate_table(study: Study) -> str:
 
 
 def _told_apart(study: Study, name: str) -> str:
-    if name in study.names:
-        return "in&nbsp;question"
-    return "told&nbsp;apart" if study.names else "does not explain it"
+    if study.verdict is Verdict.UNKNOWN:
+        return "does not explain it"
+    return "in&nbsp;question" if name in study.names else "told&nbsp;apart"
 
 
 def meaning_table(study: Study) -> str:
