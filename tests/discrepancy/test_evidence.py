@@ -19,7 +19,7 @@ def model():
 
 
 def scores_at(effect, sizes, totals):
-    return Scores(effect, sizes, totals[:, None], np.zeros(len(sizes)))
+    return Scores(effect, sizes, totals[:, None], np.zeros(len(sizes)), np.full(len(sizes), 0.05))
 
 
 def test_evidence_of_a_gaussian_likelihood_beside_a_gaussian_prior():

@@ -74,12 +74,12 @@ def test_the_verdict_comes_first_and_each_part_is_there(study, page):
         "as large by chance",
         "What would explain it",
         "odds against none",
+        "median G",
         "what would separate it",
         "laid aside",
         "7 held-out capsules",
         "residual p-value",
         "log score per capsule",
-        "median G",
         "seed 3",
     )
     places = [text.index(re.sub(r"<[^>]+>", "", part)) for part in parts]
@@ -130,7 +130,7 @@ def test_other_verdicts_keep_what_they_have(study):
     assert "does not explain it" in unknown
     assert "Does it hold" not in unknown
     failed = replace(study, verdict=Verdict.UNKNOWN)
-    assert verdict_sentence(failed).endswith("nothing that was tried explains it: motion blur fails on new capsules.")
+    assert verdict_sentence(failed).endswith("nothing that was tried explains it; motion blur comes nearest.")
     ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, verification=None)
     assert "What would: the width of the edges at nose and flanks" in study_page(ambiguous)
     assert verdict_sentence(ambiguous).endswith("several effects explain it equally well: motion blur.")

@@ -154,12 +154,12 @@ def _write(study: Study, out: Path) -> None:
 
 def _print(console: Console, study: Study, out: Path | None) -> None:
     from capsbayes.report import lengths_alone, verdict_sentence
-    from capsbayes.report.study_words import chance_words, deviation_words
+    from capsbayes.report.study_words import chance_words, deviation_words, modulus_words
 
     console.print(verdict_sentence(study), style="bold", markup=False)
-    cost = lengths_alone(study.session)
-    if cost:
-        console.print(cost, markup=False)
+    for words in (modulus_words(study), lengths_alone(study.session)):
+        if words:
+            console.print(words, markup=False)
     if study.session.left_out:
         console.print(f"{len(study.session.left_out)} capsules were left out:")
         for line in study.session.left_out:
@@ -186,19 +186,27 @@ def _candidate_table(study: Study) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    from capsbayes.report.study_words import size_words
+    from capsbayes.discrepancy import UNKNOWN
+    from capsbayes.parameters import PARAMETERS
+    from capsbayes.report.study_words import odds_words, size_words, told_words
 
     table = Table(title="Effects that were tried, the likeliest first", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.title_justify = "left"
     table.add_column("effect", no_wrap=True)
     table.add_column("gain", justify="right", no_wrap=True)
-    for heading in ("size", "", "would be separated by"):
+    modulus = PARAMETERS["surface_shear_modulus"]
+    for heading in ("size", f"median G_s {modulus.shown_unit}", "", "would be separated by"):
         table.add_column(heading)
     for name, one in study.scores.items():
-        told = "in question" if name in study.names else "told apart" if study.names else "does not explain it"
         size = escape(f"{one.effect.parameter.symbol} = {size_words(one)}")
-        table.add_row(one.effect.name, f"{one.gain:.1f}", size, told, escape(one.effect.separated_by))
-    table.caption = "gain: in log likelihood of all capsules over the model without it"
+        median = f"{modulus.shown(one.modulus[one.best]):.1f}"
+        told = told_words(study, name)
+        table.add_row(one.effect.name, f"{one.gain:.1f}", size, median, told, escape(one.effect.separated_by))
+    likeliest = max(study.evidence[name] for name in study.scores)
+    table.caption = (
+        "gain: in log likelihood of all capsules over the model without it; odds of what is not in this list against "
+        f"the best of it: {odds_words(study.evidence[UNKNOWN] - likeliest)}"
+    )
     table.caption_justify = "left"
     return table
 

@@ -69,8 +69,7 @@ class Compared:
     @property
     def median_modulus(self) -> float:
         """Median of the apparent G_s [N/m]; NaN if the model has none of the shapes."""
-        known = self.modulus[self.fits.settled]
-        return float(np.median(known)) if len(known) else np.nan
+        return self.fits.median_modulus
 
     @cached_property
     def outlines(self) -> Floats:

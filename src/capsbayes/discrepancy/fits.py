@@ -71,6 +71,11 @@ class Fits:
         """Sum of the squares of what is left of each capsule : (n,) array."""
         return np.array([residual @ residual for residual in self.residuals])
 
+    @property
+    def median_modulus(self) -> float:
+        """Median of the apparent G_s [N/m] of those that are settled; NaN if none is."""
+        return float(np.exp(np.median(self.log_modulus[self.settled]))) if self.settled.any() else np.nan
+
 
 def whitening(model: ForwardModel, session: Session) -> Whitening:
     """The covariance of each capsule's measurement and of the model's own error there.

@@ -13,6 +13,7 @@ C_i the covariance of ln G_i and a/l.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,12 +59,15 @@ class Scores:
         With the population that is most likely at each size.
     elsewhere : (J,) array
         Log likelihood of what was measured of the effect apart from the capsules.
+    modulus : (J,) array [N/m]
+        Median of the apparent G_s of the capsules at each size.
     """
 
     effect: Effect
     sizes: Floats
     log_likelihood: Floats = field(repr=False)
     elsewhere: Floats = field(repr=False)
+    modulus: Floats = field(repr=False)
 
     @property
     def total(self) -> Floats:
@@ -117,6 +121,18 @@ class Scores:
         return min(float(ends[0]), self.size), max(float(ends[1]), self.size)
 
 
+class _Tried(NamedTuple):
+    """What came of one size."""
+
+    log_likelihood: Floats
+    theta: Floats
+    modulus: float
+
+    @classmethod
+    def of(cls, fits: Fits) -> _Tried:
+        return cls(log_likelihood(fits), fits.theta, fits.median_modulus)
+
+
 class Trial:
     """An effect that is tried on a session, at more and more sizes.
 
@@ -144,8 +160,7 @@ class Trial:
         measured: tuple[float, float] | None = None,
     ) -> None:
         self.model, self.effect, self.session, self.white, self.measured = model, effect, session, white, measured
-        # log likelihood and where the fits ended
-        self._found: dict[float, tuple[Floats, Floats]] = {effect.null_value: (log_likelihood(without), without.theta)}
+        self._found = {effect.null_value: _Tried.of(without)}
         for size in sorted(_first_sizes(effect, measured), key=lambda one: abs(one - effect.null_value)):
             self._add(size, everywhere=True)
         self.refine(1)
@@ -157,7 +172,8 @@ class Trial:
         elsewhere = np.zeros(len(sizes))
         if self.measured is not None:
             elsewhere = -0.5 * ((sizes - self.measured[0]) / self.measured[1]) ** 2
-        return Scores(self.effect, sizes, np.array([self._found[size][0] for size in sizes]), elsewhere)
+        likelihoods, _, moduli = zip(*(self._found[size] for size in sizes), strict=True)
+        return Scores(self.effect, sizes, np.array(likelihoods), elsewhere, np.array(moduli))
 
     def refine(self, times: int = _REFINED) -> None:
         """Add sizes about the best."""
@@ -169,10 +185,10 @@ class Trial:
     def _add(self, size: float, *, everywhere: bool = False) -> None:
         if size in self._found:
             return
-        start = self._found[min(self._found, key=lambda other: abs(other - size))][1]
+        start = self._found[min(self._found, key=lambda other: abs(other - size))].theta
         sizes = {self.effect.parameter.name: size}
         fits = fitted(self.model + self.effect, self.session, self.white, sizes, start, everywhere=everywhere)
-        self._found[size] = log_likelihood(fits), fits.theta
+        self._found[size] = _Tried.of(fits)
 
 
 def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[float]:

@@ -77,6 +77,7 @@ def _candidate(study: Study, name: str, scores: Scores) -> dict[str, Any]:
         "log_likelihood_gain": scores.gain,
         "size": scores.size,
         "interval_68": [low, high],
+        "median_surface_shear_modulus": _number(scores.modulus[scores.best]),
         "unit": scores.effect.parameter.unit,
         "kind": scores.effect.kind.name,
         "may_explain": name in study.names,

@@ -17,7 +17,13 @@ from capsbayes.report.study_moduli import moduli
 from capsbayes.report.study_outline import outline_finding
 from capsbayes.report.study_tables import candidate_table, finding_table, held_out_table, meaning_table, typeset
 from capsbayes.report.study_trends import trends
-from capsbayes.report.study_words import deviation_words, lengths_alone, same_by_chance, verdict_sentence
+from capsbayes.report.study_words import (
+    deviation_words,
+    lengths_alone,
+    modulus_words,
+    same_by_chance,
+    verdict_sentence,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,9 +72,9 @@ def study_page(study: Study) -> str:
 def _top(study: Study) -> Iterator[str]:
     yield "<h1>What the model misses</h1>"
     yield f'<p class="verdict">{typeset(verdict_sentence(study))}</p>'
-    cost = lengths_alone(study.session)
-    if cost:
-        yield f"<p>{typeset(cost)}</p>"
+    for words in (modulus_words(study), lengths_alone(study.session)):
+        if words:
+            yield f"<p>{typeset(words)}</p>"
     if study.session.left_out:
         lines = "".join(f"<li>{escape(line)}</li>" for line in study.session.left_out)
         yield f'<p>{len(study.session.left_out)} capsules were left out:</p><ul class="note">{lines}</ul>'

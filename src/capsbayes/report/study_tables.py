@@ -7,12 +7,20 @@ import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from capsbayes.discrepancy import NOTHING, UNKNOWN, Finding, Scores, Study, Verdict, Verification
+from capsbayes.discrepancy import NOTHING, UNKNOWN, Finding, Scores, Study, Verification
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.study_words import chance_words, deviation_words, odds_words, same_by_chance, size_words
+from capsbayes.report.study_words import (
+    chance_words,
+    deviation_words,
+    odds_words,
+    same_by_chance,
+    size_words,
+    told_words,
+)
 
 __all__ = ["candidate_table", "finding_table", "held_out_table", "meaning_table", "typeset"]
 
+_MODULUS = PARAMETERS["surface_shear_modulus"]
 _OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike in all capsules"}
 _GREEK = {"alpha": "α", "delta": "δ", "eps": "ε"}
 
@@ -32,16 +40,13 @@ def candidate_table(study: Study) -> str:
         if name in study.scores:
             one = study.scores[name]
             size = f"{typeset(one.effect.parameter.symbol)} = {typeset(size_words(one))}"
-            rows.append((_marked(study, name, one), *odds, size, _told_apart(study, name)))
+            modulus = f"{_MODULUS.shown(one.modulus[one.best]):.1f} {_MODULUS.shown_unit}"
+            rows.append((_marked(study, name, one), *odds, size, modulus, told_words(study, name)))
         else:
-            rows.append((f"<i>{_OTHERS[name]}</i>", *odds, "", ""))
-    return _table(("effect", "odds against the best", "odds against none", "size", "told apart?"), rows)
-
-
-def _told_apart(study: Study, name: str) -> str:
-    if study.verdict is Verdict.UNKNOWN:
-        return "does not explain it"
-    return "in&nbsp;question" if name in study.names else "told&nbsp;apart"
+            rows.append((f"<i>{_OTHERS[name]}</i>", *odds, "", "", ""))
+    return _table(
+        ("effect", "odds against the best", "odds against none", "size", "median G<sub>s</sub>", "told apart?"), rows
+    )
 
 
 def meaning_table(study: Study) -> str:
@@ -63,8 +68,7 @@ def held_out_table(verification: Verification) -> str:
     pairs = (verification.before, verification.after)
     gaps = [f"{1e6 * one.gap:.3f} µm" if math.isfinite(one.gap) else "no outlines" for one in verification.compared]
     noise = [f"{one.noise:.2f} σ" if math.isfinite(one.noise) else "nothing is left over" for one in pairs]
-    modulus = PARAMETERS["surface_shear_modulus"]
-    medians = [modulus.shown(one.median_modulus) for one in verification.compared]
+    medians = [one.median_modulus for one in verification.compared]
     shift = 100.0 * (medians[1] / medians[0] - 1.0)
     gain = f"{verification.gain:+.2f} ± {verification.error:.2f}"
     rows = [
@@ -75,8 +79,8 @@ def held_out_table(verification: Verification) -> str:
         ("log score per capsule, over that before", "0", gain),
         (
             "median G<sub>s</sub>",
-            f"{medians[0]:.1f} {modulus.shown_unit}",
-            f"{medians[1]:.1f} {modulus.shown_unit} ({shift:+.1f} %)",
+            _shown_modulus(medians[0]),
+            f"{_shown_modulus(medians[1])} ({shift:+.1f} %)",
         ),
     ]
     return _table((f"{len(verification.gains)} held-out capsules", "before", "after"), rows)
@@ -87,6 +91,10 @@ def typeset(text: str) -> str:
     text = re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9]+)\b", r"\1<sub>\2</sub>", escape(text))
     text = re.sub(r"/l\b", "/ℓ", re.sub(r"\^(\w+)", r"<sup>\1</sup>", text))
     return re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda found: _GREEK[found[0]], text)
+
+
+def _shown_modulus(value: float) -> str:
+    return f"{_MODULUS.shown(value):.1f} {_MODULUS.shown_unit}"
 
 
 def _marked(study: Study, name: str, one: Scores) -> str:

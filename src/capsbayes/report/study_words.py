@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import math
 
-from capsbayes.discrepancy import Deviation, Finding, Scores, Session, Study, Verdict
+import numpy as np
+
+from capsbayes.discrepancy import LEAST_GAIN, Deviation, Finding, Scores, Session, Study, Verdict
+from capsbayes.parameters import PARAMETERS
 
 __all__ = [
     "chance_words",
     "deviation_words",
     "lengths_alone",
+    "modulus_words",
     "odds_words",
     "same_by_chance",
     "size_words",
+    "told_words",
     "verdict_sentence",
 ]
 
+_MODULUS = PARAMETERS["surface_shear_modulus"]
 _MANY = 1e4  # odds beyond which their power of ten is enough
 
 
@@ -36,7 +42,7 @@ def verdict_sentence(study: Study) -> str:
         return f"{accused} several effects explain it equally well: {names}."
     if study.verification is not None:
         best = study.scores[study.names[0]]
-        return f"{accused} nothing that was tried explains it: {best.effect.name} fails on new capsules."
+        return f"{accused} nothing that was tried explains it; {best.effect.name} comes nearest."
     return f"{accused} nothing that was tried explains it."
 
 
@@ -51,6 +57,31 @@ def lengths_alone(session: Session) -> str:
         "Lengths alone were given: Ca and a/l of a capsule take up both, so that only trends of G_s with velocity and "
         "size are left to compare, and most effects stay unseen; outlines show them, and where."
     )
+
+
+def modulus_words(study: Study) -> str:
+    """Between what the median G_s lies, by what is assumed to be missing; empty where that is settled.
+
+    Under all effects in question, or, if none explains it, under the model as it was and all that gain something.
+    """
+    if study.verdict is Verdict.AMBIGUOUS:
+        scores = [study.scores[name] for name in study.names]
+    elif study.verdict is Verdict.UNKNOWN:
+        scores = [one for one in study.scores.values() if one.gain >= LEAST_GAIN]
+    else:
+        return ""
+    moduli = [one.modulus[one.best] for one in scores]
+    if study.verdict is Verdict.UNKNOWN and study.discover is not None:
+        moduli.append(study.discover.median_modulus)
+    low, high = (_MODULUS.shown(end(moduli)) for end in (np.nanmin, np.nanmax))
+    return f"By what is assumed to be missing, the median G_s is {low:.1f} to {high:.1f} {_MODULUS.shown_unit}."
+
+
+def told_words(study: Study, name: str) -> str:
+    """Whether a candidate is in question."""
+    if study.verdict is Verdict.UNKNOWN or not study.names:
+        return "does not explain it"
+    return "in question" if name in study.names else "told apart"
 
 
 def size_words(scores: Scores) -> str:
