@@ -1,5 +1,7 @@
 """Evidences beside closed forms and a dense second route."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -7,9 +9,10 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.discrepancy import NOTHING, UNKNOWN, Scores
-from capsbayes.discrepancy.evidence import _DISPLACED, evidences, unknown_evidence
+from capsbayes.discrepancy.displacements import _DISPLACED, Displacements, displaced_regions
+from capsbayes.discrepancy.evidence import evidences
+from capsbayes.discrepancy.finding import find
 from capsbayes.discrepancy.fits import fitted, whitening
-from capsbayes.discrepancy.whitening import displaced_regions
 from capsbayes.effects import Halo, PixelScale
 
 
@@ -37,21 +40,27 @@ def test_unknown_displacements_are_integrated_as_by_their_whole_covariance(model
     session, _ = drawn_session(model, 5, seed=4, outline=True)
     white = whitening(model, session)
     fits = fitted(model, session, white)
-    patterns = np.hstack([displaced_regions(one, slopes) for one, slopes in zip(white.each, fits.slopes, strict=True)])
+    displaced = displaced_regions(white, fits)
+    patterns = np.hstack([one.pattern for one in displaced])
     residuals = np.concatenate(fits.residuals)
     covariance = np.eye(len(residuals)) + _DISPLACED**2 * patterns.T @ patterns
     due = multivariate_normal(cov=covariance).logpdf(residuals) - multivariate_normal(
         cov=np.eye(len(residuals))
     ).logpdf(residuals)
-    assert unknown_evidence(white, fits) == pytest.approx(due, rel=1e-6)
+    assert Displacements.of(displaced, fits).evidence == pytest.approx(due, rel=1e-6)
+    first, second = (Displacements.of(part, fits) for part in (displaced[:2], displaced[2:]))
+    assert (first + second).evidence == pytest.approx(due, rel=1e-6)
+    assert Displacements().evidence == 0.0
 
 
 def test_nothing_is_the_likeliest_where_nothing_is_gained(model):
     session, _ = drawn_session(model, 20, seed=4, outline=True)
-    white = whitening(model, session)
+    finding = find(model, session, seed=1)
     sizes = np.linspace(-0.05, 0.05, 101)
     flat = scores_at(PixelScale(), sizes, -0.5 * (sizes / 0.002) ** 2)
-    found = evidences({"pixel_scale": flat}, white, fitted(model, session, white))
+    found = evidences({"pixel_scale": flat}, finding)
     assert next(iter(found)) == NOTHING
     assert found[NOTHING] == 0.0
     assert found[UNKNOWN] < 0.0
+    assert finding.leaves_nothing(0.01)
+    assert not replace(finding, displacements=Displacements(np.eye(5) * 1e6, np.full(5, 1e5))).leaves_nothing(0.01)

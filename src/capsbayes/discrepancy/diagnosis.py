@@ -156,7 +156,7 @@ def diagnose(
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
         return made(verdict, steps=(), verification=None, model=model, sizes={})
     steps, explained = searched(model, effects, discover, white, fits, seed=seed, measured=measured or {}, tell=told)
-    evidence = evidences(steps[0].scores, white, fits)
+    evidence = evidences(steps[0].scores, finding)
     made = partial(made, evidence=evidence)
     told("the capsules laid aside")
     verification = None

@@ -16,16 +16,17 @@ common to all of them, in the direction that hurts most.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta, binom, norm
 
+from capsbayes.discrepancy.displacements import Displaced, Displacements, displaced_regions
 from capsbayes.discrepancy.fits import Fits, fitted, whitening
 from capsbayes.discrepancy.regions import REGIONS
 from capsbayes.discrepancy.session import Session
-from capsbayes.discrepancy.whitening import OfOutline, Whitening, displaced_regions
+from capsbayes.discrepancy.whitening import Whitening
 from capsbayes.model import ForwardModel
 
 __all__ = ["TRENDS", "Deviation", "Finding", "find"]
@@ -84,16 +85,23 @@ class Finding:
         Root of the misfit over its freedom: the noise over that stated; NaN where nothing is left over.
     capsules : int
         How many were fitted.
+    displacements : Displacements
+        Of the regions of their outlines, all together.
     """
 
     deviations: tuple[Deviation, ...]
     noise: float
     capsules: int
+    displacements: Displacements = field(default_factory=Displacements, repr=False)
 
     @property
     def chance(self) -> float:
         """Probability under a right model of a deviation as large as the largest."""
         return min((one.chance for one in self.deviations), default=1.0)
+
+    def leaves_nothing(self, level: float) -> bool:
+        """Whether nothing stands at a level, and displaced regions are less likely than none."""
+        return self.chance >= level and self.displacements.evidence <= 0.0
 
     def together(self, other: Finding, among: float) -> float:
         """Chance of the largest deviation of this and of other capsules together.
@@ -152,7 +160,8 @@ def find(
     rest = {name: values[done] for name, values in session.circumstances.items()}
     rest |= {name: np.full(len(done), size) for name, size in (sizes or {}).items()}
     own = _own_error_of_modulus(model, rest, fits.theta[done])
-    table = [*_of_regions(session, white, fits, done), *_of_trends(session, fits, done, own)]
+    displaced = displaced_regions(white, fits)
+    table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own)]
     table = [one for one in table if len(one.contributions) > _FEWEST]
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
@@ -163,7 +172,9 @@ def find(
         for one, chance in by_surprise
     ]
     found += _without_a_shape(fits)
-    return Finding(tuple(sorted(found, key=lambda one: one.chance)), noise, len(done))
+    return Finding(
+        tuple(sorted(found, key=lambda one: one.chance)), noise, len(done), Displacements.of(displaced, fits)
+    )
 
 
 def _without_a_shape(fits: Fits) -> list[Deviation]:
@@ -229,17 +240,13 @@ def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
     return np.array([(1 + np.sum(largest >= abs(one.statistic))) / (_FLIPS + 1) for one in table])
 
 
-def _of_regions(session: Session, white: Whitening, fits: Fits, done: NDArray[np.int64]) -> list[_Test]:
+def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> list[_Test]:
     """A common displacement of each region."""
     rows: list[tuple[Floats, Floats, Floats]] = []
-    for i in done:
-        whitener = white.each[i]
-        if isinstance(whitener, OfOutline):
-            seen = whitener.likelihood
-            pattern = displaced_regions(whitener, fits.slopes[i])
-            modes = np.zeros((1, len(seen.pilot))) if seen.modes is None else seen.modes
-            own = np.linalg.norm(pattern @ seen.whitened_displacement(modes).T, axis=1)
-            rows.append((pattern @ fits.residuals[i], np.sum(pattern**2, axis=1), own))
+    for i, seen, pattern in displaced:
+        modes = np.zeros((1, len(seen.pilot))) if seen.modes is None else seen.modes
+        own = np.linalg.norm(pattern @ seen.whitened_displacement(modes).T, axis=1)
+        rows.append((pattern @ fits.residuals[i], np.sum(pattern**2, axis=1), own))
     if not rows:
         return []
     contributions, weights, own = (np.array(column).T for column in zip(*rows, strict=True))

@@ -114,7 +114,7 @@ def searched(
         scores = _refined(trials)
         alike = _not_told_apart(scores)
         left = {name: find(_with(here, scores[name]), session, seed=seed) for name in alike}
-        explaining = tuple(name for name in alike if left[name].chance >= LEFT)
+        explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT))
         steps.append(Step(scores, explaining or alike, here, left))
         if explaining or not alike:
             break

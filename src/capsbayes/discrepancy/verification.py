@@ -72,7 +72,9 @@ class Verification:
     @property
     def leaves_nothing(self) -> bool:
         """Whether nothing is left over, neither in these capsules nor in both halves together."""
-        return min(self.after.chance, self.left.together(self.after, _WORTH_A_LOOK)) >= LEFT
+        both = self.left.displacements + self.after.displacements
+        chance = min(self.after.chance, self.left.together(self.after, _WORTH_A_LOOK))
+        return chance >= LEFT and both.evidence <= 0.0
 
     @property
     def holds(self) -> bool:

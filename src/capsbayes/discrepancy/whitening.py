@@ -12,14 +12,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from capsbayes.discrepancy.regions import region_displacements
 from capsbayes.discrepancy.session import Session
 from capsbayes.inference.outline_likelihood import OutlineLikelihood, outline_likelihood
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 
-__all__ = ["OfLengths", "OfOutline", "Whitener", "Whitening", "displaced_regions", "whitened_at"]
+__all__ = ["OfLengths", "OfOutline", "Whitener", "Whitening", "whitened_at"]
 
 Floats = NDArray[np.float64]
 
@@ -106,22 +105,3 @@ def whitened_at(model: ForwardModel, session: Session, pilots: Floats) -> Whiten
             each.append(OfOutline(outline_likelihood(model, one.outline, place, length=one.length_beside_outline)))
     outline = any(one.outline is not None for one in session.measurements)
     return Whitening(tuple(each), pilots, outline)
-
-
-def displaced_regions(white: OfOutline, slopes: Floats) -> Floats:
-    """What displacements of the regions by l leave over once log Ca and a/l have absorbed what they can, whitened.
-
-    Parameters
-    ----------
-    white : OfOutline
-        Of m numbers.
-    slopes : (m, 2) array
-        Derivatives of what is left along log Ca and a/l.
-
-    Returns
-    -------
-    (5, m) array
-    """
-    patterns = white.likelihood.whitened_displacement(region_displacements(white.likelihood.pilot))
-    basis = np.linalg.qr(slopes)[0]
-    return np.asarray(patterns - (patterns @ basis) @ basis.T)

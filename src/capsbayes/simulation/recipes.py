@@ -82,7 +82,7 @@ RECIPES: dict[str, Recipe] = {
     "square-corner-radius": _effect("corner_radius", 0.0, 0.05, 0.1, 0.15, 0.2),
     "square-unsteadiness": Recipe(Entering(_COARSE), parachute_grid(), "unsteadiness", (0.0, 0.5, 1.0, 2.0)),
     "square-section-aspect": replace(
-        _effect("section_aspect", 0.9, 1.0, 1.1, section="rectangular"), cases=parachute_grid()
+        _effect("section_aspect", 0.9, 0.95, 1.0, 1.05, 1.1, section="rectangular"), cases=parachute_grid()
     ),
 }
 """By name of the database."""
