@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-NAMES = ("pictures", "films", "surrogate", "inference", "outline", "simulator")
+NAMES = ("pictures", "films", "surrogate", "off_nodes", "inference", "outline", "simulator")
 
 
 def main() -> int:
