@@ -90,6 +90,7 @@ def test_the_page_counts_what_was_required():
         "nothing": dict.fromkeys(range(1, 40), none) | {40: replace(none, outcome="unknown")},
     }
     page = exam_page([NOTHING, HALO, PATTERN, DECOY], answers)
+    assert "**Not complete: 80 of 96 sessions, of 4 of 4 cells, so far.**" in page
     for row in (
         "| claims where there is nothing: at most 5 % | 1 of 40, 2.5% [0.1%, 13.2%] | met |",
         "| wrong names in every cell: at most 2 % | 1 of 20, 5.0% [0.1%, 24.9%] (halo) | **missed** |",

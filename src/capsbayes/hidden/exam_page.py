@@ -66,6 +66,7 @@ def exam_page(cells: Sequence[Cell], answers: Answers) -> str:
         "correlated along the outline. Their shapes come from the simulator, at parameters between those of the",
         "databases and at refinement 12; what a microscope adds is drawn on them as plane geometry. Brackets are 95 %",
         "intervals.",
+        *_so_far(cells, known),
         "",
         "## What was required",
         "",
@@ -86,6 +87,14 @@ def exam_page(cells: Sequence[Cell], answers: Answers) -> str:
         ),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _so_far(cells: Sequence[Cell], known: list[tuple[Cell, list[Answer]]]) -> Iterator[str]:
+    """What is still to do, if anything is."""
+    done, whole = sum(len(given) for _, given in known), sum(cell.sessions for cell in cells)
+    if done < whole:
+        yield ""
+        yield f"**Not complete: {done} of {whole} sessions, of {len(known)} of {len(cells)} cells, so far.**"
 
 
 def _requirements(known: list[tuple[Cell, list[Answer]]]) -> Iterator[tuple[str, str, str]]:
