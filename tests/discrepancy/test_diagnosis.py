@@ -92,8 +92,10 @@ def test_a_measurement_made_elsewhere_tells_look_alikes_apart(model):
     assert (study.verdict, study.names) == (Verdict.NAMED, ("pixel_scale",))
     assert study.sizes["pixel_scale"] == pytest.approx(0.012, rel=0.25)
     assert study.verification.established == (False,)
-    weak = replace(study.verification, steps=(Gain(0.1, 0.2),))
+    weak = replace(study.verification, steps=(Gain(0.1, 0.2),), found=0.04)
     assert not weak.holds
+    assert replace(weak, found=0.001).holds  # both halves together
+    assert not replace(weak, found=0.001, steps=(Gain(-0.01, 0.2),)).holds
     assert replace(weak, established=(True,)).holds
     assert not replace(weak, steps=(Gain(-0.4, 0.2),), established=(True,)).holds
     scale = {"pixel_scale": (0.013, 0.002)}

@@ -15,6 +15,12 @@ def tried(gain, *, leaves_nothing=True, holds=None):
     return SimpleNamespace(gains=gain * STEADY, leaves_nothing=leaves_nothing, holds=holds)
 
 
+def scattered(gain, *, opposite=False, leaves_nothing=True):
+    """Gains that scatter so much that a lead tells little."""
+    apart = np.array([0.8, -0.8] * 10) * (-1.0 if opposite else 1.0)
+    return SimpleNamespace(gains=gain + apart, leaves_nothing=leaves_nothing, holds=leaves_nothing)
+
+
 def scored(gain):
     return SimpleNamespace(gains=gain * STEADY, gain=float(np.sum(gain * STEADY)))
 
@@ -28,6 +34,12 @@ def scored(gain):
             {"halo": 1.0, "bending": 0.9},
             {"halo": tried(1.0, leaves_nothing=False), "bending": tried(1.05)},
             ("bending",),
+        ),
+        # a little behind one that leaves something over, which may be by chance: both
+        (
+            {"halo": 1.1, "bending": 0.9},
+            {"halo": scattered(1.1, leaves_nothing=False), "bending": scattered(0.9, opposite=True)},
+            ("bending", "halo"),
         ),
         # far behind one that leaves something over: neither
         ({"halo": 3.0, "bending": 1.0}, {"halo": tried(3.0, leaves_nothing=False), "bending": tried(1.0)}, ()),

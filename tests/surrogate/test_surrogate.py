@@ -69,7 +69,7 @@ def test_a_batch_is_its_points_one_by_one(manufactured_surrogate):
         one = manufactured_surrogate.at(capillary_number=ca[i], size_ratio=size[i], outline=True)
         np.testing.assert_array_equal(one.values[0], batch.values[i])
         np.testing.assert_array_equal(one.covariance[0], batch.covariance[i])
-        np.testing.assert_array_equal(one.outline[0], batch.outline[i])
+        np.testing.assert_allclose(one.outline[0], batch.outline[i], rtol=1e-13, atol=1e-14)
 
 
 def test_outside_a_batch_has_a_mask_and_a_point_has_an_error(manufactured_surrogate):

@@ -12,12 +12,14 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
 
+from threadpoolctl import threadpool_limits
+
 from capsbayes.discrepancy.compared import Compared
 from capsbayes.discrepancy.evidence import UNKNOWN, evidences
 from capsbayes.discrepancy.finding import Finding, find
 from capsbayes.discrepancy.fits import fitted, whitening
-from capsbayes.discrepancy.scoring import Scores
-from capsbayes.discrepancy.search import LEAST_GAIN, Measured, Step, searched
+from capsbayes.discrepancy.scoring import Measured, Scores, Trial
+from capsbayes.discrepancy.search import LEAST_GAIN, Search, Step, searched
 from capsbayes.discrepancy.session import Session
 from capsbayes.discrepancy.verification import Verification, verified
 from capsbayes.effect import Effect, ExtendableModel
@@ -66,6 +68,8 @@ class Study:
         On the second half, if it does not show what the first did, and nothing explains it.
     evidence : mapping of str to float
         Logarithm of that of each candidate alone on the first half, of "none" and of "unknown", over that of "none".
+    trials : mapping of str to Trial
+        Of each candidate alone, on the first half.
     """
 
     verdict: Verdict
@@ -80,6 +84,7 @@ class Study:
     discover: Compared | None = field(default=None, repr=False)
     again: Finding | None = None
     evidence: Mapping[str, float] = field(default_factory=dict)
+    trials: Mapping[str, Trial] = field(default_factory=dict, repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,6 +113,7 @@ class Study:
         return f"{scores.effect.name}, {parameter.symbol} = {best:.3g}{unit} [{low:.3g}, {high:.3g}]"
 
 
+@threadpool_limits.wrap(limits=1)  # the matrices are tiny: threads would only wait for each other
 def diagnose(
     session: Session,
     model: ExtendableModel,
@@ -117,6 +123,7 @@ def diagnose(
     level: float = 0.05,
     measured: Measured | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    earlier: Study | None = None,
 ) -> Study:
     """Say what a model misses in a session.
 
@@ -135,11 +142,20 @@ def diagnose(
         Sizes of effects as measured apart from the capsules, and their standard errors, in SI.
     progress : callable, optional
         Told what is done next, and how many of how many steps are behind.
+    earlier : Study, optional
+        Of the same session with the same model and seed, before more was measured; its fits are used again.
 
     Returns
     -------
     Study
+
+    Raises
+    ------
+    ValueError
+        If the earlier study is of another session, or its capsules were divided with another seed.
     """
+    if earlier is not None and (earlier.session is not session or earlier.seed != seed):
+        raise ValueError("earlier: expected a study of the same session with the same seed")
     made = partial(Study, session=session, seed=seed, level=level)
     if len(session) < _FEWEST:
         nothing = Finding((), float("nan"), len(session))
@@ -155,13 +171,15 @@ def diagnose(
     if finding.chance > level:
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
         return made(verdict, steps=(), verification=None, model=model, sizes={})
-    steps, explained = searched(model, effects, discover, white, fits, seed=seed, measured=measured or {}, tell=told)
+    trials = {} if earlier is None else earlier.trials
+    search = Search(model, effects, discover, white, seed, measured or {}, told, trials)
+    steps, explained, trials = searched(search, fits)
     evidence = evidences(steps[0].scores, finding)
-    made = partial(made, evidence=evidence)
+    made = partial(made, evidence=evidence, trials=trials)
     told("the capsules laid aside")
     verification = None
     if steps[0].alike:
-        steps, verification = verified(model, steps, confirm, seed, measured or {})
+        steps, verification = verified(model, steps, confirm, seed, measured or {}, finding.chance)
     made = partial(made, model=model, sizes={})
     if verification is None or not (explained and verification.holds and _likely(steps, evidence)):
         again = find(model, confirm, seed=seed) if verification is None else verification.before
@@ -178,8 +196,9 @@ def diagnose(
 
 
 def _likely(steps: tuple[Step, ...], evidence: Mapping[str, float]) -> bool:
-    """Whether one effect that explains it is not far less likely than what nobody has thought of."""
-    return len(steps) > 1 or evidence[steps[0].alike[0]] >= evidence[UNKNOWN] - LEAST_GAIN
+    """Whether one effect that explains it is far likelier than none, and not far less likely than an unknown one."""
+    here = evidence[steps[0].alike[0]]
+    return len(steps) > 1 or (here >= LEAST_GAIN and here >= evidence[UNKNOWN] - LEAST_GAIN)
 
 
 class _Told:

@@ -12,6 +12,7 @@ C_i the covariance of ln G_i and a/l.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -25,9 +26,20 @@ from capsbayes.discrepancy.session import Session
 from capsbayes.discrepancy.whitening import Whitening
 from capsbayes.effect import Effect, ExtendableModel
 
-__all__ = ["Population", "Scores", "Trial", "log_likelihood", "population"]
+__all__ = [
+    "Measured",
+    "Population",
+    "Scores",
+    "Trial",
+    "Tried",
+    "log_likelihood",
+    "log_of_measured",
+    "population",
+]
 
 Floats = NDArray[np.float64]
+Measured = Mapping[str, tuple[float, float]]
+"""By parameter of an effect: its size as measured apart from the capsules, and the standard error."""
 
 _QUANTILES = (0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999)  # of the prior, at which an effect is tried first
 _REFINED = 2  # times that sizes about the best are added
@@ -121,15 +133,16 @@ class Scores:
         return min(float(ends[0]), self.size), max(float(ends[1]), self.size)
 
 
-class _Tried(NamedTuple):
-    """What came of one size."""
+class Tried(NamedTuple):
+    """What came of one size, or of one of each effect."""
 
     log_likelihood: Floats
     theta: Floats
     modulus: float
 
     @classmethod
-    def of(cls, fits: Fits) -> _Tried:
+    def of(cls, fits: Fits) -> Tried:
+        """From the fits with it."""
         return cls(log_likelihood(fits), fits.theta, fits.median_modulus)
 
 
@@ -148,6 +161,8 @@ class Trial:
         Of the model, which is what the effect is measured against: all effects alike, wherever they have shapes.
     measured : (float, float), optional
         Size of the effect as measured apart from the capsules, and its standard error.
+    known : mapping of float to Tried, optional
+        What came of some sizes already.
     """
 
     def __init__(
@@ -158,9 +173,11 @@ class Trial:
         white: Whitening,
         without: Fits,
         measured: tuple[float, float] | None = None,
+        known: Mapping[float, Tried] | None = None,
     ) -> None:
-        self.model, self.effect, self.session, self.white, self.measured = model, effect, session, white, measured
-        self._found = {effect.null_value: _Tried.of(without)}
+        self.model, self.effect, self.session, self.white, self.without = model, effect, session, white, without
+        self.measured = measured
+        self._found = {effect.null_value: Tried.of(without), **(known or {})}
         for size in sorted(_first_sizes(effect, measured), key=lambda one: abs(one - effect.null_value)):
             self._add(size, everywhere=True)
         self.refine(1)
@@ -169,11 +186,14 @@ class Trial:
     def scores(self) -> Scores:
         """What is known by now."""
         sizes = np.array(sorted(self._found))
-        elsewhere = np.zeros(len(sizes))
-        if self.measured is not None:
-            elsewhere = -0.5 * ((sizes - self.measured[0]) / self.measured[1]) ** 2
+        elsewhere = np.array([log_of_measured(size, self.measured) for size in sizes])
         likelihoods, _, moduli = zip(*(self._found[size] for size in sizes), strict=True)
         return Scores(self.effect, sizes, np.array(likelihoods), elsewhere, np.array(moduli))
+
+    def with_measured(self, measured: tuple[float, float] | None) -> Trial:
+        """The same trial with a measurement apart from the capsules."""
+        made = (self.model, self.effect, self.session, self.white, self.without)
+        return self if measured == self.measured else Trial(*made, measured, self._found)
 
     def refine(self, times: int = _REFINED) -> None:
         """Add sizes about the best."""
@@ -188,7 +208,12 @@ class Trial:
         start = self._found[min(self._found, key=lambda other: abs(other - size))].theta
         sizes = {self.effect.parameter.name: size}
         fits = fitted(self.model + self.effect, self.session, self.white, sizes, start, everywhere=everywhere)
-        self._found[size] = _Tried.of(fits)
+        self._found[size] = Tried.of(fits)
+
+
+def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:
+    """Log likelihood of a size as measured apart from the capsules, with its standard error; zero if it was not."""
+    return 0.0 if measured is None else -0.5 * ((size - measured[0]) / measured[1]) ** 2
 
 
 def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[float]:

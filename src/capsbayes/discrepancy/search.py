@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,24 +10,23 @@ from numpy.typing import NDArray
 
 from capsbayes.discrepancy.finding import Finding, find
 from capsbayes.discrepancy.fits import Fits, fitted
-from capsbayes.discrepancy.scoring import Scores, Trial
+from capsbayes.discrepancy.scoring import Measured, Scores, Trial
 from capsbayes.discrepancy.session import Session
+from capsbayes.discrepancy.together import together
 from capsbayes.discrepancy.whitening import Whitening
 from capsbayes.effect import Effect, ExtendableModel, Held
+from capsbayes.model import ForwardModel
 
-__all__ = ["LEAST_GAIN", "LEFT", "Measured", "Step", "not_told_apart", "searched"]
+__all__ = ["LEAST_GAIN", "LEFT", "Search", "Step", "not_told_apart", "searched"]
 
 Floats = NDArray[np.float64]
-Measured = Mapping[str, tuple[float, float]]
-"""By parameter of an effect: its size as measured apart from the capsules, and the standard error."""
-
 LEFT = 0.01
 """Chance of what is left over, below which it is not explained."""
 
 LEAST_GAIN = 3.0
 """In log likelihood, below which an effect explains nothing, or no more than another."""
 
-_MOST = 2  # effects that are added
+_TOGETHER = 4  # effects at most that are measured together with the first
 _FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
 _APART = 2.5  # standard errors between the gains of two effects, below which they are not told apart
 
@@ -42,16 +41,19 @@ class Step:
         Of every candidate, beside the effects added before, the likeliest first.
     alike : tuple of str
         The likeliest, and those that are not told apart from it; empty if none explains anything.
-    model : ForwardModel
-        To which it is added: with the effects added before, at their sizes.
+    models : mapping of str to ForwardModel
+        To which each is added: with the effect added before, at its size.
     left : mapping of str to Finding
         What each that is not told apart from the likeliest leaves over.
+    before : mapping of str to Scores
+        Of the effect added before, as it is beside each that was measured together with it.
     """
 
     scores: Mapping[str, Scores]
     alike: tuple[str, ...]
-    model: ExtendableModel = field(repr=False)
+    models: Mapping[str, ExtendableModel] = field(repr=False)
     left: Mapping[str, Finding] = field(repr=False)
+    before: Mapping[str, Scores] = field(default_factory=dict, repr=False)
 
     @property
     def best(self) -> Scores:
@@ -65,21 +67,34 @@ class Step:
 
     def with_effect(self, name: str) -> Held:
         """The model with one of the candidates at its size."""
-        return _with(self.model, self.scores[name])
+        return _with(self.models[name], self.scores[name])
 
 
-def searched(
-    model: ExtendableModel,
-    candidates: Mapping[str, Effect],
-    session: Session,
-    white: Whitening,
-    fits: Fits,
-    *,
-    seed: int,
-    measured: Measured,
-    tell: Callable[[str], None],
-) -> tuple[tuple[Step, ...], bool]:
+def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mapping[str, Trial]]:
     """Try every effect, and beside the likeliest every other if it leaves something over.
+
+    Parameters
+    ----------
+    search : Search
+    fits : Fits
+        Of the model.
+
+    Returns
+    -------
+    steps, explained, trials
+        Whether nothing is left over beside the last step; the trials of each effect alone.
+    """
+    trials = search.trials(search.model, fits, search.candidates)
+    first, explained = search.judged(_refined(trials), dict.fromkeys(search.candidates, search.model), {})
+    if explained or not first.alike:
+        return (first,), explained, trials
+    second, explained = search.second(first)
+    return (search.beside(first, second) if explained else first, second), explained, trials
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What the effects are tried on.
 
     Parameters
     ----------
@@ -89,41 +104,86 @@ def searched(
     session : Session
     white : Whitening
         Made with the model.
-    fits : Fits
-        Of the model.
     seed : int
         Of the random signs.
     measured : mapping of str to (float, float)
     tell : callable
         Is told each effect that is tried.
-
-    Returns
-    -------
-    steps, explained
-        Whether nothing is left over beside the last step.
+    earlier : mapping of str to Trial
+        Of each effect alone, on the same session.
     """
-    steps: list[Step] = []
-    here = model
-    for _ in range(_MOST):
-        used = {step.alike[0] for step in steps}
-        trials = {}
-        for name, effect in candidates.items():
-            if name not in used:
-                tell(effect.name)
-                trials[name] = Trial(here, effect, session, white, fits, measured.get(name))
-        scores = _refined(trials)
+
+    model: ExtendableModel
+    candidates: Mapping[str, Effect]
+    session: Session
+    white: Whitening
+    seed: int
+    measured: Measured
+    tell: Callable[[str], None]
+    earlier: Mapping[str, Trial] = field(default_factory=dict)
+
+    def trials(self, here: ExtendableModel, beside: Fits, names: Iterable[str]) -> dict[str, Trial]:
+        """Of effects beside a model, of which the fits are given."""
+        found = {}
+        for name in names:
+            self.tell(self.candidates[name].name)
+            known = self.earlier.get(name) if here is self.model else None
+            if known is None:
+                made = (here, self.candidates[name], self.session, self.white, beside)
+                found[name] = Trial(*made, self.measured.get(name))
+            else:
+                found[name] = known.with_measured(self.measured.get(name))
+        return found
+
+    def judged(
+        self, scores: Mapping[str, Scores], models: Mapping[str, ExtendableModel], before: Mapping[str, Scores]
+    ) -> tuple[Step, bool]:
+        """The effects that are not told apart; if any leave nothing over, those."""
         alike = _not_told_apart(scores)
-        left = {name: find(_with(here, scores[name]), session, seed=seed) for name in alike}
+        left = {name: find(_with(models[name], scores[name]), self.session, seed=self.seed) for name in alike}
         explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT))
-        steps.append(Step(scores, explaining or alike, here, left))
-        if explaining or not alike:
-            break
-        here = steps[-1].after
-        fits = fitted(here, session, white)
-    explained = bool(explaining)
-    return (
-        _beside_each_other(steps, session, white, measured) if len(steps) == _MOST and explained else tuple(steps)
-    ), explained
+        return Step(scores, explaining or alike, models, left, before), bool(explaining)
+
+    def second(self, first: Step) -> tuple[Step, bool]:
+        """A second effect beside the likeliest; the few that gain most are measured together with it."""
+        others = [name for name in self.candidates if name != first.alike[0]]
+        alone = self._fitted(first.after)
+        scores = _refined(self.trials(first.after, alone, others))
+        models: dict[str, ExtendableModel] = dict.fromkeys(others, first.after)
+        before = {}
+        for name in _worth_measuring_together(scores):
+            before[name], scores[name] = self._together(first.best, scores[name], alone)
+            models[name] = _with(self.model, before[name])
+        return self.judged(_by_gain(scores), models, before)
+
+    def beside(self, first: Step, second: Step) -> Step:
+        """The first step with those effects alone that are not told apart from the likeliest beside the second."""
+        best, kept = second.best, [first.alike[0]]
+        name = best.effect.parameter.name
+        for other in first.alike[1:]:
+            if other == name:  # the same two the other way round
+                continue
+            here = first.with_effect(other)
+            alone = self._fitted(here)
+            scores = self.trials(here, alone, [name])[name].scores
+            pair = self._together(first.scores[other], scores, alone)[1]
+            lags = best.log_likelihood[best.best] - pair.log_likelihood[pair.best]
+            if not_told_apart(float(best.total.max() - pair.total.max()), lags):
+                kept.append(other)
+        return replace(first, alike=tuple(kept))
+
+    def _together(self, first: Scores, second: Scores, alone: Fits) -> tuple[Scores, Scores]:
+        self.tell(f"{first.effect.name} with {second.effect.name}")
+        return together(self.model, first, second, self.session, self.white, alone, self.measured)
+
+    def _fitted(self, model: ForwardModel) -> Fits:
+        return fitted(model, self.session, self.white)
+
+
+def _worth_measuring_together(scores: Mapping[str, Scores]) -> tuple[str, ...]:
+    """The likeliest few beside the first at the size that it has alone."""
+    most = max((one.gain for one in scores.values()), default=0.0)
+    return tuple(name for name, one in scores.items() if one.gain > max(LEAST_GAIN, most - _FAR_BEHIND))[:_TOGETHER]
 
 
 def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
@@ -132,19 +192,11 @@ def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
     for one in trials.values():
         if one.scores.gain > min(0.5 * most, most - _FAR_BEHIND):
             one.refine()
-    return dict(sorted(((name, one.scores) for name, one in trials.items()), key=lambda item: -item[1].gain))
+    return _by_gain({name: one.scores for name, one in trials.items()})
 
 
-def _beside_each_other(steps: list[Step], session: Session, white: Whitening, measured: Measured) -> tuple[Step, ...]:
-    """The steps with the size of the first effect as it is beside the second."""
-    first, second = steps
-    name = first.alike[0]
-    beside = _with(first.model, second.best)
-    without = fitted(beside, session, white)
-    again = Trial(beside, first.best.effect, session, white, without, measured.get(name))
-    again.refine()
-    first = replace(first, scores={**first.scores, name: again.scores})
-    return first, replace(second, model=first.after)
+def _by_gain(scores: Mapping[str, Scores]) -> dict[str, Scores]:
+    return dict(sorted(scores.items(), key=lambda item: -item[1].gain))
 
 
 def _with(model: ExtendableModel, scores: Scores) -> Held:

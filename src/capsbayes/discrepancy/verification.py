@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from capsbayes.discrepancy.compared import Compared
 from capsbayes.discrepancy.finding import Finding, find
 from capsbayes.discrepancy.fits import fitted, whitening
-from capsbayes.discrepancy.scoring import log_likelihood
-from capsbayes.discrepancy.search import LEFT, Measured, Step, not_told_apart
+from capsbayes.discrepancy.scoring import Measured, log_likelihood
+from capsbayes.discrepancy.search import LEAST_GAIN, LEFT, Step, not_told_apart
 from capsbayes.discrepancy.session import Session
 from capsbayes.effect import Effect, ExtendableModel
 
@@ -21,7 +22,7 @@ __all__ = ["Gain", "Verification", "verified"]
 
 Floats = NDArray[np.float64]
 
-_VERIFIED = 1.64  # standard errors of the gain per capsule on the second half: by chance one in twenty
+_VERIFIED = 1.64  # standard errors of what is by chance one in twenty
 _WORTH_A_LOOK = 0.5  # chance of what is left over in the first half, up to which the second is asked about it
 _ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
 
@@ -57,6 +58,8 @@ class Verification:
         The capsules beside the model before and after.
     established : tuple of bool
         Of each step, whether its effect is known to be there from what was measured elsewhere.
+    found : float
+        Chance of the disagreement that the first half shows.
     """
 
     gain: float
@@ -68,6 +71,7 @@ class Verification:
     steps: tuple[Gain, ...]
     compared: tuple[Compared, Compared] = field(repr=False)
     established: tuple[bool, ...]
+    found: float
 
     @property
     def leaves_nothing(self) -> bool:
@@ -78,20 +82,38 @@ class Verification:
 
     @property
     def holds(self) -> bool:
-        """Whether every effect predicts these capsules better, one that is established not worse; nothing is left."""
-        least = (-_VERIFIED if known else _VERIFIED for known in self.established)
-        better = all(gain.mean >= sigma * gain.error for gain, sigma in zip(self.steps, least, strict=True))
-        return better and self.leaves_nothing
+        """Whether every effect predicts these capsules better, one that is established not worse; nothing is left.
+
+        How much better the first must do is up to how surprising the disagreement was in the first half: by chance both
+        together are to be one in twenty.
+        """
+        together = max(np.sqrt(2.0) * _VERIFIED - float(norm.isf(self.found)), 0.0)
+        least = (together, *(_VERIFIED for _ in self.steps[1:]))
+        return self.leaves_nothing and all(
+            gain.mean >= (-_VERIFIED if known else sigma) * gain.error
+            for gain, sigma, known in zip(self.steps, least, self.established, strict=True)
+        )
 
 
 def verified(
-    model: ExtendableModel, steps: tuple[Step, ...], confirm: Session, seed: int, measured: Measured
+    model: ExtendableModel, steps: tuple[Step, ...], confirm: Session, seed: int, measured: Measured, found: float
 ) -> tuple[tuple[Step, ...], Verification]:
     """The second half beside the model, and beside it with each effect more.
 
     Of the effects that the first half did not tell apart, those stay that leave nothing over here and are not told
     apart by both halves together. Gains are of one covariance for all; what is left over in the end, of that of the
-    model with the effects.
+    model with the effects. Of two effects, the first comes back at the size that it has beside the second.
+
+    Parameters
+    ----------
+    model : forward model
+    steps : tuple of Step
+        Of the first half.
+    confirm : Session
+    seed : int
+    measured : mapping of str to (float, float)
+    found : float
+        Chance of the disagreement that the first half shows.
     """
     white = whitening(model, confirm)
     *before, last = (step for step in steps if step.alike)
@@ -120,26 +142,33 @@ def verified(
                 _established(effect, measured)
                 for effect in (*(step.best.effect for step in before), last.scores[name].effect)
             ),
+            found=found,
         )
 
     tries = {name: tried(name) for name in last.alike}
     in_question = _in_question(last, tries)
     if not in_question:
         return steps, tries[last.alike[0]]
-    return (*before, replace(last, alike=in_question)), tries[in_question[0]]
+    name = in_question[0]
+    if name in last.before:
+        before = [replace(one, scores={**one.scores, one.alike[0]: last.before[name]}) for one in before]
+    return (*before, replace(last, alike=in_question)), tries[name]
 
 
 def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ...]:
     """The effects that are not told apart by both halves and leave nothing over; first, if any, one that holds.
 
-    One that leaves nothing over is not in question if another that does leave something is far likelier.
+    The likeliest stays in question beside those that leave nothing over but are less likely: what it leaves over may be
+    by chance. If it is far likelier, they are not in question themselves.
     """
     gains = {name: np.concatenate([step.scores[name].gains, one.gains]) for name, one in tries.items()}
     total = {name: step.scores[name].gain + float(one.gains.sum()) for name, one in tries.items()}
     best, *others = sorted(total, key=lambda name: -total[name])
     alike = [best, *(name for name in others if not_told_apart(total[best] - total[name], gains[best] - gains[name]))]
-    leaving_nothing = (name for name in alike if tries[name].leaves_nothing)
-    return tuple(sorted(leaving_nothing, key=lambda name: not tries[name].holds))
+    found = [name for name in alike if tries[name].leaves_nothing]
+    if found and best not in found and total[best] - total[found[0]] > LEAST_GAIN:
+        found.append(best)
+    return tuple(sorted(found, key=lambda name: not tries[name].holds))
 
 
 def _established(effect: Effect, measured: Measured) -> bool:

@@ -135,7 +135,7 @@ def _told_apart(
         effect = candidates[left[0]]
         error = _ACCURACY * float(effect.prior.std())
         measured[left[0]] = float(rng.normal(cell.sizes.get(left[0], effect.null_value), error)), error
-        study = diagnose(drawn.session, model, seed=seed, candidates=candidates, measured=measured)
+        study = diagnose(drawn.session, model, seed=seed, candidates=candidates, measured=measured, earlier=study)
     return outcome_of(cell, study), len(measured)
 
 

@@ -138,9 +138,14 @@ def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyp
         z, y = points[i]
         square, edge, share = np.inf, 0, 0.0
         for k in range(-(reach // 2), reach - reach // 2):
-            j = (best + k) % count
+            j = best + k  # a remainder would take longer than all the rest
+            if j < 0:
+                j += count
+            elif j >= count:
+                j -= count
+            following = j + 1 if j + 1 < count else 0
             z0, y0 = outline[j]
-            along_z, along_y = outline[(j + 1) % count, 0] - z0, outline[(j + 1) % count, 1] - y0
+            along_z, along_y = outline[following, 0] - z0, outline[following, 1] - y0
             length = along_z * along_z + along_y * along_y
             t = min(max(((z - z0) * along_z + (y - y0) * along_y) / max(length, 1e-300), 0.0), 1.0)
             away_z, away_y = z - z0 - t * along_z, y - y0 - t * along_y

@@ -97,15 +97,16 @@ class DiffuseApproximation:
 
     def __call__(self, queries: Floats) -> Floats:
         """Values at the queries : (n, 2) -> (n, q) array."""
-        return self._evaluated(queries, slopes=False)[0]
+        return np.asarray(self._shapes(queries, slopes=False)[0] @ self.values)
 
     def with_gradient(self, queries: Floats) -> tuple[Floats, Floats]:
         """Values (n, q) and gradients (n, q, 2) at the queries (n, 2)."""
-        return self._evaluated(queries, slopes=True)
+        share, slope = self._shapes(queries, slopes=True)
+        return share @ self.values, np.stack([one @ self.values for one in slope], axis=-1)
 
     def shape_functions(self, queries: Floats) -> Floats:
         """Weight of every node's value in the value at each query : (n, 2) -> (n, m) array, rows adding up to one."""
-        return replace(self, values=np.eye(len(self.nodes)))(queries)
+        return self._shapes(queries, slopes=False)[0]
 
     def covering(self, queries: Floats) -> DiffuseApproximation:
         """Return itself, or, where nodes are so rare that a query has no value, one with just large enough radii.
@@ -122,12 +123,13 @@ class DiffuseApproximation:
                 raise ValueError(f"the {len(self.nodes)} nodes are too few or too unevenly spread")
         return wider
 
-    def _evaluated(self, queries: Floats, *, slopes: bool) -> tuple[Floats, Floats]:
+    def _shapes(self, queries: Floats, *, slopes: bool) -> tuple[Floats, Floats]:
+        """Weights of the nodes (n, m), and, if asked for, their derivatives (2, n, m); NaN where there is no value."""
         queries = np.ascontiguousarray(queries, dtype=np.float64)
-        shape = (len(queries), self.values.shape[1])
-        value, gradient = np.full(shape, np.nan), np.full((*shape, 2) if slopes else (len(queries), 0, 2), np.nan)
-        _approximate(queries, self.nodes, self.radii, self.values, self.degree, self.softening, value, gradient)
-        return value, gradient
+        shape = (len(queries), len(self.nodes))
+        share, slope = np.zeros(shape), np.zeros((2 if slopes else 0, *shape))
+        _shape_functions(queries, self.nodes, self.radii, self.degree, self.softening, share, slope)
+        return share, slope
 
 
 def each_left_out(approximation: DiffuseApproximation) -> Iterator[DiffuseApproximation]:
@@ -217,8 +219,8 @@ def _gather(u, v, nodes, radii, softening, near, weight, slope):  # type: ignore
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _approximate(queries, nodes, radii, values, degree, softening, value, gradient):  # type: ignore[no-untyped-def]
-    """Fill value (n, q) and gradient (n, q or 0, 2).
+def _shape_functions(queries, nodes, radii, degree, softening, share, gradient):  # type: ignore[no-untyped-def]
+    """Fill share (n, m) and gradient (2 or 0, n, m).
 
     The shape function of node i at the query is w_i g . p_i with g = A^-1 e_0, A
     the moment matrix sum w p p^T and p the monomials centred on the query; its
@@ -226,28 +228,28 @@ def _approximate(queries, nodes, radii, values, degree, softening, value, gradie
     g_k = A^-1 (d_k p(0) - sum_j d_k w_j (g . p_j) p_j).
     """
     m, terms = len(nodes), (degree + 1) * (degree + 2) // 2
-    slopes = 2 if gradient.shape[1] else 0
     near, weight, slope = np.empty(m, np.int64), np.empty(m), np.empty((m, 2))
     basis, moment = np.empty((m, terms)), np.empty((terms, terms))
     solution = np.empty((3, terms))
     for q in range(len(queries)):
         u, v = queries[q]
         count, scale = _gather(u, v, nodes, radii, softening, near, weight, slope)
-        if count < terms:
-            continue
         moment[:] = 0.0
         for i in range(count):
             row = basis[i]
             _monomials((nodes[near[i], 0] - u) / scale, (nodes[near[i], 1] - v) / scale, degree, row)
             for j in range(terms):
+                weighed, across = weight[i] * row[j], moment[j]
                 for k in range(j + 1):
-                    moment[j, k] += weight[i] * row[j] * row[k]
-        if not _factorise(moment, terms):
+                    across[k] += weighed * row[k]
+        if count < terms or not _factorise(moment, terms):
+            share[q] = np.nan
+            gradient[:, q] = np.nan
             continue
         solution[:] = 0.0
         solution[0, 0] = 1.0
         _solve(moment, terms, solution[0])
-        for k in range(slopes):
+        for k in range(len(gradient)):
             if terms > 1:  # a constant has no slope of its own, only that of its weights
                 solution[k + 1, k + 1] = 1.0 / scale
             for i in range(count):
@@ -255,16 +257,11 @@ def _approximate(queries, nodes, radii, values, degree, softening, value, gradie
                 for j in range(terms):
                     solution[k + 1, j] -= factor * basis[i, j]
             _solve(moment, terms, solution[k + 1])
-        value[q] = 0.0
-        gradient[q] = 0.0
         for i in range(count):
             plain = _dot(solution[0], basis[i])
-            for c in range(value.shape[1]):
-                value[q, c] += weight[i] * plain * values[near[i], c]
-            for k in range(slopes):
-                factor = weight[i] * _dot(solution[k + 1], basis[i]) + slope[i, k] * plain
-                for c in range(gradient.shape[1]):
-                    gradient[q, c, k] += factor * values[near[i], c]
+            share[q, near[i]] = weight[i] * plain
+            for k in range(len(gradient)):
+                gradient[k, q, near[i]] = weight[i] * _dot(solution[k + 1], basis[i]) + slope[i, k] * plain
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
