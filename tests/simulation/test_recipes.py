@@ -4,7 +4,8 @@ from capsbayes.errors import InputError
 from capsbayes.simulation.recipes import RECIPES, recipe_named
 from capsbayes.simulation.simulator import Simulator
 
-FINE_EFFECTS = ("square-strain-hardening",)  # the error of a coarse mesh changes with them
+FINER = {"square-strain-hardening": 12, "square-bending": 12}
+"""Effects with which the error of a coarse mesh changes."""
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -16,7 +17,7 @@ def test_every_recipe_can_be_followed(name):
     if recipe.effect:
         owner = recipe.simulator if hasattr(recipe.simulator, recipe.effect) else recipe.simulator.law
         assert getattr(owner, recipe.effect) in recipe.values
-        assert simulator.refinement == (12 if name in FINE_EFFECTS else 8)
+        assert simulator.refinement == FINER.get(name, 8)
     else:
         assert len(recipe.cases) >= 200
         assert simulator.refinement == 12

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from capsbayes.surrogate.effect_kernel import moved_along
 from capsbayes.surrogate.registration import Borders, matched, moving_borders, place
 
 COLUMNS = np.array([0.8, 0.9, 1.0])
@@ -19,9 +20,9 @@ KNOTS = np.array([0.0, 0.02, 0.05])
 
 
 def placed(ca, size, distance, cubics):
-    position = np.full(2, np.nan)
+    position = np.full(4, np.nan)
     sheet, column = place(ca, size, distance, COLUMNS, cubics, position)
-    return sheet, column, *position
+    return sheet, column, *position[:2]
 
 
 @pytest.mark.parametrize(
@@ -79,3 +80,16 @@ def test_where_only_one_of_them_has_convex_shapes_it_says_where_they_end():
     base, null = matched(borders(0.0075, 0.0075, 0.15), borders(0.005, 0.015, 0.15))
     np.testing.assert_array_equal(base.capillary_number, null.capillary_number)
     np.testing.assert_array_equal(base.capillary_number[:, 0], [0.005, 0.015, 0.15])
+
+
+@pytest.mark.parametrize("there", [(0.02, 0.1), (0.012, 0.12), (0.05, 0.11), (0.09, 0.1), (0.005, 0.15), (0.01, 0.02)])
+def test_points_follow_the_borders_and_keep_their_order(there):
+    places = np.linspace(0.0, 1.0, 501)
+    found = np.array([moved_along(one, 0.01, 0.11, *there) for one in places])
+    assert (found[0], found[-1]) == pytest.approx(there)
+    assert np.all(np.diff(found) > 0.0)
+
+
+def test_points_far_from_borders_that_move_a_little_keep_their_ca():
+    assert moved_along(0.5, 0.01, 0.11, 0.015, 0.108) == pytest.approx(0.06, abs=4e-5)
+    assert moved_along(0.05, 0.01, 0.11, 0.015, 0.108) == pytest.approx(0.0183, abs=1e-4)

@@ -26,9 +26,12 @@ from capsbayes.surrogate.registration import border, place
 from capsbayes.surrogate.sheet import bilinear
 from capsbayes.surrogate.table import hermite
 
-__all__ = ["Stack", "Weighing", "corresponding", "covered", "evaluate", "located"]
+__all__ = ["Stack", "Weighing", "corresponding", "covered", "evaluate", "located", "moved_along"]
 
 Floats = NDArray[np.float64]
+
+_STEEP = 8.0  # power of the distance from the other border, with which points follow a border
+_SQUEEZED = 0.9  # share of the range of Ca, by which borders may come nearer
 
 
 class Stack(NamedTuple):
@@ -113,7 +116,7 @@ def located(ca, size, effect, weighing, position):  # type: ignore[no-untyped-de
 @njit(cache=True, nogil=True, error_model="numpy")
 def covered(ca, size, effect, weighing):  # type: ignore[no-untyped-def]
     """Whether each point lies in the domain : (n,) bool array."""
-    inside, position = np.empty(len(ca), np.bool_), np.empty(2)
+    inside, position = np.empty(len(ca), np.bool_), np.empty(4)
     for n in range(len(ca)):
         inside[n] = located(ca[n], size[n], effect[n], weighing, position)[3] >= 0
     return inside
@@ -139,15 +142,28 @@ def _ends(j, sheet, column, share, stack):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def moved_along(place, low, high, low_there, high_there):  # type: ignore[no-untyped-def]
+    """Ca between two borders there that corresponds to a place, 0 to 1, between two borders here.
+
+    The same but next to the borders, which it follows. It rises with the place; where the borders there lie too much
+    closer together for that, the range is divided in the same ratio.
+    """
+    width, first, last = high - low, low_there - low, high_there - high
+    squeezed = max(first, 0.0) + max(-last, 0.0)
+    steep = _STEEP if _STEEP * squeezed <= _SQUEEZED * width else max(_SQUEEZED * width / squeezed, 1.0)
+    return low + place * width + first * (1.0 - place) ** steep + last * place**steep
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _there(j, sheet, column, position, stack):  # type: ignore[no-untyped-def]
     """Ca at which surrogate j has the point that corresponds."""
     low, high = _ends(j, sheet, column, position[1], stack)
-    return low + position[0] * (high - low)
+    return moved_along(position[0], position[2], position[3], low, high)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _within_base(ca, distance, interval, sheet, column, share, weighing, base, own):  # type: ignore[no-untyped-def]
-    """Fill in the position (2,) between the borders of the base of the query's own Ca, or of the nearest of them.
+    """Fill in the position (4,) between the borders of the base of the query's own Ca, or of the nearest of them.
 
     Where a fold moves with the effect, the Ca of parachutes is taken over that of the fold.
     """
@@ -156,6 +172,7 @@ def _within_base(ca, distance, interval, sheet, column, share, weighing, base, o
     if sheet == 0 and weighing.folds[interval, column]:
         there *= high / border(weighing.borders[interval], 2, column, share, distance)
     own[0], own[1] = min(max((there - low) / max(high - low, 1e-300), 0.0), 1.0), share
+    own[2], own[3] = low, high
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -177,7 +194,7 @@ def corresponding(ca, size, effect, stack, base, weighing, sheets, places, weigh
 
     Those of each slice, of the null slice as it is taken away, and of the base.
     """
-    position, own, count = np.empty(2), np.empty(2), len(weighing.knots)
+    position, own, count = np.empty(4), np.empty(4), len(weighing.knots)
     for n in range(len(ca)):
         interval, sheet, column, row = located(ca[n], size[n], effect[n], weighing, position)
         sheets[n] = sheet if row >= 0 else -1
@@ -210,7 +227,7 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     """
     count, null, q = len(weighing.knots), weighing.null, values.shape[1]
     width = weighing.knots[-1] - weighing.knots[0]
-    position, own, weights, no_slopes = np.empty(2), np.empty(2), np.empty(count), np.empty((0, 2))
+    position, own, weights, no_slopes = np.empty(4), np.empty(4), np.empty(count), np.empty((0, 2))
     found, of_base, of_null, error = np.zeros((count, q)), np.empty(q), np.empty(q), np.empty((3, 3))
     for n in range(len(ca)):
         interval, sheet, column, row = located(ca[n], size[n], effect[n], weighing, position)

@@ -173,7 +173,7 @@ class EffectSurrogate(Extendable):
         theta = {"capillary_number": capillary_number, "size_ratio": size_ratio, **coordinate}
         ca, size, effect = self._points({name: np.array([value]) for name, value in theta.items()})
         weighing = self.domain.weighing
-        interval, _, _, row = located(ca[0], size[0], effect[0], weighing, np.empty(2))
+        interval, _, _, row = located(ca[0], size[0], effect[0], weighing, np.empty(4))
         if row < 0:
             raise self._outside(capillary_number, size_ratio, coordinate)
         sheets, places, weights = self._corresponding(ca, size, effect)

@@ -4,8 +4,8 @@ A *slice* is the surrogate of one value of the effect. In every column of a/l
 its convex shapes lie between a lowest Ca and a division, its parachutes
 between the division and a highest Ca. All three move: a pre-inflated capsule
 stays convex up to a higher Ca and exists up to a higher one. Points of two
-slices correspond when they have the same a/l, lie on the same sheet, and
-divide the range of Ca of that sheet in the same ratio. So a capsule at the
+slices correspond when they have the same a/l, lie on the same sheet, and have
+the same Ca, but next to the borders, which they follow. So a capsule at the
 onset of its dimple is compared with one at the onset, and no value of one
 sheet is ever mixed with one of the other.
 """
@@ -145,8 +145,9 @@ def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-
     columns : (c,) array
     cubics : (4, 3, c) array
         Borders in this interval.
-    out : (2,) array
-        Filled with the position within the range of Ca of the sheet, from 0 to 1, and that between the columns.
+    out : (4,) array
+        Filled with the position within the range of Ca of the sheet, from 0 to 1, that between the columns, and both
+        ends of the range.
     """
     if not (columns[0] <= size <= columns[-1]):
         return -1, 0
@@ -165,9 +166,9 @@ def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-
         return -1, left
     out[1] = share
     if ca < division:
-        out[0] = (ca - lowest) / (division - lowest)
+        out[0], out[2], out[3] = (ca - lowest) / (division - lowest), lowest, division
         return CONVEX, left
-    out[0] = (ca - division) / max(highest - division, 1e-300)
+    out[0], out[2], out[3] = (ca - division) / max(highest - division, 1e-300), division, highest
     return PARACHUTE, left
 
 
