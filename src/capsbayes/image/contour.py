@@ -1,7 +1,7 @@
 """The outline of a capsule in a picture, to a fraction of a pixel.
 
 A closed curve is laid around the dark spot that the capsule is, then moved to where the intensity along its normals
-jumps. The jump is located in means over arcs of the curve (`edge_models.edge`), and from there in each normal by the
+jumps. The jump is located in means over arcs of the curve (`edge_models`), and from there in each normal by the
 shift that explains its difference from the mean of its arc.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
-from capsbayes.image.edge_models import edge, locate
+from capsbayes.image.edge_models import Model, locate
 
 __all__ = ["ARC", "Outline", "pixel_noise", "sharpened"]
 
@@ -110,7 +110,7 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> Outli
     width = np.interp((np.arange(arcs) + 0.5) / arcs, (np.arange(len(widths)) + 0.5) / len(widths), widths)
     window = np.clip(2.0 * width + 1.5, 3.0, _REACH)
     used = (np.abs(samples) <= window[:, None]).astype(float)
-    found = locate(means, samples, edge, np.zeros(arcs), width, used)
+    found = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used)
     sound = found.converged & (np.abs(found.place) < 0.7 * window) & (found.coefficients[:, 2] < -_CONTRAST)
     if sound.sum() < arcs // 2:
         return None

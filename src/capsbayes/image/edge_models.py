@@ -1,6 +1,6 @@
-"""Places of edges and of dark lines in profiles of intensity, by least squares on many profiles at once.
+"""Places of edges and of dark lines in profiles of intensity, by least squares.
 
-Both models have two parameters that matter, place and width, and several that do not and enter linearly. The latter
+The models have two parameters that matter, place and width, and several that do not and enter linearly. The latter
 are eliminated in each step (variable projection with the Jacobian of Kaufman), so that what is left is a Gauss-Newton
 iteration in two unknowns.
 
@@ -11,22 +11,40 @@ Kaufman 1975, BIT 15, 49 (doi 10.1007/BF01932995).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
-__all__ = ["Located", "band", "edge", "line", "locate"]
+__all__ = ["Located", "Model", "locate"]
 
 Floats = NDArray[np.float64]
-Model = Callable[[Floats, Floats], Floats]
 
 _ITERATIONS = 12
 _TOLERANCE = 2e-3  # px
-_WIDTHS = (0.3, 12.0)  # px
-_STEP = 1e-4  # of the differences that stand for derivatives
+_NARROWEST, _WIDEST = 0.3, 12.0  # px
+_LONGEST = 1.0, 0.4  # steps of the place [px] and of the logarithm of the width
+_RIDGE = 1e-10  # two functions may become alike as the width grows
+
+
+class Model(IntEnum):
+    """What a profile is made of; t is the distance from the place, and the blur is Gaussian of the width."""
+
+    EDGE = 0
+    """A jump between two straight lines, blurred: 1, the line outside, the jump, the line inside.
+
+    Outside lie the background and its halo, inside the dark band: whatever they are, near the edge they are smooth.
+    """
+    LINE = 1
+    """A Gaussian between two levels: the Gaussian, 1, the step."""
+    BAND = 2
+    """A Gaussian on a parabola: the Gaussian, 1, t, t^2."""
+
+
+_FUNCTIONS = {Model.EDGE: 4, Model.LINE: 3, Model.BAND: 4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,28 +75,6 @@ class Located:
     converged: NDArray[np.bool_]
 
 
-def edge(t: Floats, width: Floats) -> Floats:
-    """A jump between two straight lines, blurred by a Gaussian : (n, m, 4) array of functions, the jump third.
-
-    Outside lie the background and its halo, inside the dark band: whatever they are, near the edge they are smooth.
-    """
-    u = t / width
-    above = ndtr(u)
-    ramp = width * (u * above + np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi))
-    return np.stack([np.ones_like(t), t - ramp, above, ramp], axis=-1)
-
-
-def line(t: Floats, width: Floats) -> Floats:
-    """A Gaussian between two levels : (n, m, 3) array of functions, the Gaussian first; width is its deviation."""
-    u = t / width
-    return np.stack([np.exp(-0.5 * u**2), np.ones_like(t), ndtr(u)], axis=-1)
-
-
-def band(t: Floats, width: Floats) -> Floats:
-    """A Gaussian on a parabola : (n, m, 4) array of functions, the Gaussian first; width is its deviation."""
-    return np.stack([np.exp(-0.5 * (t / width) ** 2), np.ones_like(t), t, t**2], axis=-1)
-
-
 def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width: Floats, used: Floats) -> Located:
     """Fit a model to each profile.
 
@@ -88,8 +84,7 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
         Intensities.
     samples : (m,) array
         Their positions.
-    model : function
-        `edge`, `line` or `band`: of the positions from the place (n, m) and the width (n, 1), to (n, m, k).
+    model : Model
     place, width : (n,) array
         Where to start.
     used : (n, m) array
@@ -99,47 +94,133 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
     -------
     Located
     """
-    place, width = place.copy(), width.copy()
-    moving = np.ones(len(place), dtype=np.bool_)
-    for _ in range(_ITERATIONS):
-        now = moving.nonzero()[0]
-        parts = _linearised(profiles[now], samples, model, place[now], width[now], used[now])
-        step = _solved(parts[3], parts[2])
-        step = np.clip(step, [-1.0, -0.4], [1.0, 0.4])
-        place[now] += step[:, 0]
-        width[now] = np.clip(width[now] * np.exp(step[:, 1]), *_WIDTHS)
-        moving[now] = np.abs(step[:, 0]) > _TOLERANCE
-        if not moving.any():
-            break
-    coefficients, fitted, _, jacobian, slope = _linearised(profiles, samples, model, place, width, used)
-    information = np.einsum("nmi,nmj->nij", jacobian, jacobian) + 1e-12 * np.eye(2)
-    variance = np.linalg.inv(information)[:, 0, 0]
-    return Located(place, width, variance, coefficients, fitted, slope, ~moving)
-
-
-def _linearised(
-    profiles: Floats, samples: Floats, model: Model, place: Floats, width: Floats, used: Floats
-) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Coefficients, fit, residual, Jacobian by place and log width with the coefficients eliminated, raw slope."""
-    t, w = samples - place[:, None], width[:, None]
-    functions = model(t, w)
-    q, r = np.linalg.qr(functions * used[..., None])
-    data = profiles * used
-    inner = np.einsum("nmk,nm->nk", q, data)
-    ridge = 1e-10 * np.eye(r.shape[-1])  # two functions may become alike as the width grows
-    coefficients = np.linalg.solve(
-        np.einsum("nki,nkj->nij", r, r) + ridge, np.einsum("nkj,nk->nj", r, inner)[..., None]
+    count = len(profiles)
+    found = Located(
+        place.astype(np.float64),
+        width.astype(np.float64),
+        np.empty(count),
+        np.empty((count, _FUNCTIONS[model])),
+        np.empty(profiles.shape),
+        np.empty(profiles.shape),
+        np.empty(count, dtype=np.bool_),
     )
-    weights = coefficients[:, None, :, 0]
-    fitted = np.sum(functions * weights, axis=-1)
-    by_place = np.sum((model(t - _STEP, w) - functions) * weights, axis=-1) / _STEP
-    by_width = np.sum((model(t, w * (1.0 + _STEP)) - functions) * weights, axis=-1) / _STEP
-    jacobian = np.stack([by_place, by_width], axis=-1) * used[..., None]
-    jacobian -= q @ (np.swapaxes(q, 1, 2) @ jacobian)
-    return coefficients[..., 0], fitted, data - fitted * used, jacobian, by_place
+    data = (np.ascontiguousarray(one, dtype=np.float64) for one in (profiles, samples, used))
+    _locate(
+        *data,
+        int(model),
+        found.place,
+        found.width,
+        found.place_variance,
+        found.coefficients,
+        found.fitted,
+        found.slope,
+        found.converged,
+    )
+    return found
 
 
-def _solved(jacobian: Floats, residual: Floats) -> Floats:
-    normal = np.einsum("nmi,nmj->nij", jacobian, jacobian)
-    normal = normal * (1.0 + 1e-6 * np.eye(2)) + 1e-12 * np.eye(2)
-    return np.linalg.solve(normal, np.einsum("nmi,nm->ni", jacobian, residual)[..., None])[..., 0]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _locate(  # type: ignore[no-untyped-def]
+    profiles, samples, used, model, place, width, variance, coefficients, fitted, slope, converged
+):
+    m, k = len(samples), coefficients.shape[1]
+    functions, by_place, by_width = np.empty((m, k)), np.empty((m, k)), np.empty((m, k))
+    jacobian, step, normal = np.empty((m, 2)), np.empty(2), np.empty((2, 2))
+    for n in range(len(profiles)):
+        converged[n] = False
+        for _ in range(_ITERATIONS):
+            _evaluated(model, samples, place[n], width[n], functions, by_place, by_width)
+            _projected(
+                profiles[n], used[n], functions, by_place, by_width, coefficients[n], fitted[n], slope[n], jacobian
+            )
+            _step(profiles[n], used[n], fitted[n], jacobian, normal, step)
+            place[n] += min(max(step[0], -_LONGEST[0]), _LONGEST[0])
+            width[n] *= math.exp(min(max(step[1], -_LONGEST[1]), _LONGEST[1]))
+            width[n] = min(max(width[n], _NARROWEST), _WIDEST)
+            if abs(step[0]) <= _TOLERANCE:
+                converged[n] = True
+                break
+        _evaluated(model, samples, place[n], width[n], functions, by_place, by_width)
+        _projected(profiles[n], used[n], functions, by_place, by_width, coefficients[n], fitted[n], slope[n], jacobian)
+        _step(profiles[n], used[n], fitted[n], jacobian, normal, step)
+        variance[n] = normal[1, 1] / (normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _evaluated(model, samples, place, width, functions, by_place, by_width):  # type: ignore[no-untyped-def]
+    """Fill in the functions (m, k) and their derivatives by the place and by the logarithm of the width."""
+    for i in range(len(samples)):
+        t = samples[i] - place
+        u = t / width
+        bell = math.exp(-0.5 * u * u)
+        f, p, w = functions[i], by_place[i], by_width[i]
+        if model == 0:
+            density, above = bell / math.sqrt(2.0 * math.pi), 0.5 * math.erfc(-u / math.sqrt(2.0))
+            ramp = width * (u * above + density)
+            f[0], f[1], f[2], f[3] = 1.0, t - ramp, above, ramp
+            p[0], p[1], p[2], p[3] = 0.0, above - 1.0, -density / width, -above
+            w[0], w[1], w[2], w[3] = 0.0, -width * density, -u * density, width * density
+        elif model == 1:
+            density, above = bell / math.sqrt(2.0 * math.pi), 0.5 * math.erfc(-u / math.sqrt(2.0))
+            f[0], f[1], f[2] = bell, 1.0, above
+            p[0], p[1], p[2] = u * bell / width, 0.0, -density / width
+            w[0], w[1], w[2] = u * u * bell, 0.0, -u * density
+        else:
+            f[0], f[1], f[2], f[3] = bell, 1.0, t, t * t
+            p[0], p[1], p[2], p[3] = u * bell / width, 0.0, -1.0, -2.0 * t
+            w[0], w[1], w[2], w[3] = u * u * bell, 0.0, 0.0, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _projected(  # type: ignore[no-untyped-def]
+    profile, used, functions, by_place, by_width, coefficients, fitted, slope, jacobian
+):
+    """Fill in the best coefficients, the fit, its slope, and the Jacobian (m, 2) with the coefficients eliminated."""
+    m, k = functions.shape
+    matrix, sides = np.zeros((k, k)), np.zeros((3, k))
+    for i in range(m):
+        if used[i] != 0.0:
+            for a in range(k):
+                sides[0, a] += functions[i, a] * profile[i]
+                for b in range(a + 1):
+                    matrix[a, b] += functions[i, a] * functions[i, b]
+    for a in range(k):
+        matrix[a, a] = matrix[a, a] * (1.0 + 1e-12) + _RIDGE
+        for b in range(a):
+            matrix[b, a] = matrix[a, b]
+    coefficients[:] = np.linalg.solve(matrix, sides[0])
+    for i in range(m):
+        total, along_place, along_width = 0.0, 0.0, 0.0
+        for a in range(k):
+            total += coefficients[a] * functions[i, a]
+            along_place += coefficients[a] * by_place[i, a]
+            along_width += coefficients[a] * by_width[i, a]
+        fitted[i], slope[i] = total, along_place
+        jacobian[i, 0], jacobian[i, 1] = along_place * used[i], along_width * used[i]
+        for a in range(k):
+            sides[1, a] += jacobian[i, 0] * functions[i, a]
+            sides[2, a] += jacobian[i, 1] * functions[i, a]
+    shares = np.linalg.solve(matrix, sides[1:].T)
+    for i in range(m):
+        if used[i] != 0.0:
+            for a in range(k):
+                jacobian[i, 0] -= functions[i, a] * shares[a, 0]
+                jacobian[i, 1] -= functions[i, a] * shares[a, 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step(profile, used, fitted, jacobian, normal, step):  # type: ignore[no-untyped-def]
+    """Fill in the normal matrix (2, 2) and the Gauss-Newton step (2,)."""
+    normal[:], step[:] = 0.0, 0.0
+    for i in range(len(profile)):
+        left = used[i] * (profile[i] - fitted[i])
+        for a in range(2):
+            step[a] += jacobian[i, a] * left
+            for b in range(2):
+                normal[a, b] += jacobian[i, a] * jacobian[i, b]
+    for a in range(2):
+        normal[a, a] = normal[a, a] * (1.0 + 1e-6) + 1e-12
+    determinant = normal[0, 0] * normal[1, 1] - normal[0, 1] * normal[1, 0]
+    by_place = (normal[1, 1] * step[0] - normal[0, 1] * step[1]) / determinant
+    step[1] = (normal[0, 0] * step[1] - normal[1, 0] * step[0]) / determinant
+    step[0] = by_place

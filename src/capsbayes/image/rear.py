@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from capsbayes.image.edge_models import band, locate
+from capsbayes.image.edge_models import Model, locate
 
 __all__ = ["RearBand", "find_rear"]
 
@@ -138,7 +138,7 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     values = np.take_along_axis(rays, np.clip(index, 0, rays.shape[1] - 1), axis=1)
     means = np.add.reduceat(values, first, axis=0) / count[:, None]
     used = np.minimum.reduceat(within, first, axis=0).astype(float)
-    found = locate(means, samples.astype(float), band, np.zeros(strips), np.full(strips, deviation), used)
+    found = locate(means, samples.astype(float), Model.BAND, np.zeros(strips), np.full(strips, deviation), used)
     across = np.add.reduceat(y, first) / count
     height = np.add.reduceat(centre.astype(float), first) / count + found.place
     sound = found.converged & (found.coefficients[:, 0] < 0.0) & (np.abs(found.place) < 0.5 * reach)

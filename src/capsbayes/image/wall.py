@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from capsbayes.image.edge_models import line, locate
+from capsbayes.image.edge_models import Model, locate
 
 __all__ = ["Walls", "find_walls"]
 
@@ -128,7 +128,7 @@ def _fine(strips: Floats, places: Floats, starts: Floats, middle: float) -> Wall
     found = locate(
         profiles / level,
         samples.astype(float),
-        line,
+        Model.LINE,
         np.zeros(2 * _STRIPS),
         np.full(2 * _STRIPS, _SMOOTHING),
         within.astype(float),
