@@ -7,7 +7,7 @@ shift that explains its difference from the mean of its arc.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +47,12 @@ class Outline:
         Standard deviation of the blur at each place.
     """
 
-    points: Floats
-    normals: Floats
-    point_error: Floats
-    arc_error: Floats
-    arc: NDArray[np.intp]
-    edge_width: Floats
+    points: Floats = field(repr=False)
+    normals: Floats = field(repr=False)
+    point_error: Floats = field(repr=False)
+    arc_error: Floats = field(repr=False)
+    arc: NDArray[np.intp] = field(repr=False)
+    edge_width: Floats = field(repr=False)
 
 
 def pixel_noise(light: Floats) -> float:

@@ -104,9 +104,10 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
         np.empty(profiles.shape),
         np.empty(count, dtype=np.bool_),
     )
-    data = (np.ascontiguousarray(one, dtype=np.float64) for one in (profiles, samples, used))
     _locate(
-        *data,
+        np.ascontiguousarray(profiles, dtype=np.float64),
+        np.ascontiguousarray(samples, dtype=np.float64),
+        np.ascontiguousarray(used, dtype=np.float64),
         int(model),
         found.place,
         found.width,

@@ -118,13 +118,13 @@ class FilmedCapsule:
 
     status: Status
     statuses: Counter[Status]
-    moments: tuple[Moment, ...]
+    moments: tuple[Moment, ...] = field(repr=False)
     velocity: Velocity | None
     drifts: dict[str, Drift]
     repeat_error: Floats
     measurement: Measurement
-    picture: Picture | None
-    sighting: Sighting | None
+    picture: Picture | None = field(repr=False)
+    sighting: Sighting | None = field(repr=False)
     frame: int
 
     @classmethod

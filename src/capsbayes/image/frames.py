@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +36,8 @@ class Picture:
         Fingerprint of that file.
     """
 
-    grey: Floats
-    clipped: NDArray[np.bool_]
+    grey: Floats = field(repr=False)
+    clipped: NDArray[np.bool_] = field(repr=False)
     source: str = ""
     sha256: str = ""
 

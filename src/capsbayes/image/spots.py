@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -39,7 +39,7 @@ class Spot:
         ``DONE`` if it can be a capsule to measure.
     """
 
-    polygon: Floats
+    polygon: Floats = field(repr=False)
     area: float
     status: Status = Status.DONE
 
