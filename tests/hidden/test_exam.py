@@ -10,7 +10,7 @@ from capsbayes.discrepancy import Verdict
 from capsbayes.hidden.answer import Answer, answered, outcome_of
 from capsbayes.hidden.cells import CELLS, Cell
 from capsbayes.hidden.decoy import Decoy
-from capsbayes.hidden.exam import examine
+from capsbayes.hidden.exam import _rounds, examine
 from capsbayes.hidden.exam_page import exam_page
 from capsbayes.hidden.hideable import HIDEABLE
 from capsbayes.hidden.pools import POOLS, pool_name
@@ -141,3 +141,11 @@ def test_a_decoy_moves_edges_by_its_size_and_nothing_at_its_null_value():
     moved = (model + decoy)({**point, "decoy": np.array([0.02])}, outline=True).outline
     away = np.hypot(*(moved - model(point, outline=True).outline)[0].T)
     assert np.sqrt(np.mean(away**2)) == pytest.approx(0.02, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("last", "rounds"),
+    [(0, []), (3, [(1, 3)]), (24, [(1, 4), (5, 8), (9, 16), (17, 24)]), (9, [(1, 4), (5, 8), (9, 9)])],
+)
+def test_a_few_sessions_of_every_cell_come_first(last, rounds):
+    assert list(_rounds(last)) == rounds

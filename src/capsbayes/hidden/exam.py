@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import lru_cache, partial
 from pathlib import Path
@@ -51,23 +51,26 @@ def examine(
     folder.mkdir(parents=True, exist_ok=True)
     for file in folder.glob("*.jsonl"):
         _end_the_last_line(file)
-    last = max((cell.sessions for cell in cells), default=0)
-    for start in range(1, last + 1, _ROUND):
-        known = {cell.name: _read(folder / _file(cell)) for cell in cells}
+    known = {cell.name: _read(folder / _file(cell)) for cell in cells}
+    for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
         tasks = [
             partial(_one, cell, seed, os.fspath(pools), folder / _file(cell))
-            for seed in range(start, start + _ROUND)
+            for seed in range(start, end + 1)
             for cell in cells
             if seed <= cell.sessions and seed not in known[cell.name]
         ]
         if tasks:
-            end = min(start + _ROUND - 1, last)
             tell(f"sessions {start} to {end} of each of {len(cells)} cells: {len(tasks)} to diagnose")
             computed(tasks, None, workers)
     return {cell.name: _read(folder / _file(cell)) for cell in cells}
 
 
-_ROUND = 4  # sessions of each cell
+def _rounds(last: int) -> Iterator[tuple[int, int]]:
+    """First and last session of each round: a few of every cell come first, and twice as many each time."""
+    start, end = 1, 4
+    while start <= last:
+        yield start, min(end, last)
+        start, end = end + 1, 2 * end
 
 
 def _one(cell: Cell, seed: int, pools: str, out: Path) -> None:
