@@ -118,6 +118,39 @@ def test_a_second_effect_is_found_beside_the_first(model):
 
 
 @pytest.mark.slow
+def test_what_looks_likeliest_alone_is_not_named_where_another_is_beside_the_second(model):
+    sizes = {"pixel_scale": 0.025, "rest_aspect": 1.075}
+    names = ("halo", *sizes)
+    candidates = {name: catalogue()[name] for name in names}
+    both = model + candidates["rest_aspect"] + candidates["pixel_scale"]
+    session, _ = drawn_session(both, CAPSULES, seed=9, outline=True, sizes=sizes)
+    study = diagnose(session, model, seed=3, candidates=candidates)
+    assert study.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    assert {frozenset(step.alike) & frozenset(sizes) for step in study.steps} == {
+        frozenset({"pixel_scale"}),
+        frozenset({"rest_aspect"}),
+    }
+    for step in study.steps:
+        for name in step.alike:
+            if name in sizes:
+                low, high = step.scores[name].interval(1.92)
+                assert low < sizes[name] < high
+
+
+@pytest.mark.slow
+def test_once_more_is_measured_a_study_goes_on_with_what_was_computed(model):
+    session = session_with(model, "pixel_scale", 0.012, seed=8)
+    first = diagnose(session, model, seed=3, candidates=OPTICAL)
+    bead = {"halo": (0.0, 5e-8)}
+    again = diagnose(session, model, seed=3, candidates=OPTICAL, measured=bead, earlier=first)
+    anew = diagnose(session, model, seed=3, candidates=OPTICAL, measured=bead)
+    assert (again.verdict, again.names) == (anew.verdict, anew.names)
+    assert again.sizes["pixel_scale"] == pytest.approx(anew.sizes["pixel_scale"], rel=0.02)
+    with pytest.raises(ValueError, match="the same session"):
+        diagnose(session, model, seed=4, candidates=OPTICAL, earlier=first)
+
+
+@pytest.mark.slow
 def test_an_effect_that_no_candidate_explains_is_unknown(model):
     study = diagnose(session_with(model, "pre_inflation", 0.03), model, seed=3, candidates=OPTICAL)
     assert study.verdict is Verdict.UNKNOWN

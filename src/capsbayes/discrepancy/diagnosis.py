@@ -179,7 +179,14 @@ def diagnose(
     told("the capsules laid aside")
     verification = None
     if steps[0].alike:
-        steps, verification = verified(model, steps, confirm, seed, measured or {}, finding.chance)
+        checked = partial(verified, model, confirm=confirm, seed=seed, measured=measured or {}, found=finding.chance)
+        steps, verification = checked(steps)
+        if explained and len(steps) == 1 and not verification.leaves_nothing:  # a second that the first half hides
+            both, explained_by_both = search.second_beside(steps[0])
+            if explained_by_both:
+                both, verified_both = checked(both)
+                if verified_both.holds:
+                    steps, verification = both, verified_both
     made = partial(made, model=model, sizes={})
     if verification is None or not (explained and verification.holds and _likely(steps, evidence)):
         again = find(model, confirm, seed=seed) if verification is None else verification.before

@@ -15,7 +15,6 @@ from capsbayes.discrepancy.session import Session
 from capsbayes.discrepancy.together import together
 from capsbayes.discrepancy.whitening import Whitening
 from capsbayes.effect import Effect, ExtendableModel, Held
-from capsbayes.model import ForwardModel
 
 __all__ = ["LEAST_GAIN", "LEFT", "Search", "Step", "not_told_apart", "searched"]
 
@@ -88,8 +87,7 @@ def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mappin
     first, explained = search.judged(_refined(trials), dict.fromkeys(search.candidates, search.model), {})
     if explained or not first.alike:
         return (first,), explained, trials
-    second, explained = search.second(first)
-    return (search.beside(first, second) if explained else first, second), explained, trials
+    return *search.second_beside(first), trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,40 +142,45 @@ class Search:
         explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT))
         return Step(scores, explaining or alike, models, left, before), bool(explaining)
 
-    def second(self, first: Step) -> tuple[Step, bool]:
-        """A second effect beside the likeliest; the few that gain most are measured together with it."""
-        others = [name for name in self.candidates if name != first.alike[0]]
-        alone = self._fitted(first.after)
-        scores = _refined(self.trials(first.after, alone, others))
-        models: dict[str, ExtendableModel] = dict.fromkeys(others, first.after)
-        before = {}
+    def second_beside(self, first: Step, *, again: bool = True) -> tuple[tuple[Step, ...], bool]:
+        """A second effect beside the likeliest, and what may stand in the first's place then.
+
+        If something else is likelier there, the second is sought again beside that.
+        """
+        used = first.alike[0]
+        names = [name for name in self.candidates if name != used]
+        before, scores = self._beside(first.best, names)
+        models = {name: _with(self.model, before[name]) if name in before else first.after for name in names}
+        second, explained = self.judged(_by_gain(scores), models, before)
+        if not explained:
+            return (first, second), False
+        alike = self._alike_beside(first, second)
+        if again and alike[0] != used:
+            return self.second_beside(replace(first, alike=alike), again=False)
+        return (replace(first, alike=(used, *(name for name in alike if name != used))), second), True
+
+    def _alike_beside(self, first: Step, second: Step) -> tuple[str, ...]:
+        """The effects that are not told apart from the likeliest beside the second; the likeliest comes first."""
+        used, name = first.alike[0], second.alike[0]
+        others = [other for other in self.candidates if other not in (used, name)]
+        pairs = {used: second.best, **self._beside(second.best, others)[1]}
+        best, *rest = sorted(pairs, key=lambda one: -float(pairs[one].total.max()))
+        return (best, *(one for one in rest if _alike_in_all(pairs[best], pairs[one])))
+
+    def _beside(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
+        """Effects beside one at its size; the few that gain most are measured together with it.
+
+        The scores of the known one beside each of these, and those of all.
+        """
+        here = _with(self.model, known)
+        alone = fitted(here, self.session, self.white)
+        scores, beside = _refined(self.trials(here, alone, names)), {}
         for name in _worth_measuring_together(scores):
-            before[name], scores[name] = self._together(first.best, scores[name], alone)
-            models[name] = _with(self.model, before[name])
-        return self.judged(_by_gain(scores), models, before)
-
-    def beside(self, first: Step, second: Step) -> Step:
-        """The first step with those effects alone that are not told apart from the likeliest beside the second."""
-        best, kept = second.best, [first.alike[0]]
-        name = best.effect.parameter.name
-        for other in first.alike[1:]:
-            if other == name:  # the same two the other way round
-                continue
-            here = first.with_effect(other)
-            alone = self._fitted(here)
-            scores = self.trials(here, alone, [name])[name].scores
-            pair = self._together(first.scores[other], scores, alone)[1]
-            lags = best.log_likelihood[best.best] - pair.log_likelihood[pair.best]
-            if not_told_apart(float(best.total.max() - pair.total.max()), lags):
-                kept.append(other)
-        return replace(first, alike=tuple(kept))
-
-    def _together(self, first: Scores, second: Scores, alone: Fits) -> tuple[Scores, Scores]:
-        self.tell(f"{first.effect.name} with {second.effect.name}")
-        return together(self.model, first, second, self.session, self.white, alone, self.measured)
-
-    def _fitted(self, model: ForwardModel) -> Fits:
-        return fitted(model, self.session, self.white)
+            self.tell(f"{known.effect.name} with {self.candidates[name].name}")
+            beside[name], scores[name] = together(
+                self.model, known, scores[name], self.session, self.white, alone, self.measured
+            )
+        return beside, scores
 
 
 def _worth_measuring_together(scores: Mapping[str, Scores]) -> tuple[str, ...]:
@@ -211,6 +214,12 @@ def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
 
 def _alike(best: Scores, other: Scores) -> bool:
     return not_told_apart(best.gain - other.gain, best.gains - other.gains)
+
+
+def _alike_in_all(best: Scores, other: Scores) -> bool:
+    """The same, of scores beside different effects."""
+    lags = best.log_likelihood[best.best] - other.log_likelihood[other.best]
+    return not_told_apart(float(best.total.max() - other.total.max()), lags)
 
 
 def not_told_apart(lag: float, lags: Floats) -> bool:

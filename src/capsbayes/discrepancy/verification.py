@@ -96,7 +96,7 @@ class Verification:
 
 
 def verified(
-    model: ExtendableModel, steps: tuple[Step, ...], confirm: Session, seed: int, measured: Measured, found: float
+    model: ExtendableModel, steps: tuple[Step, ...], *, confirm: Session, seed: int, measured: Measured, found: float
 ) -> tuple[tuple[Step, ...], Verification]:
     """The second half beside the model, and beside it with each effect more.
 
