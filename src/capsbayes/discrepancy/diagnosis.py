@@ -28,6 +28,8 @@ from capsbayes.model import ForwardModel
 
 __all__ = ["Study", "Verdict", "diagnose"]
 
+Checked = Callable[[tuple[Step, ...]], tuple[tuple[Step, ...], Verification]]
+
 _FEWEST = 12  # capsules of a session that can be divided
 
 
@@ -181,12 +183,8 @@ def diagnose(
     if steps[0].alike:
         checked = partial(verified, model, confirm=confirm, seed=seed, measured=measured or {}, found=finding.chance)
         steps, verification = checked(steps)
-        if explained and len(steps) == 1 and not verification.leaves_nothing:  # a second that the first half hides
-            both, explained_by_both = search.second_beside(steps[0])
-            if explained_by_both:
-                both, verified_both = checked(both)
-                if verified_both.holds:
-                    steps, verification = both, verified_both
+        if explained and len(steps) == 1 and not verification.leaves_nothing:
+            steps, verification = _with_a_second(search, steps, verification, checked)
     made = partial(made, model=model, sizes={})
     if verification is None or not (explained and verification.holds and _likely(steps, evidence)):
         again = find(model, confirm, seed=seed) if verification is None else verification.before
@@ -200,6 +198,18 @@ def diagnose(
     for step in steps:
         extended = extended + step.best.effect
     return made(Verdict.NAMED, model=extended, sizes={step.alike[0]: step.best.size for step in steps})
+
+
+def _with_a_second(
+    search: Search, steps: tuple[Step, ...], verification: Verification, checked: Checked
+) -> tuple[tuple[Step, ...], Verification]:
+    """With a second effect, if one explains what only the second half shows, and both hold there; else as given."""
+    both, explained = search.second_beside(steps[0])
+    if explained:
+        both, verified_both = checked(both)
+        if verified_both.holds:
+            return both, verified_both
+    return steps, verification
 
 
 def _likely(steps: tuple[Step, ...], evidence: Mapping[str, float]) -> bool:
