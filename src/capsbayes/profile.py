@@ -197,9 +197,11 @@ class Profile:
 
 
 def vertex_normals(points: Floats) -> Floats:
-    """Outward unit normals (p, 2) at the vertices of a closed outline like a `Profile`'s."""
-    chord = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    return np.stack([chord[:, 1], -chord[:, 0]], axis=1) / np.hypot(*chord.T)[:, None]
+    """Outward unit normals (..., p, 2) at the vertices of closed outlines like a `Profile`'s."""
+    around = np.concatenate([points[..., -1:, :], points, points[..., :1, :]], axis=-2)
+    chord = around[..., 2:, :] - around[..., :-2, :]
+    normals = np.stack([chord[..., 1], -chord[..., 0]], axis=-1)
+    return np.asarray(normals / np.hypot(chord[..., 0], chord[..., 1])[..., None])
 
 
 def _bad(expected: str, got: str, advice: str = "") -> InputError:

@@ -32,7 +32,7 @@ def displaced(prediction: Prediction, across: Floats, along_flow: Floats) -> Pre
     )
     if prediction.outline is None:
         return moved
-    normals = np.stack([vertex_normals(outline) for outline in prediction.outline])
+    normals = vertex_normals(prediction.outline)
     distance = across[:, None] + along_flow[:, None] * np.abs(normals[..., 0])
     return replace(moved, outline=prediction.outline + distance[..., None] * normals)
 

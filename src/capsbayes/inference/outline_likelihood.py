@@ -132,8 +132,13 @@ class OutlineLikelihood:
             assert axial_lengths is not None, "L_a was measured"
             distances = np.column_stack([distances, self.length.value - axial_lengths])
         white = np.full_like(distances, np.nan)
-        white[known] = scipy.linalg.solve_triangular(self._factor, distances[known].T, lower=True).T
+        white[known] = self._independent(distances[known])
         return white
+
+    def _independent(self, numbers: Floats) -> Floats:
+        """Rows (n, m) of numbers with the covariance as ones that are independent, of variance one."""
+        found = scipy.linalg.solve_triangular(self._factor, numbers.T, lower=True, check_finite=False)
+        return np.asarray(found.T)
 
     def whitened_displacement(self, displacement: Floats) -> Floats:
         """What `whitened` becomes more by where the measured outline lies farther out.
@@ -150,7 +155,7 @@ class OutlineLikelihood:
         at_points = _at_places(displacement, self._place)
         if self.length is not None:
             at_points = np.column_stack([at_points, at_points[:, np.argmax(self._aligned[:, 0])]])
-        return np.asarray(scipy.linalg.solve_triangular(self._factor, at_points.T, lower=True).T)
+        return self._independent(at_points)
 
     def log_density(self, outlines: Floats, axial_lengths: Floats | None = None) -> Floats:
         """Log density given each of n outlines (n, p, 2), and L_a (n,) : (n,) array, NaN for a row of NaN."""

@@ -30,7 +30,7 @@ __all__ = ["Stack", "Weighing", "corresponding", "covered", "evaluate", "located
 
 Floats = NDArray[np.float64]
 
-_STEEP = 8.0  # power of the distance from the other border, with which points follow a border
+_STEEP = 8  # power of the distance from the other border, with which points follow a border
 _SQUEEZED = 0.9  # share of the range of Ca, by which borders may come nearer
 
 
@@ -150,8 +150,17 @@ def moved_along(place, low, high, low_there, high_there):  # type: ignore[no-unt
     """
     width, first, last = high - low, low_there - low, high_there - high
     squeezed = max(first, 0.0) + max(-last, 0.0)
-    steep = _STEEP if _STEEP * squeezed <= _SQUEEZED * width else max(_SQUEEZED * width / squeezed, 1.0)
-    return low + place * width + first * (1.0 - place) ** steep + last * place**steep
+    if _STEEP * squeezed <= _SQUEEZED * width:
+        return low + place * width + first * _steep(1.0 - place) + last * _steep(place)
+    power = max(_SQUEEZED * width / squeezed, 1.0)
+    return low + place * width + first * (1.0 - place) ** power + last * place**power
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _steep(x):  # type: ignore[no-untyped-def]
+    """x to the power of `_STEEP`, in a tenth of the time."""
+    fourth = x * x * x * x
+    return fourth * fourth
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
