@@ -156,7 +156,9 @@ class Search:
             return (first, second), False
         alike = self._alike_beside(first, second)
         if again and alike[0] != used:
-            return self.second_beside(replace(first, alike=alike), again=False)
+            both, explained = self.second_beside(replace(first, alike=alike), again=False)
+            if explained:
+                return both, True
         return (replace(first, alike=(used, *(name for name in alike if name != used))), second), True
 
     def _alike_beside(self, first: Step, second: Step) -> tuple[str, ...]:
