@@ -136,6 +136,15 @@ def test_other_verdicts_keep_what_they_have(study):
     assert verdict_sentence(ambiguous).endswith("several effects explain it equally well: motion blur.")
 
 
+def test_two_effects_are_said_one_beside_the_other(study):
+    (step,) = study.steps
+    both = replace(study, verdict=Verdict.NAMED, steps=(step, step))
+    assert "motion blur and motion blur explain it together: t_e = " in verdict_sentence(both)
+    either = replace(step, alike=("exposure", "exposure", "exposure"))
+    ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, steps=(either, step))
+    assert verdict_sentence(ambiguous).endswith("well: motion blur, motion blur or motion blur, with motion blur.")
+
+
 def test_lengths_alone_are_said_and_leave_no_outlines(model):
     session, _ = drawn_session(model, 14, seed=7)
     study = diagnose(session, model, seed=3, candidates=BLUR, level=1.0)

@@ -176,7 +176,7 @@ def diagnose(
     trials = {} if earlier is None else earlier.trials
     search = Search(model, effects, discover, white, seed, measured or {}, told, trials)
     steps, explained, trials = searched(search, fits)
-    evidence = evidences(steps[0].scores, finding)
+    evidence = evidences({name: one.scores for name, one in trials.items()}, finding)
     made = partial(made, evidence=evidence, trials=trials)
     told("the capsules laid aside")
     verification = None

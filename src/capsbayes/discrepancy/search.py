@@ -37,7 +37,8 @@ class Step:
     Parameters
     ----------
     scores : mapping of str to Scores
-        Of every candidate, beside the effects added before, the likeliest first.
+        Of every candidate, beside the effects added before, the likeliest first; of the first of two effects and of
+        those that may stand in its place, beside the second.
     alike : tuple of str
         The likeliest, and those that are not told apart from it; empty if none explains anything.
     models : mapping of str to ForwardModel
@@ -154,20 +155,25 @@ class Search:
         second, explained = self.judged(_by_gain(scores), models, before)
         if not explained:
             return (first, second), False
-        alike = self._alike_beside(first, second)
-        if again and alike[0] != used:
-            both, explained = self.second_beside(replace(first, alike=alike), again=False)
+        pairs = self._alike_beside(first, second)
+        if again and next(iter(pairs)) != used:
+            both, explained = self.second_beside(replace(first, alike=tuple(pairs)), again=False)
             if explained:
                 return both, True
-        return (replace(first, alike=(used, *(name for name in alike if name != used))), second), True
+        pairs.pop(used, None)
+        return (replace(first, alike=(used, *pairs), scores={**first.scores, **pairs}), second), True
 
-    def _alike_beside(self, first: Step, second: Step) -> tuple[str, ...]:
-        """The effects that are not told apart from the likeliest beside the second; the likeliest comes first."""
+    def _alike_beside(self, first: Step, second: Step) -> dict[str, Scores]:
+        """The effects that are not told apart from the likeliest beside the second, which comes first; their scores.
+
+        Those of the one that was used are the second's.
+        """
         used, name = first.alike[0], second.alike[0]
         others = [other for other in self.candidates if other not in (used, name)]
         pairs = {used: second.best, **self._beside(second.best, others)[1]}
-        best, *rest = sorted(pairs, key=lambda one: -float(pairs[one].total.max()))
-        return (best, *(one for one in rest if _alike_in_all(pairs[best], pairs[one])))
+        best = max(pairs, key=lambda one: float(pairs[one].total.max()))
+        alike = [one for one in pairs if one != best and _alike_in_all(pairs[best], pairs[one])]
+        return {one: pairs[one] for one in (best, *sorted(alike, key=lambda one: -float(pairs[one].total.max())))}
 
     def _beside(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
         """Effects beside one at its size; the few that gain most are measured together with it.

@@ -35,15 +35,22 @@ def verdict_sentence(study: Study) -> str:
         return f"No disagreement was found between the capsules and {model}{doubt}."
     accused = f"The capsules disagree with {model}, and"
     if study.verdict is Verdict.NAMED:
-        best = study.scores[study.names[0]]
-        return f"{accused} {best.effect.name} explains it: {best.effect.parameter.symbol} = {size_words(best)}."
+        named = [step.best for step in study.steps]
+        names = " and ".join(one.effect.name for one in named)
+        sizes = "; ".join(f"{one.effect.parameter.symbol} = {size_words(one)}" for one in named)
+        return f"{accused} {names} {'explains it' if len(named) == 1 else 'explain it together'}: {sizes}."
     if study.verdict is Verdict.AMBIGUOUS:
-        names = " and ".join(study.scores[name].effect.name for name in study.names)
-        return f"{accused} several effects explain it equally well: {names}."
+        groups = [[step.scores[name].effect.name for name in step.alike] for step in study.steps]
+        return f"{accused} several effects explain it equally well: {', with '.join(map(_one_of, groups))}."
     if study.verification is not None:
         best = study.scores[study.names[0]]
         return f"{accused} nothing that was tried explains it; {best.effect.name} comes nearest."
     return f"{accused} nothing that was tried explains it."
+
+
+def _one_of(names: list[str]) -> str:
+    """Names with commas and an "or"."""
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def lengths_alone(session: Session) -> str:
