@@ -140,6 +140,9 @@ def test_two_effects_are_said_one_beside_the_other(study):
     (step,) = study.steps
     both = replace(study, verdict=Verdict.NAMED, steps=(step, step))
     assert "motion blur and motion blur explain it together: t_e = " in verdict_sentence(both)
+    page = study_page(both)
+    assert "The size of motion blur and motion blur was found on one half" in page
+    assert "are those beside the other" in page
     either = replace(step, alike=("exposure", "exposure", "exposure"))
     ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, steps=(either, step))
     assert verdict_sentence(ambiguous).endswith("well: motion blur, motion blur or motion blur, with motion blur.")

@@ -95,9 +95,10 @@ class Study:
 
     @property
     def scores(self) -> Mapping[str, Scores]:
-        """Of every candidate on the first half, the likeliest first; of a second effect, beside the first."""
+        """Of every candidate on the first half, the likeliest first; of two effects, beside each other."""
         found = dict(self.steps[0].scores) if self.steps else {}
-        return found | {name: step.scores[name] for step in self.steps[1:] for name in step.alike}
+        found |= {name: step.scores[name] for step in self.steps[1:] for name in step.alike}
+        return dict(sorted(found.items(), key=lambda item: -item[1].gain))
 
     def __str__(self) -> str:
         """One sentence."""

@@ -128,8 +128,13 @@ def _candidates(study: Study) -> Iterator[str]:
         "effect that was hardly seen is overestimated, near the threshold by some 40 %, because only sizes that look "
         "large are seen at all.</p>"
     )
+    if len(study.steps) > 1:
+        yield (
+            '<p class="note">Of effects that are added together, size, gain and G<sub>s</sub> are those beside the '
+            "other, the odds those of each alone.</p>"
+        )
     if study.verdict is Verdict.AMBIGUOUS:
-        best = study.scores[study.names[0]].effect
+        best = next((step for step in study.steps if len(step.alike) > 1), study.steps[0]).best.effect
         yield (
             "<p>These data do not tell the effects in question apart. "
             f"What would: {typeset(best.separated_by[0].lower() + best.separated_by[1:])}</p>"
@@ -138,7 +143,7 @@ def _candidates(study: Study) -> Iterator[str]:
 
 
 def _held_out(study: Study, verification: Verification) -> Iterator[str]:
-    best = study.scores[study.names[0]].effect.name
+    best = " and ".join(step.best.effect.name for step in study.steps if step.alike)
     yield "<h2>Does it hold on capsules that were laid aside?</h2>"
     yield (
         f"<p>The size of {escape(best)} was found on one half of the capsules. Here is the other half, which had no "
