@@ -19,7 +19,7 @@ def exam(
     """Hide effects in many sessions, diagnose each, and write the table of the answers.
 
     What is finished is kept, so the command can be stopped and run again. On two cores the shapes of a pool take three
-    minutes, or twenty where the section or the time varies; the sessions take about three hours. Exit status: 0 done, 2
+    minutes, or twenty where the section or the time varies; the sessions take about two hours. Exit status: 0 done, 2
     bad input.
     """
     from dataclasses import replace

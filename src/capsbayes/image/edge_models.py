@@ -129,21 +129,18 @@ def _locate(  # type: ignore[no-untyped-def]
     jacobian, step, normal = np.empty((m, 2)), np.empty(2), np.empty((2, 2))
     for n in range(len(profiles)):
         converged[n] = False
-        for _ in range(_ITERATIONS):
+        for iteration in range(_ITERATIONS + 1):
             _evaluated(model, samples, place[n], width[n], functions, by_place, by_width)
             _projected(
                 profiles[n], used[n], functions, by_place, by_width, coefficients[n], fitted[n], slope[n], jacobian
             )
             _step(profiles[n], used[n], fitted[n], jacobian, normal, step)
+            if converged[n] or iteration == _ITERATIONS:  # what is known is of the last place
+                break
             place[n] += min(max(step[0], -_LONGEST[0]), _LONGEST[0])
             width[n] *= math.exp(min(max(step[1], -_LONGEST[1]), _LONGEST[1]))
             width[n] = min(max(width[n], _NARROWEST), _WIDEST)
-            if abs(step[0]) <= _TOLERANCE:
-                converged[n] = True
-                break
-        _evaluated(model, samples, place[n], width[n], functions, by_place, by_width)
-        _projected(profiles[n], used[n], functions, by_place, by_width, coefficients[n], fitted[n], slope[n], jacobian)
-        _step(profiles[n], used[n], fitted[n], jacobian, normal, step)
+            converged[n] = abs(step[0]) <= _TOLERANCE
         variance[n] = normal[1, 1] / (normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2)
 
 
