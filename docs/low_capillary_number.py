@@ -320,10 +320,11 @@ def page(known: Results) -> str:
         "",
         f"![Bending and pre-inflation](pictures/{draw_settings(known).name})",
         "",
-        f"Shapes reached from rest at refinement {COARSE}. A stiffer membrane stays convex up to a higher Ca. With "
-        f"B = {BENDINGS[0]:g} the wrinkles are too short for this mesh, and what a capsule comes to changes from one "
-        "Ca to the next. Pre-inflation puts the membrane under tension: the snap-through moves to a higher Ca, until "
-        "in wide capsules the rear turns concave smoothly. The Ca of the snap-through in `square-pre-inflation`:",
+        f"Shapes reached from rest at refinement {COARSE}, those of the inflated capsules at 10. A stiffer membrane "
+        f"stays convex up to a higher Ca. With B = {BENDINGS[0]:g} the wrinkles are too short for this mesh, and what "
+        "a capsule comes to changes from one Ca to the next. Pre-inflation puts the membrane under tension: the "
+        "snap-through moves to a higher Ca, until in wide capsules the rear turns concave smoothly. The Ca of the "
+        "snap-through in `square-pre-inflation`:",
         "",
         *inflation_rows(),
         "",

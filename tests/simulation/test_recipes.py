@@ -4,7 +4,7 @@ from capsbayes.errors import InputError
 from capsbayes.simulation.recipes import RECIPES, recipe_named
 from capsbayes.simulation.simulator import Simulator
 
-FINER = {"square-strain-hardening": 12, "square-bending": 12}
+FINER = {"square-strain-hardening": 12, "square-bending": 12, "square-pre-inflation": 10}
 """Effects with which the error of a coarse mesh changes."""
 
 

@@ -42,6 +42,7 @@ class Recipe:
 
 
 _FINE = Simulator(refinement=12)
+_MEDIUM = Simulator(refinement=10)
 _COARSE = Simulator(refinement=8)
 _LAWS = {
     "neo-hookean": NeoHookean(),
@@ -70,10 +71,9 @@ RECIPES: dict[str, Recipe] = {
         for section in ("square", "circular")
         for law in ("skalak", "hooke")
     },
-    **{
-        f"{section}-pre-inflation": Recipe(replace(_COARSE, section=section), wide_grid(), "pre_inflation", _INFLATIONS)
-        for section in ("square", "circular")
-    },
+    # inflation moves the snap-through and the limit of existence, and with them the coarse mesh's error
+    "square-pre-inflation": Recipe(_MEDIUM, wide_grid(), "pre_inflation", _INFLATIONS),
+    "circular-pre-inflation": Recipe(replace(_COARSE, section="circular"), wide_grid(), "pre_inflation", _INFLATIONS),
     "square-hardening": _effect("hardening", 0.1, 0.3, 1.0, 3.0, 10.0, law="skalak"),
     # strain hardening and bending round the sharp rim, and with it the coarse mesh's error is not the same
     "square-strain-hardening": _effect("strain_hardening", 0.0, 0.25, 0.5, 1.0, law="strain-hardening", mesh=_FINE),
