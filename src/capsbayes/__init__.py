@@ -26,10 +26,12 @@ _HOME = {
     "MeasuredOutline": "capsbayes.measured_outline",
     "Measurement": "capsbayes.measurement",
     "OutlineNoise": "capsbayes.measured_outline",
+    "Population": "capsbayes.population",
     "Posterior": "capsbayes.inference",
     "Session": "capsbayes.discrepancy",
     "diagnose": "capsbayes.discrepancy",
     "identify": "capsbayes.inference",
+    "identify_folder": "capsbayes.population",
     "measure": "capsbayes.image",
 }
 
@@ -46,6 +48,8 @@ if TYPE_CHECKING:
     from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
     from capsbayes.measurement import Measurement
     from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
+    from capsbayes.population import Population
+    from capsbayes.population.identify_folder import identify_folder
     from capsbayes.profile import Profile
     from capsbayes.simulation import Simulator, SteadyState, build_database
     from capsbayes.status import Status

@@ -57,6 +57,8 @@ class Status(enum.Enum):
         "length on the axis some 2 % too short."
     )
     GRID_TOO_COARSE = "The grid did not resolve the posterior within its largest size; do not use the intervals."
+    NO_SHAPE = "No shape of the model is near the lengths: they are more than five standard errors from every one."
+    UNUSABLE = "The numbers given for this capsule cannot be used; the reason stands beside it."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
 
     @property

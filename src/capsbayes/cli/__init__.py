@@ -29,6 +29,7 @@ for _name in (
     "validate",
     "measure",
     "identify",
+    "batch",
     "diagnose",
     "atlas",
     "transient",

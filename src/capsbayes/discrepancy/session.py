@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.discrepancy.sets import check_comparable, read_set, write_set
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.measurement import CONDITIONS, Measurement
+from capsbayes.sets import check_comparable, read_set, write_set
 
 __all__ = ["Session"]
 

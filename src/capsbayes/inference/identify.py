@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.inference.checks import LEANING_SHARE, Agreement, Gate, agreement, ess_gates, leaning
+from capsbayes.inference.checks import Agreement, Gate, agreement, ess_gates
 from capsbayes.inference.deterministic import deterministic_answer
 from capsbayes.inference.ensembles import Chains, Effort, sampled
 from capsbayes.inference.grid_posterior import GridPosterior
@@ -26,17 +26,16 @@ from capsbayes.inference.prior import Prior
 from capsbayes.inference.shares import variance_shares
 from capsbayes.inference.tabulated_outline import TabulatedOutline
 from capsbayes.inference.target import Target
+from capsbayes.inference.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
-from capsbayes.model import TWO_SHAPES, WRINKLES, Doubting, ForwardModel
+from capsbayes.model import ForwardModel
 from capsbayes.parameters import COORDINATES
-from capsbayes.status import Status
 
 __all__ = ["ENGINES", "identify"]
 
 Floats = NDArray[np.float64]
 
 ENGINES = ("emcee", "quadrature")
-_DOUBTS = {TWO_SHAPES: Status.LEANS_ON_TWO_SHAPES, WRINKLES: Status.LEANS_ON_WRINKLES}
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
 _OUTLINES = 200
 _TRIED, _TABLE_ERROR, _BEYOND = 500, 0.02, 4  # draws at which a table of log densities is tried; nodes beyond the grid
@@ -99,7 +98,7 @@ def identify(
         reported = _reported(grid)
         exact = {name: grid.marginal(name) for name in reported}
         marginals = {name: Marginal.of_draws(draws[name]) for name in reported} if agreed else exact
-        leans = _leaning(draws, model, quadrature.prior)
+        leans = leanings(draws, model, quadrature.prior)
         return Posterior(
             draws=draws,
             ensemble=ensemble,
@@ -119,7 +118,7 @@ def identify(
             deterministic=deterministic_answer(measurement, model, grid.target.inputs),
             leaning=leans,
             outlines=_outlines(draws, model),
-            status=_status(gates, agreed, leans),
+            status=verdict(gates, agreed, leans),
         )
 
 
@@ -198,37 +197,8 @@ class _Run(NamedTuple):
     agreement: Agreement | None
 
 
-def _leaning(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
-    place = ("capillary_number", "size_ratio")
-    shares = {"model": leaning(draws, place, model.domain.contains, tuple(prior.coordinates))}
-    if isinstance(model, Doubting):
-        drawn = {name: np.ravel(values) for name, values in draws.items() if name in (*place, *COORDINATES)}
-        shares |= {kind: float(np.mean(concerned)) for kind, concerned in model.doubts(drawn).items()}
-    for name, one in (
-        ("surface_shear_modulus", prior.surface_shear_modulus),
-        ("capsule_radius", prior.capsule_radius),
-    ):
-        low, high = one.low, one.high
-        shares[f"prior of {name}"] = leaning(draws, (name,), lambda x, a=low, b=high: (x >= a) & (x <= b))
-    return shares
-
-
 def _outlines(draws: Mapping[str, Floats], model: ForwardModel) -> Floats | None:
     """Outlines of some draws, evenly taken."""
     names = [name for name in ("capillary_number", "size_ratio", *COORDINATES) if name in draws]
     some = np.linspace(0, draws[names[0]].size - 1, _OUTLINES).astype(int)
     return model({name: np.ravel(draws[name])[some] for name in names}, outline=True).outline
-
-
-def _status(gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str, float]) -> Status:
-    """Worst first: what makes the intervals wrong, then what makes them those of the border."""
-    if not all(gate.passed for gate in gates):
-        return Status.NOT_MIXED if agreed is not None else Status.GRID_TOO_COARSE
-    if agreed is not None and not agreed.passed:
-        return Status.ENGINES_DISAGREE
-    if leans["model"] > LEANING_SHARE:
-        return Status.LEANS_ON_BORDER
-    if max(share for name, share in leans.items() if name not in _DOUBTS) > LEANING_SHARE:
-        return Status.LEANS_ON_PRIOR
-    doubts = (status for kind, status in _DOUBTS.items() if leans.get(kind, 0.0) > LEANING_SHARE)
-    return next(doubts, Status.DONE)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from capsbayes.discrepancy.sets.folder import read_folder
-from capsbayes.discrepancy.sets.measured_set import MeasuredSet
-from capsbayes.discrepancy.sets.netcdf import read_netcdf
-from capsbayes.discrepancy.sets.table import read_table
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.sets.folder import read_folder
+from capsbayes.sets.measured_set import MeasuredSet
+from capsbayes.sets.netcdf import read_netcdf
+from capsbayes.sets.table import read_table
 
 __all__ = ["read_set"]
 

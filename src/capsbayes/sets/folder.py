@@ -7,13 +7,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from capsbayes.discrepancy.sets.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.input_file import InputFile
 from capsbayes.measurement import CONDITIONS, Measurement
+from capsbayes.sets.measured_set import MeasuredSet, gathered, known_experiment
 
-__all__ = ["read_folder", "write_folder"]
+__all__ = ["measurement_files", "read_folder", "write_folder"]
 
 _EXPERIMENT = "experiment.toml"
 
@@ -34,8 +34,7 @@ def read_folder(folder: Path, experiment: Experiment | str | Path | None = None)
     InputError
         If no capsule can be used, or one names no experiment, or they name some of different sections.
     """
-    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/measurement.toml"))]
-    readers = [partial(Measurement.read, file) for file in files if not _is_experiment(file)]
+    readers = [partial(Measurement.read, file) for file in measurement_files(folder)]
     measurements, left_out = gathered(readers, folder)
     if experiment is None:
         measurements, known = _each_under_its_own(measurements)
@@ -65,7 +64,14 @@ def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: 
         named.write(folder / f"capsule-{number:0{digits}d}.toml")
 
 
+def measurement_files(folder: Path) -> list[Path]:
+    """Measurement files of a folder and those one folder down; files of experiments among them are passed over."""
+    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/measurement.toml"))]
+    return [file for file in files if not _is_experiment(file)]
+
+
 def _is_experiment(file: Path) -> bool:
+    """Whether a file holds an experiment; one that cannot be read is kept, to be refused by name."""
     try:
         content = InputFile.read(file).content
     except InputError:

@@ -11,35 +11,35 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from capsbayes.discrepancy.sets.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.measurement import Measurement
+from capsbayes.sets.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.status import Status
 
-__all__ = ["read_table", "write_table"]
+__all__ = ["COLUMNS", "CONDITIONS", "NAMES", "OPTIONAL", "check_columns", "read_table", "write_table"]
 
 Row = Mapping[str, str]
 
 # name in a measurement, headers under which it is found, and their factors to SI
 _VELOCITY = {"_m_per_s": 1.0, "_mm_per_s": 1e-3}
-_COLUMNS: dict[str, dict[str, float]] = {
+COLUMNS: dict[str, dict[str, float]] = {
     "axial_extent": {"axial_extent_over_l": 1.0},
     "axial_extent_error": {"axial_extent_error_over_l": 1.0},
     "capsule_velocity": {f"capsule_velocity{unit}": scale for unit, scale in _VELOCITY.items()} | {"velocity_m_s": 1.0},
     "capsule_velocity_error": {f"capsule_velocity_error{unit}": scale for unit, scale in _VELOCITY.items()}
     | {"velocity_error_m_s": 1.0},
 }
-_OPTIONAL: dict[str, dict[str, float]] = {
+OPTIONAL: dict[str, dict[str, float]] = {
     "axial_length": {"axial_length_over_l": 1.0},
     "axial_length_error": {"axial_length_error_over_l": 1.0},
     "length_correlation": {"length_correlation": 1.0},
 }
-_CONDITIONS: dict[str, dict[str, float]] = {
+CONDITIONS: dict[str, dict[str, float]] = {
     "half_width": {"half_width_m": 1.0, "half_width_um": 1e-6},
     "viscosity": {"viscosity_pa_s": 1.0, "viscosity_mpa_s": 1e-3},
 }
-_NAMES = ("name", "capsule")
+NAMES = ("name", "capsule")
 _PASSED_OVER = ("status", "frames")
 
 
@@ -63,7 +63,7 @@ def read_table(path: Path, experiment: Experiment | str | Path | None = None) ->
     """
     known = known_experiment(path, experiment)
     columns, rows = _rows(path)
-    _check_columns(path, columns)
+    check_columns(path, columns)
     readers = [partial(_measurement, path, number, row) for number, row in enumerate(rows, start=1)]
     measurements, left_out = gathered(readers, path)
     return MeasuredSet(measurements, known, left_out)
@@ -80,9 +80,9 @@ def write_table(path: Path, measurements: Sequence[Measurement]) -> None:
     for one in measurements:
         if one.outline is not None:
             raise InputError(str(path), "outline", "capsules without outlines", "one with", "write a folder or a .nc")
-    headers = {name: next(iter(found)) for name, found in (_COLUMNS | _OPTIONAL).items()}
+    headers = {name: next(iter(found)) for name, found in (COLUMNS | OPTIONAL).items()}
     stated = {name for one in measurements for name in one.conditions}
-    own = {name: next(iter(found)) for name, found in _CONDITIONS.items() if name in stated}
+    own = {name: next(iter(found)) for name, found in CONDITIONS.items() if name in stated}
     with path.open("w", newline="") as file:
         table = csv.writer(file)
         table.writerow(["name", *headers.values(), *own.values()])
@@ -101,29 +101,35 @@ def _rows(path: Path) -> tuple[list[str], list[Row]]:
         raise InputError(str(path), "", "a readable CSV file", str(error)) from None
 
 
-def _check_columns(path: Path, columns: list[str]) -> None:
-    headers = {name: tuple(found) for name, found in (_COLUMNS | _OPTIONAL | _CONDITIONS).items()}
-    known = [header for found in headers.values() for header in found] + [*_NAMES, *_PASSED_OVER]
+def check_columns(path: Path, columns: list[str]) -> None:
+    """Refuse a table with an unknown column, or without one that is needed.
+
+    Raises
+    ------
+    InputError
+    """
+    headers = {name: tuple(found) for name, found in (COLUMNS | OPTIONAL | CONDITIONS).items()}
+    known = [header for found in headers.values() for header in found] + [*NAMES, *_PASSED_OVER]
     for column in columns:
         if column not in known:
             raise InputError(str(path), column, f"one of the columns {', '.join(known)}", "an unknown column")
-    for name in _COLUMNS:
+    for name in COLUMNS:
         if not any(header in columns for header in headers[name]):
             raise InputError(str(path), headers[name][0], "a column of this name", f"only {', '.join(columns)}")
 
 
 def _measurement(path: Path, number: int, row: Row) -> Measurement:
     """One row; what is wrong in it is said with its name."""
-    label = next((row[name] for name in _NAMES if row.get(name)), str(number))
+    label = next((row[name] for name in NAMES if row.get(name)), str(number))
     where = f"{path}: capsule {label}"
     status = (row.get("status") or "DONE").strip()
     if status != "DONE":
         said = Status.__members__.get(status)
         raise InputError(where, "status", "DONE", str(said) if said else repr(status))
-    numbers = {name: _number(row, where, found) for name, found in _COLUMNS.items()}
-    numbers |= {name: _number(row, where, found, optional=True) for name, found in _OPTIONAL.items()}
+    numbers = {name: _number(row, where, found) for name, found in COLUMNS.items()}
+    numbers |= {name: _number(row, where, found, optional=True) for name, found in OPTIONAL.items()}
     correlation = numbers.pop("length_correlation") or 0.0
-    conditions = {name: _number(row, where, found, optional=True) for name, found in _CONDITIONS.items()}
+    conditions = {name: _number(row, where, found, optional=True) for name, found in CONDITIONS.items()}
     own = {name: value for name, value in conditions.items() if value is not None}
     return Measurement(**numbers, length_correlation=correlation, conditions=own, source=where)  # type: ignore[arg-type]
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from capsbayes.discrepancy.sets.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.measured_outline import SECTION, MeasuredOutline, OutlineNoise, Pose, check_view
 from capsbayes.measurement import Measurement
+from capsbayes.sets.measured_set import MeasuredSet, gathered, known_experiment
 
-__all__ = ["read_netcdf", "write_netcdf"]
+__all__ = ["opened", "read_netcdf", "write_netcdf"]
 
 # variables over the capsules, and their units
 _NUMBERS = {
@@ -52,7 +52,7 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
     InputError
         On a variable that is missing or of another shape or unit, or if no capsule can be used.
     """
-    dataset = _opened(path)
+    dataset = opened(path)
     named = dataset.attrs.get("experiment")
     known = known_experiment(path, path.parent / str(named) if experiment is None and named else experiment)
     _check(path, dataset)
@@ -93,7 +93,14 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     dataset.to_netcdf(path, engine="h5netcdf")
 
 
-def _opened(path: Path) -> xr.Dataset:
+def opened(path: Path) -> xr.Dataset:
+    """The content of a NetCDF file.
+
+    Raises
+    ------
+    InputError
+        If it is none, or damaged.
+    """
     try:
         with xr.open_dataset(path, engine="h5netcdf") as opened:
             return opened.load()

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from capsbayes.discrepancy.sets.folder import write_folder
-from capsbayes.discrepancy.sets.netcdf import write_netcdf
-from capsbayes.discrepancy.sets.table import write_table
 from capsbayes.experiment import Experiment
 from capsbayes.measurement import Measurement
+from capsbayes.sets.folder import write_folder
+from capsbayes.sets.netcdf import write_netcdf
+from capsbayes.sets.table import write_table
 
 __all__ = ["write_set"]
 

@@ -1,0 +1,6 @@
+"""Populations: many capsules identified at once, what they have in common, and how they differ."""
+
+from capsbayes.population.identify_folder import identify_folder
+from capsbayes.population.population import Population
+
+__all__ = ["Population", "identify_folder"]

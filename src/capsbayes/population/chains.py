@@ -1,0 +1,44 @@
+"""The draws of each capsule, for those who ask for them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from capsbayes.inference import identify
+from capsbayes.measurement import Measurement
+from capsbayes.population.run import run_of
+
+__all__ = ["ChainTask"]
+
+
+@dataclass(frozen=True)
+class ChainTask:
+    """One capsule, whose posterior is sampled with emcee and written.
+
+    Parameters
+    ----------
+    run : Path
+        As `Run.keep` gave it.
+    measurement : Measurement
+    file : Path
+        Where the posterior goes, as `capsbayes identify` writes it.
+    """
+
+    run: Path
+    measurement: Measurement
+    file: Path
+
+    @classmethod
+    def of(cls, run: Path, measurement: Measurement, folder: Path, row: int, name: str) -> ChainTask:
+        """The task of one row: its file is named by number and name."""
+        return cls(run, measurement, folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc")
+
+    def __call__(self) -> None:
+        """Sample and write, unless that is done."""
+        if self.file.exists():
+            return
+        run = run_of(self.run)
+        experiment = run.experiment_of(self.measurement)
+        identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior).write(self.file)

@@ -1,0 +1,108 @@
+"""Capsules drawn at random and identified again by sampling: do the engines agree?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.inference import identify
+from capsbayes.measurement import Measurement
+from capsbayes.population.row_kernel import QUANTITIES
+from capsbayes.population.run import run_of
+
+__all__ = ["CheckTask", "Compared", "compared", "drawn_rows"]
+
+Floats = NDArray[np.float64]
+
+
+_AGREES = 0.1  # standard deviation
+
+
+@dataclass(frozen=True)
+class Compared:
+    """How far sampling is from the rows, over all quantities of the capsules drawn.
+
+    Parameters
+    ----------
+    capsules : int
+        Number of them.
+    agreeing : int
+        Whose means and 68 % intervals lie within 0.1 standard deviation of each other, in every quantity.
+    mean, ends_68, ends_95 : float
+        Median over the capsules of the largest difference of a mean and of the ends of the intervals, in standard
+        deviations.
+    worst : float
+        Largest difference of a mean, in standard deviations.
+    """
+
+    capsules: int
+    agreeing: int
+    mean: float
+    ends_68: float
+    ends_95: float
+    worst: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.agreeing} of {self.capsules} capsules drawn at random and sampled with emcee agree (means and 68 % "
+            f"intervals within {_AGREES:g} sd); typically means to {self.mean:.3f} sd, ends of 68 % intervals to "
+            f"{self.ends_68:.3f} sd, of 95 % intervals to {self.ends_95:.3f} sd; the largest difference of a mean is "
+            f"{self.worst:.2f} sd"
+        )
+
+    def as_dict(self) -> dict[str, float]:
+        """Fields by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class CheckTask:
+    """One capsule, to be sampled.
+
+    Parameters
+    ----------
+    run : Path
+        As `Run.keep` gave it.
+    measurement : Measurement
+    summaries : (7, 7) array
+        Of its row.
+    seed : int
+    """
+
+    run: Path
+    measurement: Measurement
+    summaries: Floats
+    seed: int
+
+    def __call__(self) -> Floats:
+        """Differences of means, ends of 68 % and of 95 % intervals, in standard deviations : (7, 3) array."""
+        run = run_of(self.run)
+        experiment = run.experiment_of(self.measurement)
+        sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=run.prior)
+        differences = np.zeros((len(QUANTITIES), 3))
+        for number, name in enumerate(QUANTITIES):
+            other = np.array(list(sampled.marginals[name].as_dict().values()))
+            sd = self.summaries[number, 1]
+            if sd > 0.0:
+                away = np.abs(other - self.summaries[number]) / sd
+                differences[number] = away[0], away[3:5].max(), away[5:7].max()
+        return differences
+
+
+def compared(differences: Sequence[Floats]) -> Compared:
+    """Summary of the differences of several capsules."""
+    largest = np.array([one.max(axis=0) for one in differences])
+    agreeing = int(np.count_nonzero((largest[:, :2] <= _AGREES).all(axis=1)))
+    mean, ends_68, ends_95 = (float(one) for one in np.median(largest, axis=0))
+    return Compared(len(largest), agreeing, mean, ends_68, ends_95, worst=float(largest[:, 0].max()))
+
+
+def drawn_rows(usable: NDArray[np.bool_], share: float, most: int, seed: int) -> NDArray[np.intp]:
+    """Rows to check: a share of those that can be, at least one, drawn at random."""
+    rows = np.flatnonzero(usable)
+    number = min(int(np.ceil(share * len(rows))), most, len(rows))
+    return np.sort(np.random.default_rng([seed, 2]).choice(rows, size=number, replace=False))

@@ -1,0 +1,155 @@
+"""Many capsules after they were identified: one row each, with everything needed to repeat it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.parameters import PARAMETERS
+from capsbayes.population.capsule_rows import LEANINGS, CapsuleRows
+from capsbayes.population.measured_lengths import NUMBERS
+from capsbayes.population.mixture import NUMBERS as OF_COMPONENTS
+from capsbayes.population.row_kernel import QUANTITIES
+from capsbayes.sets.netcdf import opened
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+__all__ = ["STATISTICS", "Population"]
+
+Floats = NDArray[np.float64]
+
+STATISTICS = ("mean", "sd", "median", "lower_68", "upper_68", "lower_95", "upper_95")
+"""Of each quantity, as the fields of `capsbayes.inference.Marginal`."""
+
+_TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
+_USABLE = (Status.DONE, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
+_MEASURED_UNITS = {
+    "axial_extent": "l",
+    "axial_length": "l",
+    "capsule_velocity": "m/s",
+    "half_width": "m",
+    "viscosity": "Pa s",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Posteriors of many capsules, one row each, status included.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Along ``capsule``: ``name``, ``source``, ``sha256``, ``status``, ``reason``, ``engine``; what was measured; the
+        `STATISTICS` of each quantity as ``surface_shear_modulus_median`` [SI]; what the posterior leans on; the
+        ``likelihood`` of (log(G_s / mu), log(a / l)) as a mixture of Gaussians. Attributes: model and its fingerprint,
+        experiment, prior, seed, version, agreement of the engines.
+
+    Examples
+    --------
+    ``Population.read("run_42.nc").table()[["name", "surface_shear_modulus_median"]]``
+    """
+
+    dataset: xr.Dataset
+
+    @classmethod
+    def of(cls, rows: CapsuleRows, attributes: dict[str, Any]) -> Population:
+        """Gather rows with what they have in common."""
+        import xarray as xr
+
+        along = ("capsule",)
+        variables: dict[str, Any] = {name: (along, getattr(rows, name).astype(np.str_)) for name in _TEXTS}
+        for number, name in enumerate(NUMBERS):
+            unit = _MEASURED_UNITS.get(name.removesuffix("_error"), "1")
+            variables[name] = (along, rows.numbers[:, number], {"units": unit})
+        for number, name in enumerate(QUANTITIES):
+            one = PARAMETERS[name]
+            for k, statistic in enumerate(STATISTICS):
+                about = {"units": one.unit, "symbol": one.symbol, "long_name": f"{statistic} of the {one.meaning}"}
+                variables[f"{name}_{statistic}"] = (along, rows.summaries[:, number, k], about)
+        variables["distance"] = (along, rows.distance, {"units": "1", "long_name": "standard errors to the likeliest"})
+        for number, name in enumerate(LEANINGS):
+            about = {"units": "1", "long_name": f"share of the posterior that leans on: {name.replace('_', ' ')}"}
+            variables[f"leaning_{name}"] = (along, rows.leaning[:, number], about)
+        about = {"units": "1", "long_name": "likelihood of (log(G_s / mu), log(a / l)), a mixture of Gaussians"}
+        variables["likelihood"] = (("capsule", "component", "number"), rows.components.astype(np.float32), about)
+        return cls(xr.Dataset(variables, {"number": list(OF_COMPONENTS)}, attributes))
+
+    @classmethod
+    def read(cls, path: str | Path) -> Population:
+        """Read what `write` wrote.
+
+        Raises
+        ------
+        InputError
+            If it is not such a file.
+        """
+        path = Path(path)
+        if not path.exists():
+            raise InputError(str(path), "", "the file of a population", "nothing there")
+        dataset = opened(path)
+        if "likelihood" not in dataset or "status" not in dataset:
+            raise InputError(str(path), "", "the file of a population, as `capsbayes batch` writes it", "another")
+        return cls(dataset)
+
+    def write(self, path: str | Path) -> Path:
+        """Write one NetCDF file, or a CSV table with units in its header: whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            if path.suffix == ".csv":
+                table = self.table()
+                table.columns = [self._header(name) for name in table.columns]
+                table.to_csv(partial, index=False, float_format="%.8g")
+            else:
+                self.dataset.to_netcdf(partial, engine="h5netcdf")
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+        return path
+
+    def table(self) -> pd.DataFrame:
+        """One row a capsule, SI; without the mixtures."""
+        return self.dataset.drop_vars(["likelihood", "number"]).to_dataframe().reset_index(drop=True)
+
+    def _header(self, name: str) -> str:
+        unit = self.dataset[name].attrs.get("units", "1")
+        return name if unit in ("1", "-") else f"{name} [{unit}]"
+
+    def __len__(self) -> int:
+        return int(self.dataset.sizes["capsule"])
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return np.asarray(self.dataset[name].values)
+
+    @property
+    def counts(self) -> dict[Status, int]:
+        """Number of capsules by status, the most frequent first."""
+        return {Status[name]: count for name, count in Counter(self["status"].tolist()).most_common()}
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Whether the intervals of each capsule are those of its measurement, not of a border : (n,) array."""
+        return np.isin(self["status"], [one.name for one in _USABLE])
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """What all capsules have in common, JSON values read."""
+        found = {}
+        for name, value in self.dataset.attrs.items():
+            try:
+                found[str(name)] = json.loads(value) if isinstance(value, str) else value
+            except json.JSONDecodeError:
+                found[str(name)] = value
+        return found

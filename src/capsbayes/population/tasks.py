@@ -1,0 +1,251 @@
+"""Pieces of a run that are computed apart: some rows of a table, or one file. Each keeps its rows in a file of its own.
+
+The file is named by the fingerprints of the run and of what was measured, so that what is finished is found again after
+an interruption, and nothing is taken over from other settings or from a file that has changed since.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import CapsbayesError, InputError
+from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.inference.checks import LEANING_SHARE
+from capsbayes.inference.inputs import Inputs
+from capsbayes.inference.quadrature import FARTHEST
+from capsbayes.measurement import CONDITIONS, Measurement
+from capsbayes.population.capsule_rows import CapsuleRows
+from capsbayes.population.descent import FAR, FOUND
+from capsbayes.population.exact_row import fill_exactly, numbers_of
+from capsbayes.population.lengths_rows import lengths_rows
+from capsbayes.population.measured_lengths import NUMBERS, MeasuredLengths
+from capsbayes.population.run import Run, run_of
+from capsbayes.status import Status
+
+__all__ = ["PICTURES", "FileTask", "OutlinesTask", "TableTask", "Task", "measured_file", "measurement_of_row"]
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
+_ALL_WITHIN = 1.0 - 1e-6  # of a posterior away from the ends of the prior's ranges, else the exact engine weighs them
+
+
+@dataclass(frozen=True)
+class TableTask:
+    """Some rows of a table of lengths.
+
+    Parameters
+    ----------
+    run : Path
+        As `Run.keep` gave it.
+    measured : MeasuredLengths
+    """
+
+    run: Path
+    measured: MeasuredLengths = field(repr=False)
+
+    @cached_property
+    def kept(self) -> Path:
+        """Where the rows are kept."""
+        digest = hashlib.sha256(self.run.name.encode())
+        for name in NUMBERS:
+            digest.update(np.ascontiguousarray(self.measured.numbers[name]).tobytes())
+        digest.update("\0".join([*self.measured.names, *self.measured.refusals]).encode())
+        return self.run.with_name(f"rows-{digest.hexdigest()[:24]}.npz")
+
+    def __call__(self) -> None:
+        """Compute the rows and keep them."""
+        run = run_of(self.run)
+        assert run.experiment is not None
+        rows_of_table(self.measured, run, run.experiment).write(self.kept)
+
+
+@dataclass(frozen=True)
+class FileTask:
+    """One file of a measurement, or one picture.
+
+    Parameters
+    ----------
+    run : Path
+    file : Path
+    """
+
+    run: Path
+    file: Path
+
+    @cached_property
+    def kept(self) -> Path:
+        """Where the row is kept; a file that changed since has another."""
+        stamp = self.file.stat()
+        digest = hashlib.sha256(
+            f"{self.run.name}\0{self.file.resolve()}\0{stamp.st_size}\0{stamp.st_mtime_ns}".encode()
+        )
+        return self.run.with_name(f"file-{digest.hexdigest()[:24]}.npz")
+
+    def __call__(self) -> None:
+        """Compute the row and keep it."""
+        run = run_of(self.run)
+        name = self.file.parent.name if self.file.name == "measurement.toml" else self.file.stem
+        rows = CapsuleRows.empty(_texts([name]), _texts([str(self.file)]), _texts([""]), _no_numbers(1))
+        try:
+            measurement = measured_file(self.file, run)
+            rows.sha256[0], rows.numbers[0] = measurement.sha256, numbers_of(measurement)
+            if measurement.status.ok:
+                fill_exactly(rows, 0, measurement, run)
+            else:
+                rows.status[0] = measurement.status.name
+        except CapsbayesError as error:
+            rows.status[0], rows.reason[0] = Status.UNUSABLE.name, str(error)
+        except Exception as error:  # a batch does not stop for one capsule
+            rows.status[0], rows.reason[0] = Status.RAISED.name, f"{type(error).__name__}: {error}"
+        rows.write(self.kept)
+
+
+@dataclass(frozen=True)
+class OutlinesTask:
+    """Some capsules of a file of outlines.
+
+    Parameters
+    ----------
+    run : Path
+    measurements : tuple of Measurement
+    left_out : tuple of str
+        One line for each capsule of the file that cannot be used.
+    """
+
+    run: Path
+    measurements: tuple[Measurement, ...] = field(repr=False)
+    left_out: tuple[str, ...] = field(default=(), repr=False)
+
+    @cached_property
+    def kept(self) -> Path:
+        """Where the rows are kept."""
+        digest = hashlib.sha256(self.run.name.encode())
+        for one in self.measurements:
+            digest.update(one.source.encode() + numbers_of(one).tobytes())
+            if one.outline is not None:
+                digest.update(np.ascontiguousarray(one.outline.points).tobytes() + repr(one.outline.noise).encode())
+        digest.update("\0".join(self.left_out).encode())
+        return self.run.with_name(f"outlines-{digest.hexdigest()[:24]}.npz")
+
+    def __call__(self) -> None:
+        """Compute the rows and keep them."""
+        run = run_of(self.run)
+        assert run.experiment is not None
+        names = [one.source.rpartition(": ")[2] for one in self.measurements]
+        names += [line.partition(": expected ")[0] for line in self.left_out]
+        sources = [one.source.rpartition(": ")[0] for one in self.measurements] + [""] * len(self.left_out)
+        blank = [""] * len(names)
+        rows = CapsuleRows.empty(_texts(names), _texts(sources), _texts(blank), _no_numbers(len(names)))
+        for row, one in enumerate(self.measurements):
+            rows.numbers[row] = numbers_of(one)
+            fill_exactly(rows, row, one, run)
+        for row, line in enumerate(self.left_out, start=len(self.measurements)):
+            rows.status[row], rows.reason[row] = Status.UNUSABLE.name, line
+        rows.write(self.kept)
+
+
+Task = TableTask | FileTask | OutlinesTask
+
+
+def _texts(texts: list[str]) -> NDArray[Any]:
+    return np.array(texts, dtype=object)
+
+
+def _no_numbers(count: int) -> Floats:
+    return np.full((count, len(NUMBERS)), np.nan)
+
+
+def measured_file(file: Path, run: Run) -> Measurement:
+    """Measurement of a file: read from it, or measured in a picture.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or a picture lacks what it does not show.
+    """
+    if file.suffix.lower() not in PICTURES:
+        return Measurement.read(file)
+    from capsbayes.image import measure  # OpenCV takes its time
+
+    if run.experiment is None or run.capsule_velocity is None:
+        missing = "experiment" if run.experiment is None else "capsule_velocity"
+        raise InputError(str(file), missing, "what a picture does not show", "nothing", "give it for all pictures")
+    how = {"background": run.background, "flow": run.flow}
+    return measure(file, run.experiment, capsule_velocity=run.capsule_velocity, **how)  # type: ignore[arg-type]
+
+
+def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -> CapsuleRows:
+    """Rows of a table, those that its lattices cannot resolve by the exact engine."""
+    count = len(measured)
+    numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
+    source = np.full(count, measured.source, dtype=object)
+    rows = CapsuleRows.empty(measured.names.astype(object), source, np.full(count, measured.sha256, object), numbers)
+    usable = np.flatnonzero(measured.refusals == "")
+    _refuse(rows, measured)
+    if getattr(run.model, "coordinate", None) is not None:  # one lattice cannot hold it
+        for row in map(int, usable):
+            fill_exactly(rows, row, measurement_of_row(measured, row), run)
+        return rows
+    shifts = np.stack([_own(measured, name, experiment) for name in reversed(CONDITIONS)], axis=1)
+    found = lengths_rows(
+        measured.lengths[usable],
+        measured.velocities[usable],
+        Inputs.of_experiment(experiment),
+        run.prior,
+        run.pyramid,
+        shifts=shifts[usable],
+    )
+    facts = found.facts
+    rows.engine[usable] = "table"
+    rows.summaries[usable], rows.components[usable] = found.summaries, found.components
+    rows.distance[usable] = facts["distance"]
+    rows.leaning[usable] = np.stack(
+        [facts["border"], 1.0 - np.minimum(facts["within"], 1.0), facts["two_shapes"], facts["wrinkles"]], axis=1
+    )
+    rows.status[usable] = [_status(rows.leaning[row]).name for row in usable]
+    far = usable[facts["end"] == FAR]
+    rows.status[far] = Status.NO_SHAPE.name
+    rows.reason[far] = [f"{rows.distance[row]:.1f} standard errors away, {FARTHEST:g} at most" for row in far]
+    rows.leaning[far] = np.nan
+    resolved = (facts["end"] == FOUND) & (facts["within"] >= _ALL_WITHIN)
+    for row in map(int, usable[~resolved & (facts["end"] != FAR)]):
+        fill_exactly(rows, row, measurement_of_row(measured, row), run)
+    return rows
+
+
+def _refuse(rows: CapsuleRows, measured: MeasuredLengths) -> None:
+    """Status and reason of the rows that cannot be used; a row may bring the status of its measurement."""
+    for row in np.flatnonzero(measured.refusals != ""):
+        why = str(measured.refusals[row])
+        status = why.removeprefix("status: ")
+        known = status in Status.__members__ and status != why
+        rows.status[row] = status if known else Status.UNUSABLE.name
+        rows.reason[row] = "" if known else why
+
+
+def _own(measured: MeasuredLengths, name: str, experiment: Experiment) -> Floats:
+    """Logarithm of a condition of each capsule over that of the experiment, zero where it is the same."""
+    usual = centre_and_error(getattr(experiment, name))[0]
+    return np.nan_to_num(np.log(measured.numbers[name] / usual))
+
+
+def _status(leaning: Floats) -> Status:
+    kinds = (Status.LEANS_ON_BORDER, Status.LEANS_ON_PRIOR, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
+    return next((kind for kind, share in zip(kinds, leaning, strict=True) if share > LEANING_SHARE), Status.DONE)
+
+
+def measurement_of_row(measured: MeasuredLengths, row: int) -> Measurement:
+    """One row as a measurement."""
+    numbers = {name: float(values[row]) for name, values in measured.numbers.items()}
+    seen = {name: value for name, value in numbers.items() if name not in CONDITIONS and np.isfinite(value)}
+    own = {name: numbers[name] for name in CONDITIONS if np.isfinite(numbers[name])}
+    return Measurement(**seen, conditions=own, source=f"{measured.source}: {measured.names[row]}")  # type: ignore[arg-type]
