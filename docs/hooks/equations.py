@@ -28,7 +28,8 @@ def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files
         number = TAG.search(latex)
         said = f'<span class="number">({number[1]})</span>' if number else ""
         anchor = f' id="eq-{number[1].lower()}"' if number else ""
-        return f'<div class="equation"{anchor}>{_mathml(TAG.sub("", latex), "block", where)}{said}</div>'
+        formula = _mathml(TAG.sub("", latex), "block", where)
+        return f'<div class="equation"{anchor}><span class="formula">{formula}</span>{said}</div>'
 
     content = DISPLAYED.sub(displayed, content)
     return INLINE.sub(lambda found: _mathml(html.unescape(found[1]), "inline", where), content)

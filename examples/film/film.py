@@ -1,7 +1,8 @@
-"""A film of three capsules, drawn with everything about it known; measured and identified.
+"""A film of three capsules, drawn with everything about it known.
 
 Capsules of one shear modulus and three sizes follow each other through a square channel. `--out film/` keeps the
-frames, the picture of the empty channel and the experiment's file; without it they are measured, and thrown away.
+frames, the picture of the empty channel and the experiment's file; without it the film of one of them is drawn,
+measured, identified and thrown away.
 """
 
 import argparse
@@ -36,16 +37,16 @@ def main():
     parser.add_argument("--out", type=Path, help="folder for frames/, empty.png and experiment.toml")
     asked = parser.parse_args()
     if asked.out is not None:
-        write_film(asked.out)
+        write_film(asked.out, RADII)
         return
     with tempfile.TemporaryDirectory() as folder:
-        write_film(Path(folder))
-        identified(Path(folder))
+        write_film(Path(folder), RADII[1:2])
+        identify_film(Path(folder))
 
 
-def write_film(folder):
+def write_film(folder, radii):
     """Draw each capsule on its way through the picture, one after the other."""
-    frames = [drawing for number in range(len(RADII)) for drawing in passing(number)]
+    frames = [drawing for radius in radii for drawing in passing(radius)]
     (folder / "frames").mkdir(parents=True, exist_ok=True)
     for number, drawing in enumerate(frames):
         cv2.imwrite(str(folder / "frames" / f"{number:03d}.png"), drawing.picture)
@@ -53,9 +54,9 @@ def write_film(folder):
     EXPERIMENT.write(folder / "experiment.toml")
 
 
-def passing(number):
+def passing(radius):
     """Pictures of one capsule, from where it is whole until it no longer is."""
-    width, radius = 25e-6, RADII[number]
+    width = 25e-6
     ca = float(capillary_number(viscosity=0.80, mean_velocity=FLOW, surface_shear_modulus=MODULUS))
     seen = {
         view: Surrogate.open("square-neo-hookean", view=view).at(
@@ -70,10 +71,10 @@ def passing(number):
         scene = Scene(
             seen["section"].outline[0], seen["silhouette"].outline[0], HALF_WIDTH, SHAPE, (float(x), SHAPE[0] / 2)
         )
-        yield draw(scene, OPTICS, seed=int(1000 * number + x))
+        yield draw(scene, OPTICS, seed=int(1e9 * radius) + int(x))
 
 
-def identified(folder):
+def identify_film(folder):
     """Measure the film, and identify each capsule."""
     film = measure_film(
         folder / "frames", EXPERIMENT, frame_rate=EXPERIMENT.frame_rate, background=folder / "empty.png"
