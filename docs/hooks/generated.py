@@ -1,4 +1,4 @@
-"""What the pages take from the code when they are built: the table of quantities and the help of the commands."""
+"""What the pages take from the code when they are built: quantities, statuses and the help of the commands."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from typer.main import get_command
 
 from capsbayes.cli import app
 from capsbayes.parameters import PARAMETERS
+from capsbayes.status import Status
 
-QUANTITIES = "<!-- table of quantities -->"
+QUANTITIES, STATUSES = "<!-- table of quantities -->", "<!-- table of statuses -->"
 COMMANDS = "reference/command-line.md"
 ROLE = re.compile(r":(?:class|func|meth|mod):(?=<code)")  # of docstrings, which Markdown does not know
 SHORT_HELP = re.compile(r"\*\*Commands\*\*:.*?(?=^## )", re.DOTALL | re.MULTILINE)
@@ -27,8 +28,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Put the table of quantities where a page asks for it."""
-    return markdown.replace(QUANTITIES, _quantities()) if QUANTITIES in markdown else markdown
+    """Put the tables where a page asks for them."""
+    for mark, table in ((QUANTITIES, _quantities), (STATUSES, _statuses)):
+        if mark in markdown:
+            markdown = markdown.replace(mark, table())
+    return markdown
 
 
 def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -51,3 +55,8 @@ def _quantities() -> str:
         for one in PARAMETERS.values()
     )
     return head + "\n".join(rows)
+
+
+def _statuses() -> str:
+    """Table of `capsbayes.Status`."""
+    return "| in files | to people |\n|---|---|\n" + "\n".join(f"| `{one.name}` | {one.value} |" for one in Status)
