@@ -139,6 +139,9 @@ class Drawing:
         With and without the capsule.
     scene : Scene
         What was drawn.
+
+    Attributes
+    ----------
     axial_extent : float [px]
         L_z of the silhouette.
     axial_length : float [px]

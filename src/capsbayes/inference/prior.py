@@ -59,8 +59,6 @@ class Range:
         ``"uniform"`` or ``"log-uniform"``.
     low, high : float
         Limits, in SI.
-    where, key : str
-        What it is the prior of, for the message of an error.
 
     Examples
     --------

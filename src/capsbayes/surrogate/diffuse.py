@@ -12,7 +12,7 @@ Lambda > 1.04, from the residuals of (L_z, L_a) through the inverse of their
 gradient. One thing is changed at a time.
 
 ==================  =======================================================================
-as chosen           0.27: degree 4, k = 20, dilation 2, weight (1 - s)^4 / (s + 0.03) with
+as chosen           0.27: degree 4, k = 20, dilation 2, weight (1 - s)^4 / (s + 0.03^2) with
                     s = (distance/radius)^2, plane (sqrt(Ca), a/l), branches apart
 degree              1: 0.65, 2: 0.43, 3: 0.34, 5: 0.33 (with k = 6, 9, 13, 28)
 neighbours          k = 17: 0.30, 26: 0.31

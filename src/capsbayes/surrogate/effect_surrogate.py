@@ -194,7 +194,7 @@ class EffectSurrogate(Extendable):
         return np.concatenate([*modes, bump * left_out @ along[:-2], far * (along[-1] - along[-2])[None]])
 
     def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """See :meth:`Doubting.doubts`; those of the two slices beside each point."""
+        """See `Doubting.doubts`; those of the two slices beside each point."""
         ca, size, place = self._points(theta)
         cases = {"capillary_number": ca, "size_ratio": size}
         each = [one.doubts(cases) for one in self.slices]

@@ -170,7 +170,7 @@ class Surrogate(Extendable):
         return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
 
     def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """See :meth:`Doubting.doubts`."""
+        """See `Doubting.doubts`."""
         return self._doubts(*_pair(theta["capillary_number"], theta["size_ratio"]))
 
     def at(self, *, capillary_number: float, size_ratio: float, outline: bool = False) -> Prediction:

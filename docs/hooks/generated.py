@@ -1,0 +1,62 @@
+"""What the pages take from the code when they are built: quantities, statuses and the help of the commands."""
+
+from __future__ import annotations
+
+import re
+
+import typer
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from typer.cli import get_docs_for_click
+from typer.main import get_command
+
+from capsbayes.cli import app
+from capsbayes.parameters import PARAMETERS
+from capsbayes.status import Status
+
+QUANTITIES, STATUSES = "<!-- table of quantities -->", "<!-- table of statuses -->"
+COMMANDS = "reference/command-line.md"
+ROLE = re.compile(r":(?:class|func|meth|mod):(?=<code)")  # of docstrings, which Markdown does not know
+SHORT_HELP = re.compile(r"\*\*Commands\*\*:.*?(?=^## )", re.DOTALL | re.MULTILINE)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the reference of the command line, as typer writes it."""
+    files.append(File.generated(config, COMMANDS, content=_commands()))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Put the tables where a page asks for them."""
+    for mark, table in ((QUANTITIES, _quantities), (STATUSES, _statuses)):
+        if mark in markdown:
+            markdown = markdown.replace(mark, table())
+    return markdown
+
+
+def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Take the roles of docstrings away."""
+    return ROLE.sub("", content)
+
+
+def _commands() -> str:
+    """Help of all commands, without the list of their first words."""
+    command = get_command(app)
+    text = get_docs_for_click(obj=command, ctx=typer.Context(command), name="capsbayes")
+    return SHORT_HELP.sub("", text.replace("# `capsbayes`", "# Commands", 1))
+
+
+def _quantities() -> str:
+    """Table of `capsbayes.parameters`."""
+    head = "| symbol | name | held in | read in | meaning |\n|---|---|---|---|---|\n"
+    rows = (
+        f"| ${one.latex}$ | `{one.name}` | {one.unit} | {one.shown_unit} | {one.meaning} |"
+        for one in PARAMETERS.values()
+    )
+    return head + "\n".join(rows)
+
+
+def _statuses() -> str:
+    """Table of `capsbayes.Status`."""
+    return "| in files | to people |\n|---|---|\n" + "\n".join(f"| `{one.name}` | {one.value} |" for one in Status)
