@@ -31,6 +31,7 @@ _HOME = {
     "diagnose": "capsbayes.discrepancy",
     "identify": "capsbayes.inference",
     "measure": "capsbayes.image",
+    "write_report": "capsbayes.report",
 }
 
 __all__ = [*sorted(_HOME), "__version__"]
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from capsbayes.measurement import Measurement
     from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
     from capsbayes.profile import Profile
+    from capsbayes.report.write_report import write_report
     from capsbayes.simulation import Simulator, SteadyState, build_database
     from capsbayes.status import Status
     from capsbayes.surrogate import Surrogate

@@ -30,6 +30,7 @@ for _name in (
     "measure",
     "identify",
     "diagnose",
+    "report",
     "atlas",
     "transient",
     "verify",

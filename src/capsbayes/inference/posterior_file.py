@@ -96,7 +96,9 @@ def read_posterior(path: Path) -> Posterior:
         raise InputError(str(path), "", "the file of a posterior", f"a damaged or foreign file ({reason})") from None
     if RECORD not in attributes or "posterior" not in groups:
         advice = "identify the capsule with this version"
-        raise InputError(str(path), "", "the file of a posterior, posterior.nc of capsbayes identify", "another", advice)
+        raise InputError(
+            str(path), "", "the file of a posterior, posterior.nc of capsbayes identify", "another", advice
+        )
     try:
         return Posterior(**_parts(attributes, groups))
     except (KeyError, TypeError, ValueError) as error:

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from capsbayes.report import citation
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["image", "page", "picture", "table", "typeset"]
 
-_GREEK = {"alpha": "α", "delta": "δ", "eps": "ε", "mu": "µ", "Lambda": "Λ"}
-_KINDS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg"}
+_SIGNS = {"alpha": "α", "delta": "δ", "eps": "ε", "mu": "µ", "Lambda": "Λ", "l": "ℓ"}
 
 
 def page(template: str, **content: Any) -> str:
@@ -39,7 +40,7 @@ def page(template: str, **content: Any) -> str:
     return _templates().get_template(template).render(**content) + "\n"
 
 
-def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = False, wide: bool = False) -> Markup:
+def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = False, fit: str = "") -> Markup:
     """A figure as an image within the page, the same each time.
 
     Parameters
@@ -50,8 +51,9 @@ def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = 
     caption : str or Markup
     png : bool
         As pixels, for what has too many lines; else as SVG.
-    wide : bool
-        Whether a narrow screen scrolls it instead of making it small.
+    fit : str
+        ``"scroll"``: a narrow screen scrolls it instead of making it small; ``"narrow"``: a wide one does not make it
+        as wide as the page.
 
     Returns
     -------
@@ -62,22 +64,23 @@ def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = 
     if png:
         pixels = io.BytesIO()
         figure.savefig(pixels, format="png", dpi=160, metadata={"Software": None})
-        return image(pixels.getvalue(), "png", alternative, caption, wide=wide)
+        return image(pixels.getvalue(), "png", alternative, caption, fit=fit)
     made = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "capsbayes", "svg.fonttype": "path"}):
         figure.savefig(made, format="svg", metadata={"Date": None})
     svg = re.sub(r"^.*?(?=<svg)", "", made.getvalue(), flags=re.DOTALL)
-    return image(svg.encode(), "svg+xml", alternative, caption, wide=wide)
+    return image(svg.encode(), "svg+xml", alternative, caption, fit=fit)
 
 
-def image(content: bytes, kind: str, alternative: str, caption: str = "", *, wide: bool = False) -> Markup:
+def image(content: bytes, kind: str, alternative: str, caption: str = "", *, fit: str = "") -> Markup:
     """The bytes of a picture of a kind, as ``"png"``, within the page; see `picture`."""
     data = base64.b64encode(content).decode()
     shown = Markup('<img alt="{}" src="data:image/{};base64,{}">').format(alternative, kind, data)
-    if wide:
+    if fit == "scroll":
         shown = Markup('<div class="wide" tabindex="0">{}</div>').format(shown)
     below = Markup("\n<figcaption>{}</figcaption>").format(caption) if caption else ""
-    return Markup("<figure>{}{}</figure>").format(shown, below)
+    kind = Markup(' class="narrow"') if fit == "narrow" else ""
+    return Markup("<figure{}>{}{}</figure>").format(kind, shown, below)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()) -> Markup:
@@ -99,8 +102,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequen
     def line(tag: str, cells: Sequence[str]) -> Markup:
         kinds = (Markup(' class="number"') if k in numbers else "" for k in range(len(cells)))
         pieces = (
-            Markup("<{0}{1}>{2}</{0}>").format(Markup(tag), kind, cell)
-            for kind, cell in zip(kinds, cells, strict=True)
+            Markup("<{0}{1}>{2}</{0}>").format(Markup(tag), kind, cell) for kind, cell in zip(kinds, cells, strict=True)
         )
         return Markup("<tr>{}</tr>").format(Markup().join(pieces))
 
@@ -112,16 +114,18 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequen
 def typeset(text: str) -> Markup:
     """HTML of a text with plain symbols, as G_s or 10^3."""
     made = re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9]+)\b", r"\1<sub>\2</sub>", str(Markup.escape(text)))
-    made = re.sub(r"/l\b", "/ℓ", re.sub(r"\^(\w+)", r"<sup>\1</sup>", made))
-    return Markup(re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda found: _GREEK[found[0]], made))
+    made = re.sub(r"\^(\w+)", r"<sup>\1</sup>", made)
+    return Markup(re.sub(rf"\b({'|'.join(_SIGNS)})\b", lambda found: _SIGNS[found[0]], made))
 
 
 @functools.cache
 def _templates() -> Environment:
-    return Environment(
+    made = Environment(
         loader=PackageLoader("capsbayes.report"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.globals["cite"] = citation
+    return made

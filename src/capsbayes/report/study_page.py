@@ -26,6 +26,7 @@ from capsbayes.report.study_words import (
 
 __all__ = ["study_page"]
 
+
 def study_page(study: Study) -> str:
     """Write a study as HTML.
 

@@ -33,7 +33,7 @@ def finding_table(finding: Finding) -> Markup:
 def candidate_table(study: Study) -> Markup:
     """Odds and size of every candidate, of the model without one, and of what nobody has thought of."""
     best = max(study.evidence.values())
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, evidence in study.evidence.items():
         odds = typeset(odds_words(evidence - best)), typeset(odds_words(evidence))
         if name in study.scores:
