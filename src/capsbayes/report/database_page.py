@@ -49,7 +49,7 @@ def database_page(database: Database, *, source: str = "") -> str:
         If no case has a steady shape.
     """
     figures = {
-        name: picture(figure, f"map: {name}", typeset(_CAPTIONS[name]), fit="narrow", png=name in _PIXELS)
+        name: picture(figure, f"map: {name}", typeset(_CAPTIONS[name]), fit="narrow scroll", png=name in _PIXELS)
         for name, figure in atlas(database).items()
     }
     attributes = database.dataset.attrs

@@ -45,7 +45,7 @@ def domain_sentence(database: Database) -> str:
     limits = database["border_capillary_number"][database["border_kind"] == LIMIT_OF_EXISTENCE]
     words = f"It answers for Ca {_range(done['capillary_number'])} and a/l {_range(done['size_ratio'])}"
     if len(limits):
-        words += f"; beyond Ca {_range(limits)}, by the size, no steady shape exists"
+        words += f"; beyond Ca {_range(limits)}, depending on the size, there is no steady shape"
     return f"{words}. Outside, nothing is extrapolated."
 
 

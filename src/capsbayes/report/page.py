@@ -52,8 +52,8 @@ def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = 
     png : bool
         As pixels, for what has too many lines; else as SVG.
     fit : str
-        ``"scroll"``: a narrow screen scrolls it instead of making it small; ``"narrow"``: a wide one does not make it
-        as wide as the page.
+        With ``scroll``, a narrow screen scrolls it instead of making it small; with ``narrow``, a wide one does not
+        make it as wide as the page.
 
     Returns
     -------
@@ -76,14 +76,16 @@ def image(content: bytes, kind: str, alternative: str, caption: str = "", *, fit
     """The bytes of a picture of a kind, as ``"png"``, within the page; see `picture`."""
     data = base64.b64encode(content).decode()
     shown = Markup('<img alt="{}" src="data:image/{};base64,{}">').format(alternative, kind, data)
-    if fit == "scroll":
+    if "scroll" in fit:
         shown = Markup('<div class="wide" tabindex="0">{}</div>').format(shown)
     below = Markup("\n<figcaption>{}</figcaption>").format(caption) if caption else ""
-    kind = Markup(' class="narrow"') if fit == "narrow" else ""
-    return Markup("<figure{}>{}{}</figure>").format(kind, shown, below)
+    size = Markup(' class="narrow"') if "narrow" in fit else ""
+    return Markup("<figure{}>{}{}</figure>").format(size, shown, below)
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()) -> Markup:
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = (), lead: bool = False
+) -> Markup:
     """An HTML table in a box of its own that scrolls.
 
     Parameters
@@ -93,22 +95,25 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequen
     rows : iterable of sequences of str or Markup
     numbers : sequence of int
         Columns of numbers, set to the right.
+    lead : bool
+        Whether the first column holds words that need their breadth.
 
     Returns
     -------
     Markup
     """
+    names = dict.fromkeys(numbers, "number") | ({0: "lead"} if lead else {})
 
     def line(tag: str, cells: Sequence[str]) -> Markup:
-        kinds = (Markup(' class="number"') if k in numbers else "" for k in range(len(cells)))
+        kinds = (Markup(' class="{}"').format(names[k]) if k in names else "" for k in range(len(cells)))
         pieces = (
             Markup("<{0}{1}>{2}</{0}>").format(Markup(tag), kind, cell) for kind, cell in zip(kinds, cells, strict=True)
         )
         return Markup("<tr>{}</tr>").format(Markup().join(pieces))
 
-    lines = [line("th", head)] if head else []
-    lines += [line("td", row) for row in rows]
-    return Markup('<div class="wide"><table>\n{}\n</table></div>').format(Markup("\n").join(lines))
+    above = Markup("<thead>{}</thead>\n").format(line("th", head)) if head else ""
+    body = Markup("\n").join(line("td", row) for row in rows)
+    return Markup('<div class="wide"><table>\n{}<tbody>\n{}\n</tbody></table></div>').format(above, body)
 
 
 def typeset(text: str) -> Markup:

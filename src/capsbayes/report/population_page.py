@@ -85,8 +85,8 @@ def _headline(population: xr.Dataset) -> str:
         return "No capsule could be identified."
     low, middle, high = (_MODULUS.shown(one) for one in np.quantile(medians, [0.025, 0.5, 0.975]))
     digits = decimals(max(0.25 * (high - low), 1e-3 * middle))
-    ends = f"{rounded(low, digits)} to {rounded(high, digits)}"
-    return f"Median G_s = {rounded(middle, digits)}{unit_of(_MODULUS)}, 95 % of the capsules from {ends}"
+    unit, ends = unit_of(_MODULUS), f"{rounded(low, digits)} to {rounded(high, digits)}"
+    return f"Median G_s = {rounded(middle, digits)}{unit}, 95 % of the capsules from {ends}{unit}"
 
 
 def _below(population: xr.Dataset) -> str:
@@ -103,9 +103,9 @@ def _below(population: xr.Dataset) -> str:
 def _ended(number: int, used: int) -> str:
     if used == number:
         return f"All {number} capsules ended as they should."
+    others = "the other one is" if number - used == 1 else f"the other {number - used} are"
     return (
-        f"{used} of {number} capsules ended as they should; the other {number - used} are left out of the histogram "
-        "and of the numbers above."
+        f"{used} of {number} capsules ended as they should; {others} left out of the histogram and the numbers above."
     )
 
 

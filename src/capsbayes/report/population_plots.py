@@ -39,7 +39,7 @@ def modulus_histogram(population: xr.Dataset, spread: Spread | None = None) -> F
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    figure = Figure(figsize=(7.4, 3.9), layout="constrained")
+    figure = Figure(figsize=(5.8, 3.6), layout="constrained")
     ax = figure.subplots()
     medians = column(population, MODULUS, "median")[done(population)]
     logs = np.log(medians[np.isfinite(medians)])
@@ -71,7 +71,7 @@ def modulus_against_radius(population: xr.Dataset) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
+    figure = Figure(figsize=(5.8, 4.2), layout="constrained")
     ax = figure.subplots()
     use = done(population)
     bars = int(np.isfinite(column(population, MODULUS, "median")).sum()) <= _MOST_BARS
@@ -114,8 +114,8 @@ def _draw_spread(ax: Axes, spread: Spread, area: float, edges: np.ndarray) -> No
     modulus = np.exp(np.linspace(min(edges[0], middle - reach), max(edges[-1], middle + reach), 400))
     line, low, high = (area * one for one in spread.density(modulus))
     shown = _MODULUS.scale * modulus
-    ax.fill_between(shown, low, high, color=_DOUBT, alpha=0.25, linewidth=0, label="its 95 % band")
     ax.plot(shown, line, color=_DOUBT, linewidth=1.8, label="errors removed")
+    ax.fill_between(shown, low, high, color=_DOUBT, alpha=0.25, linewidth=0, label="its 95 % band")
 
 
 def _with_errors(population: xr.Dataset, name: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from markupsafe import Markup
 
 from capsbayes.inference import Posterior
-from capsbayes.report.budget_plot import budget_figure
 from capsbayes.report.corner_plot import SHOWN, corner_plot
 from capsbayes.report.outline_plot import outline_figure
 from capsbayes.report.page import image, page, picture, typeset
@@ -29,6 +28,8 @@ __all__ = ["PICTURES", "posterior_page"]
 
 PICTURES = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "", ".tiff": ""}
 """Endings of pictures; browsers do not show those of no kind."""
+
+_WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
 
 OVERLAY = "overlay.png"
 """What `capsbayes measure` and `identify` draw over a picture, in the folder of their results."""
@@ -67,10 +68,7 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
         deterministic=posterior.deterministic is not None,
         corner=picture(corner_plot(posterior, names), "corner plot of the posterior", caption, fit="scroll"),
         budget_sentence=typeset(budget_sentence(posterior)),
-        budget=picture(
-            budget_figure(posterior), "bars: share of the variance of log G_s owed to each input", fit="narrow"
-        ),
-        budget_table=budget_table(posterior),
+        budget=budget_table(posterior),
         modulus=typeset("G_s"),
         inputs=input_table(posterior),
         priors=prior_table(posterior),
@@ -86,34 +84,31 @@ def _name(posterior: Posterior) -> str:
 def _outline(posterior: Posterior) -> Iterator[Markup]:
     if posterior.outlines is not None:
         caption = "Predicted outline with its 95 % band between the walls of the channel, and the measured lengths."
-        yield picture(
-            outline_figure(posterior), "predicted outline and measured lengths in the channel", caption, fit="narrow"
-        )
+        alternative = "predicted outline and measured lengths in the channel"
+        yield picture(outline_figure(posterior), alternative, caption, fit="narrow")
 
 
 def _pictures(posterior: Posterior, capsule: str | Path | None, folder: Path | None) -> Iterator[Markup]:
     """The predicted outline over the picture; where that cannot be drawn, what was drawn when it was measured."""
     known = _measured_in(posterior) if capsule is None else Path(capsule)
     if known is not None:
-        figure = picture_figure(posterior, known)
+        figure = picture_figure(posterior, known, width=_WIDTH)
         if figure is not None:
             caption = f"{known.name}: the measured edge, and the predicted outline laid nose on nose."
-            yield picture(
-                figure, "picture of the capsule with measured and predicted outline", caption, png=True, fit="narrow"
-            )
+            alternative = "picture of the capsule with measured and predicted outline"
+            yield picture(figure, alternative, caption, png=True, fit="narrow")
             return
     beside = Path(posterior.measurement.source).parent if posterior.measurement.source else None
     for place in (folder, beside):
         if place is not None and (place / OVERLAY).is_file():
             caption = "What was found in the picture: walls blue, edge red, length along the flow violet."
-            yield image(
-                (place / OVERLAY).read_bytes(), "png", "picture of the capsule with what was found in it", caption
-            )
+            alternative = "picture of the capsule with what was found in it"
+            yield image((place / OVERLAY).read_bytes(), "png", alternative, caption, fit="narrow")
             return
     if capsule is not None and PICTURES.get(Path(capsule).suffix.lower()):
         kind = PICTURES[Path(capsule).suffix.lower()]
         caption = f"{Path(capsule).name}; no single capsule between two walls was found in it again."
-        yield image(Path(capsule).read_bytes(), kind, "picture of the capsule", caption)
+        yield image(Path(capsule).read_bytes(), kind, "picture of the capsule", caption, fit="narrow")
 
 
 def _measured_in(posterior: Posterior) -> Path | None:

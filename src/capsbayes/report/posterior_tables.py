@@ -37,8 +37,9 @@ def quantity_table(posterior: Posterior) -> Markup:
 def budget_table(posterior: Posterior) -> Markup:
     """Share of the variance of log G_s owed to each input, the largest first."""
     ordered = sorted(posterior.shares.items(), key=lambda one: -one[1])
-    rows = [(typeset(input_words(name)), f"{100.0 * share:.1f} %") for name, share in ordered]
-    return table(("owed to", "share of the variance"), rows, numbers=(1,))
+    whole = max(abs(share) for share in posterior.shares.values())
+    rows = [(typeset(input_words(name)), f"{100.0 * share:.1f} %", _bar(share / whole)) for name, share in ordered]
+    return table(("owed to", typeset("of the variance of ln G_s"), ""), rows, numbers=(1,), lead=True)
 
 
 def input_table(posterior: Posterior) -> Markup:
@@ -47,7 +48,7 @@ def input_table(posterior: Posterior) -> Markup:
     for name, one in posterior.as_dict()["inputs"].items():
         if isinstance(one, dict) and one.get("value") is not None:
             rows.append((typeset(input_words(name)), *_with_error(name, one)))
-    return table(("input", "value ± standard error", "relative error"), rows, numbers=(1, 2))
+    return table(("input", "value ± standard error", "relative error"), rows, numbers=(1, 2), lead=True)
 
 
 def prior_table(posterior: Posterior) -> Markup:
@@ -96,7 +97,13 @@ def _labelled(name: str, *, unit: bool = True) -> Markup:
     one = PARAMETERS[name]
     text = typeset(one.symbol)
     shown = unit_of(one).strip()
-    return Markup("{} [{}]").format(text, shown) if unit and shown else text
+    return Markup("{}&nbsp;[{}]").format(text, shown) if unit and shown else text
+
+
+def _bar(share: float) -> Markup:
+    """A bar as long as a share of the longest; hatched below zero."""
+    kind = "bar below" if share < 0.0 else "bar"
+    return Markup('<span class="{}" style="width: {}em"></span>').format(kind, f"{8.0 * abs(share):.2f}")
 
 
 def _found(value: float) -> str:

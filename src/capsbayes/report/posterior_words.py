@@ -49,7 +49,7 @@ def input_words(name: str) -> str:
 def budget_sentence(posterior: Posterior) -> str:
     """What to measure better first."""
     name, share = max(posterior.shares.items(), key=lambda one: one[1])
-    return f"Most of the uncertainty of G_s, {per_cent(share)} of its variance on a log scale: {input_words(name)}."
+    return f"Most of the uncertainty of G_s, {per_cent(share)} of the variance of its logarithm: {input_words(name)}."
 
 
 def _computation(posterior: Posterior) -> Iterator[str]:
