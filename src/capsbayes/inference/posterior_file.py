@@ -95,10 +95,8 @@ def read_posterior(path: Path) -> Posterior:
         reason = " ".join(str(error).split())[:120]
         raise InputError(str(path), "", "the file of a posterior", f"a damaged or foreign file ({reason})") from None
     if RECORD not in attributes or "posterior" not in groups:
-        advice = "identify the capsule with this version"
-        raise InputError(
-            str(path), "", "the file of a posterior, posterior.nc of capsbayes identify", "another", advice
-        )
+        expected, advice = "the file of a posterior, as capsbayes identify writes it", "identify the capsule again"
+        raise InputError(str(path), "", expected, "one that lacks what makes it whole", advice)
     try:
         return Posterior(**_parts(attributes, groups))
     except (KeyError, TypeError, ValueError) as error:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from capsbayes.image.sighting import Sighting
 
-__all__ = ["picture_figure"]
+__all__ = ["bare_figure", "on_picture", "picture_figure"]
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +70,35 @@ def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 
     ax.set(xlim=(-0.5, columns - 0.5), ylim=(bottom, top))
     ax.set_axis_off()
     figure.legend(loc="lower center", ncols=2, frameon=False, fontsize=10)
+    return figure
+
+
+def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
+    """Draw a picture alone, in grey.
+
+    Parameters
+    ----------
+    picture : path
+    width : float [inch]
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no picture.
+    """
+    from matplotlib.figure import Figure
+
+    from capsbayes.image.frames import Picture
+
+    grey = Picture.read(picture).grey
+    figure = Figure(figsize=(width, width * grey.shape[0] / grey.shape[1]))
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.imshow(grey, cmap="gray", interpolation="nearest")
+    ax.set_axis_off()
     return figure
 
 
