@@ -105,7 +105,7 @@ def test_what_to_doubt_is_said():
         "30 % of the posterior lies next to the end of the prior range of a.",
         "L_a was not seen",
         "stretched by 2 % only",
-        "its ends differ by a factor of 5.0",
+        "its ends differ by a factor of 5.",
     ):
         assert part in text, part
     assert "wrinkle" not in text

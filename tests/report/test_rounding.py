@@ -1,7 +1,7 @@
 import pytest
 
 from capsbayes.inference import Marginal
-from capsbayes.report.rounding import decimals, per_cent, rounded, value_words
+from capsbayes.report.rounding import decimals, per_cent, rounded, together, value_words
 
 
 @pytest.mark.parametrize(
@@ -25,12 +25,18 @@ def test_tens_are_left_out_where_the_error_is_hundreds():
         ("surface_shear_modulus", (7.1, 6.7, 7.5, 6.38, 7.92), "G_s = 7100 mN/m, 95 % [6400, 7900]"),
         ("capsule_radius", (23.97e-6, 23.68e-6, 24.26e-6, 23.4e-6, 24.54e-6), "a = 23.97 µm, 95 % [23.40, 24.54]"),
         ("mean_velocity", (4.772e-3, 4.713e-3, 4.833e-3, 4.657e-3, 4.89e-3), "U = 4.77 mm/s, 95 % [4.66, 4.89]"),
+        ("surface_shear_modulus", (0.296, 0.12, 0.84, 0.0314, 1.412), "G_s = 300 mN/m, 95 % [31, 1400]"),
+        ("capillary_number", (0.0138, 0.005, 0.07, 0.003, 0.123), "Ca = 0.014, 95 % [0.0030, 0.12]"),
         ("capillary_number", (0.0811, 0.0726, 0.0895, 0.0649, 0.0982), "Ca = 0.081, 95 % [0.065, 0.098]"),
     ],
 )
 def test_a_headline_has_the_unit_people_speak_and_the_digits_of_its_error(name, numbers, words):
     middle, low_68, high_68, low_95, high_95 = numbers
     assert value_words(name, Marginal(middle, 0.5 * (high_68 - low_68), *numbers[:3], low_95, high_95)) == words
+
+
+def test_what_may_be_negative_keeps_its_decimals():
+    assert together((0.02, -0.1, 0.14), 2) == ["0.02", "-0.10", "0.14"]
 
 
 def test_shares():

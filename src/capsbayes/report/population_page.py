@@ -17,7 +17,7 @@ from capsbayes.report.population_rows import (
     row_table,
     status_table,
 )
-from capsbayes.report.rounding import decimals, per_cent, rounded, unit_of
+from capsbayes.report.rounding import decimals, per_cent, rounded, together, unit_of
 from capsbayes.report.spread import Spread
 
 __all__ = ["MOST_ROWS", "population_page"]
@@ -85,8 +85,8 @@ def _headline(population: xr.Dataset) -> str:
         return "No capsule could be identified."
     low, middle, high = (_MODULUS.shown(one) for one in np.quantile(medians, [0.025, 0.5, 0.975]))
     digits = decimals(max(0.25 * (high - low), 1e-3 * middle))
-    unit, ends = unit_of(_MODULUS), f"{rounded(low, digits)} to {rounded(high, digits)}"
-    return f"Median G_s = {rounded(middle, digits)}{unit}, 95 % of the capsules from {ends}{unit}"
+    unit, (shown, *ends) = unit_of(_MODULUS), together((middle, low, high), digits)
+    return f"Median G_s = {shown}{unit}, 95 % of the capsules from {' to '.join(ends)}{unit}"
 
 
 def _below(population: xr.Dataset) -> str:

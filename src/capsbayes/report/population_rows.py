@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.page import table, typeset
-from capsbayes.report.rounding import decimals, rounded, unit_of
+from capsbayes.report.rounding import decimals, interval_words, together, unit_of
 from capsbayes.status import Status
 
 __all__ = ["MODULUS", "RADIUS", "check_population", "column", "done", "row_table", "status_table", "worst_first"]
@@ -127,16 +127,14 @@ def _quantity(name: str, median: float, low: float, high: float) -> Markup:
     one = PARAMETERS[name]
     if not np.isfinite(median):
         return _number(np.nan, "–")
-    return _number(one.shown(median), rounded(one.shown(median), _digits(name, median, low, high)))
+    return _number(one.shown(median), *together((one.shown(median),), _digits(name, median, low, high)))
 
 
 def _interval(low: float, high: float) -> Markup:
     """The 95 % interval of G_s, sorted by the ratio of its ends."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return _number(np.nan, "–")
-    one = PARAMETERS[MODULUS]
-    digits = _digits(MODULUS, low, low, low + 0.5 * (high - low))
-    return _number(high / low, f"{rounded(one.shown(low), digits)} to {rounded(one.shown(high), digits)}")
+    return _number(high / low, interval_words(MODULUS, low, high, _digits(MODULUS, low, low, 0.5 * (low + high))))
 
 
 def _digits(name: str, median: float, low: float, high: float) -> int:

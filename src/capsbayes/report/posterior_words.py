@@ -81,4 +81,4 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
     modulus = posterior.marginals["surface_shear_modulus"]
     factor = modulus.upper_95 / modulus.lower_95
     if factor > _LOOSE:
-        yield f"The 95 % interval of G_s is wide: its ends differ by a factor of {factor:.1f}."
+        yield f"The 95 % interval of G_s is wide: its ends differ by a factor of {factor:.2g}."

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from capsbayes.inference import Marginal
 from capsbayes.parameters import PARAMETERS, Parameter
 
-__all__ = ["decimals", "interval_words", "per_cent", "rounded", "unit_of", "value_words"]
+__all__ = ["decimals", "interval_words", "per_cent", "rounded", "together", "unit_of", "value_words"]
 
 
 def decimals(error: float) -> int:
@@ -39,6 +40,22 @@ def rounded(value: float, digits: int) -> str:
     return f"{round(value, digits):.{max(digits, 0)}f}" if math.isfinite(value) else "not known"
 
 
+def together(values: Sequence[float], digits: int) -> list[str]:
+    """Numbers of one quantity with so many decimals, as a median and the ends of its interval.
+
+    Where that would leave less than two digits of one of several positive numbers, each has two digits of its own:
+    the lower end of a long tail is not rounded to zero.
+
+    Examples
+    --------
+    >>> together((50.03, 40.5, 63.7), 0), together((296.0, 31.4, 1412.0), -2)
+    (['50', '40', '64'], ['300', '31', '1400'])
+    """
+    if min(values) > 0.0 and min(values) < 10.0 ** (1 - digits):
+        return [rounded(value, 1 - math.floor(math.log10(value))) for value in values]
+    return [rounded(value, digits) for value in values]
+
+
 def unit_of(one: Parameter) -> str:
     """The unit people read after a number, with a space before it; empty for a ratio."""
     unit = one.shown_unit.replace("um", "µm").replace("us", "µs")
@@ -55,7 +72,8 @@ def value_words(name: str, marginal: Marginal) -> str:
     """
     one = PARAMETERS[name]
     digits = decimals(one.shown(0.5 * (marginal.upper_68 - marginal.lower_68)))
-    middle, low, high = (rounded(one.shown(x), digits) for x in (marginal.median, marginal.lower_95, marginal.upper_95))
+    numbers = [one.shown(value) for value in (marginal.median, marginal.lower_95, marginal.upper_95)]
+    middle, low, high = together(numbers, digits)
     return f"{one.symbol} = {middle}{unit_of(one)}, 95 % [{low}, {high}]"
 
 
@@ -67,8 +85,7 @@ def interval_words(name: str, low: float, high: float, digits: int) -> str:
     >>> interval_words("capsule_radius", 23.4e-6, 24.54e-6, 1)
     '23.4 to 24.5'
     """
-    one = PARAMETERS[name]
-    return f"{rounded(one.shown(low), digits)} to {rounded(one.shown(high), digits)}"
+    return " to ".join(together([PARAMETERS[name].shown(end) for end in (low, high)], digits))
 
 
 def per_cent(share: float) -> str:
