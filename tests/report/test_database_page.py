@@ -56,7 +56,7 @@ def test_the_domain_of_existence_is_told_column_by_column(database):
     last = re.findall(r"<td[^>]*>(.*?)</td>", rows[-1])
     assert last[0] == "1.15"
     assert float(last[2]) == pytest.approx(float(manufactured.limit(1.15)), rel=1e-3)
-    assert last[3] == "limit of existence"
+    assert last[3] == "limit\N{NO-BREAK SPACE}of\N{NO-BREAK SPACE}existence"
     limits = np.asarray(manufactured.limit(np.linspace(0.7, 1.15, 9)))
     assert f"beyond Ca {limits.min():.3g} to {limits[limits < 0.15].max():.3g}" in domain_sentence(database)
 

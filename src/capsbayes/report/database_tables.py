@@ -52,7 +52,7 @@ def domain_sentence(database: Database) -> str:
 def domain_table(database: Database) -> Markup:
     """Ends of each column of cases, for each value of the effect."""
     effect = database.effect != NO_EFFECT
-    head = ["a/l", "Ca from", "to", "it ends at the", "snap-through from a convex rear at Ca"]
+    head = ["a/l", "Ca from", "to", "ends at the", "snap-through at Ca"]
     rows = []
     for value in database.values:
         part = database.at_value(value)
@@ -128,7 +128,7 @@ def _columns(part: Database) -> Iterator[list[str]]:
         ends = np.flatnonzero(here & np.isin(kinds, _ENDS))
         snaps = part["border_capillary_number"][here & (kinds == SNAP_THROUGH)]
         last = f"{part['border_capillary_number'][ends[0]]:.4g}" if len(ends) else ""
-        why = str(kinds[ends[0]]) if len(ends) else "no border is known"
+        why = str(kinds[ends[0]]).replace(" ", "\N{NO-BREAK SPACE}") if len(ends) else "no border is known"
         first = f"{ca.min():.3g}" if len(ca) else "none"
         yield [f"{size:g}", first, last, why, f"{snaps[0]:.3g}" if len(snaps) else ""]
 

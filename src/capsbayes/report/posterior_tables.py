@@ -38,8 +38,8 @@ def budget_table(posterior: Posterior) -> Markup:
     """Share of the variance of log G_s owed to each input, the largest first."""
     ordered = sorted(posterior.shares.items(), key=lambda one: -one[1])
     whole = max(abs(share) for share in posterior.shares.values())
-    rows = [(typeset(input_words(name)), f"{100.0 * share:.1f} %", _bar(share / whole)) for name, share in ordered]
-    return table(("owed to", typeset("of the variance of ln G_s"), ""), rows, numbers=(1,), lead=True)
+    rows = [(typeset(input_words(name)) + _bar(share / whole), f"{100.0 * share:.1f} %") for name, share in ordered]
+    return table(("owed to", typeset("of the variance of ln G_s")), rows, numbers=(1,), lead=True)
 
 
 def input_table(posterior: Posterior) -> Markup:
@@ -101,9 +101,9 @@ def _labelled(name: str, *, unit: bool = True) -> Markup:
 
 
 def _bar(share: float) -> Markup:
-    """A bar as long as a share of the longest; hatched below zero."""
+    """A bar under the text of its cell, as long as a share of it; hatched below zero."""
     kind = "bar below" if share < 0.0 else "bar"
-    return Markup('<span class="{}" style="width: {}em"></span>').format(kind, f"{8.0 * abs(share):.2f}")
+    return Markup('<span class="{}" style="width: {}%"></span>').format(kind, f"{100.0 * abs(share):.1f}")
 
 
 def _found(value: float) -> str:
