@@ -59,4 +59,4 @@ def test_a_mistake_is_one_line_and_exit_status_2(here, monkeypatch, capsys, argu
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
     assert message in lines[0]
-    assert not (here / "report.html").exists()
+    assert {path.name for path in here.iterdir()} == {"empty", "text.nc", "run.nc"}

@@ -43,6 +43,7 @@ def test_files_and_folders_are_opened_as_what_they_are(tmp_path):
 def test_what_has_no_page_is_said(tmp_path):
     with pytest.raises(InputError, match="expected a posterior, a population or a database, or a study, got int"):
         cb.write_report(3, tmp_path / "page.html")
+    (tmp_path / "folder").mkdir()
     with pytest.raises(InputError, match="expected a file that can be written"):
-        cb.write_report(population(), tmp_path)
-    assert not list(tmp_path.iterdir())
+        cb.write_report(population(), tmp_path / "folder")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
