@@ -33,6 +33,7 @@ _HOME = {
     "identify": "capsbayes.inference",
     "identify_folder": "capsbayes.population",
     "measure": "capsbayes.image",
+    "write_report": "capsbayes.report",
 }
 
 __all__ = [*sorted(_HOME), "__version__"]
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from capsbayes.population import Population
     from capsbayes.population.identify_folder import identify_folder
     from capsbayes.profile import Profile
+    from capsbayes.report.write_report import write_report
     from capsbayes.simulation import Simulator, SteadyState, build_database
     from capsbayes.status import Status
     from capsbayes.surrogate import Surrogate

@@ -18,9 +18,9 @@ from capsbayes import Surrogate, diagnose
 from capsbayes.discrepancy import Session, Verdict
 from capsbayes.effects import MotionBlur
 from capsbayes.report import study_page, verdict_sentence
+from capsbayes.report.page import typeset
 from capsbayes.report.study_held_out import chosen_capsules
 from capsbayes.report.study_outline import arc_share, outline_finding
-from capsbayes.report.study_tables import typeset
 from capsbayes.report.study_trends import trends
 from capsbayes.report.study_words import lengths_alone, odds_words
 

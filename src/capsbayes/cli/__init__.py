@@ -31,6 +31,7 @@ for _name in (
     "identify",
     "batch",
     "diagnose",
+    "report",
     "atlas",
     "transient",
     "verify",

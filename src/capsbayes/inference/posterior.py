@@ -75,6 +75,8 @@ class Posterior:
     outlines : (d, p, 2) array or None [l]
         Predicted outlines of some draws.
     status : Status
+    version : str
+        Of capsbayes, when it was identified.
     """
 
     draws: Mapping[str, Floats]
@@ -96,6 +98,29 @@ class Posterior:
     leaning: Mapping[str, float]
     outlines: Floats | None
     status: Status
+    version: str = __version__
+
+    @classmethod
+    def read(cls, path: str | Path) -> Posterior:
+        """Read a file that `write` wrote: what comes back reports, draws and writes the same.
+
+        Parameters
+        ----------
+        path : path
+            NetCDF file, ``posterior.nc`` of ``capsbayes identify``.
+
+        Returns
+        -------
+        Posterior
+
+        Raises
+        ------
+        InputError
+            If it is missing, damaged, or no such file.
+        """
+        from capsbayes.inference.posterior_file import read_posterior
+
+        return read_posterior(Path(path))
 
     def summary(self) -> pd.DataFrame:
         """Table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""
@@ -126,7 +151,7 @@ class Posterior:
             "model": {"name": self.model_name, "sha256": self.model_sha256},
             "engine": self.engine,
             "seed": self.seed,
-            "version": __version__,
+            "version": self.version,
         }
 
     def _priors(self) -> dict[str, Any]:
@@ -181,6 +206,9 @@ class Posterior:
         groups["observed_data"] = xr.Dataset(
             {name: ((), seen[name]["value"], {"units": seen[name]["unit"]}) for name in measured if name in seen}
         )
+        if self.measurement.outline is not None:
+            points = self.measurement.outline.points, {"units": "l", "long_name": "measured outline, columns (z, y)"}
+            groups["observed_data"]["outline"] = (("measured_point", "plane"), *points)
         groups["constant_data"] = xr.Dataset(
             {f"{name}_error": ((), one["error"], {"units": one["unit"]}) for name, one in seen.items()}
             | {name: ((), one["value"], {"units": one["unit"]}) for name, one in seen.items() if name not in measured}
@@ -193,13 +221,16 @@ class Posterior:
         Neither ArviZ nor xarray does the writing: the import of the one takes
         as long as the sampling, and the other imports a cluster to write one
         file. The attributes of the file hold the fingerprint
-        of the model, priors, inputs, seed, version, engine, gates and status.
+        of the model, priors, inputs, seed, version, engine, gates and status;
+        `read` reads it back whole.
 
         Returns
         -------
         Path
         """
         import h5netcdf
+
+        from capsbayes.inference.posterior_file import RECORD, recorded
 
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -209,6 +240,7 @@ class Posterior:
                 for name, value in self.as_dict().items():
                     file.attrs[name] = value if isinstance(value, (str, int)) else json.dumps(value)
                 file.attrs["inference_library"] = self.engine
+                file.attrs[RECORD] = json.dumps(recorded(self))
                 for name, group in self.groups().items():
                     _write_group(file.create_group(name), group)
             os.replace(temporary, path)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import base64
-import io
-import re
 from collections.abc import Iterator
 from html import escape
-from typing import TYPE_CHECKING
+
+from markupsafe import Markup
 
 import capsbayes
 from capsbayes.discrepancy import Study, Verdict, Verification
+from capsbayes.report.page import page, picture, typeset
 from capsbayes.report.study_candidates import candidate_gains
 from capsbayes.report.study_held_out import chosen_capsules, held_out
 from capsbayes.report.study_moduli import moduli
 from capsbayes.report.study_outline import outline_finding
-from capsbayes.report.study_tables import candidate_table, finding_table, held_out_table, meaning_table, typeset
+from capsbayes.report.study_tables import candidate_table, finding_table, held_out_table, meaning_table
 from capsbayes.report.study_trends import trends
 from capsbayes.report.study_words import (
     deviation_words,
@@ -25,24 +24,7 @@ from capsbayes.report.study_words import (
     verdict_sentence,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 __all__ = ["study_page"]
-
-_CSS = """
-body { font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; color: #222; max-width: 62rem; margin: 2rem auto;
-  padding: 0 1.2rem; }
-h1 { font-size: 1.1rem; color: #666; font-weight: normal; margin-bottom: 0; }
-h2 { font-size: 1.25rem; margin-top: 2.4rem; border-bottom: 1px solid #ddd; padding-bottom: .2rem; }
-.verdict { font-size: 1.5rem; line-height: 1.3; margin-top: .2rem; }
-.note { color: #555; font-size: .92rem; }
-figure { margin: 1.2rem 0; } img { width: 100%; height: auto; }
-figcaption { color: #555; font-size: .92rem; }
-.wide { overflow-x: auto; } table { border-collapse: collapse; margin: 1rem 0; font-size: .92rem; }
-th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid #e4e4e4; }
-th { color: #666; font-weight: normal; }
-"""
 
 
 def study_page(study: Study) -> str:
@@ -61,12 +43,7 @@ def study_page(study: Study) -> str:
     if study.verification is not None:
         parts += _held_out(study, study.verification)
     parts += _origin(study)
-    body = "\n".join(parts)
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>What the model misses</title>\n<style>{_CSS}</style></head>\n<body>\n{body}\n</body></html>\n"
-    )
+    return page("page.html", title="What the model misses", body=Markup("\n".join(parts)))
 
 
 def _top(study: Study) -> Iterator[str]:
@@ -102,9 +79,9 @@ def _finding(study: Study) -> Iterator[str]:
             "each was given its best Ca and a/ℓ. In the boxes: how far out each region lies in all capsules alike, "
             "counting what Ca and a/ℓ have taken up of it, so it may exceed the distance that is left to see."
         )
-        yield _picture(outline_finding(along, finding), "mean residual along the outline", caption)
-    caption = "Of a right model the apparent G<sub>s</sub> is the same at every velocity and of every size."
-    yield _picture(trends(compared, finding), "apparent shear modulus against velocity and size", caption)
+        yield picture(outline_finding(along, finding), "mean residual along the outline", caption)
+    caption = typeset("Of a right model the apparent G_s is the same at every velocity and of every size.")
+    yield picture(trends(compared, finding), "apparent shear modulus against velocity and size", caption)
     yield finding_table(finding)
     yield (
         f'<p class="note">In {finding.capsules} capsules. The significance is that of the scatter from capsule to '
@@ -119,7 +96,7 @@ def _candidates(study: Study) -> Iterator[str]:
     yield "<h2>What would explain it</h2>"
     those = "the nearest, which fail" if study.verdict is Verdict.UNKNOWN else "the effects in question"
     caption = f"In a dark colour: {those}. A gain of 3 is the least that counts."
-    yield _picture(candidate_gains(study), "gain of each candidate", caption)
+    yield picture(candidate_gains(study), "gain of each candidate", caption)
     yield candidate_table(study)
     yield (
         '<p class="note">Odds are ratios of likelihoods, averaged over what was held possible of the size of each '
@@ -154,10 +131,10 @@ def _held_out(study: Study, verification: Verification) -> Iterator[str]:
             "Above: a small, a middling and a large capsule, measured and predicted. Middle: distance of the measured "
             "edge from the predicted one, positive outside. Below: the same, mean of all held-out capsules."
         )
-        yield _picture(held_out(verification), "measured and predicted outlines before and after", caption)
+        yield picture(held_out(verification), "measured and predicted outlines before and after", caption)
     yield held_out_table(verification)
     caption = "Each held-out capsule with its standard error, without that of the viscosity, which all of them share."
-    yield _picture(moduli(verification), "shear moduli before and after", caption)
+    yield picture(moduli(verification), "shear moduli before and after", caption)
 
 
 def _origin(study: Study) -> Iterator[str]:
@@ -167,19 +144,4 @@ def _origin(study: Study) -> Iterator[str]:
         f'<p class="note">{len(study.session)} capsules, {outlines} with an outline; model {escape(model.name)}, '
         f"sha256 {model.sha256[:12]}; seed {study.seed}; capsbayes {capsbayes.__version__}. The numbers are in "
         "study.json.</p>"
-    )
-
-
-def _picture(figure: Figure, alternative: str, caption: str) -> str:
-    """A figure as an image within the page, the same each time."""
-    import matplotlib
-
-    made = io.StringIO()
-    with matplotlib.rc_context({"svg.hashsalt": "capsbayes", "svg.fonttype": "path"}):
-        figure.savefig(made, format="svg", metadata={"Date": None})
-    svg = re.sub(r"^.*?(?=<svg)", "", made.getvalue(), flags=re.DOTALL)
-    data = base64.b64encode(svg.encode()).decode()
-    return (
-        f'<figure><img alt="{escape(alternative)}" src="data:image/svg+xml;base64,{data}">\n'
-        f"<figcaption>{caption}</figcaption></figure>"
     )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Sequence
-from html import escape
+
+from markupsafe import Markup
 
 from capsbayes.discrepancy import NOTHING, UNKNOWN, Finding, Scores, Study, Verification
 from capsbayes.parameters import PARAMETERS
+from capsbayes.report.page import table, typeset
 from capsbayes.report.study_words import (
     chance_words,
     deviation_words,
@@ -18,52 +18,50 @@ from capsbayes.report.study_words import (
     told_words,
 )
 
-__all__ = ["candidate_table", "finding_table", "held_out_table", "meaning_table", "typeset"]
+__all__ = ["candidate_table", "finding_table", "held_out_table", "meaning_table"]
 
 _MODULUS = PARAMETERS["surface_shear_modulus"]
 _OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike in all capsules"}
-_GREEK = {"alpha": "α", "delta": "δ", "eps": "ε"}
 
 
-def finding_table(finding: Finding) -> str:
+def finding_table(finding: Finding) -> Markup:
     """Every deviation that was looked for, the most surprising first."""
     rows = [(typeset(one.name), deviation_words(one), chance_words(one.chance)) for one in finding.deviations]
-    return _table(("where", "size ± standard error (significance)", "as large by chance"), rows)
+    return table(("where", "size ± standard error (significance)", "as large by chance"), rows)
 
 
-def candidate_table(study: Study) -> str:
+def candidate_table(study: Study) -> Markup:
     """Odds and size of every candidate, of the model without one, and of what nobody has thought of."""
     best = max(study.evidence.values())
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, evidence in study.evidence.items():
         odds = typeset(odds_words(evidence - best)), typeset(odds_words(evidence))
         if name in study.scores:
             one = study.scores[name]
-            size = f"{typeset(one.effect.parameter.symbol)} = {typeset(size_words(one))}"
+            size = typeset(f"{one.effect.parameter.symbol} = {size_words(one)}")
             modulus = f"{_MODULUS.shown(one.modulus[one.best]):.1f} {_MODULUS.shown_unit}"
             rows.append((_marked(study, name, one), *odds, size, modulus, told_words(study, name)))
         else:
-            rows.append((f"<i>{_OTHERS[name]}</i>", *odds, "", "", ""))
-    return _table(
-        ("effect", "odds against the best", "odds against none", "size", "median G<sub>s</sub>", "told apart?"), rows
-    )
+            rows.append((Markup("<i>{}</i>").format(_OTHERS[name]), *odds, "", "", ""))
+    head = ("effect", "odds against the best", "odds against none", "size", typeset("median G_s"), "told apart?")
+    return table(head, rows)
 
 
-def meaning_table(study: Study) -> str:
+def meaning_table(study: Study) -> Markup:
     """What each candidate does, and what would separate it from the others."""
     rows = [
         (
             _marked(study, name, one),
-            escape(one.effect.kind.value),
+            one.effect.kind.value,
             typeset(one.effect.changes),
             typeset(one.effect.separated_by),
         )
         for name, one in study.scores.items()
     ]
-    return _table(("effect", "kind", "what it changes", "what would separate it"), rows)
+    return table(("effect", "kind", "what it changes", "what would separate it"), rows)
 
 
-def held_out_table(verification: Verification) -> str:
+def held_out_table(verification: Verification) -> Markup:
     """Gap, noise, chance and shear modulus before and after."""
     pairs = (verification.before, verification.after)
     gaps = [f"{1e6 * one.gap:.3f} µm" if math.isfinite(one.gap) else "no outlines" for one in verification.compared]
@@ -78,19 +76,12 @@ def held_out_table(verification: Verification) -> str:
         ("as large by chance (residual p-value)", *(same_by_chance(one) for one in pairs)),
         ("log score per capsule, over that before", "0", gain),
         (
-            "median G<sub>s</sub>",
+            typeset("median G_s"),
             _shown_modulus(medians[0]),
             f"{_shown_modulus(medians[1])} ({shift:+.1f} %)",
         ),
     ]
-    return _table((f"{len(verification.gains)} held-out capsules", "before", "after"), rows)
-
-
-def typeset(text: str) -> str:
-    """HTML of a text with plain symbols, as G_s or 10^3."""
-    text = re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9]+)\b", r"\1<sub>\2</sub>", escape(text))
-    text = re.sub(r"/l\b", "/ℓ", re.sub(r"\^(\w+)", r"<sup>\1</sup>", text))
-    return re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda found: _GREEK[found[0]], text)
+    return table((f"{len(verification.gains)} held-out capsules", "before", "after"), rows)
 
 
 def _shown_modulus(value: float) -> str:
@@ -98,12 +89,4 @@ def _shown_modulus(value: float) -> str:
 
 
 def _marked(study: Study, name: str, one: Scores) -> str:
-    text = escape(one.effect.name)
-    return f"<b>{text}</b>" if name in study.names else text
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """An HTML table of cells that are HTML already."""
-    heading = "".join(f"<th>{cell}</th>" for cell in head)
-    body = "\n".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f'<div class="wide"><table>\n<tr>{heading}</tr>\n{body}\n</table></div>'
+    return Markup("<b>{}</b>").format(one.effect.name) if name in study.names else one.effect.name

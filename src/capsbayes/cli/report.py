@@ -1,0 +1,38 @@
+"""``capsbayes report``: a result as one HTML page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    result: Annotated[
+        str,
+        typer.Argument(
+            help="Folder or posterior.nc of capsbayes identify, .nc file of a population or of a database, or name of "
+            "a shipped database."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="HTML file to write.")] = Path("report.html"),
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Of a posterior: picture of the capsule; default: the one it was measured in."),
+    ] = None,
+    rows: Annotated[int, typer.Option(min=1, help="Of a population: most capsules in the table, worst first.")] = 500,
+) -> None:
+    """Write a result as one HTML page that holds its pictures, to read on a screen or a phone and to print."""
+    from rich.console import Console
+
+    from capsbayes.errors import InputError
+    from capsbayes.inference import Posterior
+    from capsbayes.report import opened, write_report
+
+    found, source = opened(result)
+    if picture is not None and not isinstance(found, Posterior):
+        raise InputError("report", "--picture", "a posterior beside a picture", source)
+    with Console(stderr=True).status("Drawing ..."):
+        path = write_report(found, out, picture=picture, rows=rows, source=source)
+    typer.echo(f"Written to {path}, {path.stat().st_size / 1e6:.1f} MB.")

@@ -1,0 +1,62 @@
+"""The report command: its file, and one line for each mistake."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import capsbayes.cli
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))  # for the results
+
+from results import population, posterior
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*arguments):
+    return CliRunner().invoke(capsbayes.cli.app, ["report", *map(str, arguments)])
+
+
+def test_the_folder_of_identify_becomes_a_page(here):
+    posterior().write(here / "result" / "posterior.nc")
+    result = run("result", "--out", here / "new" / "capsule.html")
+    assert result.exit_code == 0, result.output
+    assert "capsule.html, 0." in result.stdout
+    assert "Capsule capsule.toml" in (here / "new" / "capsule.html").read_text(encoding="utf-8")
+    assert [path.name for path in (here / "new").iterdir()] == ["capsule.html"]
+
+
+def test_a_population_becomes_a_page_of_at_most_so_many_rows(here):
+    population().to_netcdf(here / "run.nc", engine="h5netcdf")
+    assert run("run.nc", "--rows", 3).exit_code == 0
+    assert "The 3 worst of 8 are shown; the others are in run.nc." in (here / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["moon"], "moon: expected the file of a result, or one of the databases"),
+        (["empty"], "empty: expected a folder of capsbayes identify, with posterior.nc, got another folder"),
+        (["text.nc"], "text.nc: expected a NetCDF file of a posterior, a population or a database"),
+        (["run.nc", "--picture", "a.png"], "report: --picture: expected a posterior beside a picture, got run.nc"),
+        (["run.nc", "--out", "empty"], "report: empty: expected a file that can be written"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_status_2(here, monkeypatch, capsys, arguments, message):
+    (here / "empty").mkdir()
+    (here / "text.nc").write_text("no numbers")
+    population().to_netcdf(here / "run.nc", engine="h5netcdf")
+    monkeypatch.setattr(sys, "argv", ["capsbayes", "report", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        capsbayes.cli.main()
+    assert caught.value.code == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert message in lines[0]
+    assert {path.name for path in here.iterdir()} == {"empty", "text.nc", "run.nc"}
