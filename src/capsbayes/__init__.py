@@ -31,6 +31,11 @@ _HOME = {
     "diagnose": "capsbayes.discrepancy",
     "identify": "capsbayes.inference",
     "measure": "capsbayes.image",
+    "LabErrors": "capsbayes.sensitivity",
+    "error_budget": "capsbayes.sensitivity",
+    "flow_design": "capsbayes.sensitivity",
+    "identifiability_map": "capsbayes.sensitivity",
+    "sobol_indices": "capsbayes.sensitivity",
 }
 
 __all__ = [*sorted(_HOME), "__version__"]
@@ -47,6 +52,7 @@ if TYPE_CHECKING:
     from capsbayes.measurement import Measurement
     from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
     from capsbayes.profile import Profile
+    from capsbayes.sensitivity import LabErrors, error_budget, flow_design, identifiability_map, sobol_indices
     from capsbayes.simulation import Simulator, SteadyState, build_database
     from capsbayes.status import Status
     from capsbayes.surrogate import Surrogate

@@ -58,6 +58,11 @@ class Status(enum.Enum):
     )
     GRID_TOO_COARSE = "The grid did not resolve the posterior within its largest size; do not use the intervals."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
+    # studies of sensitivity
+    NO_FLOW_RATE = "No flow rate keeps the expected capsules below the limit of existence with the margin asked for."
+    RANGES_LEAVE_DATABASE = (
+        "More than a tenth of the samples have a shape that no capsule of the database has: narrow the ranges."
+    )
 
     @property
     def ok(self) -> bool:
