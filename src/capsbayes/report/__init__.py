@@ -1,8 +1,23 @@
 """Report: figures of results, as functions that return matplotlib's figures and axes."""
 
+from capsbayes.report.budget_plot import budget_figure
 from capsbayes.report.corner_plot import corner_plot
+from capsbayes.report.flow_plot import flow_figure
+from capsbayes.report.identifiability_plot import identifiability_figure
 from capsbayes.report.outline_plot import outline_figure, outline_plot
+from capsbayes.report.sobol_plot import sobol_figure
 from capsbayes.report.study_page import study_page
 from capsbayes.report.study_words import lengths_alone, verdict_sentence
 
-__all__ = ["corner_plot", "lengths_alone", "outline_figure", "outline_plot", "study_page", "verdict_sentence"]
+__all__ = [
+    "budget_figure",
+    "corner_plot",
+    "flow_figure",
+    "identifiability_figure",
+    "lengths_alone",
+    "outline_figure",
+    "outline_plot",
+    "sobol_figure",
+    "study_page",
+    "verdict_sentence",
+]

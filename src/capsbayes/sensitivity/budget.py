@@ -63,10 +63,8 @@ class BudgetRow:
         """Symbol and meaning, for people."""
         one = PARAMETERS.get(self.name)
         if one is None:
-            return {"surrogate": "error of the model itself", "outline": "errors of the outline"}.get(
-                self.name, self.name
-            )
-        return f"{one.symbol.removesuffix('/l') if self.name.startswith('axial') else one.symbol}, {one.meaning}"
+            return {"surrogate": "model's own error", "outline": "errors of the outline"}.get(self.name, self.name)
+        return f"{one.symbol}, {one.meaning}"
 
 
 @dataclass(frozen=True)

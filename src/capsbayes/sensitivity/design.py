@@ -75,8 +75,8 @@ class FlowDesign:
     lab : dict
         Model, its fingerprint, experiment, errors, version.
     seed : int
-    notes : tuple of str
     status : Status
+        LEANS_ON_BORDER if at every velocity below the limit the widths are cut by the border of the model.
     """
 
     points: tuple[FlowPoint, ...]
@@ -88,7 +88,6 @@ class FlowDesign:
     risk: float
     lab: dict[str, str]
     seed: int
-    notes: tuple[str, ...]
     status: Status
 
     @property
@@ -128,7 +127,6 @@ class FlowDesign:
             },
             "expected": self.expectation.as_dict(),
             "points": [_plain(point) for point in self.points],
-            "notes": list(self.notes),
             "seed": self.seed,
             **self.lab,
         }

@@ -35,7 +35,7 @@ MARGIN = 0.1
 RISK = 0.05
 """Probability that a capsule comes nearer to the limit than that."""
 
-_POINTS = 48  # velocities
+_POINTS = 96  # velocities
 _DRAWS = 4000
 
 
@@ -117,7 +117,7 @@ def flow_design(
     per_ca = expected_modulus / float(centre.viscosity[0])
     velocities = per_ca * here.inner(_POINTS)
     expected = [_expected(one, table, capsules, centre, model, margin, experiment.section) for one in velocities]
-    points, notes = _judged(expected, risk)
+    points, status = _judged(expected, risk)
     allowed = [point for point in points if point.allowed]
     return FlowDesign(
         points=points,
@@ -129,8 +129,7 @@ def flow_design(
         risk=risk,
         lab=lab_attributes(model, experiment, errors),
         seed=seed,
-        notes=notes,
-        status=Status.DONE if allowed else Status.NO_FLOW_RATE,
+        status=status,
     )
 
 
@@ -158,16 +157,10 @@ def _expected(
     )
 
 
-def _judged(expected: list[FlowPoint], risk: float) -> tuple[tuple[FlowPoint, ...], tuple[str, ...]]:
+def _judged(expected: list[FlowPoint], risk: float) -> tuple[tuple[FlowPoint, ...], Status]:
     """Which velocities may be chosen: below the limit, and with widths that are measured and not cut by the border."""
     below = [one.beyond_margin <= risk and bool(np.isfinite(one.relative)) for one in expected]
     measured = [fine and one.leaning <= LEANING_SHARE for fine, one in zip(below, expected, strict=True)]
+    status = Status.DONE if any(measured) else Status.LEANS_ON_BORDER if any(below) else Status.NO_FLOW_RATE
     chosen = measured if any(measured) else below
-    notes: tuple[str, ...] = ()
-    if any(below) and not any(measured):
-        notes = (
-            f"At every velocity more than {LEANING_SHARE:.0%} of the posterior lies next to the border of the "
-            "database: the widths are cut there, and not measured.",
-        )
-    points = tuple(replace(one, allowed=fine) for one, fine in zip(expected, chosen, strict=True))
-    return points, notes
+    return tuple(replace(one, allowed=fine) for one, fine in zip(expected, chosen, strict=True)), status
