@@ -167,7 +167,7 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
         grid = engine(seen, inputs=inputs)
         shares = shares_of_each(engine, seen, grid)
         settings = settings_of(seen, inputs)
-        log_slopes_of = {name: log_slopes(engine, seen, inputs, one) for name, one in settings.items()}
+        log_slopes_of = {name: log_slopes(engine, seen, grid, one) for name, one in settings.items()}
         centre = {name: grid.marginal(name).median for name in QUANTITIES}
         sd = {name: grid.log_marginal(name).sd for name in QUANTITIES}
     rows = (
@@ -231,7 +231,7 @@ def _notes(posterior: Posterior) -> tuple[str, ...]:
             "L_a was not measured: L_z alone leaves Ca open, and what an input seems to own of G_s is small beside "
             "what the prior and the border of the database own."
         )
-    if seen.length_correlation:
+    if seen.length_correlation and seen.outline is None:
         notes.append("The errors of L_z and L_a are correlated: what the one owns cannot be told from what the other.")
     if not posterior.status.ok:
         notes.append(f"Read the shares with care. {posterior.status}")

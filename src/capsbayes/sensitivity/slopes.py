@@ -3,7 +3,9 @@
 A step is half a standard error of the input, so that the slope is that over
 the range that matters; of an input that is known, half a percent. Where one of
 the two steps makes a shape that cannot be, a length on the axis beyond the
-extent or a shape far from all of the model, the other alone is taken.
+extent or a shape far from all of the model, the other alone is taken. An input
+that the shape does not depend on moves no grid: the same posterior is read
+with another factor.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capsbayes.errors import InputError
+from capsbayes.inference.grid_posterior import GridPosterior
 from capsbayes.inference.inputs import Input, Inputs
+from capsbayes.inference.mixed_posterior import MixedPosterior
 from capsbayes.inference.mixed_quadrature import MixedQuadrature
 from capsbayes.inference.quadrature import Quadrature
 from capsbayes.inference.shares import QUANTITIES
@@ -26,6 +30,7 @@ __all__ = ["Setting", "log_slopes", "settings_of"]
 STEP = 0.5  # standard errors
 STEP_OF_KNOWN = 5e-3  # of the value
 
+AnyPosterior = GridPosterior | MixedPosterior
 _Case = tuple[Measurement, Inputs]
 
 
@@ -70,7 +75,7 @@ def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
 
 
 def log_slopes(
-    engine: Quadrature | MixedQuadrature, measurement: Measurement, inputs: Inputs, setting: Setting
+    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior, setting: Setting
 ) -> dict[str, float]:
     """Derivatives d ln(quantity) / d ln(input) of the posterior medians of G_s and a.
 
@@ -78,8 +83,8 @@ def log_slopes(
     ----------
     engine : Quadrature or MixedQuadrature
     measurement : Measurement
-    inputs : Inputs
-        The inputs beside the lengths.
+    posterior : GridPosterior or MixedPosterior
+        Of that measurement.
     setting : Setting
         The input to move.
 
@@ -92,9 +97,10 @@ def log_slopes(
     for sign in (-1.0, 1.0):
         value = setting.value + sign * setting.step
         with contextlib.suppress(InputError):
-            ends[value] = _log_medians(engine, *_MOVES[setting.name](measurement, inputs, value))
+            moved = _MOVES[setting.name](measurement, posterior.target.inputs, value)
+            ends[value] = _log_medians(_again(engine, posterior, measurement, *moved))
     if len(ends) == 1:
-        ends[setting.value] = _log_medians(engine, measurement, inputs)
+        ends[setting.value] = _log_medians(posterior)
     if not ends:
         return dict.fromkeys(QUANTITIES, float("nan"))
     low, high = min(ends), max(ends)
@@ -102,8 +108,18 @@ def log_slopes(
     return {name: (ends[high][name] - ends[low][name]) / width for name in QUANTITIES}
 
 
-def _log_medians(engine: Quadrature | MixedQuadrature, measurement: Measurement, inputs: Inputs) -> dict[str, float]:
-    posterior = engine(measurement, inputs=inputs)
+def _again(
+    engine: Quadrature | MixedQuadrature, before: AnyPosterior, seen: Measurement, moved: Measurement, inputs: Inputs
+) -> AnyPosterior:
+    """Posterior of a measurement or of inputs that were moved, from that before."""
+    same_width = inputs.half_width is before.target.inputs.half_width
+    same_shape = moved is seen and (same_width or before.target.likelihood.over_half_width)
+    if same_shape and isinstance(before, GridPosterior) and not before.cut:
+        return replace(before, target=replace(before.target, inputs=inputs))
+    return engine(moved, inputs=inputs)
+
+
+def _log_medians(posterior: AnyPosterior) -> dict[str, float]:
     return {name: posterior.log_marginal(name).median for name in QUANTITIES}
 
 

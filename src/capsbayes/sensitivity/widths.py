@@ -159,21 +159,22 @@ def width_of(posterior: GridPosterior) -> Width:
 
 
 def noise_lattice(count: int) -> Floats:
-    """Points of a Fibonacci lattice as standard normal deviates, with mean zero : (count, 2) array.
+    """Points of a Fibonacci lattice as standard normal deviates, of mean zero and unit covariance : (count, 2) array.
 
     Examples
     --------
-    >>> noise_lattice(13).shape, float(abs(noise_lattice(13).mean()).round(12))
-    ((13, 2), 0.0)
+    >>> points = noise_lattice(13)
+    >>> np.allclose(points.T @ points / 13, np.eye(2))
+    True
     """
+    if count < 3:  # too few to have a covariance
+        return np.zeros((count, 2))
     place = np.arange(count)
     golden = 0.5 * (np.sqrt(5.0) - 1.0)
-    shares = np.stack([(place + 0.5) / max(count, 1), (0.5 + place * golden) % 1.0], axis=1)
-    deviates = np.asarray(ndtri(shares))
-    if not count:
-        return deviates
+    shares = np.stack([(place + 0.5) / count, (0.5 + place * golden) % 1.0], axis=1)
+    deviates = ndtri(shares)
     deviates = deviates - deviates.mean(axis=0)
-    return deviates / deviates.std(axis=0) if count > 1 else deviates
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(np.cov(deviates.T, bias=True)), deviates.T).T)
 
 
 def check_model(model: ForwardModel, experiment: Experiment) -> None:

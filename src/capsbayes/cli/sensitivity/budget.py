@@ -46,8 +46,10 @@ def budget(
     measurement, known = read_capsule(capsule, experiment)
     view = SECTION if measurement.outline is None else measurement.outline.view
     model = Surrogate.open(database or f"{known.section}-neo-hookean", view=view)
-    posterior = identify(measurement, model, known, engine="quadrature", seed=seed, prior=Prior.read(capsule))
-    found = error_budget(posterior, model)
+    prior = Prior.read(capsule)
+    with Console(stderr=True).status("Working out the budget ..."):
+        posterior = identify(measurement, model, known, engine="quadrature", seed=seed, prior=prior)
+        found = error_budget(posterior, model)
     everything = {**found.as_dict(), "seed": seed}
     if out is not None:
         from capsbayes.report import budget_figure

@@ -52,7 +52,8 @@ def sobol(
     stated = _stated(ranges or [])
     measurement, known = read_capsule(capsule, experiment)
     model = Surrogate.open(database or f"{known.section}-neo-hookean")
-    study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
+    with Console(stderr=True).status("Answering the samples ..."):
+        study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
     if out is not None:
         from capsbayes.report import sobol_figure
 
