@@ -20,7 +20,29 @@ __all__ = ["identifiability_figure"]
 
 Floats = NDArray[np.float64]
 
-_LEVELS = (0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 70.0, 100.0, 150.0)  # %
+_LEVELS = (
+    0.2,
+    0.5,
+    0.7,
+    1.0,
+    1.2,
+    1.5,
+    2.0,
+    2.5,
+    3.0,
+    4.0,
+    5.0,
+    7.0,
+    10.0,
+    15.0,
+    20.0,
+    30.0,
+    40.0,
+    50.0,
+    70.0,
+    100.0,
+    150.0,
+)  # %
 _TICKS = (0.003, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _QUANTITIES = {"surface_shear_modulus": r"$G_\mathrm{s}$", "capsule_radius": "$a$"}
 
@@ -56,11 +78,12 @@ def _draw(ax: Axes, found: xr.Dataset, width: Floats, label: str) -> None:
     from matplotlib.colors import LogNorm
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch, Polygon
+    from matplotlib.path import Path
     from matplotlib.patheffects import withStroke
 
     ca, size = found["capillary_number"].to_numpy(), found["size_ratio"].to_numpy()
     border = _border(found)
-    shown = _levels(width)
+    shown = _levels(np.where(found["leaning"].to_numpy() <= LEANING_SHARE, width, np.nan))
     clip = ax.add_patch(Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3))
     norm: Any = LogNorm(shown[0], shown[-1])
     filled = _filled(width)
@@ -72,8 +95,10 @@ def _draw(ax: Axes, found: xr.Dataset, width: Floats, label: str) -> None:
     doubt = ax.contour(ca, size, two, levels=[0.5], colors="#c8552b", linestyles="dotted", linewidths=1.6)
     for drawn in (areas, lines, hatch, doubt):
         drawn.set_clip_path(clip)
+    inside = Path(border)
     for text in ax.clabel(lines, fmt=lambda value: f"{value:g} %", fontsize=8):
         text.set_path_effects([withStroke(linewidth=1.5, foreground="#333333")])
+        text.set_visible(inside.contains_point(text.get_position()))
     bar = ax.figure.colorbar(areas, ax=ax, label=label)
     bar.set_ticks(shown, labels=[f"{level:g}" for level in shown])
     _axes(ax, border)
@@ -107,6 +132,9 @@ def _border(found: xr.Dataset) -> Floats:
 
 
 def _levels(width: Floats) -> list[float]:
+    """Levels between the smallest and the largest width that is measured."""
+    if np.isnan(width).all():
+        return [float(level) for level in _LEVELS[-4:]]
     low, high = np.nanmin(width), np.nanmax(width)
     inner = [level for level in _LEVELS if low < level < high]
     if len(inner) > 1:

@@ -30,6 +30,8 @@ Progress = Callable[[Iterable, int, str], Iterable]
 GRID = (28, 20)
 """Points along log Ca and along a/l."""
 
+_WITHIN = 1e-9  # the ends of the grid lie within those of the model by more than they are rounded
+
 _MEANINGS = {
     "relative": ("width_of_surface_shear_modulus", "half of the 68 % interval of G_s over its median, mean over noise"),
     "sd": ("sd_of_log_surface_shear_modulus", "standard deviation of log G_s, mean over noise"),
@@ -83,7 +85,8 @@ def identifiability_map(
         )
     predictor = WidthPredictor(model, experiment, errors, noises=noises)
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
-    ca, size = np.geomspace(ca_low, ca_high, grid[0]), np.linspace(size_low, size_high, grid[1])
+    ends = (1.0 + _WITHIN) * ca_low, (1.0 - _WITHIN) * ca_high
+    ca, size = np.geomspace(*ends, grid[0]), np.linspace(size_low, size_high, grid[1])
     inside = np.stack([model.domain.contains(ca, np.full(len(ca), one)) for one in size])
     points = list(zip(*np.nonzero(inside), strict=True))
     values = {name: np.full(inside.shape, np.nan) for name in Width.names()}

@@ -91,14 +91,14 @@ def _table(found: ErrorBudget) -> Table:
     table.title_justify = "left"
     table.add_column("input", no_wrap=True)
     for one in (modulus, radius):
-        for heading in ("share", "slope", "an error"):
+        for heading in ("share", "slope", "change"):
             table.add_column(f"{one.symbol}\n{heading}", justify="right", no_wrap=True)
     for row in found.rows:
         table.add_row(
             escape(_input(row)), *_cells(row, modulus.name, modulus.scale), *_cells(row, radius.name, radius.scale)
         )
     table.caption = (
-        f"share: of the variance of the logarithm; slope: d ln / d ln of the input; an error: change with one standard "
+        f"share: of the variance of the logarithm; slope: d ln / d ln of the input; change: with one standard "
         f"error of the input, in {modulus.shown_unit} and {radius.shown_unit}"
     )
     table.caption_justify = "left"
