@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.experiment import Experiment, Uncertain, size_ratio
+from capsbayes.experiment import Experiment, Uncertain, check_positive, size_ratio
 from capsbayes.inference.inputs import Input
 
 __all__ = ["Draws", "Expectation"]
@@ -59,10 +59,16 @@ class Expectation:
 
     @classmethod
     def of(cls, surface_shear_modulus: Uncertain, capsule_radius: Uncertain, experiment: Experiment) -> Expectation:
-        """Of numbers or frozen distributions of `scipy.stats`, and of an experiment."""
+        """Of numbers or frozen distributions of `scipy.stats`, and of an experiment.
+
+        Raises
+        ------
+        InputError
+            If the expected G_s or a is not positive.
+        """
         return cls(
-            Input.of("surface_shear_modulus", surface_shear_modulus),
-            Input.of("capsule_radius", capsule_radius),
+            _positive("surface_shear_modulus", surface_shear_modulus),
+            _positive("capsule_radius", capsule_radius),
             Input.of("viscosity", experiment.viscosity),
             Input.of("half_width", experiment.half_width),
         )
@@ -90,3 +96,8 @@ class Expectation:
     @property
     def _all(self) -> dict[str, Input]:
         return {name: getattr(self, name) for name in Draws.__dataclass_fields__}
+
+
+def _positive(name: str, value: Uncertain) -> Input:
+    check_positive(value, "expected", name)
+    return Input.of(name, value)

@@ -22,6 +22,8 @@ __all__ = ["SimulatedWidths", "simulated_widths"]
 
 Floats = NDArray[np.float64]
 
+_LOST = 20  # capsules without a shape for each that has one, beyond which the search is given up
+
 
 @dataclass(frozen=True, eq=False)
 class SimulatedWidths:
@@ -103,13 +105,13 @@ def simulated_widths(
     without_shape = refused = 0
     with threadpool_limits(limits=1):
         while len(found) < count:
+            if without_shape + refused > _LOST * (len(found) + 10):
+                expected = f"a velocity at which {model.name} has a shape of such capsules"
+                raise InputError("simulated_widths", "mean_velocity", expected, f"{mean_velocity:g} m/s")
             drawn = expectation.drawn(rng, 1)
             lengths = _lengths(drawn, model, mean_velocity, errors, rng)
             if lengths is None:
                 without_shape += 1
-                if without_shape > 20 * (len(found) + 10):
-                    expected = f"a velocity at which {model.name} has a shape of such capsules"
-                    raise InputError("simulated_widths", "mean_velocity", expected, f"{mean_velocity:g} m/s")
                 continue
             with contextlib.suppress(InputError):
                 posterior = engine(errors.measured(*lengths))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.measurement import Measurement
@@ -43,6 +45,10 @@ def read_lab(
             if value is not None:
                 raise InputError(command, option, "no such option beside --like", f"{value:g}")
         measurement, known = read_capsule(like, experiment)
+        if measurement.outline is not None:
+            typer.echo(
+                f"The widths are those of the lengths of {like}; its outline would make them narrower.", err=True
+            )
         return LabErrors.of(measurement), known
     if experiment is None or extent_error is None or velocity_error is None:
         given = ", ".join(name for name, value in stated.items() if value is not None) or "none of them"
