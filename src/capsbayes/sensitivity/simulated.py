@@ -58,8 +58,21 @@ class SimulatedWidths:
 
     @property
     def standard_error(self) -> float:
-        """Of the mean width."""
-        return float(np.std(self.relative, ddof=1) / np.sqrt(len(self.relative)))
+        """Of the mean width; NaN for a single capsule."""
+        count = len(self.relative)
+        return float(np.std(self.relative, ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
+
+    def as_dict(self) -> dict[str, float | int | None]:
+        """Summary for files."""
+        return {
+            "capsules": len(self.relative),
+            "relative": self.mean,
+            "standard_error": self.standard_error if len(self.relative) > 1 else None,
+            "within_68": float(self.within.mean()),
+            "without_shape": self.without_shape,
+            "refused": self.refused,
+            "seed": self.seed,
+        }
 
 
 def simulated_widths(

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from capsbayes.sensitivity import FlowDesign, FlowPoint
+    from capsbayes.sensitivity import FlowDesign, FlowPoint, SimulatedWidths
 
 
 def flow(
@@ -46,53 +46,54 @@ def flow(
 
     Exit status: 0 done, 1 no flow rate is safe or tells G_s, 2 bad input.
     """
-    from rich.console import Console
-
-    from capsbayes.cli.folder import check_folder, filled
+    from capsbayes.cli.folder import check_folder
     from capsbayes.cli.sensitivity.inputs import read_lab
     from capsbayes.cli.sensitivity.output import as_json as text_of
-    from capsbayes.cli.sensitivity.output import progress, write_study
+    from capsbayes.cli.sensitivity.output import progress
     from capsbayes.sensitivity import flow_design, simulated_widths
     from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
-    expected = (
-        _expected("--shear-modulus", shear_modulus, "N/m", "50 +/- 10 mN/m"),
-        _expected("--radius", radius, "m", "24 +/- 1 um"),
-    )
+    modulus = _expected("--shear-modulus", shear_modulus, "N/m", "50 +/- 10 mN/m")
+    size = _expected("--radius", radius, "m", "24 +/- 1 um")
     errors, known = read_lab("flow", like, experiment, extent_error, length_error, velocity_error)
-    model = Surrogate.open(database or f"{known.section}-neo-hookean")
-    design = flow_design(*expected, known, errors, model, seed=seed, margin=margin, risk=risk, progress=progress)
-    everything = design.as_dict()
+    lab = (modulus, size, known, errors, Surrogate.open(database or f"{known.section}-neo-hookean"))
+    design = flow_design(*lab, seed=seed, margin=margin, risk=risk, progress=progress)
+    tried = None
     if simulate and design.best is not None:
-        tried = simulated_widths(
-            *expected, known, errors, model, mean_velocity=design.best.mean_velocity, count=max(simulate, 2), seed=seed
-        )
-        everything["simulated"] = {
-            "capsules": len(tried.relative),
-            "relative": tried.mean,
-            "standard_error": tried.standard_error,
-            "within_68": float(tried.within.mean()),
-            "without_shape": tried.without_shape,
-        }
+        tried = simulated_widths(*lab, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)
+    everything = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
     if out is not None:
-        from capsbayes.report import flow_figure
-
-        with filled(out) as folder:
-            write_study(folder, "flow", everything, flow_figure(design))
-            design.table().to_csv(folder / "flow.csv", index=False)
+        _write(design, everything, out)
     if as_json:
         typer.echo(text_of(everything))
     else:
-        console = Console(highlight=False)
-        console.print(_table(design))
-        for line in _lines(design, everything.get("simulated")):
-            console.print(line, markup=False)
-        if out is not None:
-            console.print(f"Written to {out}: flow.json, flow.csv, flow.png.", markup=False)
-        console.print(f"Status: {design.status}", style="green" if design.status.ok else "bold red")
+        _print(design, tried, out)
     if not design.status.ok:
         raise typer.Exit(1)
+
+
+def _write(design: FlowDesign, everything: dict[str, Any], out: Path) -> None:
+    """Write all files, or nothing."""
+    from capsbayes.cli.folder import filled
+    from capsbayes.cli.sensitivity.output import write_study
+    from capsbayes.report import flow_figure
+
+    with filled(out) as folder:
+        write_study(folder, "flow", everything, flow_figure(design))
+        design.table().to_csv(folder / "flow.csv", index=False)
+
+
+def _print(design: FlowDesign, tried: SimulatedWidths | None, out: Path | None) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(_table(design))
+    for line in _lines(design, tried):
+        console.print(line, markup=False)
+    if out is not None:
+        console.print(f"Written to {out}: flow.json, flow.csv, flow.png.", markup=False)
+    console.print(f"Status: {design.status}", style="green" if design.status.ok else "bold red")
 
 
 def _expected(option: str, text: str, unit: str, example: str) -> Any:
@@ -144,30 +145,30 @@ def _cells(point: FlowPoint) -> list[str]:
     ]
 
 
-def _lines(design: FlowDesign, simulated: dict[str, Any] | None) -> list[str]:
+def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:
     what = "the limit of existence" if design.limit.limit else "the end of the database"
-    lines = []
-    if design.best is not None and design.good is not None:
-        best, good = design.best, [1e3 * one for one in design.good]
-        lines.append(
-            f"Best: U = {1e3 * best.mean_velocity:.3g} mm/s, Q = {6e10 * best.flow_rate:.3g} uL/min, G_s to +/- "
-            f"{best.relative:.1%} (half of the 68 % interval over the median), a to +/- {best.relative_radius:.1%}."
-        )
-    lines.append(
+    limit = (
         f"The expected capsule reaches {what}, Ca = {design.limit.highest:.3g}, at U = "
         f"{1e3 * design.limit_velocity:.3g} mm/s."
     )
-    if design.best is not None:
-        if good[0] < good[1]:
-            lines.append(f"From {good[0]:.3g} to {good[1]:.3g} mm/s G_s is told within 5 % as well.")
+    lines = [limit] if design.best is None else _best_lines(design, design.best, limit)
+    if tried is not None:
         lines.append(
-            f"At the best flow rate a capsule comes nearer to it than {design.margin:.0%} in Ca with a probability of "
-            f"{design.best.beyond_margin:.1%}; at most {design.risk:.0%} was asked for."
+            f"{len(tried.relative)} simulated capsules came out at +/- {tried.mean:.1%} (standard error "
+            f"{tried.standard_error:.1%}), {tried.within.mean():.0%} of them within their 68 % interval."
         )
-    if simulated is not None:
-        lines.append(
-            f"{simulated['capsules']} simulated capsules came out at +/- {simulated['relative']:.1%} (standard error "
-            f"{simulated['standard_error']:.1%}), {simulated['within_68']:.0%} of them within their 68 % interval."
-        )
-    model = f"Model: {design.lab['model']}, sha256 {design.lab['model_sha256'][:12]}; seed {design.seed}."
-    return [*lines, model]
+    return [*lines, f"Model: {design.lab['model']}, sha256 {design.lab['model_sha256'][:12]}; seed {design.seed}."]
+
+
+def _best_lines(design: FlowDesign, best: FlowPoint, limit: str) -> list[str]:
+    low, high = (1e3 * one for one in design.good or (best.mean_velocity, best.mean_velocity))
+    lines = [
+        f"Best: U = {1e3 * best.mean_velocity:.3g} mm/s, Q = {6e10 * best.flow_rate:.3g} uL/min, G_s to +/- "
+        f"{best.relative:.1%} (half of the 68 % interval over the median), a to +/- {best.relative_radius:.1%}.",
+        limit,
+        f"At the best flow rate a capsule comes nearer to it than {design.margin:.0%} in Ca with a probability of "
+        f"{best.beyond_margin:.1%}; at most {design.risk:.0%} was asked for.",
+    ]
+    if low < high:
+        lines.insert(1, f"From {low:.3g} to {high:.3g} mm/s G_s is told within 5 % as well.")
+    return lines
