@@ -118,7 +118,10 @@ def test_the_flow_rate_for_expected_capsules(capsule, database, tmp_path):
         (("map", *LAB), "map: errors: expected --like CAPSULE, or --experiment with --extent-error"),
         (("map", "--like", "CAPSULE", *LAB), "map: --extent-error: expected no such option beside --like, got 0.01"),
         (("flow", "--shear-modulus", "50", "--radius", "24 um"), "flow: --shear-modulus: expected a text in N/m"),
-        (("flow", "--shear-modulus", "50 mN/m", "--radius", "90 um", "--like", "CAPSULE"), "outside the database"),
+        (
+            ("flow", "--shear-modulus", "50 mN/m", "--radius", "90 um", "--like", "CAPSULE"),
+            "capsule_radius: expected a radius between",
+        ),
         (("sobol", "CAPSULE", "--range", "viscosity"), "--range: expected NAME=RANGE, got 'viscosity'"),
         (("sobol", "CAPSULE", "--range", "viscosity=1 Pa s"), "--range: viscosity: expected a range like"),
         (("budget", "nowhere.toml"), "nowhere.toml: expected a file, got nothing there"),

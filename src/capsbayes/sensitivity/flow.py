@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from capsbayes.errors import InputError, OutsideDatabaseError
+from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, Uncertain
 from capsbayes.inference.checks import LEANING_SHARE
 from capsbayes.inference.prior import Prior
@@ -95,9 +95,7 @@ def flow_design(
     Raises
     ------
     InputError
-        If an argument cannot be used.
-    OutsideDatabaseError
-        If the model has no shape of the expected size.
+        If an argument cannot be used, or the model has no shape of the expected size.
     """
     if not (0.0 <= margin < 1.0 and 0.0 <= risk < 1.0):
         raise InputError("flow_design", "margin, risk", "shares from 0 to below 1", f"{margin:g}, {risk:g}")
@@ -106,7 +104,8 @@ def flow_design(
     here = range_at(model, float(centre.size_ratio[0]))
     if here.empty:
         low, high = model.domain.bounds[1]
-        raise OutsideDatabaseError(float("nan"), here.size_ratio, f"a/l runs from {low:.4g} to {high:.4g}")
+        wanted = f"a radius between {low:.4g} and {high:.4g} l, as {model.name} has them"
+        raise InputError("flow_design", "capsule_radius", wanted, f"a/l = {here.size_ratio:.4g}")
     expected_modulus = float(centre.surface_shear_modulus[0])
     predictor = WidthPredictor(
         model, experiment, errors, prior=prior, surface_shear_modulus=expected_modulus, noises=noises
