@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-NAMES = ("pictures", "films", "surrogate", "off_nodes", "inference", "outline", "simulator")
+NAMES = ("pictures", "films", "surrogate", "off_nodes", "inference", "outline", "sensitivity", "simulator")
 
 
 def main() -> int:

@@ -34,6 +34,11 @@ _HOME = {
     "identify_folder": "capsbayes.population",
     "measure": "capsbayes.image",
     "write_report": "capsbayes.report",
+    "LabErrors": "capsbayes.sensitivity",
+    "error_budget": "capsbayes.sensitivity",
+    "flow_design": "capsbayes.sensitivity",
+    "identifiability_map": "capsbayes.sensitivity",
+    "sobol_indices": "capsbayes.sensitivity",
 }
 
 __all__ = [*sorted(_HOME), "__version__"]
@@ -53,6 +58,7 @@ if TYPE_CHECKING:
     from capsbayes.population.identify_folder import identify_folder
     from capsbayes.profile import Profile
     from capsbayes.report.write_report import write_report
+    from capsbayes.sensitivity import LabErrors, error_budget, flow_design, identifiability_map, sobol_indices
     from capsbayes.simulation import Simulator, SteadyState, build_database
     from capsbayes.status import Status
     from capsbayes.surrogate import Surrogate

@@ -22,6 +22,7 @@ __all__ = [
     "capillary_number",
     "capsule_radius",
     "centre_and_error",
+    "check_positive",
     "mean_velocity",
     "positive_normal",
     "size_ratio",
@@ -78,7 +79,7 @@ class Experiment:
         if self.section not in SECTIONS:
             raise InputError(where, "section", " or ".join(f'"{name}"' for name in SECTIONS), repr(self.section))
         for key in ("half_width", "viscosity"):
-            _check_positive(getattr(self, key), where, key)
+            check_positive(getattr(self, key), where, key)
 
     @classmethod
     def read(cls, path: str | Path) -> Experiment:
@@ -209,7 +210,8 @@ def _text(value: Uncertain, key: str) -> str:
     return f"{float(value.kwds['loc'])!r} +/- {float(value.kwds['scale'])!r}"
 
 
-def _check_positive(value: Uncertain, where: str, key: str) -> None:
+def check_positive(value: Uncertain, where: str, key: str) -> None:
+    """Refuse a number or a distribution that is not positive and finite, naming its file or argument and its key."""
     if hasattr(value, "cdf"):
         if not np.isfinite(value.std()):
             raise InputError(where, key, "a distribution of finite variance", "an infinite or undefined one")

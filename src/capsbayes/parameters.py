@@ -55,7 +55,7 @@ class Parameter:
     @property
     def axis_label(self) -> str:
         """Label for the axis of a figure."""
-        unit = self.shown_unit.replace("um", "µm")
+        unit = self.shown_unit.replace("um", "µm").replace("uL", "µL")
         return f"${self.latex}$ [{unit}]" if unit not in ("", "-") else f"${self.latex}$"
 
     def shown(self, value: float) -> float:
@@ -82,6 +82,7 @@ _TABLE = (
     _ratio("section_aspect", "b/l", r"b/\ell", "depth of the channel along the direction of view over the width seen"),
     Parameter("viscosity", "mu", r"\mu", "Pa s", "Pa s", 1.0, "viscosity of the suspending liquid"),
     Parameter("mean_velocity", "U", "U", "m/s", "mm/s", 1e3, "mean velocity of the undisturbed flow"),
+    Parameter("flow_rate", "Q", "Q", "m^3/s", "uL/min", 6e10, "volume of the liquid that flows through in a time"),
     Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
     # of the flow problem
     _ratio("capillary_number", "Ca", r"\mathrm{Ca}", "viscous over elastic forces, mu U / G_s"),

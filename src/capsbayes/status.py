@@ -60,6 +60,11 @@ class Status(enum.Enum):
     NO_SHAPE = "No shape of the model is near the lengths: they are more than five standard errors from every one."
     UNUSABLE = "The numbers given for this capsule cannot be used; the reason stands beside it."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
+    # studies of sensitivity
+    NO_FLOW_RATE = "No flow rate keeps the expected capsules below the limit of existence with the margin asked for."
+    RANGES_LEAVE_DATABASE = (
+        "More than a tenth of the samples have a shape that no capsule of the database has: narrow the ranges."
+    )
 
     @property
     def ok(self) -> bool:

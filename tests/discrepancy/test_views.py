@@ -9,8 +9,8 @@ from sessions import drawn_session
 from capsbayes import Surrogate
 from capsbayes.discrepancy.fits import fitted, whitening
 from capsbayes.discrepancy.session import Session
-from capsbayes.sets.netcdf import read_netcdf, write_netcdf
 from capsbayes.errors import InputError
+from capsbayes.sets.netcdf import read_netcdf, write_netcdf
 
 
 @pytest.fixture(scope="module")

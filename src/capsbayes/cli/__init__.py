@@ -39,6 +39,7 @@ for _name in (
     "exam",
 ):
     app.command(_name)(getattr(importlib.import_module(f"capsbayes.cli.{_name}"), _name))
+app.add_typer(importlib.import_module("capsbayes.cli.sensitivity").app, name="sensitivity")
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ from capsbayes.inference.mixed_quadrature import exact_engine
 from capsbayes.inference.outline_likelihood import OutlineLikelihood, check_view_of
 from capsbayes.inference.posterior import REPORTED, Posterior
 from capsbayes.inference.prior import Prior
+from capsbayes.inference.section import check_section
 from capsbayes.inference.shares import variance_shares
 from capsbayes.inference.tabulated_outline import TabulatedOutline
 from capsbayes.inference.target import Target
@@ -87,7 +88,7 @@ def identify(
     """
     if engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
-    _check_section(model, experiment)
+    check_section(model, experiment)
     if measurement.outline is not None:
         check_view_of(model, measurement.outline, measurement.source or "measurement")
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would only wait for each other
@@ -120,14 +121,6 @@ def identify(
             outlines=_outlines(draws, model),
             status=verdict(gates, agreed, leans),
         )
-
-
-def _check_section(model: ForwardModel, experiment: Experiment) -> None:
-    database = getattr(model, "database", None)
-    section = None if database is None else database.dataset.attrs.get("section")
-    if section is not None and section != experiment.section:
-        where = experiment.source or "experiment"
-        raise InputError(where, "section", f'"{section}", that of the model', f'"{experiment.section}"')
 
 
 def _reported(grid: GridPosterior | MixedPosterior) -> tuple[str, ...]:

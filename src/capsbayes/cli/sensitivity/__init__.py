@@ -1,0 +1,19 @@
+"""``capsbayes sensitivity``: which input owns the interval of a capsule, and where a lab should measure."""
+
+from __future__ import annotations
+
+import typer
+
+from capsbayes.cli.sensitivity.budget import budget
+from capsbayes.cli.sensitivity.flow import flow
+from capsbayes.cli.sensitivity.map import identifiability
+from capsbayes.cli.sensitivity.sobol import sobol
+
+app = typer.Typer(
+    help="Which input owns the interval of G_s and a, how precisely a lab can measure them, and at which flow rate.",
+    no_args_is_help=True,
+)
+app.command("budget")(budget)
+app.command("sobol")(sobol)
+app.command("map")(identifiability)
+app.command("flow")(flow)

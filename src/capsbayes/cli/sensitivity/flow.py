@@ -1,0 +1,174 @@
+"""``capsbayes sensitivity flow``: at which flow rate to measure capsules of an expected G_s and a."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from capsbayes.sensitivity import FlowDesign, FlowPoint, SimulatedWidths
+
+
+def flow(
+    shear_modulus: Annotated[str, typer.Option(help='Expected G_s, as "50 mN/m" or "50 +/- 10 mN/m".')],
+    radius: Annotated[str, typer.Option(help='Expected a, as "24 um" or "24 +/- 1 um".')],
+    out: Annotated[Path | None, typer.Option(help="Folder for flow.json, flow.csv, flow.png.")] = None,
+    like: Annotated[Path | None, typer.Option(help="TOML file of a capsule measured with the same errors.")] = None,
+    experiment: Annotated[
+        Path | None, typer.Option(help="TOML file of the experiment; default: the one the capsule's file names.")
+    ] = None,
+    extent_error: Annotated[float | None, typer.Option(help="Standard error of L_z, over l.")] = None,
+    length_error: Annotated[
+        float | None, typer.Option(help="Standard error of L_a, over l; leave it out where the rear is not seen.")
+    ] = None,
+    velocity_error: Annotated[float | None, typer.Option(help="Standard error of v_o, over v_o.")] = None,
+    database: Annotated[
+        str | None,
+        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
+    ] = None,
+    margin: Annotated[
+        float, typer.Option(min=0.0, max=0.99, help="Share of the limiting Ca by which to stay below it.")
+    ] = 0.1,
+    risk: Annotated[
+        float, typer.Option(min=0.0, max=0.99, help="Probability that a capsule comes nearer to the limit.")
+    ] = 0.05,
+    simulate: Annotated[
+        int, typer.Option(min=0, help="Capsules to simulate at the best flow rate, to try the predicted width.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the capsules drawn; stored in the results.")] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the design as JSON.")] = False,
+) -> None:
+    """Choose the flow rate: the smallest expected width of G_s below the limit of existence.
+
+    Exit status: 0 done, 1 no flow rate is safe or tells G_s, 2 bad input.
+    """
+    from capsbayes.cli.folder import check_folder
+    from capsbayes.cli.sensitivity.inputs import read_lab
+    from capsbayes.cli.sensitivity.output import as_json as text_of
+    from capsbayes.cli.sensitivity.output import progress
+    from capsbayes.sensitivity import flow_design, simulated_widths
+    from capsbayes.surrogate import Surrogate
+
+    check_folder("--out", out)
+    modulus = _expected("--shear-modulus", shear_modulus, "N/m", "50 +/- 10 mN/m")
+    size = _expected("--radius", radius, "m", "24 +/- 1 um")
+    errors, known = read_lab("flow", like, experiment, extent_error, length_error, velocity_error)
+    lab = (modulus, size, known, errors, Surrogate.open(database or f"{known.section}-neo-hookean"))
+    design = flow_design(*lab, seed=seed, margin=margin, risk=risk, progress=progress)
+    tried = None
+    if simulate and design.best is not None:
+        tried = simulated_widths(*lab, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)
+    everything = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
+    if out is not None:
+        _write(design, everything, out)
+    if as_json:
+        typer.echo(text_of(everything))
+    else:
+        _print(design, tried, out)
+    if not design.status.ok:
+        raise typer.Exit(1)
+
+
+def _write(design: FlowDesign, everything: dict[str, Any], out: Path) -> None:
+    """Write all files, or nothing."""
+    from capsbayes.cli.folder import filled
+    from capsbayes.cli.sensitivity.output import write_study
+    from capsbayes.report import flow_figure
+
+    with filled(out) as folder:
+        write_study(folder, "flow", everything, flow_figure(design))
+        design.table().to_csv(folder / "flow.csv", index=False)
+
+
+def _print(design: FlowDesign, tried: SimulatedWidths | None, out: Path | None) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(_table(design))
+    for line in _lines(design, tried):
+        console.print(line, markup=False)
+    if out is not None:
+        console.print(f"Written to {out}: flow.json, flow.csv, flow.png.", markup=False)
+    console.print(f"Status: {design.status}", style="green" if design.status.ok else "bold red")
+
+
+def _expected(option: str, text: str, unit: str, example: str) -> Any:
+    """A number, or a normal distribution cut at zero."""
+    from capsbayes.experiment import positive_normal
+    from capsbayes.quantity import quantity
+
+    one = quantity(text, where="flow", key=option, units=(unit,), example=example)
+    return positive_normal(one.value, one.error) if one.error else one.value
+
+
+def _table(design: FlowDesign) -> Table:
+    """Some of the velocities, and the best."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title="Expected width of G_s", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.title_justify = "left"
+    for heading in (
+        "U\nmm/s",
+        "Q\nuL/min",
+        "v_o\nmm/s",
+        "Ca",
+        "G_s\n+/-",
+        "a\n+/-",
+        "next to\nborder",
+        "beyond\nlimit",
+        "",
+    ):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for number, point in enumerate(design.points):
+        if point is design.best or number % 12 == 11:
+            table.add_row(*_cells(point), "best" if point is design.best else "" if point.allowed else "no")
+    table.caption = "no: not to be chosen, for the posterior leans on the border of the database, or it is too near"
+    table.caption_justify = "left"
+    return table
+
+
+def _cells(point: FlowPoint) -> list[str]:
+    return [
+        f"{1e3 * point.mean_velocity:.3g}",
+        f"{6e10 * point.flow_rate:.3g}",
+        f"{1e3 * point.capsule_velocity:.3g}",
+        f"{point.capillary_number:.3g}",
+        f"{point.relative:.1%}",
+        f"{point.relative_radius:.1%}",
+        f"{point.leaning:.0%}",
+        f"{point.beyond_limit:.1%}",
+    ]
+
+
+def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:
+    what = "the limit of existence" if design.limit.limit else "the end of the database"
+    limit = (
+        f"The expected capsule reaches {what}, Ca = {design.limit.highest:.3g}, at U = "
+        f"{1e3 * design.limit_velocity:.3g} mm/s."
+    )
+    lines = [limit] if design.best is None else _best_lines(design, design.best, limit)
+    if tried is not None:
+        lines.append(
+            f"{len(tried.relative)} simulated capsules came out at +/- {tried.mean:.1%} (standard error "
+            f"{tried.standard_error:.1%}), {tried.within.mean():.0%} of them within their 68 % interval."
+        )
+    return [*lines, f"Model: {design.lab['model']}, sha256 {design.lab['model_sha256'][:12]}; seed {design.seed}."]
+
+
+def _best_lines(design: FlowDesign, best: FlowPoint, limit: str) -> list[str]:
+    low, high = (1e3 * one for one in design.good or (best.mean_velocity, best.mean_velocity))
+    lines = [
+        f"Best: U = {1e3 * best.mean_velocity:.3g} mm/s, Q = {6e10 * best.flow_rate:.3g} uL/min, G_s to +/- "
+        f"{best.relative:.1%} (half of the 68 % interval over the median), a to +/- {best.relative_radius:.1%}.",
+        limit,
+        f"At the best flow rate a capsule comes nearer to it than {design.margin:.0%} in Ca with a probability of "
+        f"{best.beyond_margin:.1%}; at most {design.risk:.0%} was asked for.",
+    ]
+    if low < high:
+        lines.insert(1, f"From {low:.3g} to {high:.3g} mm/s G_s is told within 5 % as well.")
+    return lines

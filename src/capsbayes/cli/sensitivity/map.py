@@ -1,0 +1,127 @@
+"""``capsbayes sensitivity map``: how precisely a lab can measure G_s and a, over (Ca, a/l)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray as xr
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+def identifiability(
+    out: Annotated[Path | None, typer.Option(help="Folder for map.nc, map.json, map.png, map-radius.png.")] = None,
+    like: Annotated[Path | None, typer.Option(help="TOML file of a capsule measured with the same errors.")] = None,
+    experiment: Annotated[
+        Path | None, typer.Option(help="TOML file of the experiment; default: the one the capsule's file names.")
+    ] = None,
+    extent_error: Annotated[float | None, typer.Option(help="Standard error of L_z, over l.")] = None,
+    length_error: Annotated[
+        float | None, typer.Option(help="Standard error of L_a, over l; leave it out where the rear is not seen.")
+    ] = None,
+    velocity_error: Annotated[float | None, typer.Option(help="Standard error of v_o, over v_o.")] = None,
+    database: Annotated[
+        str | None,
+        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
+    ] = None,
+    points: Annotated[tuple[int, int], typer.Option(help="Points along log Ca and along a/l.")] = (28, 20),
+    noises: Annotated[int, typer.Option(min=0, help="Measurements that each width is averaged over.")] = 13,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what the map says in short as JSON.")] = False,
+) -> None:
+    """Map of the relative width of G_s and a that a lab would get with its own errors.
+
+    The map has no randomness. Exit status: 0 done, 2 bad input.
+    """
+    from rich.console import Console
+
+    from capsbayes.cli.folder import check_folder, filled
+    from capsbayes.cli.sensitivity.inputs import read_lab
+    from capsbayes.cli.sensitivity.output import as_json as text_of
+    from capsbayes.cli.sensitivity.output import progress, write_study
+    from capsbayes.sensitivity import identifiability_map
+    from capsbayes.surrogate import Surrogate
+
+    check_folder("--out", out)
+    errors, known = read_lab("map", like, experiment, extent_error, length_error, velocity_error)
+    model = Surrogate.open(database or f"{known.section}-neo-hookean")
+    found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=progress)
+    short = _short(found)
+    if out is not None:
+        from capsbayes.report import identifiability_figure
+
+        with filled(out) as folder:
+            found.to_netcdf(folder / "map.nc", engine="h5netcdf")
+            write_study(folder, "map", short, identifiability_figure(found))
+            identifiability_figure(found, "capsule_radius").savefig(folder / "map-radius.png", dpi=140)
+    if as_json:
+        typer.echo(text_of(short))
+        return
+    console = Console(highlight=False)
+    for line in _lines(short):
+        console.print(line, markup=False)
+    if out is not None:
+        console.print(f"Written to {out}: map.nc, map.json, map.png, map-radius.png.", markup=False)
+
+
+def _short(found: xr.Dataset) -> dict[str, Any]:
+    """Where the map is best, and which share of its points is how good."""
+    import json
+
+    import numpy as np
+
+    from capsbayes.inference.checks import LEANING_SHARE
+
+    width = found["width_of_surface_shear_modulus"].to_numpy()
+    known = np.isfinite(width)
+    measured = known & (found["leaning"].to_numpy() <= LEANING_SHARE)
+    below = {f"{level:.0%}": float(np.mean(width[known] <= level)) for level in (0.05, 0.1, 0.2, 0.5)}
+    return {
+        "best": _best(found, np.where(measured, width, np.inf)),
+        "share_of_points_with_width_below": below,
+        "share_of_points_that_lean_on_the_border": float(1.0 - measured.sum() / known.sum()),
+        "points": int(known.sum()),
+        **{name: found.attrs[name] for name in ("model", "model_sha256", "section", "version")},
+        "noises": int(found.attrs["noises"]),
+        **{name: json.loads(found.attrs[name]) for name in ("experiment", "errors")},
+    }
+
+
+def _best(found: xr.Dataset, width: Floats) -> dict[str, float] | None:
+    """The smallest width and where it is; None where none is measured."""
+    import numpy as np
+
+    if not np.isfinite(width).any():
+        return None
+    row, column = np.unravel_index(np.argmin(width), width.shape)
+    return {
+        "capillary_number": float(found["capillary_number"][column]),
+        "size_ratio": float(found["size_ratio"][row]),
+        "width_of_surface_shear_modulus": float(width[row, column]),
+        "width_of_capsule_radius": float(found["width_of_capsule_radius"][row, column]),
+    }
+
+
+def _lines(short: dict[str, Any]) -> list[str]:
+    best, below = short["best"], short["share_of_points_with_width_below"]
+    first = (
+        "Nowhere do these errors tell G_s."
+        if best is None
+        else (
+            f"G_s is told best at Ca = {best['capillary_number']:.3g}, a/l = {best['size_ratio']:.3g}: to +/- "
+            f"{best['width_of_surface_shear_modulus']:.1%}, and a to +/- {best['width_of_capsule_radius']:.1%} "
+            "(half of the 68 % interval over the median)."
+        )
+    )
+    return [
+        first,
+        f"Of {short['points']} points, " + ", ".join(f"{share:.0%} to {level}" for level, share in below.items()) + ".",
+        f"At {short['share_of_points_that_lean_on_the_border']:.0%} of them the posterior leans on the border of the "
+        "database: the width is cut there, and not measured.",
+        f"Model: {short['model']}, sha256 {short['model_sha256'][:12]}.",
+    ]

@@ -1,0 +1,65 @@
+"""Between which capillary numbers a model has shapes at one size, and whether steady shapes end above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.model import ForwardModel
+
+__all__ = ["CaRange", "range_at"]
+
+Floats = NDArray[np.float64]
+
+_SCANNED = 4001
+
+
+@dataclass(frozen=True)
+class CaRange:
+    """Range of Ca at one a/l.
+
+    Parameters
+    ----------
+    size_ratio : float
+    lowest, highest : float
+        Ends of the model; NaN where it has no shape of this size.
+    limit : bool
+        Whether no steady shape is known above the highest, rather than none computed.
+    """
+
+    size_ratio: float
+    lowest: float
+    highest: float
+    limit: bool
+
+    @property
+    def empty(self) -> bool:
+        """Whether the model has no shape of this size."""
+        return not np.isfinite(self.highest)
+
+    def inner(self, count: int) -> Floats:
+        """Points in equal ratios from one end to the other, a thousandth within them : (count,) array."""
+        return np.geomspace(1.001 * self.lowest, 0.999 * self.highest, count)
+
+
+def range_at(model: ForwardModel, size_ratio: float) -> CaRange:
+    """Range of Ca of a model at one a/l."""
+    low, high = model.domain.bounds[0]
+    ca = np.geomspace(low, high, _SCANNED)
+    within = np.flatnonzero(model.domain.contains(ca, np.full(_SCANNED, size_ratio)))
+    if not within.size:
+        return CaRange(size_ratio, np.nan, np.nan, False)
+    highest = float(ca[within[-1]])
+    return CaRange(size_ratio, float(ca[within[0]]), highest, _is_limit(model, highest, size_ratio))
+
+
+def _is_limit(model: ForwardModel, highest: float, size_ratio: float) -> bool:
+    """What the region that reaches highest says of its upper border; a model without regions says nothing."""
+    regions = getattr(model.domain, "regions", ())
+    here = [one for one in regions if one.size_ratio[0] <= size_ratio <= one.size_ratio[-1]]
+    if not here:
+        return False
+    top = max(here, key=lambda one: one.borders(size_ratio)[1])
+    return bool(top.limit[int(np.argmin(np.abs(top.size_ratio - size_ratio)))])

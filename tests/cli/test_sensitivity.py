@@ -1,0 +1,134 @@
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from capsbayes.cli import app
+from capsbayes.errors import CapsbayesError
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "surrogate"))  # for the manufactured database
+
+import manufactured
+
+EXPERIMENT = 'section = "square"\nhalf_width = "25.0 um"\nviscosity = "0.85 Pa s"\n'
+LAB = ("--extent-error", "0.01", "--length-error", "0.01", "--velocity-error", "0.01")
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory):
+    path = tmp_path_factory.mktemp("database") / "manufactured.nc"
+    manufactured.database().write(path)
+    return path
+
+
+@pytest.fixture
+def capsule(tmp_path):
+    """A capsule that the manufactured database has at Ca = 0.06, a/l = 0.9."""
+    extent, length = manufactured.lengths(0.06, 0.9)[:2]
+    (tmp_path / "channel.toml").write_text(EXPERIMENT)
+    path = tmp_path / "capsule.toml"
+    path.write_text(
+        'experiment = "channel.toml"\n[measurement]\n'
+        f'axial_extent = "{extent:.4f} +/- 0.01"\naxial_length = "{length:.4f} +/- 0.01"\n'
+        'capsule_velocity = "6.20 +/- 0.06 mm/s"\n'
+    )
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["sensitivity", *map(str, arguments)])
+
+
+def said(result):
+    return " ".join(result.output.split())
+
+
+def files(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def test_the_budget_of_a_capsule(capsule, database, tmp_path):
+    result = run("budget", capsule, "--database", database, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    for words in ("Error budget: G_s =", "mu = 0.85 Pa s", "L_a =", "model's own error", "seed 1", "Status: Done."):
+        assert words in said(result)
+    assert files(tmp_path / "out") == {"budget.json", "budget.csv", "budget.png"}
+    stored = json.loads((tmp_path / "out" / "budget.json").read_text())
+    shares = [row["share_of_variance"]["surface_shear_modulus"] for row in stored["inputs"].values()]
+    assert sum(shares) == pytest.approx(1.0)
+
+
+def test_a_budget_that_leans_on_the_border_ends_with_status_one(capsule, database):
+    capsule.write_text("\n".join(line for line in capsule.read_text().splitlines() if "axial_length" not in line))
+    result = run("budget", capsule, "--database", database, "--json")
+    assert result.exit_code == 1
+    stored = json.loads(result.stdout)
+    assert stored["status"] == "LEANS_ON_BORDER"
+    assert "L_a was not measured" in stored["notes"][0]
+
+
+def test_sobol_indices_of_a_capsule(capsule, database, tmp_path):
+    asked = ("sobol", capsule, "--database", database, "--samples", 64, "--range", "viscosity=0.8 .. 0.9 Pa s")
+    result = run(*asked, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    for words in ("mu = 0.8 .. 0.9 Pa s", "L_z =", "384 samples in 64 groups", "Status: Done."):
+        assert words in said(result)
+    assert files(tmp_path / "out") == {"sobol.json", "sobol.png"}
+    stored = json.loads(run(*asked, "--json").stdout)
+    assert stored == json.loads((tmp_path / "out" / "sobol.json").read_text())
+    assert stored["indices"]["capillary_number"]["viscosity"]["total"] == 0.0
+
+
+def test_the_map_of_a_lab(capsule, database, tmp_path):
+    asked = ("map", "--like", capsule, "--database", database, "--points", 6, 5, "--noises", 3)
+    result = run(*asked, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "half of the 68 % interval over the median" in said(result)
+    assert files(tmp_path / "out") == {"map.nc", "map.json", "map.png", "map-radius.png"}
+    with xr.open_dataset(tmp_path / "out" / "map.nc", engine="h5netcdf") as found:
+        assert dict(found.sizes) == {"size_ratio": 5, "capillary_number": 6}
+        smallest = float(found["width_of_surface_shear_modulus"].min())
+        assert len(found.attrs["model_sha256"]) == 64
+    stored = json.loads((tmp_path / "out" / "map.json").read_text())
+    assert stored["best"]["width_of_surface_shear_modulus"] >= smallest
+
+
+def test_the_flow_rate_for_expected_capsules(capsule, database, tmp_path):
+    expected = ("--shear-modulus", "50 +/- 2 mN/m", "--radius", "22.5 um", "--database", database)
+    result = run("flow", *expected, "--like", capsule, "--out", tmp_path / "out", "--simulate", 10)
+    assert result.exit_code == 0, result.output
+    for words in ("Best: U =", "uL/min", "10 simulated capsules came out at", "at most 5% was asked for"):
+        assert words in said(result)
+    assert files(tmp_path / "out") == {"flow.json", "flow.csv", "flow.png"}
+    stored = json.loads((tmp_path / "out" / "flow.json").read_text())
+    best = stored["best"]
+    assert best["flow_rate"] == pytest.approx(best["mean_velocity"] * 50e-6**2)
+    assert best["mean_velocity"] < stored["limit"]["mean_velocity"]
+    rows = np.genfromtxt(tmp_path / "out" / "flow.csv", delimiter=",", names=True)
+    assert len(rows) == len(stored["points"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("map", *LAB), "map: errors: expected --like CAPSULE, or --experiment with --extent-error"),
+        (("map", "--like", "CAPSULE", *LAB), "map: --extent-error: expected no such option beside --like, got 0.01"),
+        (("flow", "--shear-modulus", "50", "--radius", "24 um"), "flow: --shear-modulus: expected a text in N/m"),
+        (
+            ("flow", "--shear-modulus", "50 mN/m", "--radius", "90 um", "--like", "CAPSULE"),
+            "capsule_radius: expected a radius between",
+        ),
+        (("sobol", "CAPSULE", "--range", "viscosity"), "--range: expected NAME=RANGE, got 'viscosity'"),
+        (("sobol", "CAPSULE", "--range", "viscosity=1 Pa s"), "--range: viscosity: expected a range like"),
+        (("budget", "nowhere.toml"), "nowhere.toml: expected a file, got nothing there"),
+    ],
+)
+def test_bad_input_is_one_line(capsule, database, arguments, message):
+    result = run(*(capsule if one == "CAPSULE" else one for one in arguments), "--database", database)
+    assert isinstance(result.exception, CapsbayesError)
+    assert message in str(result.exception)
+    assert "\n" not in str(result.exception)
