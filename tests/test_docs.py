@@ -40,7 +40,9 @@ def commands():
 
 @pytest.mark.parametrize("words", list(commands()))
 def test_commands_and_options_on_the_pages_exist(words):
-    command = typer.main.get_command(app).commands[words[0]]
+    command, rest = typer.main.get_command(app), iter(words)
+    while hasattr(command, "commands"):
+        command = command.commands[next(rest)]
     known = {name for parameter in command.params for name in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= known | {"--help"}
 

@@ -24,12 +24,14 @@ _HOME = {
     "build_database": "capsbayes.simulation",
     "Experiment": "capsbayes.experiment",
     "MeasuredOutline": "capsbayes.measured_outline",
+    "Hierarchy": "capsbayes.population",
     "Measurement": "capsbayes.measurement",
     "OutlineNoise": "capsbayes.measured_outline",
     "Population": "capsbayes.population",
     "Posterior": "capsbayes.inference",
     "Session": "capsbayes.discrepancy",
     "diagnose": "capsbayes.discrepancy",
+    "hierarchy": "capsbayes.population",
     "identify": "capsbayes.inference",
     "identify_folder": "capsbayes.population",
     "measure": "capsbayes.image",
@@ -54,7 +56,8 @@ if TYPE_CHECKING:
     from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
     from capsbayes.measurement import Measurement
     from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
-    from capsbayes.population import Population
+    from capsbayes.population import Hierarchy, Population
+    from capsbayes.population.hierarchy import hierarchy
     from capsbayes.population.identify_folder import identify_folder
     from capsbayes.profile import Profile
     from capsbayes.report.write_report import write_report

@@ -107,6 +107,20 @@ _TABLE = (
     # of the membranes of a session, and of the liquid
     _ratio("modulus_slope", "d ln G_s / d ln a", r"d\ln G_\mathrm{s}/d\ln a", "power of the size with which G_s grows"),
     Parameter("viscosity_error", "eps_mu", r"\epsilon_\mu", "-", "%", 1e2, "relative error of the viscosity"),
+    # of a population
+    Parameter(
+        "modulus_spread", "sd ln G_s", r"\sigma_{\ln G_\mathrm{s}}", "-", "%", 1e2, "spread of G_s among capsules"
+    ),
+    Parameter(
+        "modulus_spread_at_given_size",
+        "sd ln G_s | a",
+        r"\sigma_{\ln G_\mathrm{s}|a}",
+        "-",
+        "%",
+        1e2,
+        "spread of G_s among capsules of one size",
+    ),
+    Parameter("radius_spread", "sd ln a", r"\sigma_{\ln a}", "-", "%", 1e2, "spread of a among capsules"),
     # of a simulation
     _ratio("refinement", "n", "n", "subdivisions of an edge of the octahedron"),
     _ratio("residual", "R", "R", "largest velocity of the membrane in the frame of the capsule", "U"),

@@ -30,6 +30,7 @@ for _name in (
     "measure",
     "identify",
     "batch",
+    "population",
     "diagnose",
     "report",
     "atlas",

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from capsbayes.population import Population
+    from capsbayes.population import Hierarchy, Population
 
 
 _SHOWN = ("median", "lower_quartile", "upper_quartile", "error")
@@ -57,6 +57,7 @@ def batch(
     import json
 
     from capsbayes.cli.measure_picture import speed_of
+    from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
     from capsbayes.population import identify_folder
     from capsbayes.population.listing import section_and_view
@@ -80,15 +81,16 @@ def batch(
         workers=workers,
         progress=not as_json,
     )
+    found = together(population, out, seed=seed)
     if as_json:
-        typer.echo(json.dumps(_summary(population), indent=2))
+        typer.echo(json.dumps(_summary(population, found), indent=2))
     else:
-        _print(population, out)
+        _print(population, found, out)
     if not population.usable.all():
         raise typer.Exit(1)
 
 
-def _summary(population: Population) -> dict[str, object]:
+def _summary(population: Population, hierarchy: Hierarchy | None) -> dict[str, object]:
     """Counts, medians and ranges of the capsules that can be used, and what made them."""
     found = population.attributes
     return {
@@ -96,6 +98,7 @@ def _summary(population: Population) -> dict[str, object]:
         "statuses": {status.name: count for status, count in population.counts.items()},
         "quantities": _medians(population),
         "agreement": found.get("agreement"),
+        "hierarchy": None if hierarchy is None else hierarchy.as_dict(),
         **{name: found[name] for name in ("model", "model_sha256", "experiment", "prior", "seed", "version")},
     }
 
@@ -119,14 +122,18 @@ def _medians(population: Population) -> dict[str, dict[str, float | str]]:
     return rows
 
 
-def _print(population: Population, out: Path) -> None:
+def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> None:
     from rich.console import Console
+
+    from capsbayes.cli.population import print_hierarchy
 
     console = Console(highlight=False)
     console.print(f"{len(population)} capsules", style="bold")
     for status, count in population.counts.items():
         console.print(f"  {count:>7}  {status}", markup=False)
     console.print(_table(population))
+    if hierarchy is not None:
+        print_hierarchy(console, hierarchy)
     agreement = population.attributes.get("agreement")
     if isinstance(agreement, dict):
         from capsbayes.population.check import Compared

@@ -42,7 +42,7 @@ def population_page(
         ``_upper_95``, in SI, NaN where a capsule came to nothing; optionally ``name``. Its attributes say where it
         comes from.
     spread : Spread, optional
-        Of G_s with the errors removed, drawn over the histogram.
+        Of G_s with the errors removed, drawn over the histogram; by default the one that the population holds.
     rows : int
         At most so many capsules in the table.
     source : str
@@ -60,6 +60,7 @@ def population_page(
     """
     check_population(population, source or "population")
     number, used = population.sizes["capsule"], int(done(population).sum())
+    spread = spread or Spread.stored(population)
     return page(
         "population.html",
         title=f"{number} capsules",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
@@ -18,25 +19,26 @@ Floats = NDArray[np.float64]
 class Spread:
     """Normal distribution of ln(G_s / (1 N/m)) over the capsules, and how well it is known.
 
-    Parameters
-    ----------
-    mean : float or (d,) array
-        Mean of ln G_s, or draws of its posterior.
-    sd : float or (d,) array
-        Standard deviation of ln G_s from capsule to capsule, or draws of it beside those of the mean.
+        Parameters
+        ----------
+        mean : float or (d,) array
+            Mean of ln G_s, or draws of its posterior.
+        sd : float or (d,) array
+            Standard deviation of ln G_s from capsule to capsule, or draws of it beside those of the mean.
 
-    Raises
-    ------
-    InputError
-        If they are not as many, not finite, or a standard deviation is not positive.
+        Raises
+        ------
+        InputError
+            If they are not as many, not finite, or a standard deviation is not positive.
 
-    Examples
-    --------
-    >>> import numpy as np
-    >>> one = Spread(mean=np.log(0.05), sd=0.1)
-    >>> middle, low, high = one.density(np.array([0.05]))
-    >>> float(middle[0].round(3)), bool(low == high)
-    (3.989, True)
+        Examples
+        --------
+        >>> import numpy as np
+    import xarray as xr
+        >>> one = Spread(mean=np.log(0.05), sd=0.1)
+        >>> middle, low, high = one.density(np.array([0.05]))
+        >>> float(middle[0].round(3)), bool(low == high)
+        (3.989, True)
     """
 
     mean: ArrayLike
@@ -50,6 +52,15 @@ class Spread:
             raise InputError("Spread", "mean, sd", "finite numbers, standard deviations above zero", "others")
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "sd", sd)
+
+    @classmethod
+    def stored(cls, population: xr.Dataset) -> Spread | None:
+        """The spread that stands beside the capsules of a population, None if there is none."""
+        names = ("population_surface_shear_modulus", "population_modulus_spread")
+        if any(name not in population for name in names):
+            return None
+        median, sd = (np.asarray(population[name].values, dtype=float) for name in names)
+        return cls(np.log(median), sd)
 
     def density(self, modulus: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Density of ln G_s at given G_s: median and 95 % band over the draws.
