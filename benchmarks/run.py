@@ -6,7 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-NAMES = ("pictures", "films", "surrogate", "off_nodes", "inference", "outline", "sensitivity", "simulator")
+NAMES = (
+    "pictures",
+    "films",
+    "surrogate",
+    "off_nodes",
+    "inference",
+    "outline",
+    "sensitivity",
+    "populations",
+    "simulator",
+)
 
 
 def main() -> int:

@@ -29,12 +29,12 @@ FLOWS = (2.5e-3, 3.5e-3, 4.5e-3, 5.5e-3)
 ERROR, VELOCITY_ERROR = 0.01, 0.01
 
 
-def drawn_population(pyramid, count, seed, *, truth=TRUTH, shared=True, flows=FLOWS):
-    """A session of capsules, measured with errors and identified.
+def measured(model, count, seed, *, truth=TRUTH, shared=True, flows=FLOWS):
+    """Lengths (n, 5) [l] and velocities (n, 2) [m/s] of the capsules of a session, measured with errors.
 
     The errors of the model are drawn too. Capsules without a steady shape are never seen.
     """
-    rng, model = np.random.default_rng(seed), pyramid.model
+    rng = np.random.default_rng(seed)
     viscosity = VISCOSITY[0] + shared * VISCOSITY[1] * rng.standard_normal()
     half_width = HALF_WIDTH[0] + shared * HALF_WIDTH[1] * rng.standard_normal()
     log_size = truth["radius_spread"] * rng.standard_normal(count)
@@ -49,8 +49,12 @@ def drawn_population(pyramid, count, seed, *, truth=TRUTH, shared=True, flows=FL
     noisy = truly[:, :2] + ERROR * rng.standard_normal((len(truly), 2))
     lengths = np.column_stack([noisy, np.tile([ERROR**2, 0.0, ERROR**2], (len(truly), 1))])
     velocity = truly[:, 2] * flow[seen] * (1.0 + VELOCITY_ERROR * rng.standard_normal(len(truly)))
-    velocities = np.column_stack([velocity, VELOCITY_ERROR * velocity])
-    return population_of(lengths, velocities, pyramid)
+    return lengths, np.column_stack([velocity, VELOCITY_ERROR * velocity])
+
+
+def drawn_population(pyramid, count, seed, **how):
+    """A session of capsules, measured and identified."""
+    return population_of(*measured(pyramid.model, count, seed, **how), pyramid)
 
 
 def population_of(lengths, velocities, pyramid):

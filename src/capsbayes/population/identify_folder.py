@@ -120,7 +120,7 @@ def identify_folder(
         kept = run.keep(parts)
         found = listed(Path(source), run, kept)
         pool.finish(found.tasks)
-        rows = CapsuleRows.joined([_read(task) for task in found.tasks])
+        rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
         population = Population.of(rows, _attributes(run, Path(source)))
         agreement = _checked(population, found, kept, check, most_checked, pool)
         if agreement is not None:

@@ -36,7 +36,7 @@ FACTS = ("end", "level", "distance", "log_evidence", "border", "two_shapes", "wr
 shape in standard deviations, the log evidence, the shares of the posterior beside the border of the model and where
 the model has doubts, and the probability that G_s and a lie well within the ranges of their prior."""
 
-_NEGLIGIBLE, _MOVED = 1e-8, 1e-6  # of the largest probability
+_NEGLIGIBLE, _MOVED = 1e-7, 1e-6  # of the largest probability
 _NUDGE = 0.5  # standard deviations, as in `capsbayes.inference.checks.leaning`
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")

@@ -10,7 +10,7 @@ import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,11 @@ class TableTask:
     run: Path
     measured: MeasuredLengths = field(repr=False)
 
+    @property
+    def number(self) -> int:
+        """Rows."""
+        return len(self.measured)
+
     @cached_property
     def kept(self) -> Path:
         """Where the rows are kept."""
@@ -80,6 +85,7 @@ class FileTask:
 
     run: Path
     file: Path
+    number: ClassVar[int] = 1
 
     @cached_property
     def kept(self) -> Path:
@@ -124,6 +130,11 @@ class OutlinesTask:
     run: Path
     measurements: tuple[Measurement, ...] = field(repr=False)
     left_out: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def number(self) -> int:
+        """Rows."""
+        return len(self.measurements) + len(self.left_out)
 
     @cached_property
     def kept(self) -> Path:
