@@ -31,27 +31,27 @@ class Compared:
     capsules : int
         Number of them.
     agreeing : int
-        Whose means and 68 % intervals lie within 0.1 standard deviation of each other, in every quantity.
-    mean, ends_68, ends_95 : float
-        Median over the capsules of the largest difference of a mean and of the ends of the intervals, in standard
+        Whose medians and 68 % intervals lie within 0.1 standard deviation of each other, in every quantity.
+    median, ends_68, ends_95 : float
+        Median over the capsules of the largest difference of a median and of the ends of the intervals, in standard
         deviations.
     worst : float
-        Largest difference of a mean, in standard deviations.
+        Largest difference of a median, in standard deviations.
     """
 
     capsules: int
     agreeing: int
-    mean: float
+    median: float
     ends_68: float
     ends_95: float
     worst: float
 
     def __str__(self) -> str:
         return (
-            f"{self.agreeing} of {self.capsules} capsules drawn at random and sampled with emcee agree (means and 68 % "
-            f"intervals within {_AGREES:g} sd); typically means to {self.mean:.3f} sd, ends of 68 % intervals to "
-            f"{self.ends_68:.3f} sd, of 95 % intervals to {self.ends_95:.3f} sd; the largest difference of a mean is "
-            f"{self.worst:.2f} sd"
+            f"{self.agreeing} of {self.capsules} capsules drawn at random and sampled with emcee agree (medians and "
+            f"68 % intervals within {_AGREES:g} sd); typically medians to {self.median:.3f} sd, ends of 68 % "
+            f"intervals to {self.ends_68:.3f} sd, of 95 % intervals to {self.ends_95:.3f} sd; the largest difference "
+            f"of a median is {self.worst:.2f} sd"
         )
 
     def as_dict(self) -> dict[str, float]:
@@ -79,7 +79,7 @@ class CheckTask:
     seed: int
 
     def __call__(self) -> Floats:
-        """Differences of means, ends of 68 % and of 95 % intervals, in standard deviations : (7, 3) array."""
+        """Differences of medians, ends of 68 % and of 95 % intervals, in standard deviations : (7, 3) array."""
         run = run_of(self.run)
         experiment = run.experiment_of(self.measurement)
         sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=run.prior)
@@ -89,7 +89,7 @@ class CheckTask:
             sd = self.summaries[number, 1]
             if sd > 0.0:
                 away = np.abs(other - self.summaries[number]) / sd
-                differences[number] = away[0], away[3:5].max(), away[5:7].max()
+                differences[number] = away[2], away[3:5].max(), away[5:7].max()
         return differences
 
 
@@ -97,8 +97,8 @@ def compared(differences: Sequence[Floats]) -> Compared:
     """Summary of the differences of several capsules."""
     largest = np.array([one.max(axis=0) for one in differences])
     agreeing = int(np.count_nonzero((largest[:, :2] <= _AGREES).all(axis=1)))
-    mean, ends_68, ends_95 = (float(one) for one in np.median(largest, axis=0))
-    return Compared(len(largest), agreeing, mean, ends_68, ends_95, worst=float(largest[:, 0].max()))
+    median, ends_68, ends_95 = (float(one) for one in np.median(largest, axis=0))
+    return Compared(len(largest), agreeing, median, ends_68, ends_95, worst=float(largest[:, 0].max()))
 
 
 def drawn_rows(usable: NDArray[np.bool_], share: float, most: int, seed: int) -> NDArray[np.intp]:

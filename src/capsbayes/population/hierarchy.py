@@ -44,6 +44,7 @@ _DRAWS, _KEPT, _FEWEST_DRAWS = 4000, 4000, 800
 _BUDGET = 1e9  # Gaussians that are worked out for the draws: some ten seconds
 _STEP = 1e-3  # of the parameters, for derivatives
 _THREADS = 2
+_ROUNDS = 4
 _FREEDOM = 8  # of the t distribution that is drawn from
 _LEAST_ESS, _MOST_PARETO = 400.0, 0.7
 _LOWEST_SPREAD = np.log(1e-3)
@@ -245,20 +246,26 @@ def _log_prior(parameters: Floats) -> Floats:
 
 
 def _drawn(log_posterior: LogPosterior, rng: np.random.Generator) -> tuple[Floats, list[Gate]]:
-    """Draws of a posterior and whether they can be trusted : (d, 5) array and gates."""
+    """Draws of a posterior and whether they can be trusted : (d, 5) array and gates.
+
+    Where the weights fail their gates, the proposal is fitted to the weighted draws and drawn from again.
+    """
     count = int(np.clip(_BUDGET / log_posterior.components[..., 0].size, _FEWEST_DRAWS, _DRAWS))
-    mode, covariance = _mode(log_posterior)
-    proposal = stats.multivariate_t(mode, covariance, df=_FREEDOM)
-    tried = np.atleast_2d(proposal.rvs(count, random_state=rng))
-    log_weights = log_posterior(tried) - proposal.logpdf(tried)
-    smoothed, pareto = _smoothed(log_weights)
-    weights = np.exp(smoothed - smoothed.max())
-    weights /= weights.sum()
-    ess = 1.0 / float(np.sum(weights**2))
-    gates = [
-        Gate("effective draws of the population", ess, least=_LEAST_ESS),
-        Gate("Pareto k of the weights", pareto, most=_MOST_PARETO),
-    ]
+    centre, covariance = _mode(log_posterior)
+    for _ in range(_ROUNDS):
+        proposal = stats.multivariate_t(centre, covariance, df=_FREEDOM)
+        tried = np.atleast_2d(proposal.rvs(count, random_state=rng))
+        smoothed, pareto = _smoothed(log_posterior(tried) - proposal.logpdf(tried))
+        weights = np.exp(smoothed - smoothed.max())
+        weights /= weights.sum()
+        gates = [
+            Gate("effective draws of the population", 1.0 / float(np.sum(weights**2)), least=_LEAST_ESS),
+            Gate("Pareto k of the weights", pareto, most=_MOST_PARETO),
+        ]
+        if all(gate.passed for gate in gates):
+            break
+        centre = weights @ tried
+        covariance = np.cov(tried.T, aweights=weights)
     # stratified, so that drawing again adds as little noise as can be
     places = (np.arange(_KEPT) + rng.uniform(size=_KEPT)) / _KEPT
     return tried[np.minimum(np.searchsorted(np.cumsum(weights), places), count - 1)], gates

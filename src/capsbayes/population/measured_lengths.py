@@ -152,7 +152,7 @@ def _frame(path: Path):  # type: ignore[no-untyped-def]  # a pandas.DataFrame
         try:
             frame = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, skipinitialspace=True)
         except ImportError:
-            advice = "pip install pyarrow, or write the table as .csv"
+            advice = "pip install 'capsbayes[parquet]', or write the table as .csv"
             raise InputError(str(path), "", "a reader of Parquet files", "none is installed", advice) from None
         except Exception as error:  # each reader has errors of its own for a damaged file
             reason = " ".join(str(error).split())[:120]
