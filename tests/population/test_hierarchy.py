@@ -8,8 +8,8 @@ from sessions import EXPERIMENT, TRUTH, VISCOSITY, drawn_population
 
 from capsbayes.errors import InputError
 from capsbayes.population import Population, hierarchy
-from capsbayes.population.hierarchy import LogPosterior
 from capsbayes.population.hyper_likelihood import log_likelihood
+from capsbayes.population.log_posterior import LogPosterior
 from capsbayes.population.pyramid import Pyramid
 from capsbayes.population.selection import Selection, kept_rows
 from capsbayes.surrogate import Surrogate

@@ -9,14 +9,11 @@ spread and slope as they are; so does a half width with log a.
 from __future__ import annotations
 
 import json
-import warnings
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -24,13 +21,15 @@ from capsbayes.inference.checks import Gate
 from capsbayes.inference.inputs import Input
 from capsbayes.inference.marginal import Marginal
 from capsbayes.model import ForwardModel
-from capsbayes.population.hyper_likelihood import PARAMETERS, log_likelihood
+from capsbayes.population.hyper_likelihood import PARAMETERS
+from capsbayes.population.importance import drawn
+from capsbayes.population.log_posterior import LogPosterior
 from capsbayes.population.population import Population
 from capsbayes.population.pyramid import Pyramid
 from capsbayes.population.selection import Selection, kept_rows
 from capsbayes.status import Status
 
-__all__ = ["Hierarchy", "LogPosterior", "hierarchy"]
+__all__ = ["Hierarchy", "hierarchy"]
 
 Floats = NDArray[np.float64]
 
@@ -39,15 +38,6 @@ PREFIX = "population_"
 """Of the draws in the file of a population."""
 _UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
 _STORED = 500
-SPREADS, SLOPES = 1.0, 5.0  # scales of the priors: half-normal of both spreads, normal of the slope
-_DRAWS, _KEPT, _FEWEST_DRAWS = 4000, 4000, 800
-_BUDGET = 1e9  # Gaussians that are worked out for the draws: some ten seconds
-_STEP = 1e-3  # of the parameters, for derivatives
-_THREADS = 2
-_ROUNDS = 4
-_FREEDOM = 8  # of the t distribution that is drawn from
-_LEAST_ESS, _MOST_PARETO = 400.0, 0.7
-_LOWEST_SPREAD = np.log(1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,11 +169,10 @@ def hierarchy(
     components = np.ascontiguousarray(population["likelihood"][kept])
     components[:, :, 1] += np.float32(np.log(viscosity.centre))
     components[:, :, 2] += np.float32(np.log(half_width.centre))
-    log_posterior = LogPosterior(components, selection)
     rng = np.random.default_rng([seed, 3])
-    drawn, gates = _drawn(log_posterior, rng)
-    plain = dict(zip(PARAMETERS, drawn.T, strict=True))
-    count = len(drawn)
+    parameters, gates = drawn(LogPosterior(components, selection), rng)
+    plain = dict(zip(PARAMETERS, parameters.T, strict=True))
+    count = len(parameters)
     shifts = {one.name: one.log_masses(-1).drawn(rng, count) / one.centre for one in (viscosity, half_width)}
     scale = np.exp(shared_velocity_error * rng.standard_normal(count))
     spread, of_radius, slope = np.exp(plain["log_spread"]), np.exp(plain["log_radius_spread"]), plain["slope"]
@@ -198,105 +187,6 @@ def hierarchy(
     }
     leaning = float(np.mean(population["status"][kept] == Status.LEANS_ON_BORDER.name))
     return Hierarchy(draws, without, int(kept.sum()), least_stretch, leaning, tuple(gates), seed)
-
-
-@dataclass(frozen=True, eq=False)
-class LogPosterior:
-    """Log posterior density of the `PARAMETERS` of a population.
-
-    Parameters
-    ----------
-    components : (n, c, 6) array
-        Likelihood of each capsule in (log G_s, log a).
-    selection : Selection, optional
-    """
-
-    components: NDArray[np.float32]
-    selection: Selection | None = None
-
-    def __call__(self, parameters: Floats) -> Floats:
-        """Log density of some populations, up to a constant : (d, 5) -> (d,) array."""
-        parameters = np.ascontiguousarray(np.atleast_2d(parameters))
-        values = np.empty(len(parameters))
-        halves = np.array_split(np.arange(len(parameters)), min(_THREADS, len(parameters)))
-        with ThreadPoolExecutor(_THREADS) as pool:
-            list(pool.map(lambda rows: self._fill(parameters, values, rows), halves))
-        values += _log_prior(parameters)
-        if self.selection is not None:
-            values -= self.selection.log_probability(parameters)
-        return values
-
-    def _fill(self, parameters: Floats, values: Floats, rows: NDArray[np.intp]) -> None:
-        log_likelihood(self.components, parameters[rows], values[rows[0] : rows[-1] + 1])
-
-    @property
-    def start(self) -> Floats:
-        """Moments of the capsules, to begin from : (5,) array."""
-        weights = self.components[:, :, 0]
-        x, y = ((weights * self.components[:, :, k]).sum(axis=1) / weights.sum(axis=1) for k in (1, 2))
-        spread = [0.5 * np.std(one) + 0.02 for one in (x, y)]
-        return np.array([np.median(x), np.median(y), *np.log(spread), 0.0], dtype=np.float64)
-
-
-def _log_prior(parameters: Floats) -> Floats:
-    """Half-normal spreads, as densities of their logarithms, and a normal slope; nothing below a thousandth."""
-    spreads, slope = parameters[:, 2:4], parameters[:, 4]
-    values = np.sum(spreads - 0.5 * (np.exp(spreads) / SPREADS) ** 2, axis=1) - 0.5 * (slope / SLOPES) ** 2
-    return np.where((spreads > _LOWEST_SPREAD).all(axis=1), values, -1e10)
-
-
-def _drawn(log_posterior: LogPosterior, rng: np.random.Generator) -> tuple[Floats, list[Gate]]:
-    """Draws of a posterior and whether they can be trusted : (d, 5) array and gates.
-
-    Where the weights fail their gates, the proposal is fitted to the weighted draws and drawn from again.
-    """
-    count = int(np.clip(_BUDGET / log_posterior.components[..., 0].size, _FEWEST_DRAWS, _DRAWS))
-    centre, covariance = _mode(log_posterior)
-    for _ in range(_ROUNDS):
-        proposal = stats.multivariate_t(centre, covariance, df=_FREEDOM)
-        tried = np.atleast_2d(proposal.rvs(count, random_state=rng))
-        smoothed, pareto = _smoothed(log_posterior(tried) - proposal.logpdf(tried))
-        weights = np.exp(smoothed - smoothed.max())
-        weights /= weights.sum()
-        gates = [
-            Gate("effective draws of the population", 1.0 / float(np.sum(weights**2)), least=_LEAST_ESS),
-            Gate("Pareto k of the weights", pareto, most=_MOST_PARETO),
-        ]
-        if all(gate.passed for gate in gates):
-            break
-        centre = weights @ tried
-        covariance = np.cov(tried.T, aweights=weights)
-    # stratified, so that drawing again adds as little noise as can be
-    places = (np.arange(_KEPT) + rng.uniform(size=_KEPT)) / _KEPT
-    return tried[np.minimum(np.searchsorted(np.cumsum(weights), places), count - 1)], gates
-
-
-def _mode(log_posterior: LogPosterior) -> tuple[Floats, Floats]:
-    """Likeliest parameters and the covariance that the curvature there says : (5,), (5, 5) arrays."""
-    steps = np.eye(len(PARAMETERS)) * _STEP
-
-    def downhill(place: Floats) -> tuple[float, Floats]:
-        values = log_posterior(np.concatenate([place[None], place + steps, place - steps]))
-        ahead, behind = np.split(values[1:], 2)
-        return -float(values[0]), (behind - ahead) / (2.0 * _STEP)
-
-    found = optimize.minimize(downhill, log_posterior.start, jac=True, method="BFGS", options={"gtol": 1e-3})
-    mode = np.asarray(found.x)
-    curvature = np.stack([(downhill(mode + step)[1] - downhill(mode - step)[1]) / (2.0 * _STEP) for step in steps])
-    values, axes = np.linalg.eigh(0.5 * (curvature + curvature.T))
-    # along a direction that the data do not bind, as a slope without a spread of sizes, the prior does
-    values = np.maximum(values, 1.0 / SLOPES**2)
-    return mode, (axes / values) @ axes.T
-
-
-def _smoothed(log_weights: Floats) -> tuple[Floats, float]:
-    """Pareto-smoothed log weights and the shape k of the tail."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of ArviZ itself
-        import arviz
-
-        smoothed, pareto = arviz.psislw(log_weights)
-    return np.asarray(smoothed), float(pareto)
 
 
 def _shared(population: Population, experiment: Experiment | None) -> tuple[Input, Input]:

@@ -14,6 +14,7 @@ from capsbayes.measured_outline import SECTION, SILHOUETTE
 from capsbayes.measurement import Measurement
 from capsbayes.population.measured_lengths import MeasuredLengths, is_table_of_lengths
 from capsbayes.population.run import Run
+from capsbayes.population.table_rows import measurement_of_row
 from capsbayes.population.tasks import (
     PICTURES,
     FileTask,
@@ -21,7 +22,6 @@ from capsbayes.population.tasks import (
     TableTask,
     Task,
     measured_file,
-    measurement_of_row,
 )
 from capsbayes.sets import read_set
 from capsbayes.sets.folder import measurement_files
