@@ -75,6 +75,13 @@ def test_agreement_is_in_means_and_standard_deviations(shift, stretch, passed):
     assert ("the engines agree" if passed else "DISAGREE") in str(found)
 
 
+def test_a_shape_far_away_with_hardly_any_probability_is_no_disagreement():
+    """It widens the standard deviation by a tenth and no interval; walkers do not find it."""
+    draws = {"capsule_radius": np.exp(0.1 * np.random.default_rng(18).standard_normal(400_000))}
+    assert agreement(draws, {"capsule_radius": Marginal(0.0, 0.11, 0.0, -0.0994, 0.0994, -0.196, 0.196)}).passed
+    assert not agreement(draws, {"capsule_radius": Marginal(0.0, 0.11, 0.0, -0.1094, 0.1094, -0.2156, 0.2156)}).passed
+
+
 def test_the_share_of_a_posterior_next_to_a_border():
     draws = {"x": np.exp(0.1 * np.random.default_rng(17).standard_normal(8000))}
     far, near = leaning(draws, ("x",), lambda x: x < 2.0), leaning(draws, ("x",), lambda x: x < np.exp(0.1))
