@@ -66,8 +66,7 @@ def listed(source: Path, run: Run, kept: Path) -> Listed:
     InputError
         If there is nothing to identify, or a table comes without its experiment.
     """
-    if not source.exists():
-        raise InputError(str(source), "", "a folder, a table of lengths or a file of outlines", "nothing there")
+    _check_there(source)
     if source.is_dir():
         files = capsule_files(source)
         if not files:
@@ -113,8 +112,9 @@ def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, 
     Raises
     ------
     InputError
-        If nothing says what the section is.
+        If nothing is there, or nothing says what the section is.
     """
+    _check_there(source)
     view = SECTION
     if source.is_dir():
         files = capsule_files(source)
@@ -128,9 +128,14 @@ def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, 
                 if one.outline is not None:
                     view = one.outline.view
                     break
-    elif source.suffix == ".nc" and source.exists() and not is_table_of_lengths(source):
+    elif source.suffix == ".nc" and not is_table_of_lengths(source):
         view = str(opened(source).attrs.get("view", SECTION))
     if experiment is None:
         advice = "say which with --experiment"
         raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
     return experiment.section, view
+
+
+def _check_there(source: Path) -> None:
+    if not source.exists():
+        raise InputError(str(source), "", "a folder, a table of lengths or a file of outlines", "nothing there")
