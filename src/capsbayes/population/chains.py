@@ -22,23 +22,26 @@ class ChainTask:
     run : Path
         As `Run.keep` gave it.
     measurement : Measurement
-    file : Path
+    kept : Path
         Where the posterior goes, as `capsbayes identify` writes it.
     """
 
     run: Path
     measurement: Measurement
-    file: Path
+    kept: Path
 
     @classmethod
     def of(cls, run: Path, measurement: Measurement, folder: Path, row: int, name: str) -> ChainTask:
         """The task of one row: its file is named by number and name."""
         return cls(run, measurement, folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc")
 
+    @property
+    def done(self) -> bool:
+        """Whether it is there: it is written whole or not at all."""
+        return self.kept.exists()
+
     def __call__(self) -> None:
-        """Sample and write, unless that is done."""
-        if self.file.exists():
-            return
+        """Sample and write."""
         run = run_of(self.run)
         experiment = run.experiment_of(self.measurement)
-        identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior).write(self.file)
+        identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior).write(self.kept)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -78,8 +81,28 @@ class CheckTask:
     summaries: Floats
     seed: int
 
-    def __call__(self) -> Floats:
-        """Differences of medians, ends of 68 % and of 95 % intervals, in standard deviations : (7, 3) array."""
+    @cached_property
+    def kept(self) -> Path:
+        """Where the differences are kept."""
+        digest = hashlib.sha256(f"{self.run.name} {self.seed} {self.measurement.source}".encode())
+        digest.update(self.summaries.tobytes())
+        return self.run.with_name(f"check-{digest.hexdigest()[:24]}.npy")
+
+    @property
+    def done(self) -> bool:
+        """Whether they are."""
+        return self.differences is not None
+
+    @property
+    def differences(self) -> Floats | None:
+        """Of medians, ends of 68 % and of 95 % intervals, in standard deviations : (7, 3) array, None if not kept."""
+        try:
+            return np.asarray(np.load(self.kept, allow_pickle=False))
+        except (OSError, ValueError, EOFError):
+            return None
+
+    def __call__(self) -> None:
+        """Sample the capsule and keep the differences."""
         run = run_of(self.run)
         experiment = run.experiment_of(self.measurement)
         sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=run.prior)
@@ -90,7 +113,9 @@ class CheckTask:
             if sd > 0.0:
                 away = np.abs(other - self.summaries[number]) / sd
                 differences[number] = away[2], away[3:5].max(), away[5:7].max()
-        return differences
+        partial = self.kept.with_suffix(f".{os.getpid()}.tmp.npy")
+        np.save(partial, differences)
+        os.replace(partial, self.kept)
 
 
 def compared(differences: Sequence[Floats]) -> Compared:

@@ -8,11 +8,11 @@ import json
 import logging
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.inference.prior import Prior
+from capsbayes.inference.section import check_section
 from capsbayes.model import ForwardModel
 from capsbayes.population.capsule_rows import CapsuleRows
 from capsbayes.population.chains import ChainTask
@@ -39,8 +40,6 @@ __all__ = ["identify_folder"]
 _logger = logging.getLogger(__name__)
 
 _ATTEMPTS = 3  # at tasks whose workers are killed
-
-T = TypeVar("T")
 
 
 def identify_folder(
@@ -114,21 +113,24 @@ def identify_folder(
     parts = out.with_name(f"{out.name}.parts")
     where = None if background is None else Path(background)
     run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
+    if experiment is not None:
+        check_section(model, experiment)
     pool = _Pool(scheduler, workers, progress)
     with _room_on_the_disk(parts):
         parts.mkdir(parents=True, exist_ok=True)
         kept = run.keep(parts)
         found = listed(Path(source), run, kept)
-        pool.finish(found.tasks)
+        pool.finish(found.tasks, "parts")
         rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
         population = Population.of(rows, _attributes(run, Path(source)))
+        population.write(out.with_suffix(".csv"))
         agreement = _checked(population, found, kept, check, most_checked, pool)
         if agreement is not None:
             population.dataset.attrs["agreement"] = json.dumps(agreement.as_dict())
-        if chains is not None:
-            pool.run([_chain(population, found, kept, Path(chains), int(row)) for row in _with_result(population)])
         population.write(out)
-        population.write(out.with_suffix(".csv"))
+        if chains is not None:
+            tasks = [_chain(population, found, kept, Path(chains), int(row)) for row in _with_result(population)]
+            pool.finish(tasks, "chains")
         if not Path(source).is_dir():
             shutil.rmtree(parts)
     return population
@@ -142,22 +144,19 @@ class _Pool:
     workers: int | None
     progress: bool
 
-    def run(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
-        """Results of tasks; those of killed workers are tried again."""
-        for attempt in range(_ATTEMPTS):
-            try:
-                return computed(tasks, self.scheduler, self.workers)
-            except BrokenProcessPool:
-                left = _ATTEMPTS - attempt - 1
-                _logger.warning("A worker was killed; what is finished is kept. Attempts left: %d.", left)
+    def finish(self, tasks: Sequence[Task | CheckTask | ChainTask], what: str) -> None:
+        """Do what is not done yet; after a worker was killed, what is still missing."""
+        with progress_bar([task.kept for task in tasks], what, show=self.progress):
+            for attempt in range(_ATTEMPTS):
+                missing = [task for task in tasks if not task.done]
+                try:
+                    computed(missing, self.scheduler, self.workers)
+                    return
+                except BrokenProcessPool:
+                    left = _ATTEMPTS - attempt - 1
+                    _logger.warning("A worker was killed; what is finished is kept. Attempts left: %d.", left)
         advice = "give it more memory or fewer workers, and start again: what is finished is kept"
         raise InputError("workers", "", "workers that are left alone", "one killed at each attempt", advice)
-
-    def finish(self, tasks: Sequence[Task]) -> None:
-        """Compute those whose rows are not kept."""
-        missing = [task for task in tasks if CapsuleRows.read(task.kept) is None]
-        with progress_bar([task.kept for task in tasks], "parts", show=self.progress):
-            self.run(missing)
 
 
 @contextlib.contextmanager
@@ -172,7 +171,7 @@ def _room_on_the_disk(folder: Path) -> Iterator[None]:
 
 
 def _read(task: Task) -> CapsuleRows:
-    rows = CapsuleRows.read(task.kept)
+    rows = task.rows
     assert rows is not None, "the workers see the same files"
     return rows
 
@@ -218,4 +217,5 @@ def _checked(
     tasks = [
         CheckTask(kept, found.measurement(int(row)), of_row, seed) for row, of_row in zip(rows, summaries, strict=True)
     ]
-    return compared(pool.run(tasks))
+    pool.finish(tasks, "capsules sampled")
+    return compared([task.differences for task in tasks if task.differences is not None])

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+from capsbayes.simulation.progress import repeated
 
 __all__ = ["progress_bar"]
 
@@ -37,18 +38,7 @@ def progress_bar(files: Sequence[Path], what: str, *, show: bool) -> Iterator[No
     )
 
     layout = (BarColumn(), MofNCompleteColumn(), TextColumn(what), TimeElapsedColumn(), TimeRemainingColumn())
-    over = threading.Event()
     with Progress(*layout, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=len(files))
-
-        def keep_counting() -> None:
-            while not over.wait(0.5):
-                bar.update(task, completed=sum(file.exists() for file in files))
-
-        counter = threading.Thread(target=keep_counting, daemon=True)
-        counter.start()
-        try:
+        with repeated(lambda: bar.update(task, completed=sum(file.exists() for file in files))):
             yield
-        finally:
-            over.set()
-            counter.join()

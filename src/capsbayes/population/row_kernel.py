@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from capsbayes.inference.posterior import REPORTED
 from capsbayes.population.descent import FOUND, Seen, descend, finer_than_tabulated, look_up
 from capsbayes.population.log_grid import Masses, laid, moved, normal, product, scattered, share_between, summarise
 from capsbayes.population.mixture import mixture
@@ -20,15 +21,7 @@ __all__ = ["FACTS", "QUANTITIES", "Shared", "fill_rows"]
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-QUANTITIES = (
-    "surface_shear_modulus",
-    "capsule_radius",
-    "mean_velocity",
-    "capillary_number",
-    "size_ratio",
-    "velocity_ratio",
-    "stretch_ratio",
-)
+QUANTITIES = REPORTED
 """Those that are summarised, in the order of the rows."""
 
 FACTS = ("end", "level", "distance", "log_evidence", "border", "two_shapes", "wrinkles", "within")

@@ -6,6 +6,7 @@ an interruption, and nothing is taken over from other settings or from a file th
 
 from __future__ import annotations
 
+import abc
 import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -31,8 +32,27 @@ Floats = NDArray[np.float64]
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 
 
+class Kept(abc.ABC):
+    """Work whose rows are kept in a file."""
+
+    @property
+    @abc.abstractmethod
+    def kept(self) -> Path:
+        """The file."""
+
+    @property
+    def done(self) -> bool:
+        """Whether they are there and whole."""
+        return self.rows is not None
+
+    @property
+    def rows(self) -> CapsuleRows | None:
+        """The rows, None if they are not there or damaged."""
+        return CapsuleRows.read(self.kept)
+
+
 @dataclass(frozen=True)
-class TableTask:
+class TableTask(Kept):
     """Some rows of a table of lengths.
 
     Parameters
@@ -67,7 +87,7 @@ class TableTask:
 
 
 @dataclass(frozen=True)
-class FileTask:
+class FileTask(Kept):
     """One file of a measurement, or one picture.
 
     Parameters
@@ -109,7 +129,7 @@ class FileTask:
 
 
 @dataclass(frozen=True)
-class OutlinesTask:
+class OutlinesTask(Kept):
     """Some capsules of a file of outlines.
 
     Parameters

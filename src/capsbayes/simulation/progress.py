@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from capsbayes.simulation.parts import Parts
 
-__all__ = ["progress_bar"]
+__all__ = ["progress_bar", "repeated"]
 
 Case = tuple[float, float]
 
@@ -32,7 +32,6 @@ def progress_bar(folders: Sequence[Parts], cases: list[Case], *, show: bool) -> 
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     layout = (BarColumn(), MofNCompleteColumn(), TextColumn("cases, {task.fields[failed]} without a steady state"))
-    over = threading.Event()
     with Progress(*layout, TimeElapsedColumn(), console=Console(stderr=True)) as bar:
         task = bar.add_task("cases", total=len(folders) * len(cases), failed=0)
 
@@ -40,15 +39,31 @@ def progress_bar(folders: Sequence[Parts], cases: list[Case], *, show: bool) -> 
             ended, failed = (sum(counts) for counts in zip(*(parts.tally(cases) for parts in folders), strict=True))
             bar.update(task, completed=ended, failed=failed)
 
-        def keep_counting() -> None:
-            while not over.wait(1.0):
-                count()
-
-        counter = threading.Thread(target=keep_counting, daemon=True)
-        counter.start()
-        try:
+        with repeated(count):
             yield
-        finally:
-            over.set()
-            counter.join()
+
+
+@contextlib.contextmanager
+def repeated(count: Callable[[], None], *, every: float = 1.0) -> Iterator[None]:
+    """Call a function again and again while something else goes on, and once more in the end.
+
+    Parameters
+    ----------
+    count : callable
+    every : float
+        Seconds.
+    """
+    over = threading.Event()
+
+    def keep_counting() -> None:
+        while not over.wait(every):
             count()
+
+    counter = threading.Thread(target=keep_counting, daemon=True)
+    counter.start()
+    try:
+        yield
+    finally:
+        over.set()
+        counter.join()
+        count()
