@@ -241,6 +241,33 @@ def test_a_folder_goes_on_with_new_files_and_refuses_the_damaged_by_name(tmp_pat
     assert all(file.stat().st_mtime_ns == stamp for file, stamp in kept.items())
 
 
+def test_a_change_of_the_experiment_that_files_name_is_a_change_of_their_rows(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    EXPERIMENT.write(folder / "experiment.toml")
+    twice = Experiment(section="square", half_width=25e-6, viscosity=1.7)
+    how = {"axial_length": 1.81, "axial_length_error": 0.01}
+    for name in "ab":
+        Measurement(2.14, 0.01, 5e-3, 5e-5, **how, experiment_file=folder / "experiment.toml").write(
+            folder / f"{name}.toml"
+        )
+    first = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert first.attributes["experiment"]["viscosity"]["value"] == pytest.approx(0.85)
+    twice.write(folder / "experiment.toml")
+    second = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    both = [one["surface_shear_modulus_median"] for one in (first, second)]
+    assert both[1] == pytest.approx(2.0 * both[0], rel=0.01)
+    # under two experiments there is none for all, and each counts for its own capsule
+    EXPERIMENT.write(folder / "other.toml")
+    Measurement(2.14, 0.01, 5e-3, 5e-5, **how, experiment_file=folder / "other.toml").write(folder / "b.toml")
+    third = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert third.attributes["experiment"] == {}
+    assert third["surface_shear_modulus_median"] == pytest.approx([both[1][0], both[0][1]], rel=0.01)
+    EXPERIMENT.write(folder / "experiment.toml")
+    fourth = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert fourth["surface_shear_modulus_median"] == pytest.approx(both[0], rel=0.01)
+
+
 def test_lengths_in_metres_and_outlines_are_rows_too(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()

@@ -10,6 +10,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.inference.mixed_quadrature import exact_engine
 from capsbayes.inference.outline_likelihood import check_view_of
+from capsbayes.inference.section import check_section
 from capsbayes.inference.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.model import TWO_SHAPES, WRINKLES
@@ -41,16 +42,22 @@ def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run
     """
     rows.engine[row] = "grid"
     try:
-        own = run.experiment_of(measurement)
-        if measurement.outline is not None:
-            check_view_of(run.model, measurement.outline, measurement.source or "measurement")
-        with threadpool_limits(limits=1):
-            engine = exact_engine(run.model, own, run.prior)
-            posterior = engine(measurement)
+        _fill(rows, row, measurement, run)
     except InputError as error:
         rows.status[row] = (Status.NO_SHAPE if error.expected.startswith("a shape that") else Status.UNUSABLE).name
         rows.reason[row] = str(error)
-        return
+    except Exception as error:  # a batch does not stop for one capsule
+        rows.status[row], rows.reason[row] = Status.RAISED.name, f"{type(error).__name__}: {error}"
+
+
+def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
+    own = run.experiment_of(measurement)
+    check_section(run.model, own)
+    if measurement.outline is not None:
+        check_view_of(run.model, measurement.outline, measurement.source or "measurement")
+    with threadpool_limits(limits=1):
+        engine = exact_engine(run.model, own, run.prior)
+        posterior = engine(measurement)
     draws = posterior.drawn(np.random.default_rng([run.seed, 1]), _DRAWS)
     for number, name in enumerate(QUANTITIES):
         rows.summaries[row, number] = list(posterior.marginal(name).as_dict().values())

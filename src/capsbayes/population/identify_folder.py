@@ -26,7 +26,7 @@ from capsbayes.model import ForwardModel
 from capsbayes.population.capsule_rows import CapsuleRows
 from capsbayes.population.chains import ChainTask
 from capsbayes.population.check import CheckTask, Compared, compared, drawn_rows
-from capsbayes.population.listing import Listed, listed
+from capsbayes.population.listing import Listed, common_experiment, listed
 from capsbayes.population.population import STATISTICS, Population
 from capsbayes.population.progress import progress_bar
 from capsbayes.population.row_kernel import QUANTITIES
@@ -110,6 +110,7 @@ def identify_folder(
         If there is nothing to identify, no cluster answers, or the disk is full: what is finished is then kept.
     """
     out = Path(out)
+    experiment = experiment or common_experiment(Path(source))
     parts = out.with_name(f"{out.name}.parts")
     where = None if background is None else Path(background)
     run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.input_file import InputFile
 from capsbayes.measured_outline import SECTION, SILHOUETTE
 from capsbayes.measurement import Measurement
 from capsbayes.population.measured_lengths import MeasuredLengths, is_table_of_lengths
@@ -27,7 +28,7 @@ from capsbayes.sets import read_set
 from capsbayes.sets.folder import measurement_files
 from capsbayes.sets.netcdf import opened
 
-__all__ = ["Listed", "capsule_files", "listed", "section_and_view"]
+__all__ = ["Listed", "capsule_files", "common_experiment", "listed", "section_and_view"]
 
 ROWS = 2000
 """Of a table in one task: a second or two of work."""
@@ -97,6 +98,21 @@ def capsule_files(folder: Path) -> list[Path]:
     """Measurement files and pictures of a folder, and measurement files one folder down, as a film leaves them."""
     pictures = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PICTURES]
     return [*measurement_files(folder), *pictures]
+
+
+def common_experiment(source: Path) -> Experiment | None:
+    """The experiment that all measurement files of a folder name, None if they name several or a file names none."""
+    if not source.is_dir() or not (files := capsule_files(source)):
+        return None
+    named: set[Path | None] = set()
+    for file in files:
+        stated = None
+        with contextlib.suppress(InputError):
+            stated = None if file.suffix.lower() in PICTURES else InputFile.read(file).content.get("experiment")
+        if stated is not None or file.suffix.lower() in PICTURES:
+            named.add((file.parent / stated).resolve() if isinstance(stated, str) else None)
+    only = named.pop() if len(named) == 1 else None
+    return None if only is None or not only.is_file() else Experiment.read(only)
 
 
 def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, str]:

@@ -59,9 +59,9 @@ class Run:
         """Hash of everything that decides the results beside the capsules themselves."""
         known = self.experiment
         parts: list[object] = [__version__, self.model.name, self.model.sha256, self.seed, self.prior.described()]
-        parts += [(name, one.mean(), one.std(), one.support()) for name, one in sorted(self.prior.coordinates.items())]
+        parts += [(name, _stated(one)) for name, one in sorted(self.prior.coordinates.items())]
         if known is not None:
-            parts += [known.section, centre_and_error(known.half_width), centre_and_error(known.viscosity)]
+            parts += [known.section, _stated(known.half_width), _stated(known.viscosity)]
         parts += [self.capsule_velocity, self.flow]
         if self.background is not None:
             parts.append(hashlib.sha256(self.background.read_bytes()).hexdigest())
@@ -94,6 +94,11 @@ class Run:
         partial.write_bytes(pickle.dumps(self))
         os.replace(partial, path)
         return path
+
+
+def _stated(value: Any) -> object:
+    """A number, or what a distribution is made of."""
+    return (value.dist.name, value.args, sorted(value.kwds.items())) if hasattr(value, "dist") else float(value)
 
 
 @lru_cache(maxsize=2)

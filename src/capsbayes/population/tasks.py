@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import CapsbayesError, InputError
+from capsbayes.input_file import InputFile
 from capsbayes.measurement import Measurement
 from capsbayes.population.capsule_rows import CapsuleRows
 from capsbayes.population.exact_row import fill_exactly, numbers_of
@@ -29,6 +31,7 @@ __all__ = ["PICTURES", "FileTask", "OutlinesTask", "TableTask", "Task", "measure
 
 Floats = NDArray[np.float64]
 
+_LONGEST_NAME = 250
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 
 
@@ -102,11 +105,11 @@ class FileTask(Kept):
 
     @cached_property
     def kept(self) -> Path:
-        """Where the row is kept; a file that changed since has another."""
-        stamp = self.file.stat()
-        digest = hashlib.sha256(
-            f"{self.run.name}\0{self.file.resolve()}\0{stamp.st_size}\0{stamp.st_mtime_ns}".encode()
-        )
+        """Where the row is kept; a file that changed since, or one that it names, has another."""
+        digest = hashlib.sha256(f"{self.run.name}\0{self.file.resolve()}".encode())
+        for file in (self.file, *_named_in(self.file)):
+            stamp = file.stat()
+            digest.update(f"\0{stamp.st_size}\0{stamp.st_mtime_ns}".encode())
         return self.run.with_name(f"file-{digest.hexdigest()[:24]}.npz")
 
     def __call__(self) -> None:
@@ -123,8 +126,6 @@ class FileTask(Kept):
                 rows.status[0] = measurement.status.name
         except CapsbayesError as error:
             rows.status[0], rows.reason[0] = Status.UNUSABLE.name, str(error)
-        except Exception as error:  # a batch does not stop for one capsule
-            rows.status[0], rows.reason[0] = Status.RAISED.name, f"{type(error).__name__}: {error}"
         rows.write(self.kept)
 
 
@@ -186,6 +187,19 @@ def _texts(texts: list[str]) -> NDArray[Any]:
 
 def _no_numbers(count: int) -> Floats:
     return np.full((count, len(NUMBERS)), np.nan)
+
+
+def _named_in(file: Path) -> list[Path]:
+    """Files that a measurement names, as its experiment and its outline."""
+    if file.suffix != ".toml":
+        return []
+    try:
+        content = InputFile.read(file).content
+    except InputError:  # said when it is read in earnest
+        return []
+    texts = [value for table in (content, *content.values()) if isinstance(table, Mapping) for value in table.values()]
+    named = [file.parent / text for text in texts if isinstance(text, str) and len(text) < _LONGEST_NAME]
+    return [one for one in named if one.is_file()]
 
 
 def measured_file(file: Path, run: Run) -> Measurement:
