@@ -38,6 +38,7 @@ PREFIX = "population_"
 """Of the draws in the file of a population."""
 _UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
 _STORED = 500
+_TAKING_PART = [status.name for status in Status if status.ok or status.name.startswith("LEANS")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +156,7 @@ def hierarchy(
     sampling (https://doi.org/10.48550/arXiv.1507.02646), whose diagnostic is among the gates.
     """
     viscosity, half_width = _shared(population, experiment)
-    kept = population["likelihood"][:, :, 0].sum(axis=1) > 0.0
+    kept = (population["likelihood"][:, :, 0].sum(axis=1) > 0.0) & np.isin(population["status"], _TAKING_PART)
     selection = None
     if least_stretch is not None:
         if model is None:
