@@ -34,7 +34,7 @@ from rich.table import Table
 from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "population"))
-from sessions import EXPERIMENT, TRUTH, drawn_population, measured
+from drawn_populations import EXPERIMENT, TRUTH, drawn_population, measured
 
 from capsbayes.population import Population, hierarchy, identify_folder
 from capsbayes.population.pyramid import Pyramid

@@ -3,8 +3,8 @@
 import emcee
 import numpy as np
 import pytest
+from drawn_populations import EXPERIMENT, TRUTH, VISCOSITY, drawn_population
 from scipy import stats
-from sessions import EXPERIMENT, TRUTH, VISCOSITY, drawn_population
 
 from capsbayes.errors import InputError
 from capsbayes.population import Population, hierarchy

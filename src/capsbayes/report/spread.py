@@ -19,26 +19,25 @@ Floats = NDArray[np.float64]
 class Spread:
     """Normal distribution of ln(G_s / (1 N/m)) over the capsules, and how well it is known.
 
-        Parameters
-        ----------
-        mean : float or (d,) array
-            Mean of ln G_s, or draws of its posterior.
-        sd : float or (d,) array
-            Standard deviation of ln G_s from capsule to capsule, or draws of it beside those of the mean.
+    Parameters
+    ----------
+    mean : float or (d,) array
+        Mean of ln G_s, or draws of its posterior.
+    sd : float or (d,) array
+        Standard deviation of ln G_s from capsule to capsule, or draws of it beside those of the mean.
 
-        Raises
-        ------
-        InputError
-            If they are not as many, not finite, or a standard deviation is not positive.
+    Raises
+    ------
+    InputError
+        If they are not as many, not finite, or a standard deviation is not positive.
 
-        Examples
-        --------
-        >>> import numpy as np
-    import xarray as xr
-        >>> one = Spread(mean=np.log(0.05), sd=0.1)
-        >>> middle, low, high = one.density(np.array([0.05]))
-        >>> float(middle[0].round(3)), bool(low == high)
-        (3.989, True)
+    Examples
+    --------
+    >>> import numpy as np
+    >>> one = Spread(mean=np.log(0.05), sd=0.1)
+    >>> middle, low, high = one.density(np.array([0.05]))
+    >>> float(middle[0].round(3)), bool(low == high)
+    (3.989, True)
     """
 
     mean: ArrayLike
