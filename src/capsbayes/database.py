@@ -10,7 +10,6 @@ each case at each of a few values. A plain file has the effect "none".
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
@@ -24,6 +23,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import DatabaseError
+from capsbayes.output_file import unfinished
 from capsbayes.status import Status
 
 __all__ = ["ATTRIBUTES", "NO_EFFECT", "VARIABLES", "Database", "Variable"]
@@ -228,21 +228,16 @@ class Database:
         """
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
-        partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         encoding: dict[str, dict[str, Any]] = {}
         for name, variable in VARIABLES.items():
             encoding[name] = {"_FillValue": None} if variable.kind == "f" else {}
             if len(variable.dims) > 1 and self.dataset[name].size:
                 encoding[name] |= {"zlib": True, "complevel": 6, "shuffle": True}
-        try:
+        with unfinished(target) as partial:
             dataset = self.dataset.assign_attrs(sha256=_content_hash(self.dataset))
             dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
             with partial.open("rb") as written:
                 os.fsync(written.fileno())
-            os.replace(partial, target)
-        finally:
-            with contextlib.suppress(FileNotFoundError):
-                partial.unlink()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return np.asarray(self.dataset[name].values)

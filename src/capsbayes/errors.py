@@ -7,6 +7,7 @@ __all__ = [
     "CapsbayesError",
     "DatabaseError",
     "InputError",
+    "NoShapeError",
     "OutsideDatabaseError",
 ]
 
@@ -35,6 +36,10 @@ class InputError(CapsbayesError):
         place = f"{where}: {key}" if key else where
         tail = f"; {advice}" if advice else ""
         super().__init__(f"{place}: expected {expected}, got {got}{tail}")
+
+
+class NoShapeError(InputError):
+    """A measurement that lies far from every shape of the model."""
 
 
 class DatabaseError(CapsbayesError):

@@ -311,6 +311,15 @@ def test_what_cannot_be_read_is_one_clear_line(tmp_path, name, words):
         (tmp_path / name).write_text("")
     with pytest.raises(InputError, match=words):
         identify_folder(tmp_path / name, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    assert not (tmp_path / "r.nc.parts").exists()
+
+
+def test_a_background_that_is_not_there_is_one_clear_line(tmp_path):
+    write_table(tmp_path / "t.csv", 2)
+    how = HERE | {"background": tmp_path / "empty.png"}
+    with pytest.raises(InputError, match=r"empty\.png: expected a picture of the empty channel"):
+        identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **how)
+    assert not (tmp_path / "r.nc.parts").exists()
 
 
 def test_an_empty_folder_and_a_table_without_experiment_are_refused(tmp_path):

@@ -56,6 +56,7 @@ def batch(
     """
     import json
 
+    from capsbayes.cli.choices import check_suffix
     from capsbayes.cli.measure_picture import speed_of
     from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
@@ -63,6 +64,7 @@ def batch(
     from capsbayes.population.listing import section_and_view
     from capsbayes.surrogate import Surrogate
 
+    check_suffix("batch", "--out", out, (".nc",))
     known = None if experiment is None else Experiment.read(experiment)
     section, view = section_and_view(capsules, known)
     population = identify_folder(

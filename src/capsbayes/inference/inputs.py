@@ -18,14 +18,14 @@ from capsbayes.experiment import Experiment
 from capsbayes.inference.log_masses import CELLS_PER_SD, LogMasses
 from capsbayes.measurement import Measurement
 
-__all__ = ["Input", "Inputs"]
+__all__ = ["LOOSEST_VELOCITY", "Input", "Inputs"]
 
 Floats = NDArray[np.float64]
 
 _REACH = 8.0  # standard deviations on either side that a grid covers
 _TAIL = 1e-9  # mass beyond either end of the table of a general distribution
 _TABLE = 4001
-_LOOSEST_VELOCITY = 0.25
+LOOSEST_VELOCITY = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +141,8 @@ class Inputs:
         if not measurement.status.ok:
             where = measurement.source or "measurement"
             raise InputError(where, "status", "a measurement that ended as it should", str(measurement.status))
-        if measurement.capsule_velocity_error > _LOOSEST_VELOCITY * measurement.capsule_velocity:
-            where, share = measurement.source or "measurement", _LOOSEST_VELOCITY
+        if measurement.capsule_velocity_error > LOOSEST_VELOCITY * measurement.capsule_velocity:
+            where, share = measurement.source or "measurement", LOOSEST_VELOCITY
             got = f"{measurement.capsule_velocity_error / measurement.capsule_velocity:.0%}"
             raise InputError(where, "capsule_velocity", f"a standard error below {share:.0%} of the velocity", got)
         velocity = Input("capsule_velocity", measurement.capsule_velocity, measurement.capsule_velocity_error)

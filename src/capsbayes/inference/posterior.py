@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from capsbayes.inference.inputs import Inputs
 from capsbayes.inference.marginal import Marginal
 from capsbayes.inference.prior import Prior
 from capsbayes.measurement import Measurement
+from capsbayes.output_file import unfinished
 from capsbayes.parameters import PARAMETERS
 from capsbayes.status import Status
 
@@ -234,18 +234,13 @@ class Posterior:
 
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            with h5netcdf.File(temporary, "w") as file:
-                for name, value in self.as_dict().items():
-                    file.attrs[name] = value if isinstance(value, (str, int)) else json.dumps(value)
-                file.attrs["inference_library"] = self.engine
-                file.attrs[RECORD] = json.dumps(recorded(self))
-                for name, group in self.groups().items():
-                    _write_group(file.create_group(name), group)
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with unfinished(path) as partial, h5netcdf.File(partial, "w") as file:
+            for name, value in self.as_dict().items():
+                file.attrs[name] = value if isinstance(value, (str, int)) else json.dumps(value)
+            file.attrs["inference_library"] = self.engine
+            file.attrs[RECORD] = json.dumps(recorded(self))
+            for name, group in self.groups().items():
+                _write_group(file.create_group(name), group)
         return path
 
     def to_inference_data(self) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +44,7 @@ _MEASURED = (
     "sha256",
     "axial_length_bound",
 )
-_MARGINAL = ("mean", "sd", "median", "lower_68", "upper_68", "lower_95", "upper_95")
+_MARGINAL = tuple(one.name for one in fields(Marginal))
 
 
 def recorded(posterior: Posterior) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.errors import InputError
+from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.inference.checks import Gate
 from capsbayes.inference.grid_posterior import GridPosterior
@@ -137,7 +137,7 @@ class Quadrature:
         if measurement.axial_length is not None:
             lengths.append(("L_a", measurement.axial_length, nodes.model.length[nearest]))
         nearest_lengths = ", ".join(f"{symbol}/l = {of_model:.3f}" for symbol, _, of_model in lengths)
-        raise InputError(
+        raise NoShapeError(
             measurement.source or "measurement",
             "axial_extent, axial_length" if len(lengths) > 1 else "axial_extent",
             f"a shape that a case of {self.model.name} has (nearest: {nearest_lengths}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.output_file import unfinished
 from capsbayes.population.mixture import COMPONENTS
 from capsbayes.population.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.population.row_kernel import QUANTITIES
@@ -34,7 +34,7 @@ class CapsuleRows:
     name, source, sha256 : (n,) arrays of str
         What the capsule is called, the file it was read from, and the fingerprint of that.
     status, reason, engine : (n,) arrays of str
-        Name of a `Status`; why, where the status does not say it all; ``table``, ``grid`` or ``emcee``.
+        Name of a `Status`; why, where the status does not say it all; ``table`` or ``grid``.
     numbers : (n, k) array
         What was measured, the `NUMBERS` of `capsbayes.population.measured_lengths`.
     summaries : (n, 7, 7) array
@@ -108,15 +108,10 @@ class CapsuleRows:
 
     def write(self, path: Path) -> None:
         """Keep the rows in a file, whole or not at all."""
-        partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
         arrays = {one.name: getattr(self, one.name) for one in fields(self)}
         texts = {name: values.astype(np.str_) for name, values in arrays.items() if values.dtype.kind in "OU"}
-        try:
-            with partial.open("wb") as file:
-                np.savez(file, allow_pickle=False, **arrays | texts)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
+        with unfinished(path) as partial, partial.open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays | texts)
 
     @classmethod
     def read(cls, path: Path) -> CapsuleRows | None:

@@ -20,7 +20,7 @@ class ChainTask:
     Parameters
     ----------
     run : Path
-        As `Run.keep` gave it.
+        As `Run.kept_in` says it.
     measurement : Measurement
     kept : Path
         Where the posterior goes, as `capsbayes identify` writes it.

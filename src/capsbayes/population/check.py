@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from capsbayes.inference import identify
 from capsbayes.measurement import Measurement
+from capsbayes.output_file import unfinished
 from capsbayes.population.row_kernel import QUANTITIES
 from capsbayes.population.run import run_of
 
@@ -69,7 +69,7 @@ class CheckTask:
     Parameters
     ----------
     run : Path
-        As `Run.keep` gave it.
+        As `Run.kept_in` says it.
     measurement : Measurement
     summaries : (7, 7) array
         Of its row.
@@ -113,9 +113,8 @@ class CheckTask:
             if sd > 0.0:
                 away = np.abs(other - self.summaries[number]) / sd
                 differences[number] = away[2], away[3:5].max(), away[5:7].max()
-        partial = self.kept.with_suffix(f".{os.getpid()}.tmp.npy")
-        np.save(partial, differences)
-        os.replace(partial, self.kept)
+        with unfinished(self.kept) as partial, partial.open("wb") as file:
+            np.save(file, differences)
 
 
 def compared(differences: Sequence[Floats]) -> Compared:

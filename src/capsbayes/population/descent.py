@@ -158,7 +158,7 @@ def _feature_in_cells(squares: float, steps: float) -> float:
 
 
 @_compiled
-def _resolution(weights: Floats, row: Integers, column: Integers, shape: tuple[int, int]) -> tuple[bool, float]:
+def _resolution(weights: Floats, row: Integers, column: Integers) -> tuple[bool, float]:
     """Whether the cells resolve the posterior, and the cells in a feature of a/l at given Ca."""
     first_row, first_column = row.min(), column.min()
     rows, columns = np.zeros(row.max() - first_row + 1), np.zeros(column.max() - first_column + 1)
@@ -270,7 +270,7 @@ def descend(
         if not len(row):
             continue
         weights = np.exp(log_density - best)
-        enough, across = _resolution(weights, row, column, shape)
+        enough, across = _resolution(weights, row, column)
         coarse = level < len(levels) - 1 and _at_border(lattice, finer, row, column, weights)
         if enough and not coarse:
             total = weights.sum()

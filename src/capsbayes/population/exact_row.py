@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from capsbayes.errors import InputError
+from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.inference.mixed_quadrature import exact_engine
 from capsbayes.inference.outline_likelihood import check_view_of
@@ -44,7 +44,7 @@ def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run
     try:
         _fill(rows, row, measurement, run)
     except InputError as error:
-        rows.status[row] = (Status.NO_SHAPE if error.expected.startswith("a shape that") else Status.UNUSABLE).name
+        rows.status[row] = (Status.NO_SHAPE if isinstance(error, NoShapeError) else Status.UNUSABLE).name
         rows.reason[row] = str(error)
     except Exception as error:  # a batch does not stop for one capsule
         rows.status[row], rows.reason[row] = Status.RAISED.name, f"{type(error).__name__}: {error}"

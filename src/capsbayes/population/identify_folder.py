@@ -118,9 +118,9 @@ def identify_folder(
         check_section(model, experiment)
     pool = _Pool(scheduler, workers, progress)
     with _room_on_the_disk(parts):
-        parts.mkdir(parents=True, exist_ok=True)
-        kept = run.keep(parts)
+        kept = run.kept_in(parts)
         found = listed(Path(source), run, kept)
+        run.keep(kept)
         pool.finish(found.tasks, "parts")
         rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
         population = Population.of(rows, _attributes(run, Path(source)))

@@ -106,10 +106,8 @@ def common_experiment(source: Path) -> Experiment | None:
         return None
     named: set[Path | None] = set()
     for file in files:
-        stated = None
-        with contextlib.suppress(InputError):
+        with contextlib.suppress(InputError):  # a damaged file is refused by name later
             stated = None if file.suffix.lower() in PICTURES else InputFile.read(file).content.get("experiment")
-        if stated is not None or file.suffix.lower() in PICTURES:
             named.add((file.parent / stated).resolve() if isinstance(stated, str) else None)
     only = named.pop() if len(named) == 1 else None
     return None if only is None or not only.is_file() else Experiment.read(only)

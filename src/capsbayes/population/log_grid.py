@@ -10,12 +10,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from capsbayes.inference.marginal import Marginal
+
 __all__ = ["LEVELS", "Masses", "laid", "moved", "normal", "product", "scattered", "share_between", "summarise"]
 
 Floats = NDArray[np.float64]
 Masses = tuple[float, float, float, float, Floats]  # start, step, mean, variance, masses
 
-LEVELS = (0.5, 0.16, 0.84, 0.025, 0.975)  # of the quantiles, in the order of `capsbayes.inference.Marginal`
+LEVELS = Marginal.LEVELS
 _REACH, _PER_SD, _CELLS = 8.0, 4.0, 8.0
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")

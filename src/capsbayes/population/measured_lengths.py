@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
+from capsbayes.inference.inputs import LOOSEST_VELOCITY
 from capsbayes.measurement import CONDITIONS
 from capsbayes.sets.netcdf import opened
 from capsbayes.sets.table import COLUMNS, NAMES, OPTIONAL, check_columns
@@ -25,7 +26,6 @@ NUMBERS = (*COLUMNS, *OPTIONAL, *CONDITIONS)
 """What a row may hold: lengths over l, the rest in SI."""
 
 _NEEDED = tuple(COLUMNS)
-_LOOSEST_VELOCITY = 0.25  # as of a single capsule: its flow could else be arbitrarily slow
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +105,8 @@ class MeasuredLengths:
         for name in CONDITIONS:
             given = ~np.isnan(numbers[name])
             refuse(given & ~(np.isfinite(numbers[name]) & (numbers[name] > 0.0)), f"{name}: expected a positive number")
-        loose = numbers["capsule_velocity_error"] > _LOOSEST_VELOCITY * numbers["capsule_velocity"]
-        refuse(loose, f"capsule_velocity: expected a standard error below {_LOOSEST_VELOCITY:.0%} of it")
+        loose = numbers["capsule_velocity_error"] > LOOSEST_VELOCITY * numbers["capsule_velocity"]
+        refuse(loose, f"capsule_velocity: expected a standard error below {LOOSEST_VELOCITY:.0%} of it")
         return replace(self, refusals=refusals.astype(np.str_))
 
     def taken(self, rows: slice | NDArray[np.intp]) -> MeasuredLengths:

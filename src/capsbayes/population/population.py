@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
+from capsbayes.inference.marginal import Marginal
+from capsbayes.output_file import unfinished
 from capsbayes.parameters import PARAMETERS
 from capsbayes.population.capsule_rows import LEANINGS, CapsuleRows
 from capsbayes.population.measured_lengths import NUMBERS
@@ -30,8 +31,8 @@ __all__ = ["STATISTICS", "Population"]
 
 Floats = NDArray[np.float64]
 
-STATISTICS = ("mean", "sd", "median", "lower_68", "upper_68", "lower_95", "upper_95")
-"""Of each quantity, as the fields of `capsbayes.inference.Marginal`."""
+STATISTICS = tuple(one.name for one in fields(Marginal))
+"""Of each quantity."""
 
 _TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
 _LINES = 10_000  # of a table formatted at once
@@ -108,16 +109,12 @@ class Population:
         """Write one NetCDF file, or a CSV table with units in its header: whole or not at all."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
+        with unfinished(path) as partial:
             if path.suffix == ".csv":
                 with partial.open("w", encoding="utf-8") as file:
                     file.writelines(self._lines())
             else:
                 self.dataset.to_netcdf(partial, engine="h5netcdf")
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
         return path
 
     def table(self) -> pd.DataFrame:

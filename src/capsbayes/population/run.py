@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import pickle
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -16,6 +15,7 @@ from capsbayes.experiment import Experiment, centre_and_error, positive_normal
 from capsbayes.inference.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
+from capsbayes.output_file import unfinished
 from capsbayes.population.pyramid import Pyramid
 from capsbayes.quantity import Quantity
 
@@ -64,7 +64,7 @@ class Run:
             parts += [known.section, _stated(known.half_width), _stated(known.viscosity)]
         parts += [self.capsule_velocity, self.flow]
         if self.background is not None:
-            parts.append(hashlib.sha256(self.background.read_bytes()).hexdigest())
+            parts.append(_hash_of(self.background))
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     def experiment_of(self, measurement: Measurement) -> Experiment:
@@ -87,13 +87,22 @@ class Run:
             own[name] = positive_normal(value, error * value / centre) if error else value
         return replace(known, **own)
 
-    def keep(self, folder: Path) -> Path:
-        """Write the run where workers find it; its name is its fingerprint."""
-        path = folder / f"run-{self.fingerprint[:16]}.pickle"
-        partial = path.with_suffix(f".{os.getpid()}.tmp")
-        partial.write_bytes(pickle.dumps(self))
-        os.replace(partial, path)
-        return path
+    def kept_in(self, folder: Path) -> Path:
+        """Where workers find the run; its name is its fingerprint."""
+        return folder / f"run-{self.fingerprint[:16]}.pickle"
+
+    def keep(self, path: Path) -> None:
+        """Write the run there."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with unfinished(path) as partial:
+            partial.write_bytes(pickle.dumps(self))
+
+
+def _hash_of(background: Path) -> str:
+    try:
+        return hashlib.sha256(background.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(str(background), "", "a picture of the empty channel", str(error.strerror)) from None
 
 
 def _stated(value: Any) -> object:

@@ -61,7 +61,7 @@ class TableTask(Kept):
     Parameters
     ----------
     run : Path
-        As `Run.keep` gave it.
+        As `Run.kept_in` says it.
     measured : MeasuredLengths
     """
 
