@@ -1,6 +1,8 @@
 """Velocity and lengths measured in drawn films: bias, scatter, coverage of the intervals.
 
-Run ``python benchmarks/films.py [COUNT]``. Each film is of one simulated capsule drawn at random from a shipped
+Run ``python benchmarks/films.py [COUNT]``; ``--speed`` times films of 1280 x 1024 px instead.
+
+Each film is of one simulated capsule drawn at random from a shipped
 database, with optics and velocity drawn at random, and the empty channel given. In pixels the velocity's error is that
 of the centroid's places; over l those of the half width are in all.
 """
@@ -12,6 +14,7 @@ import tempfile
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 
 import cv2
 import numpy as np
@@ -24,10 +27,12 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.database import Database
 from capsbayes.experiment import Experiment
+from capsbayes.image.film import Film
 from capsbayes.image.measure_film import measure_film
 from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
 from capsbayes.quantity import Quantity
 
+LARGE, LONG = (1024, 1280), 82  # rows and columns, frames
 FRAMES, RATE = 8, Quantity(1000.0, 0.0, "1/s")
 EXPERIMENT = Experiment(section="square", half_width=25e-6, viscosity=0.85)
 NAMES = ("v_o, px a frame", "v_o, l a frame", "L_z, l", "L_a, l")
@@ -37,7 +42,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", nargs="?", type=int, default=60, help="of films (default: 60)")
     parser.add_argument("--seed", type=int, default=2024)
+    parser.add_argument("--speed", action="store_true", help="time films of 1280 x 1024 px, a channel 200 px wide")
     asked = parser.parse_args()
+    if asked.speed:
+        timed(asked.seed)
+        return
     cases = Database.open("square-neo-hookean").converged
     random = np.random.default_rng(asked.seed)
     errors: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
@@ -54,6 +63,48 @@ def main() -> None:
     console.print(table)
     console.print("In thousandths of a pixel a frame, of l a frame, and of l.")
     console.print(", ".join(f"{name} {count}" for name, count in statuses.items()))
+
+
+def timed(seed: int) -> None:
+    """Processor time of one capsule's way through a large picture, by kind of file."""
+    random = np.random.default_rng(seed)
+    scene, optics = scenery(Database.open("square-neo-hookean").converged, SETS[next(iter(SETS))], random)
+    places = np.linspace(0.15, 0.85, LONG)[:: scene.flow]
+    drawings = []
+    for place in track(places, description="frames", transient=True):
+        centre = (place * LARGE[1], 0.5 * LARGE[0] + (place - 0.5) * LARGE[1] * np.tan(scene.tilt))
+        large = replace(scene, half_width=100.0, shape=LARGE, centre=centre)
+        drawings.append(draw(large, optics, seed=int(random.integers(2**31))))
+    frames = [one.picture for one in drawings]
+    table = Table("film", "ms a frame", "of them decoding", "s for the background, once")
+    with tempfile.TemporaryDirectory() as folder, threadpool_limits(limits=1):
+        for path in written(Path(folder), frames):
+            seconds = []
+            for background in (drawings[0].background, drawings[0].background, None):  # the first compiles
+                start = process_time()
+                film = measure_film(path, EXPERIMENT, frame_rate=RATE, background=background)
+                seconds.append(process_time() - start)
+                assert [one.status.name for one in film.capsules] == ["DONE"]
+            start = process_time()
+            count = sum(picture is not None for picture in Film.open(path).frames())
+            decoding = (process_time() - start) / count
+            per_frame = seconds[1] / count
+            table.add_row(
+                path.name, f"{1e3 * per_frame:.1f}", f"{1e3 * decoding:.1f}", f"{seconds[2] - seconds[1]:.2f}"
+            )
+    Console(width=110).print(table)
+
+
+def written(folder: Path, frames: list[NDArray[np.uint8]]) -> list[Path]:
+    """The frames as a video, a TIFF file of many pages, and a folder of pictures."""
+    video = cv2.VideoWriter(str(folder / "MJPG.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, LARGE[::-1], False)
+    (folder / "PNG").mkdir()
+    for number, frame in enumerate(frames):
+        video.write(frame)
+        cv2.imwrite(str(folder / "PNG" / f"{number}.png"), frame)
+    video.release()
+    cv2.imwritemulti(str(folder / "TIFF.tif"), frames, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    return [folder / "MJPG.avi", folder / "TIFF.tif", folder / "PNG"]
 
 
 def measured(

@@ -105,6 +105,18 @@ def test_what_a_film_cannot_tell_has_a_status(tmp_path, places, status):
     assert status in (made.status, *(capsule.status for capsule in made.capsules))
 
 
+def test_light_that_fades_along_the_channel_covers_nothing(tmp_path):
+    """Vignetting darkens the ends of the field by a fifth: the median is the empty channel all the same."""
+    along = np.linspace(-1.0, 1.0, SHAPE[1])
+    places = np.arange(-60.0, SHAPE[1] + 60.0, STEP)
+    faded = [(frame * (1.0 - 0.2 * along**2)).astype(np.uint8) for frame in film(places)]
+    (capsule,) = measured(tmp_path / "film", faded, background=None).capsules
+    assert capsule.status is Status.DONE
+    assert capsule.velocity.value == pytest.approx(STEP, abs=0.02)
+    stuck = [(frame * (1.0 - 0.2 * along**2)).astype(np.uint8) for frame in film(np.full(4, PLACES[3]))]
+    assert measured(tmp_path / "stuck", stuck, background=None).status is Status.COVERED
+
+
 def test_the_other_direction_is_refused(tmp_path):
     made = measured(tmp_path / "film", film(PLACES), flow="left")
     assert {capsule.status for capsule in made.capsules} == {Status.WRONG_FLOW}

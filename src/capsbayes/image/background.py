@@ -7,16 +7,19 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from capsbayes.errors import InputError
 from capsbayes.image.wall import Walls
 
-__all__ = ["along_the_channel", "temporal_median", "transmission"]
+__all__ = ["along_the_channel", "evened", "temporal_median", "transmission"]
 
 Floats = NDArray[np.float64]
 
 _BRIGHT = 85.0  # percentile along the channel that the empty channel is taken for
 _ROWS = 64  # of all frames that are held in memory a second time
+_MIDST = 0.8  # of the half width: where the light along the channel is looked at
+_FAINT = 0.01  # of the light: what differs by more from a smooth trend is none of it
 _DARKEST = 0.02  # of the median of the background: below, the ratio to it means nothing
 
 
@@ -42,7 +45,16 @@ def temporal_median(frames: Sequence[Floats]) -> Floats:
         got = f"{len(frames)} of shapes {', '.join(map(str, sorted(shapes)))}" if len(frames) else "none"
         raise InputError("background", "frames", "at least three frames of one shape", got)
     rows = np.array_split(np.arange(len(frames[0])), max(1, len(frames[0]) // _ROWS))
-    return np.concatenate([np.median(np.stack([frame[some] for frame in frames]), axis=0) for some in rows])
+    return np.concatenate([_median(np.stack([frame[some] for frame in frames])) for some in rows])
+
+
+def _median(levels: Floats) -> Floats:
+    """Over the first axis, by sorting: for tens of levels in a third of the time of numpy's median."""
+    ordered = np.ascontiguousarray(levels.reshape(len(levels), -1).T)
+    ordered.sort(axis=1)
+    middle = len(levels) // 2
+    both = ordered[:, [middle if len(levels) % 2 else middle - 1, middle]]
+    return np.asarray(both.mean(axis=1, dtype=np.float64).reshape(levels.shape[1:]))
 
 
 def along_the_channel(grey: Floats, walls: Walls) -> Floats:
@@ -70,6 +82,32 @@ def along_the_channel(grey: Floats, walls: Walls) -> Floats:
     bright = np.nanpercentile(level[seen], _BRIGHT, axis=1)
     across = np.flatnonzero(seen) - walls.height
     return np.interp(walls.offset((rows, columns)), across, bright)
+
+
+def evened(light: Floats, walls: Walls) -> Floats:
+    """Light without what changes smoothly along the channel, as vignetting does: a capsule has edges, and stays.
+
+    Parameters
+    ----------
+    light : (rows, columns) array
+        Share of the light of the empty channel.
+    walls : Walls
+        Its walls.
+
+    Returns
+    -------
+    (rows, columns) array
+    """
+    within = np.abs(walls.offset((light.shape[0], light.shape[1]))) < _MIDST * walls.half_width
+    level = np.nanmedian(np.where(within, light, np.nan), axis=0)
+    design = np.vander(np.linspace(-1.0, 1.0, light.shape[1]), 3)
+    start = np.array([0.0, 0.0, np.percentile(level, _BRIGHT)])
+
+    def off(trend: Floats) -> Floats:
+        return design @ trend - level
+
+    fit = least_squares(off, start, loss="cauchy", f_scale=_FAINT)
+    return np.asarray(light / np.maximum(design @ fit.x, _DARKEST))
 
 
 def transmission(grey: Floats, background: Floats) -> Floats:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
@@ -118,7 +119,7 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> Outli
     arc_width = np.where(sound, found.width, np.median(found.width[sound]))
     # further inside, a concave rear darkens some places of an arc and not others
     outer = used * (samples <= width[:, None])
-    shift, shift_variance = _shifts(profiles - means[arc], found.slope[arc], means[arc], outer[arc])
+    shift, shift_variance = _shifts(profiles, arc, means, found.slope, outer)
     blur = arc_width[arc]
     outward = 0.5 * curvature * _blur_along(blur, normals) ** 2 - place[arc] - shift
     arc_variance = np.where(sound, found.place_variance / count, 1.0 / noise**2)
@@ -146,18 +147,37 @@ def _smoothed(curve: Floats) -> tuple[Floats, Floats, Floats]:
     return base, first / speed[:, None], np.asarray(curvature)
 
 
-def _shifts(residual: Floats, slope: Floats, mean: Floats, used: Floats) -> tuple[Floats, Floats]:
-    """Shift inwards of each profile against the mean, and its variance for noise 1.
+def _shifts(
+    profiles: Floats, arc: NDArray[np.intp], means: Floats, slopes: Floats, used: Floats
+) -> tuple[Floats, Floats]:
+    """Shift inwards of each profile against the mean of its arc, and its variance for noise 1.
 
     The mean may be brighter or of more contrast besides: those are fitted with the shift.
     """
-    design = np.stack([slope, mean, np.ones_like(mean)], axis=-1) * used[..., None]
-    normal = np.swapaxes(design, 1, 2) @ design
-    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    inverse = np.linalg.inv(normal)
-    shift = np.einsum("nk,nmk,nm->n", inverse[:, 0], design, residual)
-    variance = np.asarray(inverse[:, 0, 0], dtype=np.float64)
+    shift, variance = np.empty(len(profiles)), np.empty(len(profiles))
+    _shifted(profiles, arc, means, slopes, used, shift, variance)
     return np.clip(shift, -1.5, 1.5), variance
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shifted(profiles, arc, means, slopes, used, shift, variance):  # type: ignore[no-untyped-def]
+    """Fill in the first unknown of least squares in slope, mean and 1, and its variance."""
+    normal, sides = np.empty((3, 3)), np.empty((3, 2))
+    for n in range(len(profiles)):
+        mean, slope, share = means[arc[n]], slopes[arc[n]], used[arc[n]]
+        normal[:], sides[:] = 0.0, 0.0
+        sides[0, 1] = 1.0
+        for i in range(len(mean)):
+            row = (share[i] * slope[i], share[i] * mean[i], share[i])
+            for a in range(3):
+                sides[a, 0] += row[a] * (profiles[n, i] - mean[i])
+                for b in range(3):
+                    normal[a, b] += row[a] * row[b]
+        ridge = 1e-9 * (normal[0, 0] + normal[1, 1] + normal[2, 2])
+        for a in range(3):
+            normal[a, a] += ridge
+        solved = np.linalg.solve(normal, sides)
+        shift[n], variance[n] = solved[0, 0], solved[0, 1]
 
 
 def _blur_along(width: Floats, normals: Floats) -> Floats:

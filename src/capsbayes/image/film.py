@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,13 +84,10 @@ class Film:
             Numbers of the frames that are wanted; all the others are None too.
         """
         shape = None
-        for number, pixels in enumerate(self._decoded()):
+        for pixels in self._decoded(only):
             if pixels is not None:
                 shape = shape or pixels.shape
-            if pixels is None or pixels.shape != shape or (only is not None and number not in only):
-                yield None
-            else:
-                yield Picture.from_array(_in_order(pixels[rows]))
+            yield None if pixels is None or pixels.shape != shape else Picture.from_array(_in_order(pixels[rows]))
 
     def spread(self, count: int) -> list[Picture]:
         """Frames at about equal distances, those that cannot be read left out.
@@ -117,22 +114,28 @@ class Film:
                     digest.update(block)
         return digest.hexdigest()
 
-    def _decoded(self) -> Iterator[Pixels | None]:
+    def _decoded(self, only: Collection[int] | None) -> Iterator[Pixels | None]:
+        """The frames as they lie in the file; those that are not wanted are passed over, and None."""
         if self.source.is_dir():
-            for path in _pictures(self.source):
-                raw = np.fromfile(path, dtype=np.uint8)
+            for number, path in enumerate(_pictures(self.source)):
+                raw = np.fromfile(path, dtype=np.uint8) if only is None or number in only else np.empty(0, np.uint8)
                 yield cv2.imdecode(raw, cv2.IMREAD_UNCHANGED) if raw.size else None
         elif self.source.suffix.lower() in VIDEOS:
             video = cv2.VideoCapture(str(self.source))
-            for _ in range(self.count):
-                read, pixels = video.read()
-                yield cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY) if read else None
-        else:
+            for number in range(self.count):
+                passed = not video.grab() or (only is not None and number not in only)
+                read, pixels = (False, None) if passed else video.retrieve()
+                yield cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY) if read and pixels is not None else None
+        elif only is None:
             for start in range(0, self.count, _PAGES):
-                _, pages = cv2.imreadmulti(
-                    str(self.source), start, min(_PAGES, self.count - start), flags=cv2.IMREAD_UNCHANGED
-                )
-                yield from pages
+                yield from _read_pages(self.source, start, min(_PAGES, self.count - start))
+        else:
+            for number in range(self.count):
+                yield next(iter(_read_pages(self.source, number, 1)), None) if number in only else None
+
+
+def _read_pages(path: Path, start: int, count: int) -> Sequence[Pixels]:
+    return cv2.imreadmulti(str(path), start, count, flags=cv2.IMREAD_UNCHANGED)[1]
 
 
 def is_film(path: Path) -> bool:

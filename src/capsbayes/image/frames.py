@@ -99,14 +99,20 @@ class Picture:
     def _of(cls, pixels: NDArray[Any], where: str, sha256: str) -> Picture:
         if pixels.ndim not in (2, 3) or min(pixels.shape[:2]) < 16:
             raise InputError(where, "", "a picture of at least 16 x 16 pixels", f"an array of shape {pixels.shape}")
-        scaled = np.issubdtype(pixels.dtype, np.integer)
-        colours = pixels.astype(np.float64).reshape(*pixels.shape[:2], -1)
-        grey = colours[:, :, :3] @ [0.299, 0.587, 0.114] if colours.shape[2] >= 3 else colours[:, :, 0]
-        if not np.all(np.isfinite(grey)):
+        whole = np.issubdtype(pixels.dtype, np.integer)
+        levels = pixels.reshape(*pixels.shape[:2], -1)
+        if levels.shape[2] >= 3:
+            grey = levels[:, :, :3].astype(np.float64) @ [0.299, 0.587, 0.114]
+            levels = grey
+        else:
+            levels = levels[:, :, 0]
+            grey = levels.astype(np.float64)
+        if not whole and not np.all(np.isfinite(grey)):
             raise InputError(where, "", "finite grey levels", f"{int(np.sum(~np.isfinite(grey)))} NaN or infinite ones")
-        brightest = float(grey.max())
-        full = scaled and round(brightest, 6) in _FULL_SCALES
-        clipped = (grey <= 0.0) | ((grey == brightest) if full else False)
+        brightest = levels.max()  # of integers, which are compared faster
+        clipped = levels <= 0
+        if whole and round(float(brightest), 6) in _FULL_SCALES:
+            clipped |= levels == brightest
         return cls(grey, clipped, "" if where == "picture" else where, sha256)
 
     @property

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image.background import along_the_channel, temporal_median, transmission
+from capsbayes.image.background import along_the_channel, evened, temporal_median, transmission
 from capsbayes.image.contour import pixel_noise
 from capsbayes.image.film import Film
 from capsbayes.image.filmed import FilmedCapsule, Record
@@ -151,7 +151,7 @@ class _View:
     between: NDArray[np.bool_]
 
     def is_clipped(self, picture: Picture) -> bool:
-        return float(np.mean(picture.clipped[self.between])) > CLIPPED
+        return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))
 
 
 def _background(film: Film) -> Floats:
@@ -171,7 +171,7 @@ def _view(film: Film, empty: Floats, *, given: bool) -> _View | Status:
     if walls is None:
         return Status.NO_WALLS
     if not given:
-        light = transmission(empty, along_the_channel(empty, walls))
+        light = evened(transmission(empty, along_the_channel(empty, walls)), walls)
         if find_spots(light, walls, pixel_noise(light)):
             return Status.COVERED
     reach = walls.half_width + _MARGIN + abs(np.tan(walls.tilt)) * walls.middle

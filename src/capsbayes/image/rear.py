@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
@@ -96,10 +97,8 @@ def find_rear(
 
 def _coarse(rays: Floats, y: Floats, half_height: float, noise: float) -> tuple[int, float, float] | None:
     """Depth of the band on the axis, its curvature, and its standard deviation, to a pixel."""
-    u = np.arange(rays.shape[1])
-    bend = 0.5 * _CURVATURES[:, None, None] / half_height * y[:, None] ** 2
-    shifted = np.clip(u + np.rint(bend).astype(int), 0, len(u) - 1)
-    stacked = rays[np.arange(len(y))[:, None], shifted].mean(axis=1)
+    bend = np.rint(0.5 * _CURVATURES[:, None] / half_height * y**2).astype(np.int64)
+    stacked = _stacked(np.ascontiguousarray(rays), bend)
     smooth = gaussian_filter1d(stacked, _SMOOTHING, axis=1, mode="nearest")
     best, found = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y))), None
     for curvature, profile in zip(_CURVATURES / half_height, smooth, strict=True):
@@ -114,6 +113,18 @@ def _coarse(rays: Floats, y: Floats, half_height: float, noise: float) -> tuple[
                     (dip, float(curvature), _deviation(profile, dip, 0.5 * prominence)),
                 )
     return found
+
+
+@njit(cache=True, nogil=True)
+def _stacked(rays, bend):  # type: ignore[no-untyped-def]
+    """Mean of the rays, each moved by what a curvature bends it : (curvatures, points) array."""
+    last = rays.shape[1] - 1
+    stacked = np.zeros((len(bend), last + 1))
+    for n in range(len(bend)):
+        for ray in range(len(rays)):
+            for i in range(last + 1):
+                stacked[n, i] += rays[ray, min(max(i + bend[n, ray], 0), last)]
+    return stacked / len(rays)
 
 
 def _deviation(profile: Floats, dip: int, half: float) -> float:

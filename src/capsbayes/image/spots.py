@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -66,8 +67,8 @@ def find_spots(light: Floats, walls: Walls, noise: float) -> list[Spot]:
     list of Spot
         From left to right.
     """
-    dark = cv2.GaussianBlur(1.0 - light, (0, 0), 1.0)
-    between = np.abs(walls.offset(dark.shape)) < walls.half_width - 0.5 * walls.line_width
+    dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
+    between = _between(walls, (light.shape[0], light.shape[1]))
     inside = dark[between]
     share, squares = _DARKEST
     darkest = min(share * inside.size, squares * walls.half_width**2)
@@ -85,6 +86,13 @@ def find_spots(light: Floats, walls: Walls, noise: float) -> list[Spot]:
     spots.sort(key=lambda spot: float(spot.middle[0]))
     last = np.array(dark.shape[::-1]) - 1.0
     return [replace(spot, status=_status(spot, spots, last, walls.half_width)) for spot in spots]
+
+
+@lru_cache(maxsize=1)  # the frames of a film share it
+def _between(walls: Walls, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    mask: NDArray[np.bool_] = np.abs(walls.offset(shape)) < walls.half_width - 0.5 * walls.line_width
+    mask.flags.writeable = False
+    return mask
 
 
 def judged(contour: NDArray[Any], shape: tuple[int, ...], half_width: float) -> Spot:
