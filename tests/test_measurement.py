@@ -83,6 +83,10 @@ def test_the_length_on_the_axis_may_be_missing(tmp_path):
             ("[measurement]", "[seen]"),
             "seen: expected one of measurement, experiment, prior, outline, got an unknown key",
         ),
+        (
+            ("[measurement]", '[measurement]\nflow_rate = "3 mm/s"'),
+            "measurement.flow_rate: expected a text in m^3/s like",
+        ),
         (('experiment = "experiment.toml"', "experiment = 3"), "experiment: expected the name of a file"),
     ],
 )
@@ -105,6 +109,7 @@ def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
         {"capsule_velocity_error": -1e-5},
         {"length_correlation": np.nan},
         {"axial_length": 2.2},
+        {"flow_rate": -1e-11},
     ],
 )
 def test_values_that_cannot_be_are_refused(changes):
@@ -116,6 +121,7 @@ def test_values_that_cannot_be_are_refused(changes):
     "changes",
     [
         {},
+        {"flow_rate": 1e-11},
         {"over_half_width": False, "axial_extent": 5e-5, "axial_extent_error": 1e-7, "axial_length": 4e-5},
         {"axial_length": None, "axial_length_error": None, "axial_length_bound": 2.2},
     ],
@@ -128,7 +134,7 @@ def test_what_is_written_is_read_again(tmp_path, changes):
     np.testing.assert_allclose(again.covariance, seen.covariance, rtol=1e-12)
     assert again.capsule_velocity == pytest.approx(seen.capsule_velocity, rel=1e-12)
     assert again.axial_length_bound == seen.axial_length_bound
-    assert again.over_half_width == seen.over_half_width
+    assert (again.over_half_width, again.flow_rate) == (seen.over_half_width, seen.flow_rate)
 
 
 def test_a_refused_measurement_has_a_status_and_no_numbers(tmp_path):

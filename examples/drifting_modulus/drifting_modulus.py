@@ -13,16 +13,6 @@ import numpy as np
 from capsbayes import Session, Surrogate, diagnose
 
 HERE = Path(__file__).parent
-BETWEEN = (3.8e-3, 4.7e-3, 5.9e-3)  # m/s, of v_o: from one setting of the pump to the next
-
-
-def by_setting(compared):
-    """Median velocity [m/s] and apparent G_s [N/m] at each setting of the pump : (2, 4) array."""
-    velocity = compared.session.circumstances["capsule_velocity"]
-    setting = np.digitize(velocity, BETWEEN)
-    return np.array(
-        [(np.median(velocity[setting == i]), np.nanmedian(compared.modulus[setting == i])) for i in range(4)]
-    ).T
 
 
 def picture(before, after, path):
@@ -40,7 +30,9 @@ def picture(before, after, path):
             color=colour,
             label=label,
         )
-        axes.plot(*(1e3 * by_setting(compared)), "_", ms=28, mew=3, color=colour)
+        for rate, (_, median) in compared.modulus_at_flow_rates.items():
+            there = np.median(velocity[compared.session.flow_rates == rate])
+            axes.plot(there, 1e3 * median, "_", ms=28, mew=3, color=colour)
     axes.set(xlabel="$v_o$ [mm/s]", ylabel="apparent $G_s$ [mN/m]", ylim=(0.0, None))
     axes.legend(frameon=False)
     figure.savefig(path, dpi=150)
@@ -54,9 +46,10 @@ def main():
     study = diagnose(session, Surrogate.open("square-neo-hookean"), seed=1)
     print(study)
     before, after = study.verification.compared
-    print("v_o [mm/s]   G_s [mN/m] before   after")
-    for (velocity, without), (_, within) in zip(by_setting(before).T, by_setting(after).T, strict=True):
-        print(f"{1e3 * velocity:10.2f}   {1e3 * without:17.1f}   {1e3 * within:5.1f}")
+    print("Q [uL/min]   G_s [mN/m] before   after")
+    for rate, (_, without) in before.modulus_at_flow_rates.items():
+        within = after.modulus_at_flow_rates[rate][1]
+        print(f"{6e10 * rate:10.2f}   {1e3 * without:17.1f}   {1e3 * within:5.1f}")
     print(f"G_s [mN/m] = {1e3 * after.median_modulus:.1f}")
     if arguments.picture:
         picture(before, after, arguments.picture)

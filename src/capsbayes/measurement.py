@@ -24,7 +24,7 @@ CONDITIONS = ("half_width", "viscosity")
 """What of an experiment may differ from capsule to capsule of a set."""
 
 _KEYS = ("axial_extent", "capsule_velocity")
-_OPTIONAL = ("axial_length", "length_correlation", "axial_length_bound")
+_OPTIONAL = ("axial_length", "length_correlation", "axial_length_bound", "flow_rate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +61,8 @@ class Measurement:
         How the measurement ended; unless it is ``DONE``, the numbers are NaN.
     axial_length_bound : float, optional
         Where L_a is missing: what it cannot exceed, the length of the silhouette with two standard errors.
+    flow_rate : float, optional
+        What the pump was set to [m^3/s]. Nothing is inferred from it: a study shows capsules of one flow rate together.
     conditions : mapping of str to float
         What is otherwise for this capsule of a set than its experiment says, in SI: its ``half_width``, its
         ``viscosity``. A measurement file says so by the experiment it names.
@@ -92,6 +94,7 @@ class Measurement:
     experiment_file: Path | None = None
     status: Status = Status.DONE
     axial_length_bound: float | None = None
+    flow_rate: float | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -100,9 +103,10 @@ class Measurement:
         where = self.source or "measurement"
         for key in ("axial_extent", "capsule_velocity", "axial_length"):
             self._check_pair(where, key)
-        bound = self.axial_length_bound
-        if bound is not None and not (isinstance(bound, (int, float)) and np.isfinite(bound) and bound > 0.0):
-            raise InputError(where, "axial_length_bound", "a positive finite number", repr(bound))
+        for key in ("axial_length_bound", "flow_rate"):
+            value = getattr(self, key)
+            if value is not None and not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0.0):
+                raise InputError(where, key, "a positive finite number", repr(value))
         if self.axial_length is not None and self.axial_length > self.axial_extent:
             raise InputError(
                 where, "axial_length", f"at most the axial extent {self.axial_extent:g}", f"{self.axial_length:g}"
@@ -141,7 +145,7 @@ class Measurement:
         path : path
             File with a table ``[measurement]``: ``axial_extent``,
             ``capsule_velocity``, and optionally ``axial_length`` and
-            ``length_correlation``, or ``axial_length_bound``. It may name its experiment file
+            ``length_correlation``, or ``axial_length_bound``, and ``flow_rate``. It may name its experiment file
             (``experiment = "..."``, relative to itself) and state a
             ``[prior]``, which is read where priors are known, and an ``[outline]``, which `MeasuredOutline.read`
             reads.
@@ -164,6 +168,10 @@ class Measurement:
         if "axial_length" in table:
             length = _length(table["axial_length"], where, "axial_length", (extent.unit,))
         velocity = _measured(table["capsule_velocity"], where, "capsule_velocity", ("m/s",), "5.00 +/- 0.05 mm/s")
+        flow_rate = None
+        if "flow_rate" in table:
+            key, example = "measurement.flow_rate", "0.60 uL/min"
+            flow_rate = quantity(table["flow_rate"], where=where, key=key, units=("m^3/s",), example=example).value
         return cls(
             axial_extent=extent.value,
             axial_extent_error=extent.error,
@@ -178,6 +186,7 @@ class Measurement:
             sha256=file.sha256,
             experiment_file=_named_file(top.get("experiment"), file.path),
             axial_length_bound=table.get("axial_length_bound"),
+            flow_rate=flow_rate,
         )
 
     def write(self, path: str | Path) -> None:
@@ -207,6 +216,8 @@ class Measurement:
         if self.axial_length_bound is not None:
             lines.append(f"axial_length_bound = {float(self.axial_length_bound)!r}")
         lines.append(f'capsule_velocity = "{_pair(self.capsule_velocity, self.capsule_velocity_error)} m/s"')
+        if self.flow_rate is not None:
+            lines.append(f'flow_rate = "{float(self.flow_rate)!r} m^3/s"')
         if self.outline is not None:
             lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
         Path(path).write_text("\n".join(lines).lstrip() + "\n")

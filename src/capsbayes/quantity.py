@@ -21,6 +21,7 @@ kilo- = 1e3 = k-
 mega- = 1e6 = M-
 meter = [length] = m = metre
 micron = micrometer
+liter = 1e-3 * meter ** 3 = L = litre
 gram = [mass] = g
 second = [time] = s = sec
 minute = 60 * second = min
@@ -58,7 +59,7 @@ def _registry() -> Any:
     """Return the registry of the units an experiment needs, built when a text is first read.
 
     The whole registry of pint takes a fifth of a second more, and knows units
-    that nobody means: "a" would be a year and "l" a litre.
+    that nobody means: "a" would be a year and "l", which is the half width here, a litre.
     """
     import pint
 

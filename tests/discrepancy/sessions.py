@@ -50,6 +50,7 @@ def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None):
                 float(seen[1]),
                 noise,
                 outline=edge,
+                flow_rate=round(velocity * 50e-6**2, 15),
             )
         )
         truth["log_modulus"].append(log_modulus)

@@ -36,6 +36,20 @@ def test_a_right_model_leaves_the_noise(compared):
     assert np.abs(along.displacement / along.error).max() < 10.0
 
 
+def test_medians_are_of_the_capsules_of_each_flow_rate(compared):
+    """Flow rates that a sensor has measured, no two alike, are no settings."""
+    found = compared.modulus_at_flow_rates
+    assert sum(count for count, _ in found.values()) == 8
+    for rate, (count, median) in found.items():
+        at = [one.flow_rate == rate for one in compared.session.measurements]
+        assert (sum(at), np.median(compared.modulus[at])) == (count, median)
+    each = [replace(one, flow_rate=1e-11 + 1e-14 * row) for row, one in enumerate(compared.session.measurements)]
+    measured = replace(compared, session=Session(each, compared.session.experiment))
+    assert measured.modulus_at_flow_rates == {}
+    unknown = [replace(one, flow_rate=None) for one in each]
+    assert replace(compared, session=Session(unknown, compared.session.experiment)).modulus_at_flow_rates == {}
+
+
 def test_a_bump_is_found_where_it_is(compared):
     """Edges put farther out by 1 um at the nose, beside the predictions before."""
     width, bump = 25e-6, 1e-6

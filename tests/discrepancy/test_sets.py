@@ -15,13 +15,20 @@ from capsbayes.experiment import Experiment
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 
-NUMBERS = ("axial_extent", "axial_extent_error", "capsule_velocity", "capsule_velocity_error", "axial_length")
+NUMBERS = (
+    "axial_extent",
+    "axial_extent_error",
+    "capsule_velocity",
+    "capsule_velocity_error",
+    "axial_length",
+    "flow_rate",
+)
 
 
 def capsule(number, *, outline=False, **how):
     angle = np.linspace(0.0, 2.0 * np.pi, 20 + number, endpoint=False)
     edge = MeasuredOutline(np.stack([np.cos(angle), np.sin(angle)], axis=1), OutlineNoise(0.01, 0.2, 0.25))
-    lengths = {"axial_length": 1.8 + 0.01 * number, "axial_length_error": 0.02} | how
+    lengths = {"axial_length": 1.8 + 0.01 * number, "axial_length_error": 0.02, "flow_rate": 1e-11 * (1 + number)} | how
     return Measurement(2.1, 0.01, np.float64(5e-3), 5e-5, **lengths, outline=edge if outline else None)
 
 
@@ -55,7 +62,7 @@ def test_a_folder_is_read_back_with_its_experiment(tmp_path, outline):
 
 
 def test_a_table_is_read_back(tmp_path):
-    hidden = capsule(9, axial_length=None, axial_length_error=None)
+    hidden = capsule(9, axial_length=None, axial_length_error=None, flow_rate=None)
     wanted = Session([*session().measurements, hidden], EXPERIMENT)
     wanted.write(tmp_path / "set.csv")
     found = Session.read(tmp_path / "set.csv", EXPERIMENT)
@@ -100,14 +107,15 @@ def test_the_folder_and_the_table_of_a_film_are_sets(tmp_path):
     assert "capsules.csv: capsule 2: status: expected DONE, got The outline is notched" in line
 
 
-def test_velocities_may_be_in_millimetres(tmp_path):
+def test_velocities_may_be_in_millimetres_and_flow_rates_in_microlitres(tmp_path):
     path = tmp_path / "set.csv"
     path.write_text(
         "name, axial_extent_over_l, axial_extent_error_over_l, capsule_velocity_mm_per_s, "
-        "capsule_velocity_error_mm_per_s\nA, 2.1, 0.01, 5.0, 0.05\n"
+        "capsule_velocity_error_mm_per_s, flow_rate_ul_per_min\nA, 2.1, 0.01, 5.0, 0.05, 0.6\n"
     )
     (one,) = Session.read(path, EXPERIMENT).measurements
     assert (one.capsule_velocity, one.capsule_velocity_error) == pytest.approx((5e-3, 5e-5))
+    assert one.flow_rate == pytest.approx(1e-11)
     assert one.source == f"{path}: capsule A"
 
 

@@ -34,6 +34,24 @@ def test_residuals_are_as_stated(blur):
     assert max(squares) < 1.8
 
 
+def test_edges_next_to_a_wall_are_left_out():
+    """A capsule that leaves 3 px to either wall, blurred by 2 px: its flanks would lie 0.3 px too far out."""
+    made = drawn(0.005, 1.125, optics=Optics(blur=2.0, electrons=5000))
+    sighting = sight(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    clearance = sighting.walls.clearance(sighting.outline.points)
+    assert clearance.min() < 4.0
+    seen = silhouette_of(sighting)
+    whole = np.abs(np.asarray(made.scene.silhouette)[:, 1]).max()
+    assert np.abs(seen.points[:, 1] - np.median(seen.points[:, 1])).max() < whole - 0.01
+    truth = np.asarray(made.scene.silhouette)
+    _, kept = aligned_with(seen.points, truth)
+    every = (sighting.outline.points - sighting.axis) @ np.stack([sighting.walls.along, sighting.walls.across], 1)
+    _, found_at_all = aligned_with(every / HALF_WIDTH, truth)
+    flank = clearance < 2.0 * sighting.walls.line_width
+    assert found_at_all.distance[flank].mean() * HALF_WIDTH > 0.2
+    assert np.abs(kept.distance).max() < 3.0 * np.hypot(seen.noise.scale, seen.pose.offset)
+
+
 def test_a_capsule_that_moves_to_the_left_looks_the_same():
     right, left = (found(drawn(0.08, 1.05, flow=flow)) for flow in (1, -1))
     assert right.view == "silhouette"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.inference.normal_distance import footing, normal_distances
+from capsbayes.inference.normal_distance import footing, normal_distances, posed_on
 from capsbayes.inference.outline_likelihood import OutlineLikelihood, aligned_with
 from capsbayes.measured_outline import OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
@@ -52,6 +52,19 @@ def covered(model, rng, drawn, assumed, count=150, pose=None, offset=0.0, modes=
         found, precision = fitted(model, likelihood)
         hits += (found - TRUTH) @ precision @ (found - TRUTH) < 5.991
     return hits / count
+
+
+def test_points_behind_a_gap_stand_where_they_belong():
+    """A long ellipse without its flanks, as where walls were too near: each point finds its own side."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
+    outline = np.stack([1.5 * np.cos(angle), np.sin(angle)], axis=1)
+    points = outline[1::3]
+    kept = points[np.abs(points[:, 1]) < 0.8]
+    assert np.hypot(*np.diff(kept, axis=0).T).max() > 1.5
+    assert np.abs(footing(kept, outline).distance).max() < 1e-12
+    shifted, feet = posed_on(kept + np.array([0.03, -0.02]), outline)
+    np.testing.assert_allclose(shifted, kept, atol=1e-3)
+    assert np.abs(feet.distance).max() < 1e-3
 
 
 def test_distances_from_a_circle_are_exact():

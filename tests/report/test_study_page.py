@@ -117,6 +117,19 @@ def test_trends_show_every_capsule_and_the_slopes(study):
         assert len(ax.containers[0].lines[0].get_xdata()) == int(study.discover.fits.settled.sum())
 
 
+def test_medians_stand_at_each_flow_rate(study, page):
+    before, after = (one.modulus_at_flow_rates for one in study.verification.compared)
+    assert len(before) >= 3
+    for rate, (count, median) in before.items():
+        cells = [
+            f"{6e10 * rate:.3g} uL/min",
+            str(count),
+            f"{1e3 * median:.1f} mN/m",
+            f"{1e3 * after[rate][1]:.1f} mN/m",
+        ]
+        assert re.search(".{,60}".join(map(re.escape, cells)), page, re.DOTALL), cells
+
+
 def test_held_out_capsules_are_of_different_sizes(study):
     sizes = study.verification.compared[1].fits.size[list(chosen_capsules(study.verification))]
     assert len(sizes) == 3

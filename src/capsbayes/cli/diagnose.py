@@ -175,6 +175,8 @@ def _print(console: Console, study: Study, out: Path | None) -> None:
         console.print(_candidate_table(study))
     if study.verification is not None:
         console.print(_held_out(study.verification), markup=False)
+        for line in _at_flow_rates(study.verification):
+            console.print(line, markup=False)
     model = study.model if study.discover is None else study.discover.model
     console.print(f"Model: {model.name}, sha256 {model.sha256[:12]}; seed {study.seed}.")
     if out is not None:
@@ -226,3 +228,16 @@ def _held_out(verification: Verification) -> str:
         f"{chances[1]:.2g}, median G_s {before:.1f} -> {after:.1f} {modulus.shown_unit}; gain "
         f"{verification.gain:+.2f} +/- {verification.error:.2f} in log likelihood a capsule."
     )
+
+
+def _at_flow_rates(verification: Verification) -> Iterator[str]:
+    """A line for each flow rate, if they are known."""
+    from capsbayes.parameters import PARAMETERS
+
+    modulus, flow_rate = PARAMETERS["surface_shear_modulus"], PARAMETERS["flow_rate"]
+    before, after = (one.modulus_at_flow_rates for one in verification.compared)
+    for rate, (count, median) in before.items():
+        yield (
+            f"  at {flow_rate.shown(rate):.3g} {flow_rate.shown_unit} ({count} capsules): median G_s "
+            f"{modulus.shown(median):.1f} -> {modulus.shown(after[rate][1]):.1f} {modulus.shown_unit}"
+        )

@@ -71,6 +71,19 @@ class Compared:
         """Median of the apparent G_s [N/m]; NaN if the model has none of the shapes."""
         return self.fits.median_modulus
 
+    @property
+    def modulus_at_flow_rates(self) -> Mapping[float, tuple[int, float]]:
+        """Capsules and median of their apparent G_s [N/m] by flow rate [m^3/s].
+
+        Empty if fewer than half of the capsules share theirs with another, as where a sensor has measured it.
+        """
+        rates = self.session.flow_rates
+        settings, counts = np.unique(rates[np.isfinite(rates)], return_counts=True)
+        if len(settings) < 2 or counts[counts > 1].sum() < 0.5 * len(rates):
+            return {}
+        rows = {float(one): rates == one for one in settings}
+        return {rate: (int(at.sum()), _median(self.modulus[at])) for rate, at in rows.items()}
+
     @cached_property
     def outlines(self) -> Floats:
         """Predicted outlines of the best shapes : (n, p, 2) array [l], NaN where the model has none."""
@@ -113,3 +126,8 @@ class Compared:
     @property
     def _metres(self) -> float:
         return self.session.mean("half_width")
+
+
+def _median(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")

@@ -100,6 +100,11 @@ class Session:
             found[name] = np.array([one.conditions.get(name, usual) for one in self.measurements])
         return found
 
+    @cached_property
+    def flow_rates(self) -> Floats:
+        """What the pump was set to : (n,) array [m^3/s], NaN where it is not known."""
+        return np.array([np.nan if one.flow_rate is None else one.flow_rate for one in self.measurements])
+
     @property
     def velocity_errors(self) -> Floats:
         """Relative standard errors of the capsules' velocities : (n,) array."""

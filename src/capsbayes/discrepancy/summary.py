@@ -24,7 +24,8 @@ def summary(study: Study) -> dict[str, Any]:
     Returns
     -------
     dict
-        Lengths in metres, moduli in N/m, effects in the unit of their parameter; None where there is no number.
+        Lengths in metres, moduli in N/m, flow rates in m^3/s, effects in the unit of their parameter; None where there
+        is no number.
     """
     model = study.model if study.discover is None else study.discover.model
     return {
@@ -106,6 +107,10 @@ def _moduli(compared: Compared) -> dict[str, Any]:
         "surface_shear_modulus": [_number(one) for one in compared.modulus],
         "surface_shear_modulus_error": [_number(one) for one in compared.modulus_error],
         "size_ratio": [_number(one) for one in compared.fits.size],
+        "by_flow_rate": [
+            {"flow_rate": rate, "capsules": count, "median_surface_shear_modulus": _number(median)}
+            for rate, (count, median) in compared.modulus_at_flow_rates.items()
+        ],
     }
 
 

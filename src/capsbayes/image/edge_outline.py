@@ -20,6 +20,7 @@ __all__ = ["silhouette_of"]
 
 Floats = NDArray[np.float64]
 
+_WALL = 2.0  # of the width of a wall's dark line: nearer to it, blur mixes the two, and an edge is found too far out
 _TOGETHER = 3  # points that are averaged
 _SCATTER = 0.75, 0.15  # variance of the mean of so many over that of independent ones: at no width, and per its square
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
@@ -37,12 +38,16 @@ def silhouette_of(sighting: Sighting) -> MeasuredOutline | None:
     Returns
     -------
     MeasuredOutline or None
-        None where nothing was measured, or where the shape does not tell its front from its rear.
+        Without its points next to a wall, which are wrong by up to a third of the edge's width. None where nothing was
+        measured, or where the shape does not tell its front from its rear.
     """
     if not sighting.status.ok or sighting.outline is None or sighting.walls is None or sighting.flow == 0:
         return None
     walls = sighting.walls
-    points = _averaged(sighting.outline.points - sighting.axis)
+    clear = _averaged(walls.clearance(sighting.outline.points)[:, None])[:, 0] > _WALL * walls.line_width
+    if not clear.any():
+        return None
+    points = _averaged(sighting.outline.points - sighting.axis)[clear]
     placed = np.stack([sighting.flow * (points @ walls.along), points @ walls.across], axis=1) / walls.half_width
     scatter, smooth, offset = _errors(sighting.outline)
     radius = float(np.mean(np.hypot(*(placed - placed.mean(axis=0)).T)))

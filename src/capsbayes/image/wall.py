@@ -67,6 +67,11 @@ class Walls:
         rows, columns = (np.arange(count, dtype=float) for count in shape)
         return np.asarray((rows[:, None] - self.height) * self.across[1] + (columns - self.middle) * self.across[0])
 
+    def clearance(self, points: Floats) -> Floats:
+        """Distance of points (n, 2) [px] from the nearer wall, negative beyond it : (n,) array [px]."""
+        off = (points - [self.middle, self.height]) @ self.across
+        return np.asarray(self.half_width - np.abs(off))
+
 
 def find_walls(grey: Floats) -> Walls | None:
     """Find the walls.

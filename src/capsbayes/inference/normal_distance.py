@@ -130,12 +130,24 @@ def _moved(points, stands, distance, normal):  # type: ignore[no-untyped-def]
 def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyped-def]
     """Fill in distance, place and normal of each point: the first looks everywhere, the others near the one before.
 
-    So no point jumps from the outer side of a thin rim to its inner side.
+    So no point jumps from the outer side of a thin rim to its inner side. Behind a gap, as left where a wall hid the
+    edge, it is looked for as much further on.
     """
     count = len(outline)
-    reach, best = count, 0
+    round_it = 0.0
+    for j in range(count):
+        following = j + 1 if j + 1 < count else 0
+        round_it += np.hypot(outline[following, 0] - outline[j, 0], outline[following, 1] - outline[j, 1])
+    usual, best = min(count, 8 + 6 * count // len(points)), 0
     for i in range(len(points)):
         z, y = points[i]
+        reach = usual
+        if i == 0:
+            reach = count
+        else:
+            step = np.hypot(z - points[i - 1, 0], y - points[i - 1, 1]) / round_it * count
+            if 2.0 * step > usual - 8:
+                reach = min(count, usual + int(3.0 * step))
         square, edge, share = np.inf, 0, 0.0
         for k in range(-(reach // 2), reach - reach // 2):
             j = best + k  # a remainder would take longer than all the rest
@@ -158,7 +170,7 @@ def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyp
         outward = (z - foot_z) * normal[i, 0] + (y - foot_y) * normal[i, 1]
         distance[i] = np.sqrt(square) if outward >= 0.0 else -np.sqrt(square)
         place[i] = edge + share
-        best, reach = edge, min(count, 8 + 6 * count // len(points))
+        best = edge
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

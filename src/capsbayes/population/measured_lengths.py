@@ -102,7 +102,7 @@ class MeasuredLengths:
         refuse(
             np.abs(np.nan_to_num(numbers["length_correlation"])) >= 1.0, "length_correlation: expected between -1 and 1"
         )
-        for name in CONDITIONS:
+        for name in ("flow_rate", *CONDITIONS):
             given = ~np.isnan(numbers[name])
             refuse(given & ~(np.isfinite(numbers[name]) & (numbers[name] > 0.0)), f"{name}: expected a positive number")
         loose = numbers["capsule_velocity_error"] > LOOSEST_VELOCITY * numbers["capsule_velocity"]

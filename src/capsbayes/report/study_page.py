@@ -14,7 +14,13 @@ from capsbayes.report.study_candidates import candidate_gains
 from capsbayes.report.study_held_out import chosen_capsules, held_out
 from capsbayes.report.study_moduli import moduli
 from capsbayes.report.study_outline import outline_finding
-from capsbayes.report.study_tables import candidate_table, finding_table, held_out_table, meaning_table
+from capsbayes.report.study_tables import (
+    candidate_table,
+    finding_table,
+    flow_rate_table,
+    held_out_table,
+    meaning_table,
+)
 from capsbayes.report.study_trends import trends
 from capsbayes.report.study_words import (
     deviation_words,
@@ -135,6 +141,10 @@ def _held_out(study: Study, verification: Verification) -> Iterator[str]:
     yield held_out_table(verification)
     caption = "Each held-out capsule with its standard error, without that of the viscosity, which all of them share."
     yield picture(moduli(verification), "shear moduli before and after", caption)
+    at_flow_rates = flow_rate_table(verification)
+    if at_flow_rates is not None:
+        yield "<p>A membrane has one shear modulus: with the right model it is the same at every flow rate.</p>"
+        yield at_flow_rates
 
 
 def _origin(study: Study) -> Iterator[str]:

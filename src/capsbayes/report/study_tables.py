@@ -18,9 +18,9 @@ from capsbayes.report.study_words import (
     told_words,
 )
 
-__all__ = ["candidate_table", "finding_table", "held_out_table", "meaning_table"]
+__all__ = ["candidate_table", "finding_table", "flow_rate_table", "held_out_table", "meaning_table"]
 
-_MODULUS = PARAMETERS["surface_shear_modulus"]
+_MODULUS, _FLOW_RATE = PARAMETERS["surface_shear_modulus"], PARAMETERS["flow_rate"]
 _OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike in all capsules"}
 
 
@@ -84,8 +84,25 @@ def held_out_table(verification: Verification) -> Markup:
     return table((f"{len(verification.gains)} held-out capsules", "before", "after"), rows)
 
 
+def flow_rate_table(verification: Verification) -> Markup | None:
+    """Median G_s at each flow rate before and after, None where flow rates are not known."""
+    before, after = (one.modulus_at_flow_rates for one in verification.compared)
+    if not before:
+        return None
+    rows = [
+        (
+            f"{_FLOW_RATE.shown(rate):.3g} {_FLOW_RATE.shown_unit}",
+            str(count),
+            _shown_modulus(median),
+            _shown_modulus(after[rate][1]),
+        )
+        for rate, (count, median) in before.items()
+    ]
+    return table(("flow rate", "capsules", typeset("median G_s before"), "after"), rows, numbers=(1, 2, 3))
+
+
 def _shown_modulus(value: float) -> str:
-    return f"{_MODULUS.shown(value):.1f} {_MODULUS.shown_unit}"
+    return f"{_MODULUS.shown(value):.1f} {_MODULUS.shown_unit}" if math.isfinite(value) else "no such shape"
 
 
 def _marked(study: Study, name: str, one: Scores) -> str:

@@ -27,6 +27,7 @@ _NUMBERS = {
 _LENGTH = {"axial_length": "l", "axial_length_error": "l"}
 _NOISE = {"noise_scale": "l", "noise_correlation": "l"}
 _WHITE = {"noise_white": "1"}
+_FLOW = {"flow_rate": "m^3/s"}
 _CONDITIONS = {"half_width": "m", "viscosity": "Pa s"}
 _OUTLINE = ("capsule", "point", "axis")
 
@@ -40,10 +41,10 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
         With the variables ``outline`` (capsule, point, axis) [l], columns (z, y), filled up with NaN behind a short
         one; over the capsules ``axial_extent``, ``axial_extent_error`` [l], ``capsule_velocity``,
         ``capsule_velocity_error`` [m/s], ``noise_scale``, ``noise_correlation`` [l] as of `OutlineNoise`; optionally
-        ``noise_white``, ``axial_length``, ``axial_length_error`` [l], ``half_width`` [m] and ``viscosity`` [Pa s] where
-        they are not those of the experiment (else NaN), and ``name``. A variable's attribute ``units``,
-        if it has one, must be the unit here. The attribute ``view`` says what all outlines show, ``"section"`` by
-        default.
+        ``noise_white``, ``axial_length``, ``axial_length_error`` [l], ``flow_rate`` [m^3/s] where it is known,
+        ``half_width`` [m] and ``viscosity`` [Pa s] where they are not those of the experiment (else NaN), and ``name``.
+        A variable's attribute ``units``, if it has one, must be the unit here. The attribute ``view`` says
+        what all outlines show, ``"section"`` by default.
     experiment : Experiment or path
         By default the file that the attribute ``experiment`` names, relative to this one.
 
@@ -85,8 +86,9 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     numbers = {name: [getattr(one, name) for one in measurements] for name in _NUMBERS | _LENGTH}
     numbers |= dict(zip(_NOISE | _WHITE, noise.T, strict=True))
     own = {name: [one.conditions.get(name, np.nan) for one in measurements] for name in _CONDITIONS}
+    own |= {name: [getattr(one, name) or np.nan for one in measurements] for name in _FLOW}
     numbers |= {name: values for name, values in own.items() if np.isfinite(values).any()}
-    units = _NUMBERS | _LENGTH | _NOISE | _WHITE | _CONDITIONS
+    units = _NUMBERS | _LENGTH | _NOISE | _WHITE | _FLOW | _CONDITIONS
     variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
     dataset = xr.Dataset({**variables, "outline": (_OUTLINE, outlines, {"units": "l"})}, coords={"axis": ["z", "y"]})
     dataset.attrs["view"] = (views or [SECTION])[0]
@@ -112,7 +114,7 @@ def opened(path: Path) -> xr.Dataset:
 def _check(path: Path, dataset: xr.Dataset) -> None:
     """Refuse a file that lacks a variable, or has one of another shape or unit."""
     needed = {"outline": "l", **_NUMBERS, **_NOISE}
-    for name, unit in (needed | _LENGTH | _WHITE | _CONDITIONS).items():
+    for name, unit in (needed | _LENGTH | _WHITE | _FLOW | _CONDITIONS).items():
         dims = _OUTLINE if name == "outline" else ("capsule",)
         wanted = f"a variable ({', '.join(dims)}) in {unit}"
         if name not in dataset.variables:
@@ -131,7 +133,7 @@ def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
     one = dataset.isel(capsule=row)
     label = str(one["name"].item()) if "name" in one.variables else str(row + 1)
     where = f"{path}: capsule {label}"
-    numbers = {name: float(one[name]) for name in (*_NUMBERS, *_LENGTH) if name in one.variables}
+    numbers = {name: float(one[name]) for name in (*_NUMBERS, *_LENGTH, *_FLOW) if name in one.variables}
     seen = {name: value for name, value in numbers.items() if name in _NUMBERS or np.isfinite(value)}
     points = np.asarray(one["outline"].values, np.float64)
     view = check_view(one.attrs.get("view", SECTION), str(path), "view")

@@ -34,6 +34,7 @@ OPTIONAL: dict[str, dict[str, float]] = {
     "axial_length": {"axial_length_over_l": 1.0},
     "axial_length_error": {"axial_length_error_over_l": 1.0},
     "length_correlation": {"length_correlation": 1.0},
+    "flow_rate": {"flow_rate_m3_per_s": 1.0, "flow_rate_ul_per_min": 1e-9 / 60.0},
 }
 CONDITIONS: dict[str, dict[str, float]] = {
     "half_width": {"half_width_m": 1.0, "half_width_um": 1e-6},
@@ -52,8 +53,9 @@ def read_table(path: Path, experiment: Experiment | str | Path | None = None) ->
         CSV file with the columns ``axial_extent_over_l``, ``axial_extent_error_over_l``, ``capsule_velocity_m_per_s``
         and ``capsule_velocity_error_m_per_s`` (or both ``..._mm_per_s``); optionally ``axial_length_over_l`` and
         ``axial_length_error_over_l``, whose cells may be empty where the rear is hidden, ``length_correlation``,
-        ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or ``_mpa_s``) where they are not those of the experiment,
-        ``name``, and ``status``, which is DONE for a capsule to be used.
+        ``flow_rate_ul_per_min`` (or ``_m3_per_s``), ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or
+        ``_mpa_s``) where they are not those of the experiment, ``name``, and ``status``, which is
+        DONE for a capsule to be used.
     experiment : Experiment or path
 
     Raises
@@ -80,7 +82,8 @@ def write_table(path: Path, measurements: Sequence[Measurement]) -> None:
     for one in measurements:
         if one.outline is not None:
             raise InputError(str(path), "outline", "capsules without outlines", "one with", "write a folder or a .nc")
-    headers = {name: next(iter(found)) for name, found in (COLUMNS | OPTIONAL).items()}
+    seen = {name for name in COLUMNS | OPTIONAL if any(getattr(one, name) is not None for one in measurements)}
+    headers = {name: next(iter(found)) for name, found in (COLUMNS | OPTIONAL).items() if name in seen}
     stated = {name for one in measurements for name in one.conditions}
     own = {name: next(iter(found)) for name, found in CONDITIONS.items() if name in stated}
     with path.open("w", newline="") as file:
