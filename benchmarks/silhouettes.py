@@ -1,8 +1,8 @@
 """Silhouettes measured in drawn pictures: whether their noise is as stated, and what they say of the capsule.
 
 Run ``python benchmarks/silhouettes.py [CAPSULES]``. The pictures are those of ``benchmarks/pictures.py``, of simulated
-capsules, each of which is left out of the surrogate that identifies it; those at the border of the database, which it
-does not reach without them, are not drawn. The first table holds the normal residuals of the measured silhouettes about
+capsules, each of which is left out of the surrogate that identifies it; those at the border of the database, beyond
+which no interval can reach, are not drawn. The first table holds the normal residuals of the measured silhouettes about
 the true ones; the second the shares of the intervals of Ca and a/l that hold the truth, and how wide they are beside
 those from the lengths of the same pictures. An interrupt ends the run, and prints what there is.
 """
@@ -140,9 +140,11 @@ def main() -> None:
 
 
 def without_one(cases: Database, random: np.random.Generator) -> tuple[Database, Surrogate]:
-    """A case at random, and a surrogate made of the others that has an answer there."""
+    """A case at random, and a surrogate made of the others that has an answer there and all around."""
+    columns = [cases[name] for name in NAMES]
+    within = np.all([(one > one.min()) & (one < one.max()) for one in columns], axis=0)
     while True:
-        row = int(random.integers(len(cases)))
+        row = int(random.choice(np.flatnonzero(within)))
         case = Database(cases.dataset.isel(case=[row]))
         others = Database(cases.dataset.isel(case=np.delete(np.arange(len(cases)), row)))
         surrogate = Surrogate(others, view="silhouette")

@@ -9,7 +9,8 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.inference import identify
+from capsbayes.inference import identify, quadrature
+from capsbayes.inference.lattice import Window
 from capsbayes.inference.quadrature import Quadrature
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
@@ -32,21 +33,21 @@ def engine(model):
     return Quadrature(model, EXPERIMENT)
 
 
-def measured(model, capillary_number, size_ratio, rng):
+def measured(model, capillary_number, size_ratio, rng, noise=NOISE):
     """A capsule of that case, its outline with errors; the lengths are those of the outline."""
     there = model.at(capillary_number=capillary_number, size_ratio=size_ratio, outline=True)
     outline = there.outline[0]
-    points = outline[::4] + NOISE.drawn(rng, outline[::4], 1)[0][:, None] * vertex_normals(outline)[::4]
+    points = outline[::4] + noise.drawn(rng, outline[::4], 1)[0][:, None] * vertex_normals(outline)[::4]
     seen = Profile.from_outline(points)
     velocity = FLOW * float(there.velocity_ratio[0])
     return Measurement(
         axial_extent=seen.axial_extent,
-        axial_extent_error=1.5 * NOISE.scale,
+        axial_extent_error=1.5 * noise.scale,
         axial_length=seen.axial_length,
-        axial_length_error=1.5 * NOISE.scale,
+        axial_length_error=1.5 * noise.scale,
         capsule_velocity=velocity,
         capsule_velocity_error=0.002 * velocity,
-        outline=MeasuredOutline(points, NOISE),
+        outline=MeasuredOutline(points, noise),
     )
 
 
@@ -67,6 +68,21 @@ def test_where_the_rear_is_convex_the_outline_breaks_the_ridge(model, engine):
     assert seen.axial_extent - seen.axial_length < 0.01
     outline, lengths = (engine(one).log_marginal("capillary_number").sd for one in (seen, replace(seen, outline=None)))
     assert outline < 0.8 * lengths
+
+
+def test_a_posterior_is_found_from_a_window_that_does_not_hold_it(model, monkeypatch):
+    """Convex, with small errors: a ridge, along which a narrow window would creep and be taken for all there is."""
+    seen = measured(model, 0.0075, 0.825, np.random.default_rng(5), noise=OutlineNoise(0.001, 0.3, 0.1))
+    seen = replace(seen, axial_length=None, axial_length_error=None)
+    engine = Quadrature(model, EXPERIMENT)
+    far = Window((np.log(0.003), 0.811), (np.log(0.0032), 0.823), (77, 57))
+    monkeypatch.setattr(engine, "_first_window", lambda *_: far)
+    found = engine(seen)
+    assert all(gate.passed for gate in found.gates)
+    assert 0.001 < found.probability_below("capillary_number", 0.0075) < 0.999
+    assert 0.001 < found.probability_below("size_ratio", 0.825) < 0.999
+    monkeypatch.setattr(quadrature, "_ROUNDS", 1)
+    assert [gate.name for gate in engine(seen).gates if not gate.passed][-1].startswith("density at an end")
 
 
 @pytest.mark.slow

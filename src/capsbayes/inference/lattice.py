@@ -147,6 +147,13 @@ class Window:
             high.append(float(min(self.low[k] + self.step[k] * (index.max() + 1 + after), bounds.high[k])))
         return Window((low[0], low[1]), (high[0], high[1]), shape)
 
+    def wider(self, bounds: Window, shape: tuple[int, int]) -> Window:
+        """Window three times as wide along both axes, within bounds, cut anew."""
+        width = [self.high[k] - self.low[k] for k in (0, 1)]
+        low = [max(self.low[k] - width[k], bounds.low[k]) for k in (0, 1)]
+        high = [min(self.high[k] + width[k], bounds.high[k]) for k in (0, 1)]
+        return Window((low[0], low[1]), (high[0], high[1]), shape)
+
 
 @dataclass(frozen=True, eq=False)
 class CoarseTable:

@@ -43,7 +43,8 @@ _COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior
 _EDGE_DROP = 12.0  # at the edge of a window: what is cut off there is below 1e-5
 _ROUNDS = 12
 _FINER = 3.0  # at most from window to window with an outline, each node of which costs: most are beside the posterior
-_PILOTS = 2  # shapes at which the covariance of an outline is made, one after the other
+_PILOTS = 2, 5  # shapes at which the covariance of an outline is made, one after the other: at least, at most
+_SETTLED = 1.0  # standard deviations of log Ca or a/l between the pilot and the likeliest shape, up to which it will do
 _WIDTHS = (33, 129)  # fewest and most nodes of the half width
 _WIDTH_REACH = 5.5  # standard deviations of l on either side
 
@@ -102,10 +103,14 @@ class Quadrature:
             return self._refined(window, replace(target, outline=outline))
         seen, length = measurement.outline, measurement.length_beside_outline
         posterior = self._on(window, window.nodes(self.model, target), target, None)
-        for _ in range(_PILOTS):
-            there = dict(zip(("capillary_number", "size_ratio"), posterior.likeliest, strict=True))
-            pilot = outline_likelihood(self.model, seen, there, error_scale, length=length)
+        least, most = _PILOTS
+        for number in range(1, most + 1):
+            there = posterior.likeliest
+            theta = dict(zip(("capillary_number", "size_ratio"), there, strict=True))
+            pilot = outline_likelihood(self.model, seen, theta, error_scale, length=length)
             posterior = self._refined(posterior.window, replace(target, outline=pilot))
+            if number >= least and _farthest_off(posterior, there) <= _SETTLED:
+                break
         return posterior
 
     def _refined(self, window: Window, target: Target) -> GridPosterior:
@@ -118,11 +123,13 @@ class Quadrature:
             if better is None:
                 break
             window = better
+        at_ends = _density_at_ends(posterior, self.table.window)
+        whole = Gate("density at an end of the grid over the largest", at_ends, most=float(np.exp(-_EDGE_DROP)))
         cut = _cut_cells(posterior)
         if cut is not None:
             nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, target)
             posterior = self._on(posterior.window, nodes, target, widths)
-        return replace(posterior, gates=tuple(gate for gates in resolution for gate in gates))
+        return replace(posterior, gates=(*(gate for gates in resolution for gate in gates), whole))
 
     def check_shape(self, measurement: Measurement, target: Target) -> None:
         """Refuse lengths that lie far from every shape of the model."""
@@ -199,6 +206,9 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
     both = weights.max(axis=0)
     likely = both > np.exp(-_DROP) * both.max()
     around = window.around(likely, (_THEN, _THEN), bounds)
+    peak = np.unravel_index(int(both.argmax()), both.shape)
+    if any(_at_open_end(int(peak[k]), window, bounds, k) for k in (0, 1)):
+        return window.wider(bounds, (_THEN, _THEN))
     leaves = any(_leaves(both > np.exp(-_EDGE_DROP) * both.max(), window, bounds, k) for k in (0, 1))
     if all(gate.passed for gates in resolution for gate in gates) and not leaves:
         return None
@@ -231,6 +241,21 @@ def _resolution(posterior: GridPosterior) -> Resolution:
             _gate("standard deviation of a/l at given Ca", _feature_in_cells(across), CELLS_ACROSS),
         ],
     )
+
+
+def _farthest_off(posterior: GridPosterior, there: tuple[float, float]) -> float:
+    """Distance of the likeliest shape from another, along log Ca or a/l, in standard deviations."""
+    weights = posterior.weights.sum(axis=0)
+    off = []
+    for values, one, other in zip(
+        (posterior.nodes.log_ca, posterior.nodes.size),
+        (np.log(posterior.likeliest[0]), posterior.likeliest[1]),
+        (np.log(there[0]), there[1]),
+        strict=True,
+    ):
+        mean = weights @ values / weights.sum()
+        off.append(abs(one - other) / np.sqrt(weights @ (values - mean) ** 2 / weights.sum()))
+    return float(max(off))
 
 
 def _gate(what: str, value: float, least: float) -> Gate:
@@ -273,6 +298,25 @@ def _spread(cells: Booleans) -> Booleans:
     spread[:, 1:] |= rows[:, :-1]
     spread[:, :-1] |= rows[:, 1:]
     return spread
+
+
+def _at_open_end(index: int, window: Window, bounds: Window, axis: int) -> bool:
+    """Whether a cell is the last but one, or the last, before an end of the window that is no end of the domain."""
+    first, last = index <= 1, index >= window.shape[axis] - 2
+    return (first and window.low[axis] > bounds.low[axis]) or (last and window.high[axis] < bounds.high[axis])
+
+
+def _density_at_ends(posterior: GridPosterior, bounds: Window) -> float:
+    """Largest density at an end of the grid that is no end of the domain, over the largest of all."""
+    window = posterior.window
+    both = posterior.weights.max(axis=0).reshape(window.shape)
+    found = [0.0]
+    for k in (0, 1):
+        if window.low[k] > bounds.low[k]:
+            found.append(float(both.take(0, axis=k).max()))
+        if window.high[k] < bounds.high[k]:
+            found.append(float(both.take(-1, axis=k).max()))
+    return max(found) / float(both.max())
 
 
 def _leaves(likely: NDArray[np.bool_], window: Window, bounds: Window, axis: int) -> bool:
