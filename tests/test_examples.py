@@ -18,7 +18,8 @@ import pytest
 from capsbayes import Simulator, build_database
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-SCRIPTS = sorted(path.relative_to(EXAMPLES).as_posix() for path in EXAMPLES.rglob("*.py"))
+REAL = "tube_capsule/tube_capsule.py"  # which needs a picture that is not part of the library: tests/image/test_tube.py
+SCRIPTS = sorted({path.relative_to(EXAMPLES).as_posix() for path in EXAMPLES.rglob("*.py")} - {REAL})
 
 NUMBERS = {
     "own_law/own_law.py": ("v_o/U", 1.416, 0.002),

@@ -58,6 +58,10 @@ class Status(enum.Enum):
     )
     GRID_TOO_COARSE = "The grid did not resolve the posterior within its largest size; do not use the intervals."
     NO_SHAPE = "No shape of the model is near the lengths: they are more than five standard errors from every one."
+    OUTLINE_MISFIT = (
+        "The outline fits no shape of the model: even the best one is off by more than twice the stated errors; "
+        "do not use the intervals."
+    )
     UNUSABLE = "The numbers given for this capsule cannot be used; the reason stands beside it."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
     # studies of sensitivity

@@ -1,5 +1,10 @@
 """The real capsule of Risso et al. 2006 (doi 10.1017/S0022112005007652) in a circular tube, flowing to the right."""
 
+import re
+import runpy
+import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -8,6 +13,7 @@ from capsbayes.image.frames import Picture
 from capsbayes.image.measure import sight
 from capsbayes.status import Status
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "tube_capsule" / "tube_capsule.py"
 FOLDER = Path(__file__).parents[3] / "shared" / "data" / "capsule_tube"
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are not in {FOLDER}")
@@ -32,3 +38,16 @@ def test_the_other_direction_is_refused():
 def test_the_empty_tube_holds_no_capsule():
     empty = Picture.read(FOLDER / "background.png")
     assert sight(empty, background=empty).status is Status.NO_CAPSULE
+
+
+@pytest.mark.slow
+def test_the_example_tells_what_fits_and_what_does_not(tmp_path):
+    """Compression told K_s = 0.55 N/m; the rear of the real capsule is askew, as that of no simulated one is."""
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
+        patch.setattr(sys, "argv", [str(EXAMPLE), str(FOLDER), "--out", str(tmp_path)])
+        runpy.run_path(str(EXAMPLE), run_name="__main__")
+    skalak = re.search(r"Skalak, C = 1 +lengths +K_s \S+ N/m \[(\S+), (\S+)\].* DONE", printed.getvalue())
+    assert skalak is not None
+    assert float(skalak[1]) < 0.55 < float(skalak[2])
+    assert len(re.findall(r"silhouette .* OUTLINE_MISFIT", printed.getvalue())) == 3
+    assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".html"}

@@ -108,6 +108,18 @@ def test_emcee_agrees_and_the_shares_name_the_outline(model):
     assert "axial_extent" not in found.shares
 
 
+def test_an_outline_that_no_shape_fits_is_told(model):
+    """The same capsule, and with a rear that is askew."""
+    seen = measured(model, 0.05, 0.9, np.random.default_rng(6), noise=OutlineNoise(0.003, 0.2, 0.1))
+    right = identify(seen, model, EXPERIMENT, seed=1, engine="quadrature")
+    assert right.status is Status.DONE
+    assert 0.5 < right.gates[-1].value < 1.6
+    rear = seen.outline.points[:, 0] < seen.outline.points[:, 0].mean()
+    askew = seen.outline.points + 0.06 * np.stack([rear * seen.outline.points[:, 1], 0.0 * rear], axis=1)
+    wrong = replace(seen, outline=replace(seen.outline, points=askew))
+    assert identify(wrong, model, EXPERIMENT, seed=1, engine="quadrature").status is Status.OUTLINE_MISFIT
+
+
 def test_an_outline_is_over_the_half_width():
     angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
     circle = MeasuredOutline(np.stack([np.cos(angle), np.sin(angle)], axis=1), NOISE)

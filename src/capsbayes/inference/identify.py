@@ -21,6 +21,7 @@ from capsbayes.inference.marginal import Marginal
 from capsbayes.inference.mixed_posterior import MixedPosterior
 from capsbayes.inference.mixed_quadrature import exact_engine
 from capsbayes.inference.outline_likelihood import OutlineLikelihood, check_view_of
+from capsbayes.inference.outline_misfit import outline_misfit
 from capsbayes.inference.posterior import REPORTED, Posterior
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.section import check_section
@@ -100,6 +101,7 @@ def identify(
         exact = {name: grid.marginal(name) for name in reported}
         marginals = {name: Marginal.of_draws(draws[name]) for name in reported} if agreed else exact
         leans = leanings(draws, model, quadrature.prior)
+        fit = None if measurement.outline is None else outline_misfit(measurement.outline, model, draws)
         return Posterior(
             draws=draws,
             ensemble=ensemble,
@@ -113,13 +115,13 @@ def identify(
             model_sha256=model.sha256,
             engine=engine,
             seed=seed,
-            gates=tuple(gates),
+            gates=(*gates, *([] if fit is None else [fit])),
             agreement=agreed,
             shares=variance_shares(quadrature, measurement, grid),
             deterministic=deterministic_answer(measurement, model, grid.target.inputs),
             leaning=leans,
             outlines=_outlines(draws, model),
-            status=verdict(gates, agreed, leans),
+            status=verdict(gates, agreed, leans, fit),
         )
 
 

@@ -44,12 +44,19 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
     return shares
 
 
-def verdict(gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str, float]) -> Status:
-    """Status of a posterior, worst first: what makes the intervals wrong, then what makes them those of the border."""
+def verdict(
+    gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str, float], fit: Gate | None = None
+) -> Status:
+    """Status of a posterior, worst first: what makes the intervals wrong, then what makes them those of the border.
+
+    `fit` says whether the outline fits a shape at all, where one was measured.
+    """
     if not all(gate.passed for gate in gates):
         return Status.NOT_MIXED if agreed is not None else Status.GRID_TOO_COARSE
     if agreed is not None and not agreed.passed:
         return Status.ENGINES_DISAGREE
+    if fit is not None and not fit.passed:
+        return Status.OUTLINE_MISFIT
     if leans["model"] > LEANING_SHARE:
         return Status.LEANS_ON_BORDER
     if max(share for name, share in leans.items() if name not in _DOUBTS) > LEANING_SHARE:

@@ -10,6 +10,7 @@ from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.inference.mixed_quadrature import exact_engine
 from capsbayes.inference.outline_likelihood import check_view_of
+from capsbayes.inference.outline_misfit import outline_misfit
 from capsbayes.inference.section import check_section
 from capsbayes.inference.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
@@ -64,7 +65,8 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
     leans = leanings(draws, run.model, engine.prior)
     of_priors = [share for name, share in leans.items() if name.startswith("prior")]
     rows.leaning[row] = leans["model"], max(of_priors), leans.get(TWO_SHAPES, 0.0), leans.get(WRINKLES, 0.0)
-    rows.status[row] = verdict(posterior.gates, None, leans).name
+    fit = None if measurement.outline is None else outline_misfit(measurement.outline, run.model, draws)
+    rows.status[row] = verdict(posterior.gates, None, leans, fit).name
     # the likelihood: the posterior without the priors of G_s and a
     moduli, radii = np.log(draws["surface_shear_modulus"]), np.log(draws["capsule_radius"])
     powers = run.prior.surface_shear_modulus.power, run.prior.capsule_radius.power

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 _PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
 _AROUND = 1.25  # of the picture that is shown, either side of the axis, over l
-_BAR = 20e-6  # m
+_BAR = 0.25  # of the picture's width, at most
 
 
 def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:
@@ -66,7 +66,7 @@ def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 
     predicted = on_picture(band(posterior.outlines)[0], sighting)
     ax.plot(*_closed(predicted).T, color=_PREDICTED, linewidth=3.2, alpha=0.75, label="predicted outline")
     ax.plot(*_closed(sighting.outline.points).T, color=_MEASURED, linewidth=0.9, label="measured edge")
-    _draw_bar(ax, walls.half_width / posterior.inputs.half_width.centre * _BAR, columns, bottom)
+    _draw_bar(ax, walls.half_width / posterior.inputs.half_width.centre, columns, bottom)
     ax.set(xlim=(-0.5, columns - 0.5), ylim=(bottom, top))
     ax.set_axis_off()
     figure.legend(loc="lower center", ncols=2, frameon=False, fontsize=10)
@@ -130,10 +130,14 @@ def _closed(points: Floats) -> Floats:
     return np.vstack([points, points[:1]])
 
 
-def _draw_bar(ax: Axes, length: float, columns: int, bottom: float) -> None:
-    """A bar of 20 um in the corner, on a dark ground so that it shows on any picture."""
+def _draw_bar(ax: Axes, pixels: float, columns: int, bottom: float) -> None:
+    """A bar of a round length in the corner, dark around so that it shows on any picture; `pixels` make a metre."""
+    most = _BAR * columns / pixels
+    size = 10.0 ** np.floor(np.log10(most))
+    size *= max(factor for factor in (1.0, 2.0, 5.0) if factor * size <= most)
+    length = size * pixels
     start, height = 0.03 * columns, bottom - 0.03 * columns
     ax.plot([start, start + length], [height, height], color="black", linewidth=5.0, solid_capstyle="butt")
     ax.plot([start, start + length], [height, height], color="white", linewidth=2.5, solid_capstyle="butt")
-    text = ax.text(start + 0.5 * length, height - 0.012 * columns, f"{1e6 * _BAR:.0f} µm", color="white", ha="center")
+    text = ax.text(start + 0.5 * length, height - 0.012 * columns, f"{1e6 * size:g} µm", color="white", ha="center")
     text.set_bbox({"facecolor": "black", "alpha": 0.6, "pad": 1.5, "linewidth": 0})
