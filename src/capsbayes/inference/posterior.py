@@ -122,6 +122,14 @@ class Posterior:
 
         return read_posterior(Path(path))
 
+    def __repr__(self) -> str:
+        said = []
+        for name in ("surface_shear_modulus", "capsule_radius"):
+            parameter, one = PARAMETERS[name], self.marginals[name]
+            low, middle, high = (parameter.shown(value) for value in (one.lower_95, one.median, one.upper_95))
+            said.append(f"{parameter.symbol} = {middle:.4g} [{low:.4g}, {high:.4g}] {parameter.shown_unit}")
+        return f"<Posterior of {self.measurement.source or 'a capsule'}: {', '.join(said)} (95 %); {self.status.name}>"
+
     def summary(self) -> pd.DataFrame:
         """Table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""
         import pandas as pd
