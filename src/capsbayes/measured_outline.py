@@ -15,7 +15,7 @@ from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
 from capsbayes.profile import edge_lengths, signed_area
 
-__all__ = ["SECTION", "SILHOUETTE", "VIEWS", "MeasuredOutline", "OutlineNoise", "Pose", "check_view"]
+__all__ = ["FEWEST_POINTS", "SECTION", "SILHOUETTE", "VIEWS", "MeasuredOutline", "OutlineNoise", "Pose", "check_view"]
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ SILHOUETTE = "silhouette"
 
 VIEWS = (SECTION, SILHOUETTE)
 
-_FEWEST = 16
+FEWEST_POINTS = 16
 _COLUMNS = ("z_over_l", "y_over_l")
 
 
@@ -196,8 +196,8 @@ class MeasuredOutline:
     def __post_init__(self) -> None:
         check_view(self.view, "measurement", "outline.view")
         points = np.array(self.points, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) < _FEWEST:
-            expected = f"an array (m, 2) with m >= {_FEWEST}"
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < FEWEST_POINTS:
+            expected = f"an array (m, 2) with m >= {FEWEST_POINTS}"
             raise InputError("measurement", "outline", expected, f"shape {points.shape}")
         if not np.isfinite(points).all():
             raise InputError("measurement", "outline", "finite coordinates", "NaN or infinite ones")

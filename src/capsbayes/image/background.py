@@ -99,12 +99,13 @@ def evened(light: Floats, walls: Walls) -> Floats:
     (rows, columns) array
     """
     within = np.abs(walls.offset((light.shape[0], light.shape[1]))) < _MIDST * walls.half_width
-    level = np.nanmedian(np.where(within, light, np.nan), axis=0)
+    seen = within.any(axis=0)
+    level = np.nanmedian(np.where(within, light, np.nan)[:, seen], axis=0)
     design = np.vander(np.linspace(-1.0, 1.0, light.shape[1]), 3)
     start = np.array([0.0, 0.0, np.percentile(level, _BRIGHT)])
 
     def off(trend: Floats) -> Floats:
-        return design @ trend - level
+        return design[seen] @ trend - level
 
     fit = least_squares(off, start, loss="cauchy", f_scale=_FAINT)
     return np.asarray(light / np.maximum(design @ fit.x, _DARKEST))

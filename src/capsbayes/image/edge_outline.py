@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from capsbayes.image.contour import ARC, Outline
 from capsbayes.image.extent import EDGE_FLOOR
 from capsbayes.image.sighting import Sighting
-from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
+from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 
 __all__ = ["silhouette_of"]
 
@@ -38,14 +38,14 @@ def silhouette_of(sighting: Sighting) -> MeasuredOutline | None:
     Returns
     -------
     MeasuredOutline or None
-        Without its points next to a wall, which are wrong by up to a third of the edge's width. None where nothing was
-        measured, or where the shape does not tell its front from its rear.
+        Without its points next to a wall, which lie up to 0.4 of the edge's width too far out. None where nothing was
+        measured, where hardly any point is clear of the walls, or where the shape does not tell its front from its rear.
     """
     if not sighting.status.ok or sighting.outline is None or sighting.walls is None or sighting.flow == 0:
         return None
     walls = sighting.walls
     clear = _averaged(walls.clearance(sighting.outline.points)[:, None])[:, 0] > _WALL * walls.line_width
-    if not clear.any():
+    if np.count_nonzero(clear) < FEWEST_POINTS:
         return None
     points = _averaged(sighting.outline.points - sighting.axis)[clear]
     placed = np.stack([sighting.flow * (points @ walls.along), points @ walls.across], axis=1) / walls.half_width
