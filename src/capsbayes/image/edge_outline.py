@@ -39,7 +39,7 @@ def silhouette_of(sighting: Sighting) -> MeasuredOutline | None:
     -------
     MeasuredOutline or None
         Without its points next to a wall, which lie up to 0.4 of the edge's width too far out. None where nothing was
-        measured, where hardly any point is clear of the walls, or where the shape does not tell its front from its rear.
+        measured, hardly any point is clear of the walls, or the shape does not tell its front from its rear.
     """
     if not sighting.status.ok or sighting.outline is None or sighting.walls is None or sighting.flow == 0:
         return None
