@@ -17,7 +17,6 @@ USUAL = 0.01, 1.3
 WIDER = {
     ("section_aspect", 0.925): (0.03, 1.3),  # the narrow section's limit of existence lies among the shapes
     ("unsteadiness", 1.5): (0.01, 1.8),  # what is on its way is not smooth in time: too far between 1 and 2 l/(U t)
-    ("unsteadiness", 0.7): (0.01, 1.8),
 }
 LENGTHS = ("axial_extent", "axial_length", "velocity_ratio")
 
