@@ -61,6 +61,7 @@ def test_everything_that_may_be_missing_comes_back_too(posterior, tmp_path):
         axial_length=None,
         axial_length_error=None,
         axial_length_bound=2.2,
+        flow_rate=1e-11,
         source="folder/capsule.png",
         sha256="12",
         experiment_file=Path("channel.toml"),
@@ -92,7 +93,7 @@ def test_everything_that_may_be_missing_comes_back_too(posterior, tmp_path):
     np.testing.assert_array_equal(found.measurement.outline.points, outline.points)
     assert (found.measurement.outline.noise, found.measurement.outline.pose) == (outline.noise, outline.pose)
     assert found.measurement.outline.view == SILHOUETTE
-    for name in ("source", "experiment_file", "axial_length", "axial_length_bound", "conditions"):
+    for name in ("source", "experiment_file", "axial_length", "axial_length_bound", "flow_rate", "conditions"):
         assert getattr(found.measurement, name) == getattr(measurement, name)
     assert found.experiment.frame_rate == experiment.frame_rate
     assert found.experiment.viscosity.ppf(0.3) == experiment.viscosity.ppf(0.3)

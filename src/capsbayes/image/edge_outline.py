@@ -44,10 +44,11 @@ def silhouette_of(sighting: Sighting) -> MeasuredOutline | None:
     if not sighting.status.ok or sighting.outline is None or sighting.walls is None or sighting.flow == 0:
         return None
     walls = sighting.walls
-    clear = _averaged(walls.clearance(sighting.outline.points)[:, None])[:, 0] > _WALL * walls.line_width
+    points = _averaged(sighting.outline.points)
+    clear = walls.clearance(points) > _WALL * walls.line_width
     if np.count_nonzero(clear) < FEWEST_POINTS:
         return None
-    points = _averaged(sighting.outline.points - sighting.axis)[clear]
+    points = points[clear] - sighting.axis
     placed = np.stack([sighting.flow * (points @ walls.along), points @ walls.across], axis=1) / walls.half_width
     scatter, smooth, offset = _errors(sighting.outline)
     radius = float(np.mean(np.hypot(*(placed - placed.mean(axis=0)).T)))

@@ -116,22 +116,22 @@ class Film:
 
     def _decoded(self, only: Collection[int] | None) -> Iterator[Pixels | None]:
         """The frames as they lie in the file; those that are not wanted are passed over, and None."""
+        wanted = range(self.count) if only is None else only
         if self.source.is_dir():
             for number, path in enumerate(_pictures(self.source)):
-                raw = np.fromfile(path, dtype=np.uint8) if only is None or number in only else np.empty(0, np.uint8)
+                raw = np.fromfile(path, dtype=np.uint8) if number in wanted else np.empty(0, np.uint8)
                 yield cv2.imdecode(raw, cv2.IMREAD_UNCHANGED) if raw.size else None
         elif self.source.suffix.lower() in VIDEOS:
             video = cv2.VideoCapture(str(self.source))
             for number in range(self.count):
-                passed = not video.grab() or (only is not None and number not in only)
-                read, pixels = (False, None) if passed else video.retrieve()
+                read, pixels = video.retrieve() if video.grab() and number in wanted else (False, None)
                 yield cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY) if read and pixels is not None else None
         elif only is None:
             for start in range(0, self.count, _PAGES):
                 yield from _read_pages(self.source, start, min(_PAGES, self.count - start))
         else:
             for number in range(self.count):
-                yield next(iter(_read_pages(self.source, number, 1)), None) if number in only else None
+                yield next(iter(_read_pages(self.source, number, 1)), None) if number in wanted else None
 
 
 def _read_pages(path: Path, start: int, count: int) -> Sequence[Pixels]:

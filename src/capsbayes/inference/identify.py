@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ from capsbayes.inference.marginal import Marginal
 from capsbayes.inference.mixed_posterior import MixedPosterior
 from capsbayes.inference.mixed_quadrature import exact_engine
 from capsbayes.inference.outline_likelihood import OutlineLikelihood, check_view_of
-from capsbayes.inference.outline_misfit import outline_misfit
+from capsbayes.inference.outline_misfit import drawn_outlines, outline_misfit
 from capsbayes.inference.posterior import REPORTED, Posterior
 from capsbayes.inference.prior import Prior
 from capsbayes.inference.section import check_section
@@ -31,7 +30,6 @@ from capsbayes.inference.target import Target
 from capsbayes.inference.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
-from capsbayes.parameters import COORDINATES
 
 __all__ = ["ENGINES", "identify"]
 
@@ -120,7 +118,7 @@ def identify(
             shares=variance_shares(quadrature, measurement, grid),
             deterministic=deterministic_answer(measurement, model, grid.target.inputs),
             leaning=leans,
-            outlines=_outlines(draws, model),
+            outlines=drawn_outlines(model, draws, _OUTLINES)[1],
             status=verdict(gates, agreed, leans, fit),
         )
 
@@ -190,10 +188,3 @@ class _Run(NamedTuple):
     ensemble: NDArray[np.int64]
     gates: list[Gate]
     agreement: Agreement | None
-
-
-def _outlines(draws: Mapping[str, Floats], model: ForwardModel) -> Floats | None:
-    """Outlines of some draws, evenly taken."""
-    names = [name for name in ("capillary_number", "size_ratio", *COORDINATES) if name in draws]
-    some = np.linspace(0, draws[names[0]].size - 1, _OUTLINES).astype(int)
-    return model({name: np.ravel(draws[name])[some] for name in names}, outline=True).outline

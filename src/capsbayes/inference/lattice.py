@@ -147,6 +147,10 @@ class Window:
             high.append(float(min(self.low[k] + self.step[k] * (index.max() + 1 + after), bounds.high[k])))
         return Window((low[0], low[1]), (high[0], high[1]), shape)
 
+    def open_ends(self, bounds: Window, axis: int) -> tuple[bool, bool]:
+        """Whether the low and the high end of an axis are no ends of `bounds`."""
+        return self.low[axis] > bounds.low[axis], self.high[axis] < bounds.high[axis]
+
     def wider(self, bounds: Window, shape: tuple[int, int]) -> Window:
         """Window three times as wide along both axes, within bounds, cut anew."""
         width = [self.high[k] - self.low[k] for k in (0, 1)]

@@ -43,6 +43,7 @@ _MEASURED = (
     "source",
     "sha256",
     "axial_length_bound",
+    "flow_rate",
 )
 _MARGINAL = tuple(one.name for one in fields(Marginal))
 

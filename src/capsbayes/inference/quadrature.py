@@ -123,8 +123,7 @@ class Quadrature:
             if better is None:
                 break
             window = better
-        at_ends = _density_at_ends(posterior, self.table.window)
-        whole = Gate("density at an end of the grid over the largest", at_ends, most=float(np.exp(-_EDGE_DROP)))
+        whole = _whole(posterior, self.table.window)
         cut = _cut_cells(posterior)
         if cut is not None:
             nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, target)
@@ -205,13 +204,12 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
     weights = posterior.weights.reshape(-1, *window.shape)
     both = weights.max(axis=0)
     likely = both > np.exp(-_DROP) * both.max()
-    around = window.around(likely, (_THEN, _THEN), bounds)
     peak = np.unravel_index(int(both.argmax()), both.shape)
     if any(_at_open_end(int(peak[k]), window, bounds, k) for k in (0, 1)):
         return window.wider(bounds, (_THEN, _THEN))
-    leaves = any(_leaves(both > np.exp(-_EDGE_DROP) * both.max(), window, bounds, k) for k in (0, 1))
-    if all(gate.passed for gates in resolution for gate in gates) and not leaves:
+    if all(gate.passed for gates in (*resolution, [_whole(posterior, bounds)]) for gate in gates):
         return None
+    around = window.around(likely, (_THEN, _THEN), bounds)
     needed = [max(gate.least / max(gate.value, 1e-3) for gate in gates) for gates in resolution]
     # shrinking the window already makes its cells smaller; cut it finer only as far as that does not suffice
     most = np.inf if posterior.target.outline is None else _FINER
@@ -302,25 +300,17 @@ def _spread(cells: Booleans) -> Booleans:
 
 def _at_open_end(index: int, window: Window, bounds: Window, axis: int) -> bool:
     """Whether a cell is the last but one, or the last, before an end of the window that is no end of the domain."""
-    first, last = index <= 1, index >= window.shape[axis] - 2
-    return (first and window.low[axis] > bounds.low[axis]) or (last and window.high[axis] < bounds.high[axis])
+    low, high = window.open_ends(bounds, axis)
+    return (low and index <= 1) or (high and index >= window.shape[axis] - 2)
 
 
-def _density_at_ends(posterior: GridPosterior, bounds: Window) -> float:
-    """Largest density at an end of the grid that is no end of the domain, over the largest of all."""
+def _whole(posterior: GridPosterior, bounds: Window) -> Gate:
+    """Whether the posterior ends within a window that is not split, but for the ends of the domain."""
     window = posterior.window
     both = posterior.weights.max(axis=0).reshape(window.shape)
     found = [0.0]
     for k in (0, 1):
-        if window.low[k] > bounds.low[k]:
-            found.append(float(both.take(0, axis=k).max()))
-        if window.high[k] < bounds.high[k]:
-            found.append(float(both.take(-1, axis=k).max()))
-    return max(found) / float(both.max())
-
-
-def _leaves(likely: NDArray[np.bool_], window: Window, bounds: Window, axis: int) -> bool:
-    """Whether the posterior goes on beyond an end of the window that is not an end of the domain."""
-    index = np.nonzero(likely)[axis]
-    first, last = bool(index.min() == 0), bool(index.max() == window.shape[axis] - 1)
-    return (first and window.low[axis] > bounds.low[axis]) or (last and window.high[axis] < bounds.high[axis])
+        low, high = window.open_ends(bounds, k)
+        found += [float(both.take(end, axis=k).max()) for end, is_open in ((0, low), (-1, high)) if is_open]
+    share = max(found) / float(both.max())
+    return Gate("density at an end of the grid over the largest", share, most=float(np.exp(-_EDGE_DROP)))
