@@ -24,8 +24,8 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from capsbayes.experiment import Experiment
-from capsbayes.inference import Quadrature, identify
-from capsbayes.inference.posterior import REPORTED
+from capsbayes.infer import Quadrature, identify
+from capsbayes.infer.posterior import REPORTED
 from capsbayes.measurement import Measurement
 from capsbayes.surrogate import Surrogate
 

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from capsbayes.database import Database
 from capsbayes.effects import catalogue
-from capsbayes.hidden.pools import POOLS, pool_name
+from capsbayes.evidence.blind.pools import POOLS, pool_name
 from capsbayes.surrogate import Surrogate
 
 FOLDER = Path(__file__).parents[1] / "data" / "pools"

@@ -18,7 +18,7 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Experiment, MeasuredOutline, Measurement, OutlineNoise, Surrogate
-from capsbayes.inference import Quadrature
+from capsbayes.infer import Quadrature
 from capsbayes.profile import Profile, vertex_normals
 
 NOISE = OutlineNoise(0.006, 0.4, 0.1)

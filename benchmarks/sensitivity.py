@@ -19,9 +19,9 @@ from rich.console import Console
 from rich.table import Table
 
 from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.inference.checks import LEANING_SHARE
+from capsbayes.infer.checks import LEANING_SHARE
 from capsbayes.model import TWO_SHAPES
-from capsbayes.sensitivity import FlowDesign, FlowPoint, LabErrors, SimulatedWidths, flow_design, simulated_widths
+from capsbayes.plan import FlowDesign, FlowPoint, LabErrors, SimulatedWidths, flow_design, simulated_widths
 from capsbayes.surrogate import Surrogate
 
 MODULUS = 0.05  # N/m

@@ -27,8 +27,8 @@ from capsbayes.errors import InputError
 from capsbayes.image.frames import Picture
 from capsbayes.image.measure import measurement_of, sight
 from capsbayes.image.synthetic import Drawing, draw
-from capsbayes.inference import Quadrature
-from capsbayes.inference.outline_likelihood import aligned_with
+from capsbayes.infer import Quadrature
+from capsbayes.infer.outline_likelihood import aligned_with
 from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
 

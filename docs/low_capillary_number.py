@@ -21,13 +21,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Simulator
-from capsbayes.simulation.arclength import fold, traced
-from capsbayes.simulation.continuation import near_rest, parachute
-from capsbayes.simulation.outlines import profile
-from capsbayes.simulation.problem import Iterate, Problem
-from capsbayes.simulation.settling import is_shallow, settled
-from capsbayes.simulation.steady_state import steady_state
-from capsbayes.simulation.transient import growth_rates, transient
+from capsbayes.physics.simulation.arclength import fold, traced
+from capsbayes.physics.simulation.continuation import near_rest, parachute
+from capsbayes.physics.simulation.outlines import profile
+from capsbayes.physics.simulation.problem import Iterate, Problem
+from capsbayes.physics.simulation.settling import is_shallow, settled
+from capsbayes.physics.simulation.steady_state import steady_state
+from capsbayes.physics.simulation.transient import growth_rates, transient
 
 matplotlib.use("agg")
 import matplotlib.pyplot as plt

@@ -23,7 +23,7 @@ def test_importing_the_package_or_the_command_line_loads_nothing_heavy():
 
 
 def test_importing_inference_loads_no_cluster_no_figures_no_pictures():
-    assert not modules_after("import capsbayes.inference") & {"cv2", "dask", "distributed", "matplotlib"}
+    assert not modules_after("import capsbayes.infer") & {"cv2", "dask", "distributed", "matplotlib"}
 
 
 @pytest.mark.parametrize("name", capsbayes.__all__)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import BrokenPromiseError, CapsbayesError
-from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
+from capsbayes.physics.membrane import GeneralisedHooke, NeoHookean, Skalak
 from capsbayes.testing import check_law
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capsbayes import Simulator
-from capsbayes.membrane import MembraneLaw
+from capsbayes.physics.membrane import MembraneLaw
 from capsbayes.testing import check_law
 
 

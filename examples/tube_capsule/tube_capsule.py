@@ -17,10 +17,10 @@ from capsbayes import Experiment, Surrogate, identify
 from capsbayes.image import Picture, sight
 from capsbayes.image.measure import measurement_of
 from capsbayes.image.overlay import write_overlay
-from capsbayes.inference import Prior, Range
-from capsbayes.inference.outline_likelihood import aligned_with
+from capsbayes.infer import Prior, Range
+from capsbayes.infer.outline_likelihood import aligned_with
 from capsbayes.quantity import Quantity
-from capsbayes.report import write_report
+from capsbayes.show import write_report
 
 STRESS = 0.028  # N/m, mu U
 VISCOSITY, RATIO = 1.0, 1.33  # Pa s, which is not known alone; and v_o/U, to which nothing here is sensitive

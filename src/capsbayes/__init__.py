@@ -13,34 +13,34 @@ from typing import TYPE_CHECKING, Any
 
 _HOME = {
     "Database": "capsbayes.database",
-    "GeneralisedHooke": "capsbayes.membrane",
-    "NeoHookean": "capsbayes.membrane",
+    "GeneralisedHooke": "capsbayes.physics.membrane",
+    "NeoHookean": "capsbayes.physics.membrane",
     "Profile": "capsbayes.profile",
-    "Simulator": "capsbayes.simulation",
-    "Skalak": "capsbayes.membrane",
+    "Simulator": "capsbayes.physics.simulation",
+    "Skalak": "capsbayes.physics.membrane",
     "Status": "capsbayes.status",
-    "SteadyState": "capsbayes.simulation",
+    "SteadyState": "capsbayes.physics.simulation",
     "Surrogate": "capsbayes.surrogate",
-    "build_database": "capsbayes.simulation",
+    "build_database": "capsbayes.physics.simulation",
     "Experiment": "capsbayes.experiment",
     "MeasuredOutline": "capsbayes.measured_outline",
-    "Hierarchy": "capsbayes.population",
+    "Hierarchy": "capsbayes.infer.many",
     "Measurement": "capsbayes.measurement",
     "OutlineNoise": "capsbayes.measured_outline",
-    "Population": "capsbayes.population",
-    "Posterior": "capsbayes.inference",
-    "Session": "capsbayes.discrepancy",
-    "diagnose": "capsbayes.discrepancy",
-    "hierarchy": "capsbayes.population",
-    "identify": "capsbayes.inference",
-    "identify_folder": "capsbayes.population",
+    "Population": "capsbayes.infer.many",
+    "Posterior": "capsbayes.infer",
+    "Session": "capsbayes.diagnosis",
+    "diagnose": "capsbayes.diagnosis",
+    "hierarchy": "capsbayes.infer.many",
+    "identify": "capsbayes.infer",
+    "identify_folder": "capsbayes.infer.many",
     "measure": "capsbayes.image",
-    "write_report": "capsbayes.report",
-    "LabErrors": "capsbayes.sensitivity",
-    "error_budget": "capsbayes.sensitivity",
-    "flow_design": "capsbayes.sensitivity",
-    "identifiability_map": "capsbayes.sensitivity",
-    "sobol_indices": "capsbayes.sensitivity",
+    "write_report": "capsbayes.show",
+    "LabErrors": "capsbayes.plan",
+    "error_budget": "capsbayes.plan",
+    "flow_design": "capsbayes.plan",
+    "identifiability_map": "capsbayes.plan",
+    "sobol_indices": "capsbayes.plan",
 }
 
 __all__ = [*sorted(_HOME), "__version__"]
@@ -48,21 +48,21 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from capsbayes.database import Database
-    from capsbayes.discrepancy import Session, diagnose
+    from capsbayes.diagnosis import Session, diagnose
     from capsbayes.experiment import Experiment
     from capsbayes.image.measure import measure
-    from capsbayes.inference import Posterior
-    from capsbayes.inference.identify import identify
+    from capsbayes.infer import Posterior
+    from capsbayes.infer.identify import identify
+    from capsbayes.infer.many import Hierarchy, Population
+    from capsbayes.infer.many.hierarchy import hierarchy
+    from capsbayes.infer.many.identify_folder import identify_folder
     from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
     from capsbayes.measurement import Measurement
-    from capsbayes.membrane import GeneralisedHooke, NeoHookean, Skalak
-    from capsbayes.population import Hierarchy, Population
-    from capsbayes.population.hierarchy import hierarchy
-    from capsbayes.population.identify_folder import identify_folder
+    from capsbayes.physics.membrane import GeneralisedHooke, NeoHookean, Skalak
+    from capsbayes.physics.simulation import Simulator, SteadyState, build_database
+    from capsbayes.plan import LabErrors, error_budget, flow_design, identifiability_map, sobol_indices
     from capsbayes.profile import Profile
-    from capsbayes.report.write_report import write_report
-    from capsbayes.sensitivity import LabErrors, error_budget, flow_design, identifiability_map, sobol_indices
-    from capsbayes.simulation import Simulator, SteadyState, build_database
+    from capsbayes.show.write_report import write_report
     from capsbayes.status import Status
     from capsbayes.surrogate import Surrogate
 

@@ -14,8 +14,8 @@ from capsbayes.errors import BrokenPromiseError
 
 if TYPE_CHECKING:
     from capsbayes.effect import Effect
-    from capsbayes.membrane import MembraneLaw
     from capsbayes.model import ForwardModel
+    from capsbayes.physics.membrane import MembraneLaw
     from capsbayes.prediction import Prediction
 
 __all__ = ["check_effect", "check_law"]
@@ -44,7 +44,7 @@ def check_law(law: MembraneLaw) -> None:
 
     Examples
     --------
-    >>> from capsbayes.membrane import NeoHookean
+    >>> from capsbayes.physics.membrane import NeoHookean
     >>> check_law(NeoHookean())
     """
     _keep(type(law).__name__, {promise: partial(deviation, law) for promise, deviation in _LAW_PROMISES.items()})

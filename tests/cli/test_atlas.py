@@ -4,14 +4,11 @@ import json
 import sys
 from pathlib import Path
 
+import manufactured
 import pytest
 from typer.testing import CliRunner
 
 import capsbayes.cli
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "surrogate"))  # for the manufactured database
-
-import manufactured
 
 NAMES = ["cases", "shapes", "velocity", "velocity-surface", "lengths"]
 PNG = b"\x89PNG\r\n\x1a\n"

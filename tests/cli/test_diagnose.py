@@ -1,19 +1,13 @@
 import json
-import sys
-from pathlib import Path
 
 import pytest
+from sessions import drawn_session
 from typer.testing import CliRunner
 
-from capsbayes.cli import app
-from capsbayes.errors import InputError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "discrepancy"))  # for the drawn sessions
-
-from sessions import drawn_session
-
 from capsbayes import Surrogate
+from capsbayes.cli import app
 from capsbayes.effects import MotionBlur
+from capsbayes.errors import InputError
 
 RESULTS = {"study.html", "study.json"}
 

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from capsbayes.cli import app
-from capsbayes.discrepancy import Session
+from capsbayes.diagnosis import Session
 
 
 def hidden(invoke, *options):

@@ -1,19 +1,14 @@
 import json
-import sys
 from pathlib import Path
 
 import cv2
+import manufactured
 import pytest
+from drawn import drawn
 from typer.testing import CliRunner
 
 from capsbayes.cli import app
 from capsbayes.errors import CapsbayesError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "surrogate"))  # for the manufactured database
-sys.path.insert(0, str(Path(__file__).parents[1] / "image"))  # for the drawn pictures
-
-import manufactured
-from drawn import drawn
 
 EXPERIMENT = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin" / "capsule.toml"
@@ -124,12 +119,12 @@ def test_an_unknown_engine_or_a_file_in_the_way_is_said(capsule, database, tmp_p
 
 
 def test_an_error_while_writing_leaves_nothing_behind(capsule, database, tmp_path, monkeypatch):
-    import capsbayes.report
+    import capsbayes.show
 
     def broken(posterior, names):
         raise RuntimeError("no ink")
 
-    monkeypatch.setattr(capsbayes.report, "corner_plot", broken)
+    monkeypatch.setattr(capsbayes.show, "corner_plot", broken)
     result = run(capsule, "--database", database, "--engine", "quadrature", "--out", tmp_path / "result")
     assert str(result.exception) == "no ink"
     assert list((tmp_path / "result").iterdir()) == []

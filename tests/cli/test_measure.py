@@ -1,19 +1,13 @@
-import sys
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
+from drawn import drawn
+from drawn_film import bright, film, written
 from typer.testing import CliRunner
 
 from capsbayes.cli import app
 from capsbayes.errors import InputError
 from capsbayes.measurement import Measurement
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "image"))  # for the drawn pictures
-
-from drawn import drawn
-from drawn_film import bright, film, written
 
 EXPERIMENT = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
 VELOCITY = ("--velocity", "6.20 +/- 0.06 mm/s")

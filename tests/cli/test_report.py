@@ -1,16 +1,12 @@
 """The report command: its file, and one line for each mistake."""
 
 import sys
-from pathlib import Path
 
 import pytest
+from results import population, posterior
 from typer.testing import CliRunner
 
 import capsbayes.cli
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))  # for the results
-
-from results import population, posterior
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 import json
-import sys
-from pathlib import Path
 
+import manufactured
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,10 +8,6 @@ from typer.testing import CliRunner
 
 from capsbayes.cli import app
 from capsbayes.errors import CapsbayesError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "surrogate"))  # for the manufactured database
-
-import manufactured
 
 EXPERIMENT = 'section = "square"\nhalf_width = "25.0 um"\nviscosity = "0.85 Pa s"\n'
 LAB = ("--extent-error", "0.01", "--length-error", "0.01", "--velocity-error", "0.01")

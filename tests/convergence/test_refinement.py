@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from capsbayes import Database, Simulator, Status
-from capsbayes.membrane import NeoHookean
-from capsbayes.simulation.problem import Problem
-from capsbayes.simulation.rigid import rigid_sphere
-from capsbayes.stokes.channel import SquareChannel
-from capsbayes.stokes.single_layer import SingleLayer
-from capsbayes.surface import octasphere
+from capsbayes.physics.membrane import NeoHookean
+from capsbayes.physics.simulation.problem import Problem
+from capsbayes.physics.simulation.rigid import rigid_sphere
+from capsbayes.physics.stokes.channel import SquareChannel
+from capsbayes.physics.stokes.single_layer import SingleLayer
+from capsbayes.physics.surface import octasphere
 
 REFINEMENTS = np.array([6, 8, 10])
 POINTS = ((0.03, 0.8), (0.05, 0.9), (0.08, 0.95))

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from polynomial_model import PolynomialDomain, PolynomialModel
 from scipy.special import ndtr, ndtri
 from simulated_capsules import mistakes, simulated_capsules
 
 from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.inference import Quadrature
-from polynomial_model import PolynomialDomain, PolynomialModel
+from capsbayes.infer import Quadrature
 
 EXPERIMENT = Experiment(
     section="square", half_width=positive_normal(25e-6, 0.25e-6), viscosity=positive_normal(0.85, 0.03)

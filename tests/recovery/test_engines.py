@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from polynomial_model import PolynomialDomain, PolynomialModel
 from simulated_capsules import simulated_capsules
 
 from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.inference import identify
+from capsbayes.infer import identify
 from capsbayes.status import Status
-from polynomial_model import PolynomialDomain, PolynomialModel
 
 EXPERIMENT = Experiment(
     section="square", half_width=positive_normal(25e-6, 0.25e-6), viscosity=positive_normal(0.85, 0.03)

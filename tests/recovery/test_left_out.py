@@ -10,7 +10,7 @@ from simulated_capsules import measured_capsule
 
 from capsbayes.database import Database
 from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.inference import Quadrature
+from capsbayes.infer import Quadrature
 from capsbayes.surrogate import Surrogate
 
 EXPERIMENT = Experiment(

@@ -7,8 +7,8 @@ from simulated_capsules import measured_capsule, mistakes
 
 from capsbayes.database import Database
 from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.inference.mixed_quadrature import MixedQuadrature
-from capsbayes.inference.prior import Prior
+from capsbayes.infer.mixed_quadrature import MixedQuadrature
+from capsbayes.infer.prior import Prior
 from capsbayes.surrogate import Surrogate
 
 EXPERIMENT = Experiment(

@@ -1,14 +1,8 @@
-import sys
-from pathlib import Path
-
+import manufactured
 import pytest
 
 from capsbayes.database import Database
 from capsbayes.surrogate import Surrogate
-
-sys.path.insert(0, str(Path(__file__).parent))  # the tests of this folder share the manufactured maps
-
-import manufactured
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import pytest
 from capsbayes import Surrogate
 from capsbayes.database import Database
 from capsbayes.effects import catalogue
-from capsbayes.hidden.pools import POOLS, pool_name
+from capsbayes.evidence.blind.pools import POOLS, pool_name
 
 FOLDER = Path(__file__).parents[2] / "data" / "pools"
 THERE = [pair for pair in POOLS if pair[0] != "hooke" and (FOLDER / f"{pool_name(*pair)}.nc").exists()]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from capsbayes import Simulator, Status
-from capsbayes.stokes.walls import Walls
+from capsbayes.physics.stokes.walls import Walls
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +40,8 @@ def test_steady_state_keeps_its_promises(ovalbumin):
 @pytest.mark.slow
 def test_pressure_drop_by_reciprocity_is_that_of_the_far_field(ovalbumin):
     """The reciprocal theorem gives the pressure drop that the disturbance shows at the channel's ends."""
-    from capsbayes.simulation.pressure import far_pressure_drop, pressures
-    from capsbayes.simulation.steady_state import Iterate
+    from capsbayes.physics.simulation.pressure import far_pressure_drop, pressures
+    from capsbayes.physics.simulation.steady_state import Iterate
 
     simulator = Simulator(refinement=8)
     mesh = simulator.problem.mesh

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capsbayes.membrane import NeoHookean
-from capsbayes.simulation.problem import Problem
-from capsbayes.simulation.rigid import rigid_sphere
-from capsbayes.stokes.circular import CircularChannel
-from capsbayes.stokes.rectangular import RectangularChannel
-from capsbayes.stokes.rounded_square import RoundedSquareChannel
-from capsbayes.stokes.single_layer import SingleLayer
-from capsbayes.stokes.square import SquareChannel
-from capsbayes.stokes.walls import Walls
-from capsbayes.surface import octasphere
+from capsbayes.physics.membrane import NeoHookean
+from capsbayes.physics.simulation.problem import Problem
+from capsbayes.physics.simulation.rigid import rigid_sphere
+from capsbayes.physics.stokes.circular import CircularChannel
+from capsbayes.physics.stokes.rectangular import RectangularChannel
+from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
+from capsbayes.physics.stokes.single_layer import SingleLayer
+from capsbayes.physics.stokes.square import SquareChannel
+from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.surface import octasphere
 
 COARSE_WALLS = Walls(spacing=0.16, far_spacing=0.3, end=2.5)
 

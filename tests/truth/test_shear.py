@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from capsbayes.membrane import NeoHookean
-from capsbayes.simulation.problem import Problem
-from capsbayes.simulation.taylor import taylor_deformation
-from capsbayes.simulation.transient import transient
-from capsbayes.stokes.shear import ShearFlow
+from capsbayes.physics.membrane import NeoHookean
+from capsbayes.physics.simulation.problem import Problem
+from capsbayes.physics.simulation.taylor import taylor_deformation
+from capsbayes.physics.simulation.transient import transient
+from capsbayes.physics.stokes.shear import ShearFlow
 
 
 def deformations(capillary_number, times, refinement=4):

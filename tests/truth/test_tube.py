@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from capsbayes import Simulator, Status
-from capsbayes.simulation.continuation import parachute
-from capsbayes.simulation.outlines import profile
-from capsbayes.simulation.steady_state import steady_state
-from capsbayes.simulation.transient import growth_rates
-from capsbayes.stokes.circular import FourfoldTube
+from capsbayes.physics.simulation.continuation import parachute
+from capsbayes.physics.simulation.outlines import profile
+from capsbayes.physics.simulation.steady_state import steady_state
+from capsbayes.physics.simulation.transient import growth_rates
+from capsbayes.physics.stokes.circular import FourfoldTube
 
 
 def test_inflated_capsule_from_rest():

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from capsbayes.population import Hierarchy, Population
+    from capsbayes.infer.many import Hierarchy, Population
 
 
 _SHOWN = ("median", "lower_quartile", "upper_quartile", "error")
@@ -60,8 +60,8 @@ def batch(
     from capsbayes.cli.measure_picture import speed_of
     from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
-    from capsbayes.population import identify_folder
-    from capsbayes.population.listing import section_and_view
+    from capsbayes.infer.many import identify_folder
+    from capsbayes.infer.many.listing import section_and_view
     from capsbayes.surrogate import Surrogate
 
     check_suffix("batch", "--out", out, (".nc",))
@@ -138,7 +138,7 @@ def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> No
         print_hierarchy(console, hierarchy)
     agreement = population.attributes.get("agreement")
     if isinstance(agreement, dict):
-        from capsbayes.population.check import Compared
+        from capsbayes.infer.many.check import Compared
 
         console.print(f"Check: {Compared(**agreement)}.", markup=False)
     found = population.attributes

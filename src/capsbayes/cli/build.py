@@ -59,9 +59,9 @@ def build(
 
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """
-    from capsbayes.simulation.build import build_database
-    from capsbayes.simulation.build_effect import build_effect_database
-    from capsbayes.stokes.sections import section_named
+    from capsbayes.physics.simulation.build import build_database
+    from capsbayes.physics.simulation.build_effect import build_effect_database
+    from capsbayes.physics.stokes.sections import section_named
 
     chosen, varied = _chosen_cases(cases, grid), _values(effect, values)
     section_named(section, corner_radius, section_aspect)
@@ -101,7 +101,7 @@ def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
 def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, float]]:
     from capsbayes.cli.choices import one_of
     from capsbayes.errors import InputError
-    from capsbayes.simulation.grid import default_grid, read_cases
+    from capsbayes.physics.simulation.grid import default_grid, read_cases
 
     if (cases is None) == (grid is None):
         raise InputError("build", "--cases, --grid", "one of the two", "neither" if cases is None else "both")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from capsbayes.discrepancy import Session, Study, Verification
+    from capsbayes.diagnosis import Session, Study, Verification
     from capsbayes.effect import Effect
 
 
@@ -52,8 +52,8 @@ def diagnose(
     from rich.console import Console
 
     from capsbayes.cli.folder import check_folder
-    from capsbayes.discrepancy import Session, summary
-    from capsbayes.discrepancy import diagnose as diagnosed
+    from capsbayes.diagnosis import Session, summary
+    from capsbayes.diagnosis import diagnose as diagnosed
     from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
@@ -144,8 +144,8 @@ def _write(study: Study, out: Path) -> None:
     import json
 
     from capsbayes.cli.folder import filled
-    from capsbayes.discrepancy import summary
-    from capsbayes.report import study_page
+    from capsbayes.diagnosis import summary
+    from capsbayes.show import study_page
 
     with filled(out) as unfinished:
         (unfinished / "study.html").write_text(study_page(study), encoding="utf-8")
@@ -153,8 +153,8 @@ def _write(study: Study, out: Path) -> None:
 
 
 def _print(console: Console, study: Study, out: Path | None) -> None:
-    from capsbayes.report import lengths_alone, verdict_sentence
-    from capsbayes.report.study_words import chance_words, deviation_words, modulus_words
+    from capsbayes.show import lengths_alone, verdict_sentence
+    from capsbayes.show.study_words import chance_words, deviation_words, modulus_words
 
     console.print(verdict_sentence(study), style="bold", markup=False)
     for words in (modulus_words(study), lengths_alone(study.session)):
@@ -188,9 +188,9 @@ def _candidate_table(study: Study) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    from capsbayes.discrepancy import UNKNOWN
+    from capsbayes.diagnosis import UNKNOWN
     from capsbayes.parameters import PARAMETERS
-    from capsbayes.report.study_words import odds_words, size_words, told_words
+    from capsbayes.show.study_words import odds_words, size_words, told_words
 
     table = Table(title="Effects that were tried, the likeliest first", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.title_justify = "left"

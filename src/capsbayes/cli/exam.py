@@ -28,10 +28,10 @@ def exam(
 
     from capsbayes.cli.folder import check_folder
     from capsbayes.errors import InputError
-    from capsbayes.hidden.cells import CELLS
-    from capsbayes.hidden.exam import examine
-    from capsbayes.hidden.exam_page import exam_page
-    from capsbayes.hidden.pools import build_pools
+    from capsbayes.evidence.blind.pools import build_pools
+    from capsbayes.evidence.exam.cells import CELLS
+    from capsbayes.evidence.exam.exam import examine
+    from capsbayes.evidence.exam.exam_page import exam_page
     from capsbayes.output_file import replaced
 
     chosen = [cell for cell in CELLS if only is None or only in cell.name]

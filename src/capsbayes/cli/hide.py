@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from capsbayes.hidden import HiddenSession, Hideable
+    from capsbayes.evidence.blind import HiddenSession, Hideable
 
 
 def hide(
@@ -26,8 +26,8 @@ def hide(
     A capsule takes about half a minute of one core. Shapes that are finished are kept, so the command can be stopped
     and run again. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.hidden import Lab, hideable_named
-    from capsbayes.hidden.simulated import simulated_session
+    from capsbayes.evidence.blind import Lab, hideable_named
+    from capsbayes.evidence.blind.simulated import simulated_session
 
     hidden = hideable_named(effect)
     value, truth = _size(hidden, size), out.with_name(f"{out.name}.truth")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from capsbayes.inference import Posterior
+    from capsbayes.infer import Posterior
     from capsbayes.measurement import Measurement
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
@@ -59,8 +59,8 @@ def identify(
     from capsbayes.cli.folder import check_folder
     from capsbayes.cli.posterior_tables import print_posterior
     from capsbayes.experiment import Experiment
-    from capsbayes.inference import Prior
-    from capsbayes.inference import identify as identified
+    from capsbayes.infer import Prior
+    from capsbayes.infer import identify as identified
     from capsbayes.measured_outline import SECTION
     from capsbayes.measurement import Measurement
     from capsbayes.surrogate import Surrogate
@@ -145,8 +145,8 @@ def _write(posterior: Posterior, out: Path) -> None:
     import json
 
     from capsbayes.cli.folder import filled
-    from capsbayes.report import corner_plot, outline_figure
-    from capsbayes.report.corner_plot import SHOWN
+    from capsbayes.show import corner_plot, outline_figure
+    from capsbayes.show.corner_plot import SHOWN
 
     with filled(out) as unfinished:
         posterior.write(unfinished / "posterior.nc")

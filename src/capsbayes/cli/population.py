@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from capsbayes.population import Hierarchy, Population
+    from capsbayes.infer.many import Hierarchy, Population
 
 _MUCH = 0.05  # of the capsules on the border
 _ENOUGH = 10  # capsules, for a population to be looked for unasked
@@ -44,7 +44,7 @@ def population(
     from rich.console import Console
 
     from capsbayes.experiment import Experiment
-    from capsbayes.population import Population, hierarchy
+    from capsbayes.infer.many import Population, hierarchy
     from capsbayes.surrogate import Surrogate
 
     read = Population.read(capsules)
@@ -69,7 +69,7 @@ def population(
 def together(read: Population, out: Path, *, seed: int) -> Hierarchy | None:
     """What capsules have in common, stored beside them; None where they are few, or under several experiments."""
     from capsbayes.errors import InputError
-    from capsbayes.population import hierarchy
+    from capsbayes.infer.many import hierarchy
 
     if int(read.usable.sum()) < _ENOUGH:
         return None

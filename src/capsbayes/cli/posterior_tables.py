@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from capsbayes.inference import Posterior
+    from capsbayes.infer import Posterior
 
 
 def print_posterior(posterior: Posterior, out: Path | None) -> None:
     """Print medians, intervals, shares, checks, priors and model, and where it was written."""
     from rich.console import Console
 
-    from capsbayes.inference.checks import LEANING_SHARE
+    from capsbayes.infer.checks import LEANING_SHARE
 
     console = Console(highlight=False)
     console.print(_quantities(posterior))

@@ -27,8 +27,8 @@ def report(
     from rich.console import Console
 
     from capsbayes.errors import InputError
-    from capsbayes.inference import Posterior
-    from capsbayes.report import opened, write_report
+    from capsbayes.infer import Posterior
+    from capsbayes.show import opened, write_report
 
     found, source = opened(result)
     if picture is not None and not isinstance(found, Posterior):

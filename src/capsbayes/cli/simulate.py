@@ -21,7 +21,7 @@ from capsbayes.cli.simulator_options import (
 )
 
 if TYPE_CHECKING:
-    from capsbayes.simulation import SteadyState
+    from capsbayes.physics.simulation import SteadyState
 
 
 def simulate(
@@ -61,7 +61,7 @@ def simulate(
     if out is not None:
         state.save(out)
     if plot is not None:
-        from capsbayes.report.shape_plot import write_shape_plot
+        from capsbayes.show.shape_plot import write_shape_plot
 
         write_shape_plot(state, plot)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from capsbayes.simulation import Simulator
+    from capsbayes.physics.simulation import Simulator
 
 __all__ = [
     "Bending",
@@ -54,10 +54,10 @@ def simulator_of(
     InputError
         Naming the option that will not do.
     """
-    from capsbayes.membrane import law_named
+    from capsbayes.physics.membrane import law_named
 
     membrane = law_named(law)
-    from capsbayes.simulation import Simulator  # slow to import: after the check of the law
+    from capsbayes.physics.simulation import Simulator  # slow to import: after the check of the law
 
     return Simulator(
         law=membrane,

@@ -23,7 +23,7 @@ from capsbayes.cli.simulator_options import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from capsbayes.simulation.moment import Moment
+    from capsbayes.physics.simulation.moment import Moment
 
 
 def transient(
@@ -54,7 +54,7 @@ def transient(
     check_suffix("transient", "--table", table, (".csv",))
     check_suffix("transient", "--out", out, (".pvd",))
     check_suffix("transient", "--plot", plot, (".png", ".pdf", ".svg"))
-    from capsbayes.simulation.moment import save_series
+    from capsbayes.physics.simulation.moment import save_series
 
     simulator = simulator_of(
         law, section, corner_radius, section_aspect, refinement, bending, pre_inflation, rest_aspect
@@ -77,7 +77,7 @@ def transient(
     if out is not None:
         save_series(moments, out)
     if plot is not None:
-        from capsbayes.report.transient_plot import write_transient_figure
+        from capsbayes.show.transient_plot import write_transient_figure
 
         write_transient_figure(_chosen(moments), plot)
 
@@ -113,7 +113,7 @@ def _row(moment: Moment) -> list[str]:
 
 
 def _end(last: Moment) -> str:
-    from capsbayes.simulation.transient import STEADY
+    from capsbayes.physics.simulation.transient import STEADY
 
     if last.speed < STEADY:
         return "Steady."

@@ -22,8 +22,8 @@ def verify(
 
     from rich.console import Console
 
-    from capsbayes.verification import SECTIONS
-    from capsbayes.verification import verify as verified
+    from capsbayes.evidence.verification import SECTIONS
+    from capsbayes.evidence.verification import verify as verified
 
     console = Console(stderr=True, quiet=not sys.stderr.isatty())
     tables = verified(SECTIONS, out, only=only, tell=lambda line: console.print(line, highlight=False))

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from capsbayes.sensitivity import BudgetRow, ErrorBudget
+    from capsbayes.plan import BudgetRow, ErrorBudget
 
 
 def budget(
@@ -37,9 +37,9 @@ def budget(
     from capsbayes.cli.sensitivity.inputs import read_capsule
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import write_study
-    from capsbayes.inference import Prior, identify
+    from capsbayes.infer import Prior, identify
     from capsbayes.measured_outline import SECTION
-    from capsbayes.sensitivity import error_budget
+    from capsbayes.plan import error_budget
     from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
@@ -52,7 +52,7 @@ def budget(
         found = error_budget(posterior, model)
     everything = {**found.as_dict(), "seed": seed}
     if out is not None:
-        from capsbayes.report import budget_figure
+        from capsbayes.show import budget_figure
 
         with filled(out) as folder:
             write_study(folder, "budget", everything, budget_figure(found))

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from capsbayes.sensitivity import FlowDesign, FlowPoint, SimulatedWidths
+    from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths
 
 
 def flow(
@@ -50,7 +50,7 @@ def flow(
     from capsbayes.cli.sensitivity.inputs import read_lab
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import progress
-    from capsbayes.sensitivity import flow_design, simulated_widths
+    from capsbayes.plan import flow_design, simulated_widths
     from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
@@ -77,7 +77,7 @@ def _write(design: FlowDesign, everything: dict[str, Any], out: Path) -> None:
     """Write all files, or nothing."""
     from capsbayes.cli.folder import filled
     from capsbayes.cli.sensitivity.output import write_study
-    from capsbayes.report import flow_figure
+    from capsbayes.show import flow_figure
 
     with filled(out) as folder:
         write_study(folder, "flow", everything, flow_figure(design))

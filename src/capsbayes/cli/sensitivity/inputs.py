@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.measurement import Measurement
-    from capsbayes.sensitivity import LabErrors
+    from capsbayes.plan import LabErrors
 
 
 def read_capsule(capsule: Path, experiment: Path | None) -> tuple[Measurement, Experiment]:
@@ -37,7 +37,7 @@ def read_lab(
     """Errors of a lab and its experiment: those of a measured capsule, or those that are stated."""
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
-    from capsbayes.sensitivity import LabErrors
+    from capsbayes.plan import LabErrors
 
     stated = {"--extent-error": extent_error, "--length-error": length_error, "--velocity-error": velocity_error}
     if like is not None:

@@ -44,7 +44,7 @@ def identifiability(
     from capsbayes.cli.sensitivity.inputs import read_lab
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import progress, write_study
-    from capsbayes.sensitivity import identifiability_map
+    from capsbayes.plan import identifiability_map
     from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
@@ -53,7 +53,7 @@ def identifiability(
     found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=progress)
     short = _short(found)
     if out is not None:
-        from capsbayes.report import identifiability_figure
+        from capsbayes.show import identifiability_figure
 
         with filled(out) as folder:
             found.to_netcdf(folder / "map.nc", engine="h5netcdf")
@@ -75,7 +75,7 @@ def _short(found: xr.Dataset) -> dict[str, Any]:
 
     import numpy as np
 
-    from capsbayes.inference.checks import LEANING_SHARE
+    from capsbayes.infer.checks import LEANING_SHARE
 
     width = found["width_of_surface_shear_modulus"].to_numpy()
     known = np.isfinite(width)

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from capsbayes.sensitivity import SobolStudy, Spread
+    from capsbayes.plan import SobolStudy, Spread
 
 
 def sobol(
@@ -45,7 +45,7 @@ def sobol(
     from capsbayes.cli.sensitivity.inputs import read_capsule
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import write_study
-    from capsbayes.sensitivity import sobol_indices
+    from capsbayes.plan import sobol_indices
     from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
@@ -55,7 +55,7 @@ def sobol(
     with Console(stderr=True).status("Answering the samples ..."):
         study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
     if out is not None:
-        from capsbayes.report import sobol_figure
+        from capsbayes.show import sobol_figure
 
         with filled(out) as folder:
             write_study(folder, "sobol", study.as_dict(), sobol_figure(study))
@@ -76,7 +76,7 @@ def sobol(
 def _stated(texts: list[str]) -> dict[str, Spread]:
     """Range of each option ``--range NAME=TEXT``."""
     from capsbayes.errors import InputError
-    from capsbayes.sensitivity import Spread
+    from capsbayes.plan import Spread
 
     found = {}
     for text in texts:

@@ -1,0 +1,29 @@
+"""What a model misses: where data disagree with it, which effect would explain that, and whether adding it helps."""
+
+from capsbayes.diagnosis.compared import AlongOutline, Compared
+from capsbayes.diagnosis.diagnosis import Study, Verdict, diagnose
+from capsbayes.diagnosis.evidence import NOTHING, UNKNOWN
+from capsbayes.diagnosis.finding import Deviation, Finding, find
+from capsbayes.diagnosis.scoring import Scores
+from capsbayes.diagnosis.search import LEAST_GAIN
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.summary import summary
+from capsbayes.diagnosis.verification import Verification
+
+__all__ = [
+    "LEAST_GAIN",
+    "NOTHING",
+    "UNKNOWN",
+    "AlongOutline",
+    "Compared",
+    "Deviation",
+    "Finding",
+    "Scores",
+    "Session",
+    "Study",
+    "Verdict",
+    "Verification",
+    "diagnose",
+    "find",
+    "summary",
+]

@@ -1,0 +1,133 @@
+"""Capsules of a session beside the best shapes of a model: what results and pictures are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.diagnosis.fits import Fits
+from capsbayes.diagnosis.session import Session
+from capsbayes.infer.normal_distance import Footing
+from capsbayes.infer.outline_likelihood import aligned_with
+from capsbayes.model import ForwardModel
+
+__all__ = ["AlongOutline", "Compared"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class AlongOutline:
+    """How far out the measured edges lie on average, from place to place.
+
+    Parameters
+    ----------
+    outline : (p, 2) array [l]
+        Mean of the predicted outlines, closed, from the nose.
+    displacement, error : (p,) arrays [m]
+        Mean over the capsules of the normal distance of the measured edge, positive outside, and its standard error.
+    """
+
+    outline: Floats
+    displacement: Floats
+    error: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A session and the fits of a model to it.
+
+    Parameters
+    ----------
+    session : Session
+        n capsules.
+    model : ForwardModel
+    fits : Fits
+    sizes : mapping of str to float
+        Parameters of effects of the model.
+    """
+
+    session: Session = field(repr=False)
+    model: ForwardModel = field(repr=False)
+    fits: Fits = field(repr=False)
+    sizes: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def modulus(self) -> Floats:
+        """Apparent G_s of each capsule : (n,) array [N/m], NaN where the model has no such shape."""
+        return np.where(self.fits.settled, np.exp(self.fits.log_modulus), np.nan)
+
+    @property
+    def modulus_error(self) -> Floats:
+        """Its standard error : (n,) array [N/m]; that of the viscosity, which all share, is not in it."""
+        return self.modulus * np.sqrt(self.fits.covariance[:, 0, 0])
+
+    @property
+    def median_modulus(self) -> float:
+        """Median of the apparent G_s [N/m]; NaN if the model has none of the shapes."""
+        return self.fits.median_modulus
+
+    @property
+    def modulus_at_flow_rates(self) -> Mapping[float, tuple[int, float]]:
+        """Capsules and median of their apparent G_s [N/m] by flow rate [m^3/s].
+
+        Empty if fewer than half of the capsules share theirs with another, as where a sensor has measured it.
+        """
+        rates = self.session.flow_rates
+        settings, counts = np.unique(rates[np.isfinite(rates)], return_counts=True)
+        if len(settings) < 2 or counts[counts > 1].sum() < 0.5 * len(rates):
+            return {}
+        rows = {float(one): rates == one for one in settings}
+        return {rate: (int(at.sum()), _median(self.modulus[at])) for rate, at in rows.items()}
+
+    @cached_property
+    def outlines(self) -> Floats:
+        """Predicted outlines of the best shapes : (n, p, 2) array [l], NaN where the model has none."""
+        theta = {name: np.full(len(self.session), size) for name, size in self.sizes.items()}
+        theta |= self.session.circumstances
+        theta |= {"capillary_number": np.exp(self.fits.theta[:, 0]), "size_ratio": self.fits.theta[:, 1]}
+        outlines = self.model(theta, outline=True).outline
+        assert outlines is not None, "asked for"
+        return np.where(self.fits.settled[:, None, None], outlines, np.nan)
+
+    @cached_property
+    def edges(self) -> Mapping[int, tuple[Floats, Footing]]:
+        """Measured points (m, 2) [l] shifted and turned onto the predicted outline, and where they stand on it, by row.
+
+        Of the capsules that have an outline and a best shape.
+        """
+        measured = {row: one.outline for row, one in enumerate(self.session.measurements) if self.fits.settled[row]}
+        return {row: aligned_with(one.points, self.outlines[row]) for row, one in measured.items() if one is not None}
+
+    @property
+    def gap(self) -> float:
+        """Root mean square normal distance of measured and predicted edges [m]; NaN without outlines."""
+        distances = [feet.distance for _, feet in self.edges.values()]
+        return self._metres * float(np.sqrt(np.mean(np.square(np.concatenate(distances))))) if distances else np.nan
+
+    @cached_property
+    def along_outline(self) -> AlongOutline | None:
+        """Mean of the distances from place to place; None for fewer than two outlines."""
+        if len(self.edges) < 2:
+            return None
+        count = self.outlines.shape[1]
+        vertices = np.arange(count)
+        distances = np.array(
+            [np.interp(vertices, feet.place, feet.distance, period=count) for _, feet in self.edges.values()]
+        )
+        error = distances.std(axis=0, ddof=1) / np.sqrt(len(distances))
+        middle = self.outlines[list(self.edges)].mean(axis=0)
+        return AlongOutline(middle, self._metres * distances.mean(axis=0), self._metres * error)
+
+    @property
+    def _metres(self) -> float:
+        return self.session.mean("half_width")
+
+
+def _median(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")

@@ -1,0 +1,189 @@
+"""Damped Gauss-Newton steps of many capsules at once, from shapes that have nearly their lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.whitening import OfLengths, Whitening
+from capsbayes.effect import circumstances_of
+from capsbayes.model import ForwardModel
+from capsbayes.prediction import Prediction
+
+__all__ = ["LOOSE", "Evaluation", "Places", "descended", "scouts"]
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+LOOSE = np.array([2.0, 1.0])
+"""Standard deviations of a prior of log Ca and a/l about the pilots: it holds what the data leave open."""
+
+_STEPS = 12
+_DIFFERENCE = (3e-4, 3e-5)  # of log Ca and a/l, for derivatives
+_LONGEST = (0.3, 0.03)  # step
+_SETTLED = 1e-4  # of the misfit that is still to be gained
+_SCOUTS = (60, 40)  # along log Ca and a/l
+_BANDS = 4  # of Ca, in each of which a capsule that is not fitted is tried again
+
+
+@dataclass(eq=False)
+class Places:
+    """Where n capsules are, and what a model makes of them there.
+
+    Parameters
+    ----------
+    theta : (n, 2) array
+    residuals : list of n (m,) arrays
+        NaN outside the model's domain.
+    slopes : list of n (m, 2) arrays
+    ratio : (n,) array
+        v_o/U.
+    ratio_slopes : (n, 2) array
+    """
+
+    theta: Floats
+    residuals: list[Floats]
+    slopes: list[Floats]
+    ratio: Floats
+    ratio_slopes: Floats
+
+    def taken(self, rows: Rows) -> Places:
+        """Some of them."""
+        each = [self.residuals[i] for i in rows], [self.slopes[i] for i in rows]
+        return Places(self.theta[rows], *each, self.ratio[rows], self.ratio_slopes[rows])
+
+    def put(self, rows: Rows, others: Places) -> None:
+        """Replace some."""
+        self.theta[rows], self.ratio[rows], self.ratio_slopes[rows] = others.theta, others.ratio, others.ratio_slopes
+        for i, residual, slope in zip(rows, others.residuals, others.slopes, strict=True):
+            self.residuals[i], self.slopes[i] = residual, slope
+
+    def take_better(self, rows: Rows, others: Places, centre: Floats) -> None:
+        """Replace those of some rows that fit better elsewhere; `centre` (n, 2) as in `penalised`."""
+        better = others.penalised(centre[rows]) < self.penalised(centre)[rows]
+        self.put(rows[better], others.taken(np.flatnonzero(better)))
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which have a shape of the model : (n,) array."""
+        return np.array([np.isfinite(residual).all() for residual in self.residuals], dtype=bool)
+
+    @property
+    def differentiable(self) -> NDArray[np.bool_]:
+        """Which have slopes : (n,) array."""
+        return np.array([np.isfinite(slope).all() for slope in self.slopes], dtype=bool)
+
+    def penalised(self, centre: Floats) -> Floats:
+        """What is minimised, with a loose prior about centres (n, 2) : (n,) array, infinite outside the domain."""
+        misfit = np.array([residual @ residual for residual in self.residuals])
+        found = misfit + np.sum(((self.theta - centre) / LOOSE) ** 2, axis=1)
+        return np.where(np.isfinite(found), found, np.inf)
+
+    def step(self, centre: Floats, damping: Floats) -> tuple[Floats, Floats]:
+        """Damped Gauss-Newton step (n, 2), and by how much the whole one would lower what is minimised (n,)."""
+        known = np.flatnonzero(self.inside & self.differentiable)
+        step, promised = np.zeros_like(self.theta), np.zeros(len(self.theta))
+        if not len(known):
+            return step, promised
+        matrix = np.array([self.slopes[i].T @ self.slopes[i] for i in known]) + np.diag(1.0 / LOOSE**2)
+        pull = np.array([self.slopes[i].T @ self.residuals[i] for i in known])
+        pull += (self.theta[known] - centre[known]) / LOOSE**2
+        promised[known] = np.sum(pull * _solved(matrix, pull), axis=1)
+        diagonal = np.eye(2) * matrix
+        step[known] = -_solved(matrix + damping[known, None, None] * diagonal, pull)
+        return np.clip(step, -np.array(_LONGEST), _LONGEST), promised
+
+
+def _solved(matrices: Floats, sides: Floats) -> Floats:
+    return np.asarray(np.linalg.solve(matrices, sides[..., None])[..., 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What a model makes of some of the capsules somewhere; `rest` holds the circumstances and sizes of all."""
+
+    model: ForwardModel
+    white: Whitening
+    rest: Mapping[str, Floats]
+
+    def __call__(self, theta: Floats, rows: Rows) -> Places:
+        """Evaluate at theta (k, 2) the capsules of k rows."""
+        found = self._towards(theta, rows, 1.0)
+        edge = np.flatnonzero(found.inside & ~found.differentiable)  # of the domain: look the other way
+        if len(edge):
+            back = self._towards(theta[edge], rows[edge], -1.0)
+            for k, row in enumerate(edge):
+                found.slopes[row] = np.where(np.isfinite(found.slopes[row]), found.slopes[row], back.slopes[k])
+            there = found.ratio_slopes[edge]
+            found.ratio_slopes[edge] = np.where(np.isfinite(there), there, back.ratio_slopes)
+        return found
+
+    def _towards(self, theta: Floats, rows: Rows, sign: float) -> Places:
+        """With slopes by differences to one side."""
+        shifts = sign * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) * _DIFFERENCE
+        points = (theta[:, None] + shifts).reshape(-1, 2)
+        batch = {name: np.repeat(values[rows], len(shifts)) for name, values in self.rest.items()}
+        batch |= {"capillary_number": np.exp(points[:, 0]), "size_ratio": points[:, 1]}
+        prediction = self.model(batch, outline=self.white.outline)
+        ratio = prediction.velocity_ratio.reshape(-1, len(shifts))
+        residuals, slopes = [], []
+        for k, row in enumerate(rows):
+            seen = self.white.each[row](prediction.taken(slice(len(shifts) * k, len(shifts) * (k + 1))))
+            residuals.append(seen[0])
+            slopes.append((seen[1:] - seen[0]).T / (sign * np.array(_DIFFERENCE)))
+        ratio_slopes = (ratio[:, 1:] - ratio[:, :1]) / (sign * np.array(_DIFFERENCE))
+        return Places(theta, residuals, slopes, ratio[:, 0], ratio_slopes)
+
+
+def descended(evaluate: Evaluation, here: Places, who: Rows) -> Places:
+    """Gauss-Newton steps of k capsules, given by their rows, down to where they fit best."""
+    centre = evaluate.white.pilots[who]
+    value = here.penalised(centre)
+    damping, moving = np.full(len(value), 1e-3), np.isfinite(value)
+    for _ in range(_STEPS):
+        step, promised = here.step(centre, damping)
+        moving &= promised > _SETTLED
+        rows = np.flatnonzero(moving)
+        if not len(rows):
+            break
+        there = evaluate(here.theta[rows] + step[rows], who[rows])
+        reached = there.penalised(centre[rows])
+        better = reached < value[rows] + 1e-9
+        here.put(rows[better], there.taken(np.flatnonzero(better)))
+        value[rows[better]] = reached[better]
+        damping[rows] *= np.where(better, 0.1, 10.0)
+        moving &= damping < 1e8
+    return here
+
+
+def scouts(
+    model: ForwardModel, session: Session, rest: Mapping[str, Floats], rows: Rows, bands: int = _BANDS
+) -> Floats:
+    """log Ca and a/l (bands, k, 2) of the shapes nearest by their lengths in each band of Ca, for k rows of capsules.
+
+    `rest` holds the circumstances of all and the sizes of effects.
+    """
+    (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
+    columns = np.linspace(size_low, size_high, _SCOUTS[1] + 2)[1:-1]
+    ca, size = (one.ravel() for one in np.meshgrid(np.geomspace(ca_low, ca_high, _SCOUTS[0] + 2)[1:-1], columns))
+    band = np.digitize(ca, np.geomspace(ca_low, ca_high, bands + 1)[1:-1])
+    found = np.empty((bands, len(rows), 2))
+    acting = [name for name in rest if name not in session.circumstances or name in circumstances_of(model)]
+    alike: dict[tuple[float, ...], Prediction] = {}
+    for k, row in enumerate(rows):
+        here = tuple(float(rest[name][row]) for name in acting)
+        if here not in alike:
+            given = {name: np.full(ca.size, value) for name, value in zip(acting, here, strict=True)}
+            alike[here] = model({**given, "capillary_number": ca, "size_ratio": size})
+        seen = alike[here]
+        beside = OfLengths.of(session.measurements[row], np.zeros((2, 2)))
+        away = np.full(ca.size, np.inf)
+        away[seen.inside] = np.sum(np.square(beside(seen))[seen.inside], axis=1)
+        for j in range(bands):
+            place = int(np.argmin(np.where(band == j, away, np.inf)))
+            found[j, k] = np.log(ca[place]), size[place]
+    return found

@@ -1,0 +1,298 @@
+"""Where data disagree with a model: what all capsules of a session show alike after each was fitted.
+
+A deviation is an amplitude that the capsules have in common: of a displacement
+of one region of the outline, after the best Ca and a/l of each capsule have
+absorbed what they can, or of a trend of the apparent shear modulus with velocity
+or size. Each capsule contributes one number. Their scatter, not the stated noise,
+says how surprising their sum is, so that noise that is correlated along the
+outline, heavy-tailed or wrongly stated makes no claims; and since under a right
+model each contribution is as likely positive as negative, changing their signs
+at random says how large the largest of all deviations is by chance.
+
+The model's own error is not independent from capsule to capsule. It is taken as
+common to all of them, in the direction that hurts most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta, binom, norm
+
+from capsbayes.diagnosis.displacements import Displaced, Displacements, displaced_regions
+from capsbayes.diagnosis.fits import Fits, fitted, whitening
+from capsbayes.diagnosis.regions import REGIONS
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.whitening import Whitening
+from capsbayes.model import ForwardModel
+
+__all__ = ["TRENDS", "Deviation", "Finding", "find"]
+
+Floats = NDArray[np.float64]
+
+_FLIPS = 4999
+_WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
+_SHAPELESS = "share of capsules without a shape"
+_FEWEST = 4  # contributions, up to which a deviation is not judged
+TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One way in which the capsules differ from the model alike.
+
+    Parameters
+    ----------
+    name : str
+        A region of the outline, or a trend.
+    size, error : float
+        Amplitude and its standard error [unit].
+    unit : str
+    chance : float
+        Probability that under a right model the largest of all deviations is as large.
+    """
+
+    name: str
+    size: float
+    error: float
+    unit: str
+    chance: float
+
+    @property
+    def sigma(self) -> float:
+        """Size over error."""
+        return self.size / self.error
+
+    def __str__(self) -> str:
+        """Name, amplitude and how surprising it is."""
+        unit = f" {self.unit}" if self.unit else ""
+        said = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, by chance {self.chance:.2g}"
+        return f"{self.name}: {said}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Where a session disagrees with a model.
+
+    Parameters
+    ----------
+    deviations : tuple of Deviation
+        The most surprising first.
+    noise : float
+        Root of the misfit over its freedom: the noise over that stated; NaN where nothing is left over.
+    capsules : int
+        How many were fitted.
+    displacements : Displacements
+        Of the regions of their outlines, all together.
+    """
+
+    deviations: tuple[Deviation, ...]
+    noise: float
+    capsules: int
+    displacements: Displacements = field(default_factory=Displacements, repr=False)
+
+    @property
+    def chance(self) -> float:
+        """Probability under a right model of a deviation as large as the largest."""
+        return min((one.chance for one in self.deviations), default=1.0)
+
+    def leaves_nothing(self, level: float) -> bool:
+        """Whether nothing stands at a level, and displaced regions are less likely than none."""
+        return self.chance >= level and self.displacements.evidence <= 0.0
+
+    def together(self, other: Finding, among: float) -> float:
+        """Chance of the largest deviation of this and of other capsules together.
+
+        Only those are looked at that have a chance of at most `among` here. That of the other is looked for by name and
+        direction, so that it needs no correction for the number of deviations; the two are combined by Stouffer's
+        method.
+        """
+        there = {one.name: one for one in other.deviations}
+        both = (
+            float(norm.sf((norm.isf(one.chance) + _standing(one, there[one.name])) / np.sqrt(2.0)))
+            for one in self.deviations
+            if one.chance <= among and one.name in there
+        )
+        return min(both, default=1.0)
+
+    def __str__(self) -> str:
+        """One line."""
+        if not self.deviations:
+            return f"{self.capsules} capsules, too few to compare"
+        return f"{self.deviations[0]} in {self.capsules} capsules"
+
+
+def find(
+    model: ForwardModel,
+    session: Session,
+    *,
+    seed: int,
+    white: Whitening | None = None,
+    sizes: Mapping[str, float] | None = None,
+    fits: Fits | None = None,
+) -> Finding:
+    """Compare a session with a model.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    session : Session
+        Outlines tell the regions; without them the trends are left.
+    seed : int
+        Of the random signs.
+    white : Whitening, optional
+        Made with the model without its effects; by default, with the model.
+    sizes : mapping of str to float, optional
+        Parameters of the model's effects.
+    fits : Fits, optional
+        Of the model with these sizes, if they are known.
+
+    Returns
+    -------
+    Finding
+    """
+    white = whitening(model, session) if white is None else white
+    fits = fitted(model, session, white, sizes) if fits is None else fits
+    done = np.flatnonzero(fits.settled)
+    rest = {name: values[done] for name, values in session.circumstances.items()}
+    rest |= {name: np.full(len(done), size) for name, size in (sizes or {}).items()}
+    own = _own_error_of_modulus(model, rest, fits.theta[done])
+    displaced = displaced_regions(white, fits)
+    table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own)]
+    table = [one for one in table if len(one.contributions) > _FEWEST]
+    freedom = int(fits.freedom[done].sum())
+    noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
+    chances = _by_signs(table, np.random.default_rng([seed, len(done)]))
+    by_surprise = sorted(zip(table, chances, strict=True), key=lambda pair: (pair[1], -abs(pair[0].statistic)))
+    found = [
+        Deviation(one.name, one.size * one.scale, one.error * one.scale, one.unit, float(chance))
+        for one, chance in by_surprise
+    ]
+    found += _without_a_shape(fits)
+    return Finding(
+        tuple(sorted(found, key=lambda one: one.chance)), noise, len(done), Displacements.of(displaced, fits)
+    )
+
+
+def _without_a_shape(fits: Fits) -> list[Deviation]:
+    """That many capsules have no shape of the model, if more than a right model leaves."""
+    ill, count = int(fits.ill.sum()), len(fits.ill)
+    if ill <= _WITHOUT * count:
+        return []
+    chance = float(binom.sf(ill - 1, count, _WITHOUT))
+    share, error = beta(ill + 1, count - ill + 1).stats()
+    return [Deviation(_SHAPELESS, float(share), float(np.sqrt(error)), "", chance)]
+
+
+def _standing(first: Deviation, second: Deviation) -> float:
+    """Standard normal deviate of a deviation in the direction of the one that was found before."""
+    if first.name == _SHAPELESS:
+        return float(norm.isf(second.chance))
+    return float(second.sigma * np.sign(first.size))
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """Contributions (c,) of capsules to an amplitude, and their weights (c,); `own` (c,) is the model's own error."""
+
+    name: str
+    unit: str
+    scale: float
+    contributions: Floats
+    weights: Floats
+    own: Floats
+
+    @property
+    def size(self) -> float:
+        return float(self.contributions.sum() / self.weights.sum())
+
+    @property
+    def spread(self) -> float:
+        """Variance of the sum of the contributions if their mean is zero, and the model's error common to all."""
+        return float(np.sum(self.contributions**2) + np.sum(self.own) ** 2)
+
+    @property
+    def error(self) -> float:
+        away = self.contributions - self.size * self.weights
+        return float(np.sqrt(np.sum(away**2) + np.sum(self.own) ** 2) / self.weights.sum())
+
+    @property
+    def statistic(self) -> float:
+        """What is compared with random signs; at most the root of the number of capsules."""
+        return float(self.contributions.sum() / np.sqrt(self.spread))
+
+
+def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
+    """Probability of each test's deviation as the largest of all when the signs are random."""
+    if not table:
+        return np.empty(0)
+    capsules = max(len(one.contributions) for one in table)
+    signs = rng.choice([-1.0, 1.0], (_FLIPS, capsules))
+    largest = np.zeros(_FLIPS)
+    for one in table:
+        count = len(one.contributions)
+        own = rng.standard_normal(_FLIPS) * one.own.sum()
+        by_chance = (signs[:, :count] @ one.contributions + own) / np.sqrt(one.spread)
+        largest = np.maximum(largest, np.abs(by_chance))
+    return np.array([(1 + np.sum(largest >= abs(one.statistic))) / (_FLIPS + 1) for one in table])
+
+
+def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> list[_Test]:
+    """A common displacement of each region."""
+    rows: list[tuple[Floats, Floats, Floats]] = []
+    for i, seen, pattern in displaced:
+        modes = np.zeros((1, len(seen.pilot))) if seen.modes is None else seen.modes
+        own = np.linalg.norm(pattern @ seen.whitened_displacement(modes).T, axis=1)
+        rows.append((pattern @ fits.residuals[i], np.sum(pattern**2, axis=1), own))
+    if not rows:
+        return []
+    contributions, weights, own = (np.array(column).T for column in zip(*rows, strict=True))
+    width = 1e6 * session.mean("half_width")
+    return [_Test(name, "um", width, *each) for name, *each in zip(REGIONS, contributions, weights, own, strict=True)]
+
+
+def _of_trends(session: Session, fits: Fits, done: NDArray[np.int64], own: Floats) -> list[_Test]:
+    """Slopes of the apparent ln G_s, each beside the other, without what errors in both make of them."""
+    velocity = np.log(session.circumstances["capsule_velocity"][done])
+    columns = {"velocity": velocity, "size": fits.size[done]}
+    together = {"velocity": np.square(session.velocity_errors[done]), "size": fits.covariance[done, 0, 1]}
+    columns = {name: values for name, values in columns.items() if np.ptp(values) > 1e-3}
+    if len(done) <= _FEWEST + len(columns):
+        return []
+    weight = 1.0 / (fits.covariance[done, 0, 0] + _scatter(fits, done))
+    design = np.stack([np.ones(len(done)), *columns.values()], axis=1)
+    tests = []
+    for number, name in enumerate(columns, start=1):
+        others = np.delete(design, number, axis=1)
+        across = design[:, number] - others @ _solved(others, design[:, number], weight)
+        about = fits.log_modulus[done] - others @ _solved(others, fits.log_modulus[done], weight)
+        contributions = weight * (across * about - together[name])
+        tests.append(_Test(TRENDS[name], "", 1.0, contributions, weight * across**2, weight * np.abs(across) * own))
+    return tests
+
+
+def _solved(design: Floats, values: Floats, weight: Floats) -> Floats:
+    root = np.sqrt(weight)[:, None]
+    return np.asarray(np.linalg.lstsq(design * root, values * root[:, 0])[0])
+
+
+def _scatter(fits: Fits, done: NDArray[np.int64]) -> float:
+    """Variance of ln G_s between capsules beyond their errors, by moments."""
+    beyond = np.var(fits.log_modulus[done]) - np.median(fits.covariance[done, 0, 0])
+    return float(max(beyond, 1e-6))
+
+
+def _own_error_of_modulus(model: ForwardModel, rest: Mapping[str, Floats], theta: Floats) -> Floats:
+    """Standard deviation of ln G_s by the model's own error in the lengths, as a shift of Ca at given shape : (c,)."""
+    step = 1e-3
+    here, there = (
+        model({**rest, "capillary_number": np.exp(theta[:, 0] + shift), "size_ratio": theta[:, 1]})
+        for shift in (0.0, step)
+    )
+    slope = (there.parachute_depth - here.parachute_depth) / step
+    depth = here.covariance[:, 0, 0] + here.covariance[:, 1, 1] - 2.0 * here.covariance[:, 0, 1]
+    error = np.sqrt(np.maximum(depth, 0.0)) / np.maximum(np.abs(slope), 1e-6)
+    return np.asarray(np.nan_to_num(np.minimum(error, 1.0), nan=1.0))

@@ -1,0 +1,274 @@
+"""How likely a session is under a model with an effect of a given size.
+
+Of each capsule the best shape and its misfit say how well the picture is met;
+how far the apparent shear moduli of all capsules lie apart says whether one
+membrane can have made them. With G_s normal in its logarithm among the capsules
+and the size a/l free, the likelihood of capsule i is, but for a constant,
+
+    exp(-misfit_i / 2) (det C_i)^(1/2) N(ln G_i; mean, C_i[G, G] + spread^2),
+
+C_i the covariance of ln G_i and a/l.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import minimize_scalar
+
+from capsbayes.diagnosis.fits import Fits, fitted
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.whitening import Whitening
+from capsbayes.effect import Effect, ExtendableModel
+
+__all__ = [
+    "Measured",
+    "Population",
+    "Scores",
+    "Trial",
+    "Tried",
+    "log_likelihood",
+    "log_of_measured",
+    "population",
+]
+
+Floats = NDArray[np.float64]
+Measured = Mapping[str, tuple[float, float]]
+"""By parameter of an effect: its size as measured apart from the capsules, and the standard error."""
+
+_QUANTILES = (0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999)  # of the prior, at which an effect is tried first
+_REFINED = 2  # times that sizes about the best are added
+_NEXT = 0.02  # of the distance of its neighbours, from the best size
+_FINE = 20_001
+_LARGEST_SPREAD = 3.0
+_LOST = 15.0  # log likelihood of a capsule of which the model knows no shape, below that of the least likely other
+_NOTHING = -1e6  # log likelihood of each where hardly one can have been made
+
+
+@dataclass(frozen=True)
+class Population:
+    """ln G_s of the capsules: mean, and standard deviation beyond their errors."""
+
+    mean: float
+    spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Log likelihood of each capsule at a few sizes of an effect.
+
+    Parameters
+    ----------
+    effect : Effect
+    sizes : (J,) array
+        Rising; the null value among them, for which the model without the effect stands.
+    log_likelihood : (J, n) array
+        With the population that is most likely at each size.
+    elsewhere : (J,) array
+        Log likelihood of what was measured of the effect apart from the capsules.
+    modulus : (J,) array [N/m]
+        Median of the apparent G_s of the capsules at each size.
+    """
+
+    effect: Effect
+    sizes: Floats
+    log_likelihood: Floats = field(repr=False)
+    elsewhere: Floats = field(repr=False)
+    modulus: Floats = field(repr=False)
+
+    @property
+    def total(self) -> Floats:
+        """Of all that was measured : (J,) array."""
+        return np.asarray(self.log_likelihood.sum(axis=1) + self.elsewhere)
+
+    @property
+    def gain(self) -> float:
+        """Of all that was measured, at the best size over that at the null value."""
+        return float(self.total[self.best] - self.total[self.null])
+
+    @property
+    def null(self) -> int:
+        """Row of the null value."""
+        return int(np.argmin(np.abs(self.sizes - self.effect.null_value)))
+
+    @property
+    def best(self) -> int:
+        """Row of the likeliest size."""
+        return int(np.argmax(self.total))
+
+    @property
+    def size(self) -> float:
+        """The likeliest size."""
+        return float(self.sizes[self.best])
+
+    @property
+    def gains(self) -> Floats:
+        """Log likelihood of each capsule at the best size over that at the null value : (n,) array."""
+        return np.asarray(self.log_likelihood[self.best] - self.log_likelihood[self.null])
+
+    @property
+    def evidence(self) -> float:
+        """Log of the likelihood averaged over the prior of the size, over that at the null value."""
+        fine, total = self._between()
+        prior = self.effect.prior.pdf(fine)
+        most = float(total.max())
+        mean = np.trapezoid(prior * np.exp(total - most), fine) / np.trapezoid(prior, fine)
+        return most + float(np.log(mean)) - float(self.total[self.null])
+
+    def _between(self) -> tuple[Floats, Floats]:
+        """Many sizes, and the log likelihood there."""
+        fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
+        return fine, np.asarray(PchipInterpolator(self.sizes, self.total)(fine))
+
+    def interval(self, drop: float = 0.5) -> tuple[float, float]:
+        """Sizes at which the log likelihood has fallen by `drop` from its best: 0.5 for 68 %, 1.92 for 95 %."""
+        fine, total = self._between()
+        within = np.flatnonzero(total >= self.total.max() - drop)
+        ends = (fine[within[0]], fine[within[-1]]) if len(within) else (self.size, self.size)
+        return min(float(ends[0]), self.size), max(float(ends[1]), self.size)
+
+
+class Tried(NamedTuple):
+    """What came of one size, or of one of each effect."""
+
+    log_likelihood: Floats
+    theta: Floats
+    modulus: float
+
+    @classmethod
+    def of(cls, fits: Fits) -> Tried:
+        """From the fits with it."""
+        return cls(log_likelihood(fits), fits.theta, fits.median_modulus)
+
+
+class Trial:
+    """An effect that is tried on a session, at more and more sizes.
+
+    Parameters
+    ----------
+    model : forward model
+        Without the effect.
+    effect : Effect
+    session : Session
+    white : Whitening
+        Made with the model.
+    without : Fits
+        Of the model, which is what the effect is measured against: all effects alike, wherever they have shapes.
+    measured : (float, float), optional
+        Size of the effect as measured apart from the capsules, and its standard error.
+    known : mapping of float to Tried, optional
+        What came of some sizes already.
+    """
+
+    def __init__(
+        self,
+        model: ExtendableModel,
+        effect: Effect,
+        session: Session,
+        white: Whitening,
+        without: Fits,
+        measured: tuple[float, float] | None = None,
+        known: Mapping[float, Tried] | None = None,
+    ) -> None:
+        self.model, self.effect, self.session, self.white, self.without = model, effect, session, white, without
+        self.measured = measured
+        self._found = {effect.null_value: Tried.of(without), **(known or {})}
+        for size in sorted(_first_sizes(effect, measured), key=lambda one: abs(one - effect.null_value)):
+            self._add(size, everywhere=True)
+        self.refine(1)
+
+    @property
+    def scores(self) -> Scores:
+        """What is known by now."""
+        sizes = np.array(sorted(self._found))
+        elsewhere = np.array([log_of_measured(size, self.measured) for size in sizes])
+        likelihoods, _, moduli = zip(*(self._found[size] for size in sizes), strict=True)
+        return Scores(self.effect, sizes, np.array(likelihoods), elsewhere, np.array(moduli))
+
+    def with_measured(self, measured: tuple[float, float] | None) -> Trial:
+        """The same trial with a measurement apart from the capsules."""
+        made = (self.model, self.effect, self.session, self.white, self.without)
+        return self if measured == self.measured else Trial(*made, measured, self._found)
+
+    def refine(self, times: int = _REFINED) -> None:
+        """Add sizes about the best."""
+        for _ in range(times):
+            known = self.scores
+            for size in _about_the_best(known.sizes.tolist(), known.total.tolist()):
+                self._add(size)
+
+    def _add(self, size: float, *, everywhere: bool = False) -> None:
+        if size in self._found:
+            return
+        start = self._found[min(self._found, key=lambda other: abs(other - size))].theta
+        sizes = {self.effect.parameter.name: size}
+        fits = fitted(self.model + self.effect, self.session, self.white, sizes, start, everywhere=everywhere)
+        self._found[size] = Tried.of(fits)
+
+
+def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:
+    """Log likelihood of a size as measured apart from the capsules, with its standard error; zero if it was not."""
+    return 0.0 if measured is None else -0.5 * ((size - measured[0]) / measured[1]) ** 2
+
+
+def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[float]:
+    """Sizes at which an effect is tried first: over its prior, and about what was measured of it."""
+    low, high = effect.prior.support()
+    about = [] if measured is None else [measured[0] + sigma * measured[1] for sigma in (-2.0, -1.0, 0.0, 1.0, 2.0)]
+    return [*(float(one) for one in effect.prior.ppf(_QUANTILES)), *(one for one in about if low <= one <= high)]
+
+
+def _about_the_best(sizes: list[float], totals: list[float]) -> list[float]:
+    """Sizes to try next: the top of a parabola through the best and its neighbours, and two standard errors beside.
+
+    Those that lie next to a size that is known already are left out.
+    """
+    best = int(np.argmax(totals))
+    if best in (0, len(sizes) - 1):
+        beside = sizes[1] if best == 0 else sizes[-2]
+        return [0.5 * (sizes[best] + beside)]
+    low, high = sizes[best - 1], sizes[best + 1]
+    (x0, x1, x2), (y0, y1, y2) = sizes[best - 1 : best + 2], totals[best - 1 : best + 2]
+    left, right = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
+    bend = (right - left) / (0.5 * (x2 - x0))
+    if bend >= 0.0:  # an effect that leaves no trace
+        return []
+    top = 0.5 * (x0 + x1) - left / bend
+    error = 1.0 / np.sqrt(-bend)
+    wanted = [min(max(one, low), high) for one in (top, top - 2.0 * error, top + 2.0 * error)]
+    return [one for one in wanted if min(abs(one - size) for size in sizes) > _NEXT * (high - low)]
+
+
+def population(values: Floats, variances: Floats) -> Population:
+    """The likeliest mean and spread of normal values (n,) known with errors of given variances (n,)."""
+
+    def mean(spread: float) -> float:
+        weight = 1.0 / (variances + spread**2)
+        return float(np.sum(weight * values) / np.sum(weight))
+
+    def surprise(spread: float) -> float:
+        total = variances + spread**2
+        return float(np.sum((values - mean(spread)) ** 2 / total + np.log(total)))
+
+    found = minimize_scalar(surprise, bounds=(0.0, _LARGEST_SPREAD), method="bounded")
+    spread = float(found.x) if found.fun < surprise(0.0) else 0.0
+    return Population(mean(spread), spread)
+
+
+def log_likelihood(fits: Fits) -> Floats:
+    """Log likelihood of each capsule : (n,) array; one of which the model knows no shape counts as very unlikely."""
+    done, values, variances = fits.known, fits.log_modulus, fits.covariance[:, 0, 0]
+    found = np.full(len(done), _NOTHING)
+    if done.sum() > 1:
+        people = population(values[done], variances[done])
+        total = variances[done] + people.spread**2
+        volume = np.linalg.slogdet(fits.covariance[done])[1]
+        apart = (values[done] - people.mean) ** 2 / total + np.log(2.0 * np.pi * total)
+        found[done] = -0.5 * fits.misfit[done] + 0.5 * volume - 0.5 * apart
+        found[~done] = found[done].min() - _LOST
+    return found

@@ -1,0 +1,243 @@
+"""Effects that explain why a session disagrees with a model: one, or one and what it leaves over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.diagnosis.finding import Finding, find
+from capsbayes.diagnosis.fits import Fits, fitted
+from capsbayes.diagnosis.scoring import Measured, Scores, Trial
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.together import together
+from capsbayes.diagnosis.whitening import Whitening
+from capsbayes.effect import Effect, ExtendableModel, Held
+
+__all__ = ["LEAST_GAIN", "LEFT", "Search", "Step", "not_told_apart", "searched"]
+
+Floats = NDArray[np.float64]
+LEFT = 0.01
+"""Chance of what is left over, below which it is not explained."""
+
+LEAST_GAIN = 3.0
+"""In log likelihood, below which an effect explains nothing, or no more than another."""
+
+_TOGETHER = 4  # effects at most that are measured together with the first
+_FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
+_APART = 2.5  # standard errors between the gains of two effects, below which they are not told apart
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One effect that is added.
+
+    Parameters
+    ----------
+    scores : mapping of str to Scores
+        Of every candidate, beside the effects added before, the likeliest first; of the first of two effects and of
+        those that may stand in its place, beside the second.
+    alike : tuple of str
+        The likeliest, and those that are not told apart from it; empty if none explains anything.
+    models : mapping of str to ForwardModel
+        To which each is added: with the effect added before, at its size.
+    left : mapping of str to Finding
+        What each that is not told apart from the likeliest leaves over.
+    before : mapping of str to Scores
+        Of the effect added before, as it is beside each that was measured together with it.
+    """
+
+    scores: Mapping[str, Scores]
+    alike: tuple[str, ...]
+    models: Mapping[str, ExtendableModel] = field(repr=False)
+    left: Mapping[str, Finding] = field(repr=False)
+    before: Mapping[str, Scores] = field(default_factory=dict, repr=False)
+
+    @property
+    def best(self) -> Scores:
+        """Of the effect that is added."""
+        return self.scores[self.alike[0]]
+
+    @property
+    def after(self) -> Held:
+        """The model with the effect at its size."""
+        return self.with_effect(self.alike[0])
+
+    def with_effect(self, name: str) -> Held:
+        """The model with one of the candidates at its size."""
+        return _with(self.models[name], self.scores[name])
+
+
+def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mapping[str, Trial]]:
+    """Try every effect, and beside the likeliest every other if it leaves something over.
+
+    Parameters
+    ----------
+    search : Search
+    fits : Fits
+        Of the model.
+
+    Returns
+    -------
+    steps, explained, trials
+        Whether nothing is left over beside the last step; the trials of each effect alone.
+    """
+    trials = search.trials(search.model, fits, search.candidates)
+    first, explained = search.judged(_refined(trials), dict.fromkeys(search.candidates, search.model), {})
+    if explained or not first.alike:
+        return (first,), explained, trials
+    return *search.second_beside(first), trials
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What the effects are tried on.
+
+    Parameters
+    ----------
+    model : forward model
+    candidates : mapping of str to Effect
+        By name of their parameter.
+    session : Session
+    white : Whitening
+        Made with the model.
+    seed : int
+        Of the random signs.
+    measured : mapping of str to (float, float)
+    tell : callable
+        Is told each effect that is tried.
+    earlier : mapping of str to Trial
+        Of each effect alone, on the same session.
+    """
+
+    model: ExtendableModel
+    candidates: Mapping[str, Effect]
+    session: Session
+    white: Whitening
+    seed: int
+    measured: Measured
+    tell: Callable[[str], None]
+    earlier: Mapping[str, Trial] = field(default_factory=dict)
+
+    def trials(self, here: ExtendableModel, beside: Fits, names: Iterable[str]) -> dict[str, Trial]:
+        """Of effects beside a model, of which the fits are given."""
+        found = {}
+        for name in names:
+            self.tell(self.candidates[name].name)
+            known = self.earlier.get(name) if here is self.model else None
+            if known is None:
+                made = (here, self.candidates[name], self.session, self.white, beside)
+                found[name] = Trial(*made, self.measured.get(name))
+            else:
+                found[name] = known.with_measured(self.measured.get(name))
+        return found
+
+    def judged(
+        self, scores: Mapping[str, Scores], models: Mapping[str, ExtendableModel], before: Mapping[str, Scores]
+    ) -> tuple[Step, bool]:
+        """The effects that are not told apart; if any leave nothing over, those."""
+        alike = _not_told_apart(scores)
+        left = {name: find(_with(models[name], scores[name]), self.session, seed=self.seed) for name in alike}
+        explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT))
+        return Step(scores, explaining or alike, models, left, before), bool(explaining)
+
+    def second_beside(self, first: Step, *, again: bool = True) -> tuple[tuple[Step, ...], bool]:
+        """A second effect beside the likeliest, and what may stand in the first's place then.
+
+        If something else is likelier there, the second is sought again beside that.
+        """
+        used = first.alike[0]
+        names = [name for name in self.candidates if name != used]
+        before, scores = self._beside(first.best, names)
+        models = {name: _with(self.model, before[name]) if name in before else first.after for name in names}
+        second, explained = self.judged(_by_gain(scores), models, before)
+        if not explained:
+            return (first, second), False
+        pairs = self._alike_beside(first, second)
+        if again and next(iter(pairs)) != used:
+            both, explained = self.second_beside(replace(first, alike=tuple(pairs)), again=False)
+            if explained:
+                return both, True
+        pairs.pop(used, None)
+        return (replace(first, alike=(used, *pairs), scores={**first.scores, **pairs}), second), True
+
+    def _alike_beside(self, first: Step, second: Step) -> dict[str, Scores]:
+        """The effects that are not told apart from the likeliest beside the second, which comes first; their scores.
+
+        Those of the one that was used are the second's.
+        """
+        used, name = first.alike[0], second.alike[0]
+        others = [other for other in self.candidates if other not in (used, name)]
+        pairs = {used: second.best, **self._beside(second.best, others)[1]}
+        best = max(pairs, key=lambda one: float(pairs[one].total.max()))
+        alike = [one for one in pairs if one != best and _alike_in_all(pairs[best], pairs[one])]
+        return {one: pairs[one] for one in (best, *sorted(alike, key=lambda one: -float(pairs[one].total.max())))}
+
+    def _beside(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
+        """Effects beside one at its size; the few that gain most are measured together with it.
+
+        The scores of the known one beside each of these, and those of all.
+        """
+        here = _with(self.model, known)
+        alone = fitted(here, self.session, self.white)
+        scores, beside = _refined(self.trials(here, alone, names)), {}
+        for name in _worth_measuring_together(scores):
+            self.tell(f"{known.effect.name} with {self.candidates[name].name}")
+            beside[name], scores[name] = together(
+                self.model, known, scores[name], self.session, self.white, alone, self.measured
+            )
+        return beside, scores
+
+
+def _worth_measuring_together(scores: Mapping[str, Scores]) -> tuple[str, ...]:
+    """The likeliest few beside the first at the size that it has alone."""
+    most = max((one.gain for one in scores.values()), default=0.0)
+    return tuple(name for name, one in scores.items() if one.gain > max(LEAST_GAIN, most - _FAR_BEHIND))[:_TOGETHER]
+
+
+def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
+    """Scores of all, the likeliest first; of those that are not far behind at more sizes."""
+    most = max((one.scores.gain for one in trials.values()), default=0.0)
+    for one in trials.values():
+        if one.scores.gain > min(0.5 * most, most - _FAR_BEHIND):
+            one.refine()
+    return _by_gain({name: one.scores for name, one in trials.items()})
+
+
+def _by_gain(scores: Mapping[str, Scores]) -> dict[str, Scores]:
+    return dict(sorted(scores.items(), key=lambda item: -item[1].gain))
+
+
+def _with(model: ExtendableModel, scores: Scores) -> Held:
+    return Held(model + scores.effect, {scores.effect.parameter.name: scores.size})
+
+
+def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
+    """The effect that gains most, and those that gain as much but for the scatter from capsule to capsule."""
+    names = [name for name, one in scores.items() if one.gain > LEAST_GAIN]
+    return tuple(name for name in names if _alike(scores[names[0]], scores[name]))
+
+
+def _alike(best: Scores, other: Scores) -> bool:
+    return not_told_apart(best.gain - other.gain, best.gains - other.gains)
+
+
+def _alike_in_all(best: Scores, other: Scores) -> bool:
+    """The same, of scores beside different effects."""
+    lags = best.log_likelihood[best.best] - other.log_likelihood[other.best]
+    return not_told_apart(float(best.total.max() - other.total.max()), lags)
+
+
+def not_told_apart(lag: float, lags: Floats) -> bool:
+    """Whether one effect lags behind another in log likelihood by no more than what a few capsules make of it.
+
+    Parameters
+    ----------
+    lag : float
+        Of all that was measured.
+    lags : (n,) array
+        Of each capsule.
+    """
+    return lag < max(LEAST_GAIN, _APART * float(np.sqrt(np.sum(lags**2))))

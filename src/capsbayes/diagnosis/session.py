@@ -1,0 +1,138 @@
+"""Measured capsules of one session: one channel, one liquid, one camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.measurement import CONDITIONS, Measurement
+from capsbayes.measurements import check_comparable, read_set, write_set
+
+__all__ = ["Session"]
+
+Floats = NDArray[np.float64]
+
+_BIN = 4  # capsules of like size among which halves are drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Capsules measured under the same conditions but for the flow rate, and what each says in its `conditions`.
+
+    Parameters
+    ----------
+    measurements : sequence of Measurement
+        Lengths over l; those with an outline are compared by it.
+    experiment : Experiment
+    left_out : tuple of str
+        One line for each capsule that was measured and cannot be used.
+
+    Raises
+    ------
+    InputError
+        If there are none, or one came to nothing, or its lengths are in metres.
+    """
+
+    measurements: Sequence[Measurement]
+    experiment: Experiment
+    left_out: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.measurements:
+            raise InputError("session", "measurements", "at least one capsule", "none")
+        for number, one in enumerate(self.measurements):
+            check_comparable(one, one.source or f"capsule {number}")
+
+    @classmethod
+    def read(cls, path: str | Path, experiment: Experiment | str | Path | None = None) -> Session:
+        """Read a set of measurements.
+
+        Parameters
+        ----------
+        path : path
+            A folder of measurement files as `Measurement.read` reads them, a table of lengths (.csv), or a file of
+            outlines (.nc). Capsules that cannot be used are in `left_out`.
+        experiment : Experiment or path, optional
+            In place of that which the set names.
+
+        Raises
+        ------
+        InputError
+            Naming file, key, what was expected and what was found.
+        """
+        found = read_set(path, experiment)
+        return cls(found.measurements, found.experiment, found.left_out)
+
+    def write(self, path: str | Path) -> None:
+        """Write a set that `read` reads.
+
+        Parameters
+        ----------
+        path : path
+            A folder, made if it is missing, for one file a capsule and ``experiment.toml``; or the name of a table of
+            lengths (.csv) or of a file of outlines (.nc), which do not hold the experiment.
+
+        Raises
+        ------
+        InputError
+            If the folder holds TOML files already, or a file has no place for what the capsules have.
+        """
+        write_set(path, self.measurements, self.experiment)
+
+    def __len__(self) -> int:
+        return len(self.measurements)
+
+    @cached_property
+    def circumstances(self) -> dict[str, Floats]:
+        """What effects may depend on besides the shape: (n,) arrays, SI."""
+        velocity = np.array([one.capsule_velocity for one in self.measurements])
+        found = {"capsule_velocity": velocity}
+        for name in CONDITIONS:
+            usual = centre_and_error(getattr(self.experiment, name))[0]
+            found[name] = np.array([one.conditions.get(name, usual) for one in self.measurements])
+        return found
+
+    @cached_property
+    def flow_rates(self) -> Floats:
+        """What the pump was set to : (n,) array [m^3/s], NaN where it is not known."""
+        return np.array([np.nan if one.flow_rate is None else one.flow_rate for one in self.measurements])
+
+    @property
+    def velocity_errors(self) -> Floats:
+        """Relative standard errors of the capsules' velocities : (n,) array."""
+        return np.array([one.capsule_velocity_error / one.capsule_velocity for one in self.measurements])
+
+    def mean(self, name: str) -> float:
+        """Mean of the half width [m] or of the viscosity [Pa s] over the capsules."""
+        return float(self.circumstances[name].mean())
+
+    def taken(self, rows: Any) -> Session:
+        """Some of the capsules, by an array of row numbers."""
+        return Session([self.measurements[int(row)] for row in np.asarray(rows)], self.experiment)
+
+    def halves(self, seed: int) -> tuple[Session, Session]:
+        """The capsules divided at random, evenly over size and velocity, before anything is looked at.
+
+        Parameters
+        ----------
+        seed : int
+            Of the random numbers.
+        """
+        rng = np.random.default_rng(seed)
+        extent = np.array([one.axial_extent for one in self.measurements])
+        order = np.lexsort((self.circumstances["capsule_velocity"], np.argsort(np.argsort(extent)) // _BIN))
+        first: list[int] = []
+        second: list[int] = []
+        for start in range(0, len(order), 2):
+            pair = rng.permutation(order[start : start + 2])
+            first.append(int(pair[0]))
+            second.extend(int(one) for one in pair[1:])
+        return self.taken(sorted(first)), self.taken(sorted(second))

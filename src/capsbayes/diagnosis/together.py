@@ -1,0 +1,180 @@
+"""Two effects at work together: the likeliest sizes of both, and what is known of each whatever that of the other.
+
+The log likelihood of both sizes is climbed by parabolas through six points. Through the top runs, for each of the
+effects, the line on which the other has the size that is likeliest beside it; along these lines both are scored.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.diagnosis.fits import Fits, fitted
+from capsbayes.diagnosis.scoring import Measured, Scores, Tried, log_of_measured
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.whitening import Whitening
+from capsbayes.effect import ExtendableModel, Held
+
+__all__ = ["together"]
+
+Floats = NDArray[np.float64]
+
+_DESIGN = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0)])
+_APART = 1.5  # of these points, in standard errors of one size at a fixed other
+_CLIMBS = 4
+_FARTHEST = 4.0  # in units of the design
+_NEAR = 0.3  # the same
+_BESIDE = (-2.2, -1.0, 0.0, 1.0, 2.2)  # standard errors, at which each effect is scored
+
+
+class _Top(NamedTuple):
+    """Likeliest sizes (2,), and the covariance (2, 2) that a parabola there has."""
+
+    sizes: Floats
+    covariance: Floats
+
+
+def together(
+    model: ExtendableModel,
+    first: Scores,
+    second: Scores,
+    session: Session,
+    white: Whitening,
+    alone: Fits,
+    measured: Measured,
+) -> tuple[Scores, Scores]:
+    """Score two effects beside each other.
+
+    Parameters
+    ----------
+    model : forward model
+        Without either.
+    first : Scores
+        Of one effect alone.
+    second : Scores
+        Of the other beside the first at its size.
+    session : Session
+    white : Whitening
+    alone : Fits
+        Of the model with the first alone at its size: what the second is measured against.
+    measured : mapping of str to (float, float)
+        Sizes of effects as measured apart from the capsules, and their standard errors.
+
+    Returns
+    -------
+    first, second : Scores
+        Each at sizes beside which the other has its likeliest.
+    """
+    pair = _Pair(model, (first, second), session, white, alone, measured)
+    top = pair.climbed()
+    without_second = Tried.of(alone), first.size
+    held = Held(model + second.effect, {second.effect.parameter.name: float(top.sizes[1])})
+    without_first = Tried.of(fitted(held, session, white)), float(top.sizes[1])
+    return pair.along(0, top, *without_first), pair.along(1, top, *without_second)
+
+
+class _Pair:
+    """Two effects at any sizes; what was found once is kept."""
+
+    def __init__(
+        self,
+        model: ExtendableModel,
+        scores: tuple[Scores, Scores],
+        session: Session,
+        white: Whitening,
+        alone: Fits,
+        measured: Measured,
+    ) -> None:
+        self.model = model + scores[0].effect + scores[1].effect
+        self.scores, self.session, self.white, self.measured = scores, session, white, measured
+        self.names = [one.effect.parameter.name for one in scores]
+        self.low = np.array([one.sizes[0] for one in scores])
+        self.high = np.array([one.sizes[-1] for one in scores])
+        self.scale = np.array([max(0.5 * np.ptp(one.interval()), 1e-6 * np.ptp(one.sizes)) for one in scores])
+        self._start = alone.theta
+        self._known: dict[tuple[float, ...], Tried] = {}
+
+    def __call__(self, sizes: Floats) -> Tried:
+        """With both at given sizes (2,)."""
+        key = tuple(sizes.tolist())
+        if key not in self._known:
+            nearest = min(
+                self._known, key=lambda other: float(np.linalg.norm((sizes - other) / self.scale)), default=None
+            )
+            start = self._start if nearest is None else self._known[nearest].theta
+            found = fitted(
+                self.model,
+                self.session,
+                self.white,
+                dict(zip(self.names, key, strict=True)),
+                start,
+                everywhere=nearest is None,
+            )
+            self._known[key] = Tried.of(found)
+        return self._known[key]
+
+    def total(self, sizes: Floats) -> float:
+        """Log likelihood of all that was measured."""
+        return float(self(sizes).log_likelihood.sum() + self._elsewhere(sizes))
+
+    def climbed(self) -> _Top:
+        """The likeliest sizes of both."""
+        step = np.minimum(_APART * self.scale, 0.25 * (self.high - self.low))
+        centre = np.array([one.size for one in self.scores])
+        covariance = np.diag(self.scale**2)
+        for _ in range(_CLIMBS):
+            centre = np.clip(centre, self.low + step, self.high - step)
+            totals = np.array([self.total(centre + step * one) for one in _DESIGN])
+            top, bend = _parabola(totals)
+            away = float(np.abs(top).max())
+            if np.all(np.linalg.eigvalsh(bend) < 0.0):
+                covariance = np.outer(step, step) * np.linalg.inv(-bend)
+                centre = centre + step * top * min(1.0, _FARTHEST / max(away, _FARTHEST))
+            else:
+                centre, away = centre + step * _DESIGN[np.argmax(totals)], np.inf
+            if away < _NEAR:
+                break
+        return _Top(np.clip(centre, self.low, self.high), covariance)
+
+    def along(self, which: int, top: _Top, without: Tried, other_without: float) -> Scores:
+        """Scores of one of the effects, the other at its likeliest beside it; `without` has the other alone."""
+        other = 1 - which
+        error = float(np.sqrt(top.covariance[which, which]))
+        slope = top.covariance[which, other] / top.covariance[which, which]
+        null = self.scores[which].effect.null_value
+        rows: dict[float, tuple[Tried, float]] = {}
+        for sigma in _BESIDE:
+            sizes = np.array(top.sizes)
+            sizes[which] = np.clip(sizes[which] + sigma * error, self.low[which], self.high[which])
+            sizes[other] = np.clip(
+                sizes[other] + slope * (sizes[which] - top.sizes[which]), self.low[other], self.high[other]
+            )
+            rows[float(sizes[which])] = self(sizes), self._elsewhere(sizes)
+        at_null = np.empty(2)
+        at_null[which], at_null[other] = null, other_without
+        rows[null] = without, self._elsewhere(at_null)
+        sizes = np.array(sorted(rows))
+        tried, elsewhere = zip(*(rows[size] for size in sizes), strict=True)
+        return Scores(
+            self.scores[which].effect,
+            sizes,
+            np.array([one.log_likelihood for one in tried]),
+            np.array(elsewhere),
+            np.array([one.modulus for one in tried]),
+        )
+
+    def _elsewhere(self, sizes: Floats) -> float:
+        return sum(
+            float(log_of_measured(size, self.measured.get(name))) for name, size in zip(self.names, sizes, strict=True)
+        )
+
+
+def _parabola(totals: Floats) -> tuple[Floats, Floats]:
+    """Top (2,) and second derivatives (2, 2) of the parabola through the points of the design, in its units."""
+    here, right, left, up, down, both = totals
+    slope = 0.5 * np.array([right - left, up - down])
+    mixed = both - right - up + here
+    bend = np.array([[right + left - 2.0 * here, mixed], [mixed, up + down - 2.0 * here]])
+    return np.linalg.lstsq(-bend, slope, rcond=None)[0], bend

@@ -1,0 +1,176 @@
+"""Whether a model with an effect does better on capsules that had no part in finding it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from capsbayes.diagnosis.compared import Compared
+from capsbayes.diagnosis.finding import Finding, find
+from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.scoring import Measured, log_likelihood
+from capsbayes.diagnosis.search import LEAST_GAIN, LEFT, Step, not_told_apart
+from capsbayes.diagnosis.session import Session
+from capsbayes.effect import Effect, ExtendableModel
+
+__all__ = ["Gain", "Verification", "verified"]
+
+Floats = NDArray[np.float64]
+
+_VERIFIED = 1.64  # standard errors of what is by chance one in twenty
+_WORTH_A_LOOK = 0.5  # chance of what is left over in the first half, up to which the second is asked about it
+_ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
+
+
+class Gain(NamedTuple):
+    """Log likelihood per capsule that an effect gains, and its standard error."""
+
+    mean: float
+    error: float
+
+    @classmethod
+    def of(cls, gains: Floats) -> Gain:
+        """From the gains of all capsules (n,)."""
+        return cls(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The second half before and after the effect is added.
+
+    Parameters
+    ----------
+    gain, error : float
+        Log likelihood per capsule that the effect gains, and its standard error.
+    before, after : Finding
+    left : Finding
+        What the effect leaves over in the first half.
+    gains : (n,) array
+        Of each capsule.
+    steps : tuple of Gain
+        Of each effect beside those before.
+    compared : (Compared, Compared)
+        The capsules beside the model before and after.
+    established : tuple of bool
+        Of each step, whether its effect is known to be there from what was measured elsewhere.
+    found : float
+        Chance of the disagreement that the first half shows.
+    """
+
+    gain: float
+    error: float
+    before: Finding
+    after: Finding
+    left: Finding
+    gains: Floats = field(repr=False)
+    steps: tuple[Gain, ...]
+    compared: tuple[Compared, Compared] = field(repr=False)
+    established: tuple[bool, ...]
+    found: float
+
+    @property
+    def leaves_nothing(self) -> bool:
+        """Whether nothing is left over, neither in these capsules nor in both halves together."""
+        both = self.left.displacements + self.after.displacements
+        chance = min(self.after.chance, self.left.together(self.after, _WORTH_A_LOOK))
+        return chance >= LEFT and both.evidence <= 0.0
+
+    @property
+    def holds(self) -> bool:
+        """Whether every effect predicts these capsules better, one that is established not worse; nothing is left.
+
+        How much better the first must do is up to how surprising the disagreement was in the first half: by chance both
+        together are to be one in twenty.
+        """
+        together = max(np.sqrt(2.0) * _VERIFIED - float(norm.isf(self.found)), 0.0)
+        least = (together, *(_VERIFIED for _ in self.steps[1:]))
+        return self.leaves_nothing and all(
+            gain.mean >= (-_VERIFIED if known else sigma) * gain.error
+            for gain, sigma, known in zip(self.steps, least, self.established, strict=True)
+        )
+
+
+def verified(
+    model: ExtendableModel, steps: tuple[Step, ...], *, confirm: Session, seed: int, measured: Measured, found: float
+) -> tuple[tuple[Step, ...], Verification]:
+    """The second half beside the model, and beside it with each effect more.
+
+    Of the effects that the first half did not tell apart, those stay that leave nothing over here and are not told
+    apart by both halves together. Gains are of one covariance for all; what is left over in the end, of that of the
+    model with the effects. Of two effects, the first comes back at the size that it has beside the second.
+
+    Parameters
+    ----------
+    model : forward model
+    steps : tuple of Step
+        Of the first half.
+    confirm : Session
+    seed : int
+    measured : mapping of str to (float, float)
+    found : float
+        Chance of the disagreement that the first half shows.
+    """
+    white = whitening(model, confirm)
+    *before, last = (step for step in steps if step.alike)
+    models: list[ExtendableModel] = [model, *(step.after for step in before)]
+    fits = [fitted(one, confirm, white) for one in models]
+    chain = [log_likelihood(one) for one in fits]
+    shown = find(model, confirm, seed=seed, white=white, fits=fits[0]), Compared(confirm, model, fits[0])
+
+    def tried(name: str) -> Verification:
+        extended = last.with_effect(name)
+        likelihoods = np.array([*chain, log_likelihood(fitted(extended, confirm, white))])
+        gains = likelihoods[-1] - likelihoods[0]
+        whole = Gain.of(gains)
+        own = whitening(extended, confirm)
+        fit = fitted(extended, confirm, own)
+        return Verification(
+            gain=whole.mean,
+            error=whole.error,
+            before=shown[0],
+            after=find(extended, confirm, seed=seed, white=own, fits=fit),
+            left=last.left[name],
+            gains=gains,
+            steps=tuple(Gain.of(one) for one in np.diff(likelihoods, axis=0)),
+            compared=(shown[1], Compared(confirm, extended, fit)),
+            established=tuple(
+                _established(effect, measured)
+                for effect in (*(step.best.effect for step in before), last.scores[name].effect)
+            ),
+            found=found,
+        )
+
+    tries = {name: tried(name) for name in last.alike}
+    in_question = _in_question(last, tries)
+    if not in_question:
+        return steps, tries[last.alike[0]]
+    name = in_question[0]
+    if name in last.before:
+        before = [replace(one, scores={**one.scores, one.alike[0]: last.before[name]}) for one in before]
+    return (*before, replace(last, alike=in_question)), tries[name]
+
+
+def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ...]:
+    """The effects that are not told apart by both halves and leave nothing over; first, if any, one that holds.
+
+    The likeliest stays in question beside those that leave nothing over but are less likely: what it leaves over may be
+    by chance. If it is far likelier, they are not in question themselves.
+    """
+    gains = {name: np.concatenate([step.scores[name].gains, one.gains]) for name, one in tries.items()}
+    total = {name: step.scores[name].gain + float(one.gains.sum()) for name, one in tries.items()}
+    best, *others = sorted(total, key=lambda name: -total[name])
+    alike = [best, *(name for name in others if not_told_apart(total[best] - total[name], gains[best] - gains[name]))]
+    found = [name for name in alike if tries[name].leaves_nothing]
+    if found and best not in found and total[best] - total[found[0]] > LEAST_GAIN:
+        found.append(best)
+    return tuple(sorted(found, key=lambda name: not tries[name].holds))
+
+
+def _established(effect: Effect, measured: Measured) -> bool:
+    size, error = measured.get(effect.parameter.name, (effect.null_value, np.inf))
+    return abs(size - effect.null_value) >= _ESTABLISHED * error

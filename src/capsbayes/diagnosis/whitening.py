@@ -1,0 +1,107 @@
+"""What is left of measurements beside predictions, *whitened*: independent numbers of variance one under a right model.
+
+The covariance that does this is made once, at a pilot, and kept for all models that are compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from capsbayes.diagnosis.session import Session
+from capsbayes.infer.outline_likelihood import OutlineLikelihood, outline_likelihood
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+from capsbayes.prediction import Prediction
+
+__all__ = ["OfLengths", "OfOutline", "Whitener", "Whitening", "whitened_at"]
+
+Floats = NDArray[np.float64]
+
+
+class Whitener(Protocol):
+    """What is left of one capsule's measurement beside predictions."""
+
+    @property
+    def placed(self) -> int:
+        """How many numbers its place in the picture has taken up already."""
+        ...
+
+    def __call__(self, prediction: Prediction) -> Floats:
+        """Whitened differences (k, m) from k predictions, NaN outside the model's domain."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class OfLengths:
+    """Measured lengths (1,) or (2,) with the factor of their covariance, the model's own error included."""
+
+    lengths: Floats
+    factor: Floats
+    placed: ClassVar[int] = 0
+
+    @classmethod
+    def of(cls, measurement: Measurement, own: Floats) -> OfLengths:
+        """Of a measurement, beside a model whose own error has the covariance (2, 2)."""
+        lengths = measurement.lengths
+        covariance = measurement.covariance + own[: len(lengths), : len(lengths)]
+        return cls(lengths, scipy.linalg.cholesky(covariance, lower=True))
+
+    def __call__(self, prediction: Prediction) -> Floats:
+        """See `Whitener`."""
+        away = self.lengths - prediction.values[:, : len(self.lengths)]
+        white = np.full_like(away, np.nan)
+        known = prediction.inside
+        white[known] = scipy.linalg.solve_triangular(self.factor, away[known].T, lower=True).T
+        return white
+
+
+@dataclass(frozen=True, eq=False)
+class OfOutline:
+    """A measured outline; its likelihood holds the covariance."""
+
+    likelihood: OutlineLikelihood
+    placed: ClassVar[int] = 3  # shifts and tilt
+
+    def __call__(self, prediction: Prediction) -> Floats:
+        """See `Whitener`."""
+        assert prediction.outline is not None, "asked for"
+        outlines = np.where(prediction.inside[:, None, None], prediction.outline, np.nan)
+        return self.likelihood.whitened(outlines, prediction.axial_length, posed=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """One whitener for each capsule, and where it was made.
+
+    Parameters
+    ----------
+    each : tuple of n Whitener
+    pilots : (n, 2) array
+        log Ca and a/l.
+    outline : bool
+        Whether any of them reads outlines.
+    """
+
+    each: tuple[Whitener, ...]
+    pilots: Floats
+    outline: bool
+
+
+def whitened_at(model: ForwardModel, session: Session, pilots: Floats) -> Whitening:
+    """Whitening at pilots (n, 2): log Ca and a/l of a shape of the model near each capsule."""
+    places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
+    own = model(places).covariance[:, :2, :2]
+    each: list[Whitener] = []
+    for i, one in enumerate(session.measurements):
+        if one.outline is None:
+            each.append(OfLengths.of(one, own[i]))
+        else:
+            place = {name: float(values[i]) for name, values in places.items()}
+            each.append(OfOutline(outline_likelihood(model, one.outline, place, length=one.length_beside_outline)))
+    outline = any(one.outline is not None for one in session.measurements)
+    return Whitening(tuple(each), pilots, outline)

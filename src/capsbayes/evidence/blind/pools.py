@@ -1,0 +1,80 @@
+"""Pools of simulated shapes from which hidden sessions are drawn: one database for each thing hidden and its size."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+from capsbayes.database import Database
+from capsbayes.evidence.blind.hideable import HIDEABLE, Hideable
+from capsbayes.physics.simulation import Simulator
+from capsbayes.physics.simulation.build import build_database
+from capsbayes.physics.simulation.column import SteadySimulator
+from capsbayes.physics.simulation.entering import Entering
+from capsbayes.physics.simulation.grid import Cases
+
+__all__ = ["POOLS", "build_pools", "pool_name", "simulator_with"]
+
+_CAPILLARY_NUMBERS = (0.0315, 0.0365, 0.042, 0.0475, 0.0545, 0.0625, 0.0725, 0.0845, 0.0965, 0.107)
+_SIZE_RATIOS = (0.79, 0.818, 0.862, 0.89, 0.933, 0.963)
+_REFINEMENT = 12  # on a coarser mesh the truth itself is wrong: at 10, L_z by 0.006 l at Ca 0.107
+
+_SIZES: dict[str, tuple[float, ...]] = {
+    "none": (0.0,),
+    "pre_inflation": (0.008, 0.015, 0.035),
+    "bending": (6e-4, 2e-3),
+    "rest_aspect": (0.925, 1.03, 1.075),
+    "corner_radius": (0.07, 0.16),
+    "section_aspect": (0.925, 1.03, 1.075),
+    "strain_hardening": (0.3, 0.8),
+    "unsteadiness": (0.7, 1.5),
+    "hooke": (0.5,),
+}
+
+POOLS = MappingProxyType({(effect, size): HIDEABLE[effect] for effect, sizes in _SIZES.items() for size in sizes})
+"""What each pool hides, by its name and size."""
+
+
+def pool_name(effect: str, size: float) -> str:
+    """Name of a pool's file, without its ending."""
+    return f"{effect.replace('_', '-')}-{size:g}"
+
+
+def pool_cases() -> Cases:
+    """Ca and a/l of the shapes of each pool, all of them between the nodes of the shipped databases."""
+    return [(ca, size) for size in _SIZE_RATIOS for ca in _CAPILLARY_NUMBERS]
+
+
+def simulator_with(hidden: Hideable, size: float, refinement: int = _REFINEMENT) -> SteadySimulator:
+    """The simulator of a neo-Hookean capsule in a square channel with something hidden in it."""
+    changed = dict(hidden.simulated(size))
+    unsteadiness = changed.pop("unsteadiness", 0.0)
+    simulator = replace(Simulator(refinement=refinement), **changed)
+    return Entering(simulator, unsteadiness) if unsteadiness else simulator
+
+
+def build_pools(
+    names: Iterable[tuple[str, float]], folder: str | os.PathLike[str], *, workers: int | None = None
+) -> dict[tuple[str, float], Database]:
+    """Make the pools that a folder lacks.
+
+    Parameters
+    ----------
+    names : iterable of (str, float)
+        Those wanted, of `POOLS`.
+    folder : path
+    workers : int, optional
+        Of `build_database`.
+    """
+    found = {}
+    for effect, size in names:
+        path = Path(folder) / f"{pool_name(effect, size)}.nc"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            made = build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
+            made.without_nodes().write(path)
+        found[effect, size] = Database.read(path)
+    return found

@@ -1,0 +1,117 @@
+"""The exam: many hidden sessions diagnosed, and the table of the answers."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from functools import lru_cache, partial
+from pathlib import Path
+
+from capsbayes.database import Database
+from capsbayes.evidence.blind.pools import pool_name
+from capsbayes.evidence.exam.answer import Answer, answered
+from capsbayes.evidence.exam.cells import Cell
+from capsbayes.physics.simulation.workers import computed
+from capsbayes.surrogate import Surrogate
+
+__all__ = ["Answers", "examine"]
+
+Answers = dict[str, dict[int, Answer]]
+"""By name of the cell and seed."""
+
+
+def examine(
+    cells: Sequence[Cell],
+    pools: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> Answers:
+    """Diagnose every session of the cells that has no answer yet, in rounds over all cells.
+
+    The answers of a cell are kept in one file in `out`, a line each, written as soon as it is known, so that the same
+    call made again goes on where it was.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+    pools : path
+        Folder of the databases of shapes, see `build_pools`.
+    out : path
+        Folder of the answers.
+    workers : int, optional
+        Number of worker processes; by default, one for each core.
+    tell : callable
+        Is told each round that begins.
+    """
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in folder.glob("*.jsonl"):
+        _end_the_last_line(file)
+    known = {cell.name: _read(folder / _file(cell)) for cell in cells}
+    for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
+        tasks = [
+            partial(_one, cell, seed, os.fspath(pools), folder / _file(cell))
+            for seed in range(start, end + 1)
+            for cell in cells
+            if seed <= cell.sessions and seed not in known[cell.name]
+        ]
+        if tasks:
+            tell(f"sessions {start} to {end} of each of {len(cells)} cells: {len(tasks)} to diagnose")
+            computed(tasks, None, workers)
+    return {cell.name: _read(folder / _file(cell)) for cell in cells}
+
+
+def _rounds(last: int) -> Iterator[tuple[int, int]]:
+    """First and last session of each round: a few of every cell come first, and twice as many each time."""
+    start, end = 1, 4
+    while start <= last:
+        yield start, min(end, last)
+        start, end = end + 1, 2 * end
+
+
+def _one(cell: Cell, seed: int, pools: str, out: Path) -> None:
+    answer = answered(cell, seed, _shapes(pools, *cell.shapes), _model())
+    line = json.dumps({"seed": seed, **asdict(answer)}) + "\n"
+    with out.open("a", encoding="utf-8") as file:  # one short write, so that workers do not mix theirs
+        file.write(line)
+
+
+def _end_the_last_line(file: Path) -> None:
+    """So that the next answer does not go on where one was cut off."""
+    if not file.read_text(encoding="utf-8").endswith("\n"):
+        with file.open("a", encoding="utf-8") as cut_off:
+            cut_off.write("\n")
+
+
+@lru_cache(maxsize=4)
+def _shapes(pools: str, effect: str, size: float) -> Database:
+    return Database.read(Path(pools) / f"{pool_name(effect, size)}.nc")
+
+
+@lru_cache(maxsize=1)
+def _model() -> Surrogate:
+    model = Surrogate.open("square-neo-hookean")
+    assert isinstance(model, Surrogate), "a plain database"
+    return model
+
+
+def _file(cell: Cell) -> str:
+    words = "".join(letter if letter.isalnum() or letter in ".+" else "-" for letter in cell.name)
+    return f"{words}.jsonl"
+
+
+def _read(path: Path) -> dict[int, Answer]:
+    """Answers by seed; a line that was cut off is passed over."""
+    found = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        try:
+            values = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        seed = values.pop("seed")
+        found[seed] = Answer(**values)
+    return found

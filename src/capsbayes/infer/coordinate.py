@@ -1,0 +1,93 @@
+"""One more coordinate of a forward model: a nuisance with a prior of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.infer.prior import Prior
+from capsbayes.model import ForwardModel
+
+__all__ = ["Coordinate"]
+
+Floats = NDArray[np.float64]
+
+_LEAST_COVERED = 0.8  # of a prior's mass by the range of the model
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinate:
+    """A coordinate and its prior, cut to the range of the model.
+
+    Parameters
+    ----------
+    name : str
+        As in `capsbayes.parameters`.
+    distribution : frozen distribution of scipy.stats
+        Before the cut.
+    low, high : float
+        Range of the model.
+
+    Examples
+    --------
+    >>> from scipy.stats import uniform
+    >>> alpha = Coordinate("pre_inflation", uniform(0.0, 0.1), 0.0, 0.1)
+    >>> alpha.values([0.25, 0.5]).round(6).tolist(), alpha.log_density(0.2).item()
+    ([0.025, 0.05], -inf)
+    """
+
+    name: str
+    distribution: Any
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, model: ForwardModel, prior: Prior) -> Coordinate | None:
+        """The coordinate of a model, None if it has none; its prior is uniform over the model's range by default.
+
+        Raises
+        ------
+        InputError
+            If the prior is one of another coordinate, or reaches far beyond the range of the model.
+        """
+        name = getattr(model, "coordinate", None)
+        for other in prior.coordinates:
+            if other != name:
+                raise InputError("prior", other, f"a coordinate of {model.name}", f"a model of (Ca, a/l{_and(name)})")
+        if name is None:
+            return None
+        low, high = model.coordinate_range  # type: ignore[attr-defined]
+        if name not in prior.coordinates:
+            from scipy.stats import uniform  # half a second to import
+
+            return cls(name, uniform(low, high - low), low, high)
+        made = cls(name, prior.coordinates[name], low, high)
+        if made.covered < _LEAST_COVERED:
+            expected = f"a distribution within the range of the model, {low:g} to {high:g}"
+            raise InputError("prior", name, expected, f"one with {made.covered:.0%} of its mass there")
+        return made
+
+    @cached_property
+    def covered(self) -> float:
+        """Share of the distribution within the range."""
+        return float(self.distribution.cdf(self.high) - self.distribution.cdf(self.low))
+
+    def values(self, shares: ArrayLike) -> Floats:
+        """Values below which given shares of the prior lie."""
+        shares = self.distribution.cdf(self.low) + np.asarray(shares) * self.covered
+        return np.clip(self.distribution.ppf(shares), self.low, self.high)
+
+    def log_density(self, values: ArrayLike) -> Floats:
+        """Log of the prior density, -inf beyond the range."""
+        values = np.asarray(values, dtype=np.float64)
+        within = (values >= self.low) & (values <= self.high)
+        return np.where(within, self.distribution.logpdf(values) - np.log(self.covered), -np.inf)
+
+
+def _and(name: str | None) -> str:
+    return f", {name}" if name else ""

@@ -1,0 +1,62 @@
+"""The paper's deterministic answer for the same capsule: no errors, one number each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+
+from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
+from capsbayes.infer.inputs import Inputs
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+
+__all__ = ["DeterministicAnswer", "deterministic_answer"]
+
+
+@dataclass(frozen=True)
+class DeterministicAnswer:
+    """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`.
+
+    `assumed` holds the null value of a further coordinate of the model, which the procedure does not know.
+    """
+
+    surface_shear_modulus: float
+    capsule_radius: float
+    mean_velocity: float
+    capillary_number: float
+    size_ratio: float
+    velocity_ratio: float
+    assumed: Mapping[str, float] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, float]:
+        """Quantities by name, those assumed among them."""
+        quantities = asdict(self)
+        return quantities | quantities.pop("assumed")
+
+
+def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: Inputs) -> DeterministicAnswer | None:
+    """Identify with the paper's procedure on the model's database.
+
+    Returns
+    -------
+    DeterministicAnswer or None
+        None where the procedure does not apply: L_a missing, or a model without database.
+    """
+    database = getattr(model, "database", None)
+    if database is None or measurement.axial_length is None:
+        return None
+    from capsbayes.surrogate import inverse
+
+    scale = 1.0 if measurement.over_half_width else inputs.half_width.centre
+    found = inverse(database)(
+        axial_extent=measurement.axial_extent / scale, axial_length=measurement.axial_length / scale
+    )
+    flow = mean_velocity(capsule_velocity=measurement.capsule_velocity, velocity_ratio=found.velocity_ratio)
+    modulus = surface_shear_modulus(
+        viscosity=inputs.viscosity.centre, mean_velocity=flow, capillary_number=found.capillary_number
+    )
+    radius = capsule_radius(size_ratio=found.size_ratio, half_width=inputs.half_width.centre)
+    coordinate = getattr(model, "coordinate", None)
+    assumed = {} if coordinate is None else {coordinate: model.domain.null_value}  # type: ignore[attr-defined]
+    shape = found.capillary_number, found.size_ratio, found.velocity_ratio
+    return DeterministicAnswer(float(modulus), float(radius), float(flow), *shape, assumed)

@@ -1,0 +1,190 @@
+"""From a measurement to the posterior of the capsule."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import Agreement, Gate, agreement, ess_gates
+from capsbayes.infer.deterministic import deterministic_answer
+from capsbayes.infer.ensembles import Chains, Effort, sampled
+from capsbayes.infer.grid_posterior import GridPosterior
+from capsbayes.infer.log_density import LogDensity
+from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.mixed_posterior import MixedPosterior
+from capsbayes.infer.mixed_quadrature import exact_engine
+from capsbayes.infer.outline_likelihood import OutlineLikelihood, check_view_of
+from capsbayes.infer.outline_misfit import drawn_outlines, outline_misfit
+from capsbayes.infer.posterior import REPORTED, Posterior
+from capsbayes.infer.prior import Prior
+from capsbayes.infer.section import check_section
+from capsbayes.infer.shares import variance_shares
+from capsbayes.infer.tabulated_outline import TabulatedOutline
+from capsbayes.infer.target import Target
+from capsbayes.infer.verdict import leanings, verdict
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+
+__all__ = ["ENGINES", "identify"]
+
+Floats = NDArray[np.float64]
+
+ENGINES = ("emcee", "quadrature")
+_DRAWS = (4, 2500)  # chains and draws of the quadrature engine
+_OUTLINES = 200
+_TRIED, _TABLE_ERROR, _BEYOND = 500, 0.02, 4  # draws at which a table of log densities is tried; nodes beyond the grid
+
+
+def identify(
+    measurement: Measurement,
+    model: ForwardModel,
+    experiment: Experiment,
+    *,
+    engine: str = "emcee",
+    seed: int,
+    prior: Prior | None = None,
+    effort: Effort | None = None,
+) -> Posterior:
+    """Identify one capsule.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Lengths and velocity, with their errors.
+    model : ForwardModel
+        For example a `Surrogate`. If it has a further coordinate, as pre-inflation, this is a nuisance.
+    experiment : Experiment
+        Channel and liquid.
+    engine : str
+        ``"emcee"``, checked by quadrature, or ``"quadrature"`` alone.
+    seed : int
+        Of all randomness; stored in the result.
+    prior : Prior, optional
+        Of G_s and a, and of a further coordinate of the model.
+    effort : Effort, optional
+        How much emcee samples.
+
+    Returns
+    -------
+    Posterior
+        Its status says whether the intervals can be used.
+
+    Raises
+    ------
+    InputError
+        If no case of the model has such a shape, if it predicts outlines of another view than the measured one, or if
+        an argument cannot be used.
+
+    Examples
+    --------
+    ``identify(measurement, Surrogate.open("square-neo-hookean"), experiment, seed=1).summary()``
+    """
+    if engine not in ENGINES:
+        raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
+    check_section(model, experiment)
+    if measurement.outline is not None:
+        check_view_of(model, measurement.outline, measurement.source or "measurement")
+    with threadpool_limits(limits=1):  # the matrices are tiny: threads would only wait for each other
+        quadrature = exact_engine(model, experiment, prior)
+        grid = quadrature(measurement)
+        run = _sampled if engine == "emcee" else _gridded
+        draws, ensemble, gates, agreed = run(grid, seed, effort)
+        reported = _reported(grid)
+        exact = {name: grid.marginal(name) for name in reported}
+        marginals = {name: Marginal.of_draws(draws[name]) for name in reported} if agreed else exact
+        leans = leanings(draws, model, quadrature.prior)
+        fit = None if measurement.outline is None else outline_misfit(measurement.outline, model, draws)
+        return Posterior(
+            draws=draws,
+            ensemble=ensemble,
+            marginals=marginals,
+            reference=exact if agreed else {},
+            measurement=measurement,
+            experiment=experiment,
+            prior=quadrature.prior,
+            inputs=grid.target.inputs,
+            model_name=model.name,
+            model_sha256=model.sha256,
+            engine=engine,
+            seed=seed,
+            gates=(*gates, *([] if fit is None else [fit])),
+            agreement=agreed,
+            shares=variance_shares(quadrature, measurement, grid),
+            deterministic=deterministic_answer(measurement, model, grid.target.inputs),
+            leaning=leans,
+            outlines=drawn_outlines(model, draws, _OUTLINES)[1],
+            status=verdict(gates, agreed, leans, fit),
+        )
+
+
+def _reported(grid: GridPosterior | MixedPosterior) -> tuple[str, ...]:
+    coordinate = grid.target.coordinate
+    return REPORTED if coordinate is None else (*REPORTED, coordinate.name)
+
+
+def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:
+    """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
+    target, table_gates = _tabulated(grid)
+    log_density = LogDensity(grid.forward, target)
+    shape = {name: grid.log_marginal(name) for name in log_density.names}
+
+    def agrees(chains: Chains) -> bool:
+        return agreement(chains.named(), shape).passed
+
+    chains = sampled(log_density, seed=seed, effort=effort, enough=agrees)
+    kept = chains.thinned()
+    steps, ensembles, walkers, _ = kept.coordinates.shape
+    nodes = {name: np.ravel(values) for name, values in kept.named().items()}
+    coordinate = grid.target.coordinate
+    further = {} if coordinate is None else {coordinate.name: nodes[coordinate.name]}
+    place = nodes["capillary_number"], nodes["size_ratio"]
+    points, stretch = grid.target.evaluated(grid.forward, *place, further, density=False)
+    rng = np.random.default_rng([seed, 1])
+    flat = grid.target.completed(rng, nodes, points, stretch) | {"lp": np.ravel(kept.log_density)}
+    draws = {name: values.reshape(steps, -1).T for name, values in flat.items()}
+    gates = [*table_gates, *chains.gates, *ess_gates({name: draws[name] for name in _reported(grid)})]
+    agreed = agreement(draws, {name: grid.log_marginal(name) for name in _reported(grid)})
+    return _Run(draws, np.repeat(np.arange(ensembles), walkers), gates, agreed)
+
+
+def _tabulated(grid: GridPosterior | MixedPosterior) -> tuple[Target, list[Gate]]:
+    """The target with the outline's likelihood interpolated on the grid, and whether that is as good as exact."""
+    exact = grid.target.outline
+    if not isinstance(grid, GridPosterior) or not isinstance(exact, OutlineLikelihood):
+        return grid.target, []
+    log_ca, size = (_spread_out(axis) for axis in grid.window.axes)
+    place = {"capillary_number": np.exp(np.repeat(log_ca, len(size))), "size_ratio": np.tile(size, len(log_ca))}
+    values = exact.at(grid.forward, place).reshape(len(log_ca), len(size))
+    table = TabulatedOutline(exact, log_ca, size, values)
+    tried = grid.drawn(np.random.default_rng(0), _TRIED)
+    error = table.error(grid.forward, {name: tried[name] for name in ("capillary_number", "size_ratio")})
+    return replace(grid.target, outline=table), [Gate("error of the table of the outline", error, most=_TABLE_ERROR)]
+
+
+def _spread_out(axis: Floats) -> Floats:
+    """The nodes of an axis and a few more on either side, of the same spacing."""
+    more = (axis[1] - axis[0]) * np.arange(1, _BEYOND + 1)
+    return np.concatenate([axis[0] - more[::-1], axis, axis[-1] + more])
+
+
+def _gridded(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:
+    """Draw from the grid, independently."""
+    del effort
+    drawn = grid.drawn(np.random.default_rng([seed, 1]), _DRAWS[0] * _DRAWS[1])
+    draws = {name: values.reshape(_DRAWS) for name, values in drawn.items()}
+    return _Run(draws, np.arange(_DRAWS[0]), list(grid.gates), None)
+
+
+class _Run(NamedTuple):
+    """What an engine gives: (chain, draw) arrays, the ensemble of each chain, gates, agreement with the grid."""
+
+    draws: dict[str, Floats]
+    ensemble: NDArray[np.int64]
+    gates: list[Gate]
+    agreement: Agreement | None

@@ -1,0 +1,7 @@
+"""Populations: many capsules identified at once, what they have in common, and how they differ."""
+
+from capsbayes.infer.many.hierarchy import Hierarchy, hierarchy
+from capsbayes.infer.many.identify_folder import identify_folder
+from capsbayes.infer.many.population import Population
+
+__all__ = ["Hierarchy", "Population", "hierarchy", "identify_folder"]

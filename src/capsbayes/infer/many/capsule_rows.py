@@ -1,0 +1,123 @@
+"""Results of capsules row by row: the arrays that a run is made of, and how they are joined, kept and read back."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.infer.many.mixture import COMPONENTS
+from capsbayes.infer.many.mixture import NUMBERS as OF_COMPONENTS
+from capsbayes.infer.many.row_kernel import QUANTITIES
+from capsbayes.output_file import unfinished
+
+__all__ = ["LEANINGS", "CapsuleRows"]
+
+Floats = NDArray[np.float64]
+Strings = NDArray[Any]  # of str, or of objects that are
+
+LEANINGS = ("border", "prior", "two_shapes", "wrinkles")
+"""What a posterior may lean on: the border of the model, the ends of the prior ranges, the doubts of the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class CapsuleRows:
+    """Results of n capsules.
+
+    Parameters
+    ----------
+    name, source, sha256 : (n,) arrays of str
+        What the capsule is called, the file it was read from, and the fingerprint of that.
+    status, reason, engine : (n,) arrays of str
+        Name of a `Status`; why, where the status does not say it all; ``table`` or ``grid``.
+    numbers : (n, k) array
+        What was measured, the `NUMBERS` of `capsbayes.infer.many.measured_lengths`.
+    summaries : (n, 7, 7) array
+        Mean, standard deviation, median and ends of the 68 % and 95 % intervals of the `QUANTITIES`, SI.
+    distance : (n,) array
+        Of the lengths from those of the likeliest shape, in standard errors.
+    leaning : (n, 4) array
+        Shares of the posterior, of `LEANINGS`.
+    components : (n, c, 6) array
+        Likelihood of (log(G_s / mu), log(a / l)) as a mixture of Gaussians.
+    """
+
+    name: Strings
+    source: Strings
+    sha256: Strings
+    status: Strings
+    reason: Strings
+    engine: Strings
+    numbers: Floats
+    summaries: Floats
+    distance: Floats
+    leaning: Floats
+    components: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.name)
+
+    @classmethod
+    def empty(cls, name: Strings, source: Strings, sha256: Strings, numbers: Floats) -> CapsuleRows:
+        """Rows without results, to be filled."""
+        count = len(name)
+        blank = np.full(count, "", dtype=object)
+        return cls(
+            name,
+            source,
+            sha256,
+            blank,
+            blank.copy(),
+            blank.copy(),
+            numbers,
+            np.full((count, len(QUANTITIES), 7), np.nan),
+            np.full(count, np.nan),
+            np.full((count, len(LEANINGS)), np.nan),
+            np.zeros((count, COMPONENTS, len(OF_COMPONENTS)), np.float32),
+        )
+
+    @classmethod
+    def joined(cls, parts: Iterable[CapsuleRows], count: int) -> CapsuleRows:
+        """All rows of several, filled in one after the other so that they are held once.
+
+        Parameters
+        ----------
+        parts : iterable of CapsuleRows
+        count : int
+            Rows of all together.
+        """
+        whole: dict[str, NDArray[Any]] = {}
+        known: dict[str, str] = {}  # a million rows of one table name the same file
+        first = 0
+        for part in parts:
+            rows = slice(first, first + len(part))
+            for one in fields(cls):
+                values = getattr(part, one.name)
+                if values.dtype.kind in "OU":
+                    values = np.array([known.setdefault(text, text) for text in values.tolist()], dtype=object)
+                if one.name not in whole:
+                    whole[one.name] = np.empty((count, *values.shape[1:]), values.dtype)
+                whole[one.name][rows] = values
+            first += len(part)
+        return cls(**whole)
+
+    def write(self, path: Path) -> None:
+        """Keep the rows in a file, whole or not at all."""
+        arrays = {one.name: getattr(self, one.name) for one in fields(self)}
+        texts = {name: values.astype(np.str_) for name, values in arrays.items() if values.dtype.kind in "OU"}
+        with unfinished(path) as partial, partial.open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays | texts)
+
+    @classmethod
+    def read(cls, path: Path) -> CapsuleRows | None:
+        """Rows that were kept; None if there are none or the file is damaged."""
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
+                return cls(*(kept[one.name] for one in fields(cls)))
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return None

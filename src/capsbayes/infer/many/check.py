@@ -1,0 +1,132 @@
+"""Capsules drawn at random and identified again by sampling: do the engines agree?"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.infer import identify
+from capsbayes.infer.many.row_kernel import QUANTITIES
+from capsbayes.infer.many.run import run_of
+from capsbayes.measurement import Measurement
+from capsbayes.output_file import unfinished
+
+__all__ = ["CheckTask", "Compared", "compared", "drawn_rows"]
+
+Floats = NDArray[np.float64]
+
+
+_AGREES = 0.1  # standard deviation
+
+
+@dataclass(frozen=True)
+class Compared:
+    """How far sampling is from the rows, over all quantities of the capsules drawn.
+
+    Parameters
+    ----------
+    capsules : int
+        Number of them.
+    agreeing : int
+        Whose medians and 68 % intervals lie within 0.1 standard deviation of each other, in every quantity.
+    median, ends_68, ends_95 : float
+        Median over the capsules of the largest difference of a median and of the ends of the intervals, in standard
+        deviations.
+    worst : float
+        Largest difference of a median, in standard deviations.
+    """
+
+    capsules: int
+    agreeing: int
+    median: float
+    ends_68: float
+    ends_95: float
+    worst: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.agreeing} of {self.capsules} capsules drawn at random and sampled with emcee agree (medians and "
+            f"68 % intervals within {_AGREES:g} sd); typically medians to {self.median:.3f} sd, ends of 68 % "
+            f"intervals to {self.ends_68:.3f} sd, of 95 % intervals to {self.ends_95:.3f} sd; the largest difference "
+            f"of a median is {self.worst:.2f} sd"
+        )
+
+    def as_dict(self) -> dict[str, float]:
+        """Fields by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class CheckTask:
+    """One capsule, to be sampled.
+
+    Parameters
+    ----------
+    run : Path
+        As `Run.kept_in` says it.
+    measurement : Measurement
+    summaries : (7, 7) array
+        Of its row.
+    seed : int
+    """
+
+    run: Path
+    measurement: Measurement
+    summaries: Floats
+    seed: int
+
+    @cached_property
+    def kept(self) -> Path:
+        """Where the differences are kept."""
+        digest = hashlib.sha256(f"{self.run.name} {self.seed} {self.measurement.source}".encode())
+        digest.update(self.summaries.tobytes())
+        return self.run.with_name(f"check-{digest.hexdigest()[:24]}.npy")
+
+    @property
+    def done(self) -> bool:
+        """Whether they are."""
+        return self.differences is not None
+
+    @property
+    def differences(self) -> Floats | None:
+        """Of medians, ends of 68 % and of 95 % intervals, in standard deviations : (7, 3) array, None if not kept."""
+        try:
+            return np.asarray(np.load(self.kept, allow_pickle=False))
+        except (OSError, ValueError, EOFError):
+            return None
+
+    def __call__(self) -> None:
+        """Sample the capsule and keep the differences."""
+        run = run_of(self.run)
+        experiment = run.experiment_of(self.measurement)
+        sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=run.prior)
+        differences = np.zeros((len(QUANTITIES), 3))
+        for number, name in enumerate(QUANTITIES):
+            other = np.array(list(sampled.marginals[name].as_dict().values()))
+            sd = self.summaries[number, 1]
+            if sd > 0.0:
+                away = np.abs(other - self.summaries[number]) / sd
+                differences[number] = away[2], away[3:5].max(), away[5:7].max()
+        with unfinished(self.kept) as partial, partial.open("wb") as file:
+            np.save(file, differences)
+
+
+def compared(differences: Sequence[Floats]) -> Compared:
+    """Summary of the differences of several capsules."""
+    largest = np.array([one.max(axis=0) for one in differences])
+    agreeing = int(np.count_nonzero((largest[:, :2] <= _AGREES).all(axis=1)))
+    median, ends_68, ends_95 = (float(one) for one in np.median(largest, axis=0))
+    return Compared(len(largest), agreeing, median, ends_68, ends_95, worst=float(largest[:, 0].max()))
+
+
+def drawn_rows(usable: NDArray[np.bool_], share: float, most: int, seed: int) -> NDArray[np.intp]:
+    """Rows to check: a share of those that can be, at least one, drawn at random."""
+    rows = np.flatnonzero(usable)
+    number = min(int(np.ceil(share * len(rows))), most, len(rows))
+    return np.sort(np.random.default_rng([seed, 2]).choice(rows, size=number, replace=False))

@@ -1,0 +1,90 @@
+"""The row of one capsule by the exact engine: outlines, lengths in metres, models with a further coordinate."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from capsbayes.errors import InputError, NoShapeError
+from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.infer.many.capsule_rows import CapsuleRows
+from capsbayes.infer.many.measured_lengths import NUMBERS
+from capsbayes.infer.many.mixture import mixture
+from capsbayes.infer.many.row_kernel import QUANTITIES
+from capsbayes.infer.many.run import Run
+from capsbayes.infer.mixed_quadrature import exact_engine
+from capsbayes.infer.outline_likelihood import check_view_of
+from capsbayes.infer.outline_misfit import outline_misfit
+from capsbayes.infer.section import check_section
+from capsbayes.infer.verdict import leanings, verdict
+from capsbayes.measurement import Measurement
+from capsbayes.model import TWO_SHAPES, WRINKLES
+from capsbayes.status import Status
+
+__all__ = ["fill_exactly", "numbers_of"]
+
+Floats = NDArray[np.float64]
+
+_SHARED = ("viscosity", "half_width")
+_DRAWS = 10_000  # from which the mixture is laid out and what the posterior leans on is counted
+
+
+def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
+    """Identify one capsule by quadrature and fill its row; what cannot be identified gets a status and a reason.
+
+    Parameters
+    ----------
+    rows : CapsuleRows
+        Whose arrays are filled.
+    row : int
+    measurement : Measurement
+    run : Run
+    """
+    rows.engine[row] = "grid"
+    try:
+        _fill(rows, row, measurement, run)
+    except InputError as error:
+        rows.status[row] = (Status.NO_SHAPE if isinstance(error, NoShapeError) else Status.UNUSABLE).name
+        rows.reason[row] = str(error)
+    except Exception as error:  # a batch does not stop for one capsule
+        rows.status[row], rows.reason[row] = Status.RAISED.name, f"{type(error).__name__}: {error}"
+
+
+def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
+    own = run.experiment_of(measurement)
+    check_section(run.model, own)
+    if measurement.outline is not None:
+        check_view_of(run.model, measurement.outline, measurement.source or "measurement")
+    with threadpool_limits(limits=1):
+        engine = exact_engine(run.model, own, run.prior)
+        posterior = engine(measurement)
+    draws = posterior.drawn(np.random.default_rng([run.seed, 1]), _DRAWS)
+    for number, name in enumerate(QUANTITIES):
+        rows.summaries[row, number] = list(posterior.marginal(name).as_dict().values())
+    leans = leanings(draws, run.model, engine.prior)
+    of_priors = [share for name, share in leans.items() if name.startswith("prior")]
+    rows.leaning[row] = leans["model"], max(of_priors), leans.get(TWO_SHAPES, 0.0), leans.get(WRINKLES, 0.0)
+    fit = None if measurement.outline is None else outline_misfit(measurement.outline, run.model, draws)
+    rows.status[row] = verdict(posterior.gates, None, leans, fit).name
+    # the likelihood: the posterior without the priors of G_s and a
+    moduli, radii = np.log(draws["surface_shear_modulus"]), np.log(draws["capsule_radius"])
+    powers = run.prior.surface_shear_modulus.power, run.prior.capsule_radius.power
+    flat = np.exp(-powers[0] * (moduli - moduli.max()) - powers[1] * (radii - radii.min()))
+    into = np.empty(rows.components.shape[1:])
+    logs = np.log([draws[name] for name in _SHARED])
+    # what a capsule's own viscosity and half width are beside those of all is not among what all share
+    of_all = own if run.experiment is None else run.experiment
+    shift = [np.log(_centre(own, name) / _centre(of_all, name)) for name in _SHARED]
+    mixture(flat, moduli - logs[0] + shift[0], radii - logs[1] + shift[1], into)
+    rows.components[row] = into
+
+
+def _centre(experiment: Experiment, name: str) -> float:
+    return centre_and_error(getattr(experiment, name))[0]
+
+
+def numbers_of(measurement: Measurement) -> Floats:
+    """What was measured as a row of `NUMBERS`, lengths in metres as they are."""
+    found = [measurement.conditions.get(name, getattr(measurement, name, None)) for name in NUMBERS]
+    return np.array([np.nan if one is None else one for one in found], dtype=np.float64)

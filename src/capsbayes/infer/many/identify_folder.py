@@ -1,0 +1,222 @@
+"""From many measured capsules to their posteriors: in parallel, resumable, one row a capsule."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import logging
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes import __version__
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.infer.many.capsule_rows import CapsuleRows
+from capsbayes.infer.many.chains import ChainTask
+from capsbayes.infer.many.check import CheckTask, Compared, compared, drawn_rows
+from capsbayes.infer.many.listing import Listed, common_experiment, listed
+from capsbayes.infer.many.population import STATISTICS, Population
+from capsbayes.infer.many.progress import progress_bar
+from capsbayes.infer.many.row_kernel import QUANTITIES
+from capsbayes.infer.many.run import Run
+from capsbayes.infer.many.tasks import Task
+from capsbayes.infer.prior import Prior
+from capsbayes.infer.section import check_section
+from capsbayes.model import ForwardModel
+from capsbayes.physics.simulation.workers import computed
+from capsbayes.quantity import Quantity
+
+__all__ = ["identify_folder"]
+
+_logger = logging.getLogger(__name__)
+
+_ATTEMPTS = 3  # at tasks whose workers are killed
+
+
+def identify_folder(
+    source: str | os.PathLike[str],
+    model: ForwardModel,
+    experiment: Experiment | None = None,
+    *,
+    out: str | os.PathLike[str],
+    seed: int,
+    prior: Prior | None = None,
+    capsule_velocity: Quantity | None = None,
+    background: str | os.PathLike[str] | None = None,
+    flow: str | None = None,
+    check: float = 0.01,
+    most_checked: int = 100,
+    chains: str | os.PathLike[str] | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Population:
+    """Identify many capsules.
+
+    What is finished is kept in the folder ``<out>.parts``. The same call made again, after a kill or with more files in
+    the folder, computes only what is missing; the result depends neither on interruptions nor on the number of workers.
+    Of a table the parts are removed in the end, of a folder they stay.
+    A capsule that cannot be identified is a row with its status. Lengths are worked out by quadrature on a table of the
+    model, outlines by quadrature on a grid of their own.
+
+    Parameters
+    ----------
+    source : path
+        A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc).
+    model : ForwardModel
+    experiment : Experiment, optional
+        By default the one that each measurement of a folder names.
+    out : path
+        The NetCDF file to write; a ``.csv`` of the same name is written beside it.
+    seed : int
+        Of all randomness; stored in the result.
+    prior : Prior, optional
+    capsule_velocity : Quantity, optional [m/s]
+        Of the capsules in pictures, which do not show it.
+    background : path, optional
+        Picture of the empty channel.
+    flow : str, optional
+        ``"right"`` or ``"left"``, in pictures.
+    check : float
+        Share of the capsules, drawn at random, that are sampled with emcee too.
+    most_checked : int
+        But no more than these: each takes a second or more.
+    chains : path, optional
+        Folder for the draws of each capsule, sampled with emcee; not kept by default.
+    scheduler : str, optional
+        Address of a dask cluster (``"tcp://host:port"``) that sees the same files, or ``"synchronous"`` for this
+        process alone. By default, worker processes of this machine.
+    workers : int, optional
+        Number of worker processes; by default, one for each core.
+    progress : bool
+        Whether to show a bar, on a terminal.
+
+    Returns
+    -------
+    Population
+
+    Raises
+    ------
+    InputError
+        If there is nothing to identify, no cluster answers, or the disk is full: what is finished is then kept.
+    """
+    out = Path(out)
+    experiment = experiment or common_experiment(Path(source))
+    parts = out.with_name(f"{out.name}.parts")
+    where = None if background is None else Path(background)
+    run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
+    if experiment is not None:
+        check_section(model, experiment)
+    pool = _Pool(scheduler, workers, progress)
+    with _room_on_the_disk(parts):
+        kept = run.kept_in(parts)
+        found = listed(Path(source), run, kept)
+        run.keep(kept)
+        pool.finish(found.tasks, "parts")
+        rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
+        population = Population.of(rows, _attributes(run, Path(source)))
+        population.write(out.with_suffix(".csv"))
+        agreement = _checked(population, found, kept, check, most_checked, pool)
+        if agreement is not None:
+            population.dataset.attrs["agreement"] = json.dumps(agreement.as_dict())
+        population.write(out)
+        if chains is not None:
+            tasks = [_chain(population, found, kept, Path(chains), int(row)) for row in _with_result(population)]
+            pool.finish(tasks, "chains")
+        if not Path(source).is_dir():
+            shutil.rmtree(parts)
+    return population
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """Where tasks are computed."""
+
+    scheduler: str | None
+    workers: int | None
+    progress: bool
+
+    def finish(self, tasks: Sequence[Task | CheckTask | ChainTask], what: str) -> None:
+        """Do what is not done yet; after a worker was killed, what is still missing."""
+        with progress_bar([task.kept for task in tasks], what, show=self.progress):
+            for attempt in range(_ATTEMPTS):
+                missing = [task for task in tasks if not task.done]
+                try:
+                    computed(missing, self.scheduler, self.workers)
+                    return
+                except BrokenProcessPool:
+                    left = _ATTEMPTS - attempt - 1
+                    _logger.warning("A worker was killed; what is finished is kept. Attempts left: %d.", left)
+        advice = "give it more memory or fewer workers, and start again: what is finished is kept"
+        raise InputError("workers", "", "workers that are left alone", "one killed at each attempt", advice)
+
+
+@contextlib.contextmanager
+def _room_on_the_disk(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        advice = "make room and start again: what is finished is kept"
+        raise InputError(str(folder), "", "room on the disk", str(error.strerror), advice) from None
+
+
+def _read(task: Task) -> CapsuleRows:
+    rows = task.rows
+    assert rows is not None, "the workers see the same files"
+    return rows
+
+
+def _attributes(run: Run, source: Path) -> dict[str, Any]:
+    known = run.experiment
+    stated: dict[str, Any] = {}
+    if known is not None:
+        pairs = {name: centre_and_error(getattr(known, name)) for name in ("half_width", "viscosity")}
+        stated = {"section": known.section, **{name: {"value": c, "error": e} for name, (c, e) in pairs.items()}}
+    return {
+        "title": "posteriors of capsules",
+        "source": str(source),
+        "model": run.model.name,
+        "model_sha256": run.model.sha256,
+        "experiment": json.dumps(stated),
+        "prior": json.dumps(run.prior.described()),
+        "seed": run.seed,
+        "version": __version__,
+        "fingerprint": run.fingerprint,
+    }
+
+
+def _with_result(population: Population) -> NDArray[np.intp]:
+    return np.flatnonzero(np.isfinite(population["surface_shear_modulus_median"]))
+
+
+def _chain(population: Population, found: Listed, kept: Path, folder: Path, row: int) -> ChainTask:
+    folder.mkdir(parents=True, exist_ok=True)
+    return ChainTask.of(kept, found.measurement(row), folder, row, str(population["name"][row]))
+
+
+def _checked(
+    population: Population, found: Listed, kept: Path, share: float, most: int, pool: _Pool
+) -> Compared | None:
+    """Agreement of the rows with sampling, None if no capsule can be compared or none is wanted."""
+    rows = drawn_rows(population.usable, share, most, int(population.dataset.attrs["seed"]))
+    if not len(rows):
+        return None
+    names = [f"{name}_{statistic}" for name in QUANTITIES for statistic in STATISTICS]
+    summaries = np.stack([population[name][rows] for name in names], axis=1).reshape(len(rows), len(QUANTITIES), -1)
+    seed = int(population.dataset.attrs["seed"])
+    tasks = [
+        CheckTask(kept, found.measurement(int(row)), of_row, seed) for row, of_row in zip(rows, summaries, strict=True)
+    ]
+    pool.finish(tasks, "capsules sampled")
+    return compared([task.differences for task in tasks if task.differences is not None])

@@ -1,0 +1,78 @@
+"""Draws of the posterior of a population: importance sampling from a t distribution about its mode."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.many.hyper_likelihood import PARAMETERS
+from capsbayes.infer.many.log_posterior import SLOPES, LogPosterior
+
+__all__ = ["drawn"]
+
+Floats = NDArray[np.float64]
+
+_DRAWS, _KEPT, _FEWEST_DRAWS = 4000, 4000, 800
+_BUDGET = 1e9  # Gaussians that are worked out for the draws: some ten seconds
+_STEP = 1e-3  # of the parameters, for derivatives
+_ROUNDS = 4
+_FREEDOM = 8  # of the t distribution that is drawn from
+_LEAST_ESS, _MOST_PARETO = 400.0, 0.7
+
+
+def drawn(log_posterior: LogPosterior, rng: np.random.Generator) -> tuple[Floats, list[Gate]]:
+    """Draws of a posterior and whether they can be trusted : (d, 5) array and gates.
+
+    Where the weights fail their gates, the proposal is fitted to the weighted draws and drawn from again.
+    """
+    count = int(np.clip(_BUDGET / log_posterior.components[..., 0].size, _FEWEST_DRAWS, _DRAWS))
+    centre, covariance = _mode(log_posterior)
+    for _ in range(_ROUNDS):
+        proposal = stats.multivariate_t(centre, covariance, df=_FREEDOM)
+        tried = np.atleast_2d(proposal.rvs(count, random_state=rng))
+        smoothed, pareto = _smoothed(log_posterior(tried) - proposal.logpdf(tried))
+        weights = np.exp(smoothed - smoothed.max())
+        weights /= weights.sum()
+        gates = [
+            Gate("effective draws of the population", 1.0 / float(np.sum(weights**2)), least=_LEAST_ESS),
+            Gate("Pareto k of the weights", pareto, most=_MOST_PARETO),
+        ]
+        if all(gate.passed for gate in gates):
+            break
+        centre = weights @ tried
+        covariance = np.cov(tried.T, aweights=weights)
+    # stratified, so that drawing again adds as little noise as can be
+    places = (np.arange(_KEPT) + rng.uniform(size=_KEPT)) / _KEPT
+    return tried[np.minimum(np.searchsorted(np.cumsum(weights), places), count - 1)], gates
+
+
+def _mode(log_posterior: LogPosterior) -> tuple[Floats, Floats]:
+    """Likeliest parameters and the covariance that the curvature there says : (5,), (5, 5) arrays."""
+    steps = np.eye(len(PARAMETERS)) * _STEP
+
+    def downhill(place: Floats) -> tuple[float, Floats]:
+        values = log_posterior(np.concatenate([place[None], place + steps, place - steps]))
+        ahead, behind = np.split(values[1:], 2)
+        return -float(values[0]), (behind - ahead) / (2.0 * _STEP)
+
+    found = optimize.minimize(downhill, log_posterior.start, jac=True, method="BFGS", options={"gtol": 1e-3})
+    mode = np.asarray(found.x)
+    curvature = np.stack([(downhill(mode + step)[1] - downhill(mode - step)[1]) / (2.0 * _STEP) for step in steps])
+    values, axes = np.linalg.eigh(0.5 * (curvature + curvature.T))
+    # along a direction that the data do not bind, as a slope without a spread of sizes, the prior does
+    values = np.maximum(values, 1.0 / SLOPES**2)
+    return mode, (axes / values) @ axes.T
+
+
+def _smoothed(log_weights: Floats) -> tuple[Floats, float]:
+    """Pareto-smoothed log weights and the shape k of the tail."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of ArviZ itself
+        import arviz
+
+        smoothed, pareto = arviz.psislw(log_weights)
+    return np.asarray(smoothed), float(pareto)

@@ -1,0 +1,155 @@
+"""What a run consists of: the capsules of a folder, of a table or of a file of outlines, as tasks."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer.many.measured_lengths import MeasuredLengths, is_table_of_lengths
+from capsbayes.infer.many.run import Run
+from capsbayes.infer.many.table_rows import measurement_of_row
+from capsbayes.infer.many.tasks import (
+    PICTURES,
+    FileTask,
+    OutlinesTask,
+    TableTask,
+    Task,
+    measured_file,
+)
+from capsbayes.input_file import InputFile
+from capsbayes.measured_outline import SECTION, SILHOUETTE
+from capsbayes.measurement import Measurement
+from capsbayes.measurements import read_set
+from capsbayes.measurements.folder import measurement_files
+from capsbayes.measurements.netcdf import opened
+
+__all__ = ["Listed", "capsule_files", "common_experiment", "listed", "section_and_view"]
+
+ROWS = 2000
+"""Of a table in one task: a second or two of work."""
+_OUTLINES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Listed:
+    """The capsules of a run.
+
+    Parameters
+    ----------
+    tasks : list of Task
+        In the order of the rows.
+    measurement : callable
+        From the number of a row to what was measured.
+    """
+
+    tasks: list[Task]
+    measurement: Callable[[int], Measurement]
+
+
+def listed(source: Path, run: Run, kept: Path) -> Listed:
+    """List the capsules of a run.
+
+    Parameters
+    ----------
+    source : Path
+        A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc).
+    run : Run
+    kept : Path
+        Where it is kept for the workers.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to identify, or a table comes without its experiment.
+    """
+    _check_there(source)
+    if source.is_dir():
+        files = capsule_files(source)
+        if not files:
+            expected = f"a folder with measurement files (.toml) or pictures ({', '.join(PICTURES)})"
+            raise InputError(str(source), "", expected, "a folder without any")
+        return Listed([FileTask(kept, file) for file in files], lambda row: measured_file(files[row], run))
+    if source.suffix not in (".csv", ".parquet", ".nc"):
+        expected = "a folder, a .csv, .parquet or .nc file"
+        raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
+    if run.experiment is None:
+        advice = "say which with experiment=..., or --experiment"
+        raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
+    if is_table_of_lengths(source):
+        measured = MeasuredLengths.read(source)
+        tasks: list[Task] = [
+            TableTask(kept, measured.taken(slice(first, first + ROWS))) for first in range(0, len(measured), ROWS)
+        ]
+        return Listed(tasks, partial(measurement_of_row, measured))
+    found = read_set(source, run.experiment)
+    seen = found.measurements
+    tasks = [OutlinesTask(kept, seen[first : first + _OUTLINES]) for first in range(0, len(seen), _OUTLINES)]
+    if found.left_out:
+        tasks.append(OutlinesTask(kept, (), found.left_out))
+    return Listed(tasks, lambda row: seen[row])
+
+
+def capsule_files(folder: Path) -> list[Path]:
+    """Measurement files and pictures of a folder, and measurement files one folder down, as a film leaves them."""
+    pictures = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PICTURES]
+    return [*measurement_files(folder), *pictures]
+
+
+def common_experiment(source: Path) -> Experiment | None:
+    """The experiment that all measurement files of a folder name, None if they name several or a file names none."""
+    if not source.is_dir() or not (files := capsule_files(source)):
+        return None
+    named: set[Path | None] = set()
+    for file in files:
+        with contextlib.suppress(InputError):  # a damaged file is refused by name later
+            stated = None if file.suffix.lower() in PICTURES else InputFile.read(file).content.get("experiment")
+            named.add((file.parent / stated).resolve() if isinstance(stated, str) else None)
+    only = named.pop() if len(named) == 1 else None
+    return None if only is None or not only.is_file() else Experiment.read(only)
+
+
+def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, str]:
+    """Section of the channel and view of the outlines, read off the first capsule that says so.
+
+    Parameters
+    ----------
+    source : Path
+        As of `listed`.
+    experiment : Experiment, optional
+        Whose section it is, if it is given.
+
+    Raises
+    ------
+    InputError
+        If nothing is there, or nothing says what the section is.
+    """
+    _check_there(source)
+    view = SECTION
+    if source.is_dir():
+        files = capsule_files(source)
+        for file in files:
+            with contextlib.suppress(InputError):
+                if file.suffix.lower() in PICTURES:
+                    view = SILHOUETTE
+                    break
+                one = Measurement.read(file)
+                experiment = experiment or (Experiment.read(one.experiment_file) if one.experiment_file else None)
+                if one.outline is not None:
+                    view = one.outline.view
+                    break
+    elif source.suffix == ".nc" and not is_table_of_lengths(source):
+        view = str(opened(source).attrs.get("view", SECTION))
+    if experiment is None:
+        advice = "say which with --experiment"
+        raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
+    return experiment.section, view
+
+
+def _check_there(source: Path) -> None:
+    if not source.exists():
+        raise InputError(str(source), "", "a folder, a table of lengths or a file of outlines", "nothing there")

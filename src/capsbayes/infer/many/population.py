@@ -1,0 +1,173 @@
+"""Many capsules after they were identified: one row each, with everything needed to repeat it."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
+from capsbayes.infer.many.measured_lengths import NUMBERS
+from capsbayes.infer.many.mixture import NUMBERS as OF_COMPONENTS
+from capsbayes.infer.many.row_kernel import QUANTITIES
+from capsbayes.infer.marginal import Marginal
+from capsbayes.measurements.netcdf import opened
+from capsbayes.output_file import unfinished
+from capsbayes.parameters import PARAMETERS
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+__all__ = ["STATISTICS", "Population"]
+
+Floats = NDArray[np.float64]
+
+STATISTICS = tuple(one.name for one in fields(Marginal))
+"""Of each quantity."""
+
+_TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
+_LINES = 10_000  # of a table formatted at once
+_USABLE = (Status.DONE, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
+_MEASURED_UNITS = {
+    "axial_extent": "l",
+    "axial_length": "l",
+    "capsule_velocity": "m/s",
+    "half_width": "m",
+    "viscosity": "Pa s",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Posteriors of many capsules, one row each, status included.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Along ``capsule``: ``name``, ``source``, ``sha256``, ``status``, ``reason``, ``engine``; what was measured; the
+        `STATISTICS` of each quantity as ``surface_shear_modulus_median`` [SI]; what the posterior leans on; the
+        ``likelihood`` of (log(G_s / mu), log(a / l)) as a mixture of Gaussians. Attributes: model and its fingerprint,
+        experiment, prior, seed, version, agreement of the engines.
+
+    Examples
+    --------
+    ``Population.read("run_42.nc").table()[["name", "surface_shear_modulus_median"]]``
+    """
+
+    dataset: xr.Dataset
+
+    @classmethod
+    def of(cls, rows: CapsuleRows, attributes: dict[str, Any]) -> Population:
+        """Gather rows with what they have in common."""
+        import xarray as xr
+
+        along = ("capsule",)
+        variables: dict[str, Any] = {name: (along, getattr(rows, name)) for name in _TEXTS}
+        for number, name in enumerate(NUMBERS):
+            unit = _MEASURED_UNITS.get(name.removesuffix("_error"), "1")
+            variables[name] = (along, rows.numbers[:, number], {"units": unit})
+        for number, name in enumerate(QUANTITIES):
+            one = PARAMETERS[name]
+            for k, statistic in enumerate(STATISTICS):
+                about = {"units": one.unit, "symbol": one.symbol, "long_name": f"{statistic} of the {one.meaning}"}
+                variables[f"{name}_{statistic}"] = (along, rows.summaries[:, number, k], about)
+        variables["distance"] = (along, rows.distance, {"units": "1", "long_name": "standard errors to the likeliest"})
+        for number, name in enumerate(LEANINGS):
+            about = {"units": "1", "long_name": f"share of the posterior that leans on: {name.replace('_', ' ')}"}
+            variables[f"leaning_{name}"] = (along, rows.leaning[:, number], about)
+        about = {"units": "1", "long_name": "likelihood of (log(G_s / mu), log(a / l)), a mixture of Gaussians"}
+        variables["likelihood"] = (("capsule", "component", "number"), rows.components, about)
+        return cls(xr.Dataset(variables, {"number": list(OF_COMPONENTS)}, attributes))
+
+    @classmethod
+    def read(cls, path: str | Path) -> Population:
+        """Read what `write` wrote.
+
+        Raises
+        ------
+        InputError
+            If it is not such a file.
+        """
+        path = Path(path)
+        if not path.exists():
+            raise InputError(str(path), "", "the file of a population", "nothing there")
+        dataset = opened(path)
+        if "likelihood" not in dataset or "status" not in dataset:
+            raise InputError(str(path), "", "the file of a population, as `capsbayes batch` writes it", "another")
+        return cls(dataset)
+
+    def write(self, path: str | Path) -> Path:
+        """Write one NetCDF file, or a CSV table with units in its header: whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with unfinished(path) as partial:
+            if path.suffix == ".csv":
+                with partial.open("w", encoding="utf-8") as file:
+                    file.writelines(self._lines())
+            else:
+                self.dataset.to_netcdf(partial, engine="h5netcdf")
+        return path
+
+    def table(self) -> pd.DataFrame:
+        """One row a capsule, SI; without the mixtures."""
+        along = [name for name, one in self.dataset.data_vars.items() if one.dims == ("capsule",)]
+        return self.dataset[along].to_dataframe().reset_index(drop=True)
+
+    def _lines(self) -> Iterator[str]:
+        """Lines of a CSV table, numbers to eight digits; formatted row by row, five times as fast as by pandas."""
+        along = [str(name) for name, one in self.dataset.data_vars.items() if one.dims == ("capsule",)]
+        texts = [name for name in along if self.dataset[name].dtype.kind not in "fiu"]
+        numbers = [name for name in along if name not in texts]
+        yield ",".join([*texts, *(_quoted(self._header(name)) for name in numbers)]) + "\n"
+        line = "," + ",".join(["%.8g"] * len(numbers)) + "\n"
+        for first in range(0, len(self), _LINES):
+            rows = slice(first, first + _LINES)
+            words = zip(*(map(_quoted, self[name][rows].tolist()) for name in texts), strict=True)
+            values = np.stack([self[name][rows] for name in numbers], axis=1).tolist()
+            for begin, one in zip(words, values, strict=True):
+                yield ",".join(begin) + (line % tuple(one)).replace("nan", "")
+
+    def _header(self, name: str) -> str:
+        unit = self.dataset[name].attrs.get("units", "1")
+        return name if unit in ("1", "-") else f"{name} [{unit}]"
+
+    def __len__(self) -> int:
+        return int(self.dataset.sizes["capsule"])
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return np.asarray(self.dataset[name].values)
+
+    @property
+    def counts(self) -> dict[Status, int]:
+        """Number of capsules by status, the most frequent first."""
+        return {Status[name]: count for name, count in Counter(self["status"].tolist()).most_common()}
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Whether the intervals of each capsule are those of its measurement, not of a border : (n,) array."""
+        return np.isin(self["status"], [one.name for one in _USABLE])
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """What all capsules have in common, JSON values read."""
+        found = {}
+        for name, value in self.dataset.attrs.items():
+            try:
+                found[str(name)] = json.loads(value) if isinstance(value, str) else value
+            except json.JSONDecodeError:
+                found[str(name)] = value
+        return found
+
+
+def _quoted(text: str) -> str:
+    """A text as a cell of a CSV table."""
+    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text

@@ -1,0 +1,118 @@
+"""What all capsules of a run have in common, kept where every worker finds it."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+from capsbayes import __version__
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, centre_and_error, positive_normal
+from capsbayes.infer.many.pyramid import Pyramid
+from capsbayes.infer.prior import Prior
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+from capsbayes.output_file import unfinished
+from capsbayes.quantity import Quantity
+
+__all__ = ["Run", "run_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Model, experiment and prior of a run.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    experiment : Experiment or None
+        None if each measurement names its own.
+    prior : Prior
+    seed : int
+    capsule_velocity : Quantity, optional [m/s]
+        Of capsules of which there are pictures.
+    background : Path, optional
+        Picture of the empty channel.
+    flow : str, optional
+        ``"right"`` or ``"left"``, in pictures.
+    """
+
+    model: ForwardModel
+    experiment: Experiment | None
+    prior: Prior
+    seed: int
+    capsule_velocity: Quantity | None = None
+    background: Path | None = None
+    flow: str | None = None
+
+    @cached_property
+    def pyramid(self) -> Pyramid:
+        """The model tabulated."""
+        return Pyramid.of(self.model)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of everything that decides the results beside the capsules themselves."""
+        known = self.experiment
+        parts: list[object] = [__version__, self.model.name, self.model.sha256, self.seed, self.prior.described()]
+        parts += [(name, _stated(one)) for name, one in sorted(self.prior.coordinates.items())]
+        if known is not None:
+            parts += [known.section, _stated(known.half_width), _stated(known.viscosity)]
+        parts += [self.capsule_velocity, self.flow]
+        if self.background is not None:
+            parts.append(_hash_of(self.background))
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+    def experiment_of(self, measurement: Measurement) -> Experiment:
+        """That of the run, or the one that the measurement names; with the capsule's own half width and viscosity.
+
+        Raises
+        ------
+        InputError
+            If there is neither.
+        """
+        known = self.experiment
+        if known is None:
+            if measurement.experiment_file is None:
+                advice = "name it there, or give one for all"
+                raise InputError(measurement.source, "experiment", "the name of a file", "nothing", advice)
+            known = Experiment.read(measurement.experiment_file)
+        own: dict[str, Any] = {}
+        for name, value in measurement.conditions.items():
+            centre, error = centre_and_error(getattr(known, name))
+            own[name] = positive_normal(value, error * value / centre) if error else value
+        return replace(known, **own)
+
+    def kept_in(self, folder: Path) -> Path:
+        """Where workers find the run; its name is its fingerprint."""
+        return folder / f"run-{self.fingerprint[:16]}.pickle"
+
+    def keep(self, path: Path) -> None:
+        """Write the run there."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with unfinished(path) as partial:
+            partial.write_bytes(pickle.dumps(self))
+
+
+def _hash_of(background: Path) -> str:
+    try:
+        return hashlib.sha256(background.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(str(background), "", "a picture of the empty channel", str(error.strerror)) from None
+
+
+def _stated(value: Any) -> object:
+    """A number, or what a distribution is made of."""
+    return (value.dist.name, value.args, sorted(value.kwds.items())) if hasattr(value, "dist") else float(value)
+
+
+@lru_cache(maxsize=2)
+def run_of(path: Path) -> Run:
+    """The run that was kept there; each process reads it once."""
+    run = pickle.loads(path.read_bytes())
+    assert isinstance(run, Run)
+    return run

@@ -1,0 +1,93 @@
+"""Rows of a table of lengths: from the tabulated model, and by the exact engine where that does not resolve them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.infer.checks import LEANING_SHARE
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.many.capsule_rows import CapsuleRows
+from capsbayes.infer.many.descent import FAR, FOUND
+from capsbayes.infer.many.exact_row import fill_exactly
+from capsbayes.infer.many.lengths_rows import lengths_rows
+from capsbayes.infer.many.measured_lengths import NUMBERS, MeasuredLengths
+from capsbayes.infer.many.run import Run
+from capsbayes.infer.quadrature import FARTHEST
+from capsbayes.measurement import CONDITIONS, Measurement
+from capsbayes.status import Status
+
+__all__ = ["measurement_of_row", "rows_of_table"]
+
+Floats = NDArray[np.float64]
+
+_ALL_WITHIN = 1.0 - 1e-6  # of a posterior away from the ends of the prior's ranges, else the exact engine weighs them
+
+
+def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -> CapsuleRows:
+    """Rows of a table, those that its lattices cannot resolve by the exact engine."""
+    count = len(measured)
+    numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
+    source = np.full(count, measured.source, dtype=object)
+    rows = CapsuleRows.empty(measured.names.astype(object), source, np.full(count, measured.sha256, object), numbers)
+    usable = np.flatnonzero(measured.refusals == "")
+    _refuse(rows, measured)
+    if getattr(run.model, "coordinate", None) is not None:  # one lattice cannot hold it
+        for row in map(int, usable):
+            fill_exactly(rows, row, measurement_of_row(measured, row), run)
+        return rows
+    shifts = np.stack([_own(measured, name, experiment) for name in reversed(CONDITIONS)], axis=1)
+    found = lengths_rows(
+        measured.lengths[usable],
+        measured.velocities[usable],
+        Inputs.of_experiment(experiment),
+        run.prior,
+        run.pyramid,
+        shifts=shifts[usable],
+    )
+    facts = found.facts
+    rows.engine[usable] = "table"
+    rows.summaries[usable], rows.components[usable] = found.summaries, found.components
+    rows.distance[usable] = facts["distance"]
+    rows.leaning[usable] = np.stack(
+        [facts["border"], 1.0 - np.minimum(facts["within"], 1.0), facts["two_shapes"], facts["wrinkles"]], axis=1
+    )
+    rows.status[usable] = [_status(rows.leaning[row]).name for row in usable]
+    far = usable[facts["end"] == FAR]
+    rows.status[far] = Status.NO_SHAPE.name
+    rows.reason[far] = [f"{rows.distance[row]:.1f} standard errors away, {FARTHEST:g} at most" for row in far]
+    rows.leaning[far] = np.nan
+    resolved = (facts["end"] == FOUND) & (facts["within"] >= _ALL_WITHIN)
+    for row in map(int, usable[~resolved & (facts["end"] != FAR)]):
+        fill_exactly(rows, row, measurement_of_row(measured, row), run)
+    return rows
+
+
+def _refuse(rows: CapsuleRows, measured: MeasuredLengths) -> None:
+    """Status and reason of the rows that cannot be used; a row may bring the status of its measurement."""
+    for row in np.flatnonzero(measured.refusals != ""):
+        why = str(measured.refusals[row])
+        status = why.removeprefix("status: ")
+        known = status in Status.__members__ and status != why
+        rows.status[row] = status if known else Status.UNUSABLE.name
+        rows.reason[row] = "" if known else why
+
+
+def _own(measured: MeasuredLengths, name: str, experiment: Experiment) -> Floats:
+    """Logarithm of a condition of each capsule over that of the experiment, zero where it is the same."""
+    usual = centre_and_error(getattr(experiment, name))[0]
+    return np.nan_to_num(np.log(measured.numbers[name] / usual))
+
+
+def _status(leaning: Floats) -> Status:
+    kinds = (Status.LEANS_ON_BORDER, Status.LEANS_ON_PRIOR, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
+    return next((kind for kind, share in zip(kinds, leaning, strict=True) if share > LEANING_SHARE), Status.DONE)
+
+
+def measurement_of_row(measured: MeasuredLengths, row: int) -> Measurement:
+    """One row as a measurement."""
+    numbers = {name: float(values[row]) for name, values in measured.numbers.items()}
+    seen = {name: value for name, value in numbers.items() if name not in CONDITIONS and np.isfinite(value)}
+    own = {name: numbers[name] for name in CONDITIONS if np.isfinite(numbers[name])}
+    return Measurement(**seen, conditions=own, source=f"{measured.source}: {measured.names[row]}")  # type: ignore[arg-type]

@@ -1,0 +1,279 @@
+"""The posterior of one capsule: draws, summaries, checks, and everything needed to repeat it. Data, no plots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes import __version__
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import Agreement, Gate
+from capsbayes.infer.deterministic import DeterministicAnswer
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.prior import Prior
+from capsbayes.measurement import Measurement
+from capsbayes.output_file import unfinished
+from capsbayes.parameters import PARAMETERS
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+__all__ = ["REPORTED", "Posterior"]
+
+Floats = NDArray[np.float64]
+
+REPORTED = (
+    "surface_shear_modulus",
+    "capsule_radius",
+    "mean_velocity",
+    "capillary_number",
+    "size_ratio",
+    "velocity_ratio",
+    "stretch_ratio",
+)
+"""Quantities whose intervals are reported and whose chains are checked, beside a further coordinate of the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What is known of one capsule after it was seen.
+
+    Parameters
+    ----------
+    draws : mapping of (chain, draw) arrays
+        Every quantity by name, SI.
+    ensemble : (chain,) int array
+        Number of the independent ensemble a chain belongs to.
+    marginals : mapping of Marginal
+        Summaries by the engine.
+    reference : mapping of Marginal
+        The same by quadrature; empty if it is the engine.
+    measurement, experiment, prior, inputs
+        What went in.
+    model_name, model_sha256 : str
+        The forward model and the fingerprint of its data.
+    engine : str
+    seed : int
+    gates : tuple of Gate
+    agreement : Agreement or None
+        Of the engine with quadrature.
+    shares : mapping of float
+        Share of the variance of log G_s owed to each input.
+    deterministic : DeterministicAnswer or None
+        The paper's answer.
+    leaning : mapping of float
+        Share of the posterior next to the model's border and to the ends of the prior ranges.
+    outlines : (d, p, 2) array or None [l]
+        Predicted outlines of some draws.
+    status : Status
+    version : str
+        Of capsbayes, when it was identified.
+    """
+
+    draws: Mapping[str, Floats]
+    ensemble: NDArray[np.int64]
+    marginals: Mapping[str, Marginal]
+    reference: Mapping[str, Marginal]
+    measurement: Measurement
+    experiment: Experiment
+    prior: Prior
+    inputs: Inputs
+    model_name: str
+    model_sha256: str
+    engine: str
+    seed: int
+    gates: tuple[Gate, ...]
+    agreement: Agreement | None
+    shares: Mapping[str, float]
+    deterministic: DeterministicAnswer | None
+    leaning: Mapping[str, float]
+    outlines: Floats | None
+    status: Status
+    version: str = __version__
+
+    @classmethod
+    def read(cls, path: str | Path) -> Posterior:
+        """Read a file that `write` wrote: what comes back reports, draws and writes the same.
+
+        Parameters
+        ----------
+        path : path
+            NetCDF file, ``posterior.nc`` of ``capsbayes identify``.
+
+        Returns
+        -------
+        Posterior
+
+        Raises
+        ------
+        InputError
+            If it is missing, damaged, or no such file.
+        """
+        from capsbayes.infer.posterior_file import read_posterior
+
+        return read_posterior(Path(path))
+
+    def __repr__(self) -> str:
+        said = []
+        for name in ("surface_shear_modulus", "capsule_radius"):
+            parameter, one = PARAMETERS[name], self.marginals[name]
+            low, middle, high = (parameter.shown(value) for value in (one.lower_95, one.median, one.upper_95))
+            said.append(f"{parameter.symbol} = {middle:.4g} [{low:.4g}, {high:.4g}] {parameter.shown_unit}")
+        return f"<Posterior of {self.measurement.source or 'a capsule'}: {', '.join(said)} (95 %); {self.status.name}>"
+
+    def summary(self) -> pd.DataFrame:
+        """Table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""
+        import pandas as pd
+
+        rows = {name: marginal.as_dict() for name, marginal in self.marginals.items()}
+        table = pd.DataFrame.from_dict(rows, orient="index")
+        table.insert(0, "unit", [PARAMETERS[name].unit for name in rows])
+        return table
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything but the draws, ready for JSON."""
+        return {
+            "status": self.status.name,
+            "sentence": str(self.status),
+            "quantities": {
+                name: {"symbol": PARAMETERS[name].symbol, "unit": PARAMETERS[name].unit, **marginal.as_dict()}
+                for name, marginal in self.marginals.items()
+            },
+            "quadrature": {name: marginal.as_dict() for name, marginal in self.reference.items()},
+            "agreement": None if self.agreement is None else {**vars(self.agreement), "sentence": str(self.agreement)},
+            "deterministic": None if self.deterministic is None else self.deterministic.as_dict(),
+            "variance_of_log_surface_shear_modulus": dict(self.shares),
+            "share_next_to_border": dict(self.leaning),
+            "gates": [gate.as_dict() for gate in self.gates],
+            "inputs": self._inputs(),
+            "prior": self._priors(),
+            "model": {"name": self.model_name, "sha256": self.model_sha256},
+            "engine": self.engine,
+            "seed": self.seed,
+            "version": self.version,
+        }
+
+    def _priors(self) -> dict[str, Any]:
+        described = self.prior.described()
+        for name, distribution in self.prior.coordinates.items():
+            low, high = distribution.support()
+            parameters = {"mean": float(distribution.mean()), "sd": float(distribution.std())}
+            described[name] = {"distribution": distribution.dist.name, "low": float(low), "high": float(high)}
+            described[name] |= {**parameters, "unit": PARAMETERS[name].unit}
+        return described
+
+    def _inputs(self) -> dict[str, Any]:
+        seen, known = self.measurement, self.experiment
+        lengths = "l" if seen.over_half_width else "m"
+        pairs = {
+            "axial_extent": (seen.axial_extent, seen.axial_extent_error, lengths),
+            "axial_length": (seen.axial_length, seen.axial_length_error, lengths),
+            "capsule_velocity": (seen.capsule_velocity, seen.capsule_velocity_error, "m/s"),
+            "half_width": (self.inputs.half_width.centre, self.inputs.half_width.error, "m"),
+            "viscosity": (self.inputs.viscosity.centre, self.inputs.viscosity.error, "Pa s"),
+        }
+        return {
+            **{name: dict(zip(("value", "error", "unit"), pair, strict=True)) for name, pair in pairs.items()},
+            "length_correlation": seen.length_correlation,
+            "section": known.section,
+            "files": {Path(one.source).name: one.sha256 for one in (seen, known) if one.source},
+        }
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """The groups of an ArviZ InferenceData, as datasets."""
+        import xarray as xr
+
+        number = next(iter(self.draws.values())).shape[1]
+        shape = {
+            "chain": np.arange(len(self.ensemble)),
+            "draw": np.arange(number),
+            "ensemble": ("chain", self.ensemble),
+        }
+        draws = {
+            name: (("chain", "draw"), values, _attributes(name)) for name, values in self.draws.items() if name != "lp"
+        }
+        groups = {"posterior": xr.Dataset(draws, shape)}
+        if "lp" in self.draws:
+            groups["sample_stats"] = xr.Dataset({"lp": (("chain", "draw"), self.draws["lp"])}, shape)
+        if self.outlines is not None:
+            outline = xr.DataArray(self.outlines[None], dims=("chain", "draw", "point", "plane"))
+            outline = outline.assign_attrs(units="l", long_name="predicted outline, columns (z, y) from the nose")
+            groups["posterior_predictive"] = outline.to_dataset(name="outline")
+        inputs = {name: one for name, one in self._inputs().items() if isinstance(one, dict) and "value" in one}
+        seen = {name: one for name, one in inputs.items() if one["value"] is not None}
+        measured = ("axial_extent", "axial_length", "capsule_velocity")
+        groups["observed_data"] = xr.Dataset(
+            {name: ((), seen[name]["value"], {"units": seen[name]["unit"]}) for name in measured if name in seen}
+        )
+        if self.measurement.outline is not None:
+            points = self.measurement.outline.points, {"units": "l", "long_name": "measured outline, columns (z, y)"}
+            groups["observed_data"]["outline"] = (("measured_point", "plane"), *points)
+        groups["constant_data"] = xr.Dataset(
+            {f"{name}_error": ((), one["error"], {"units": one["unit"]}) for name, one in seen.items()}
+            | {name: ((), one["value"], {"units": one["unit"]}) for name, one in seen.items() if name not in measured}
+        )
+        return groups
+
+    def write(self, path: str | Path) -> Path:
+        """Write one NetCDF file that `arviz.from_netcdf` reads: into a temporary file first, then renamed.
+
+        Neither ArviZ nor xarray does the writing: the import of the one takes
+        as long as the sampling, and the other imports a cluster to write one
+        file. The attributes of the file hold the fingerprint
+        of the model, priors, inputs, seed, version, engine, gates and status;
+        `read` reads it back whole.
+
+        Returns
+        -------
+        Path
+        """
+        import h5netcdf
+
+        from capsbayes.infer.posterior_file import RECORD, recorded
+
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with unfinished(path) as partial, h5netcdf.File(partial, "w") as file:
+            for name, value in self.as_dict().items():
+                file.attrs[name] = value if isinstance(value, (str, int)) else json.dumps(value)
+            file.attrs["inference_library"] = self.engine
+            file.attrs[RECORD] = json.dumps(recorded(self))
+            for name, group in self.groups().items():
+                _write_group(file.create_group(name), group)
+        return path
+
+    def to_inference_data(self) -> Any:
+        """Return an `arviz.InferenceData` of the same groups."""
+        import warnings
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
+            import arviz
+        return arviz.InferenceData(**self.groups(), warn_on_custom_groups=False)
+
+
+def _write_group(file: Any, group: xr.Dataset) -> None:
+    """Write a dataset of numbers as xarray would; its coordinates without a dimension are named to be found again."""
+    for name, size in group.sizes.items():
+        file.dimensions[name] = size
+    beside = " ".join(str(name) for name in group.coords if name not in group.sizes)
+    for name, variable in group.variables.items():
+        stored = file.create_variable(name, variable.dims, data=variable.values)
+        for key, value in variable.attrs.items():
+            stored.attrs[key] = value
+        if beside and name in group.data_vars:
+            stored.attrs["coordinates"] = beside
+
+
+def _attributes(name: str) -> dict[str, str]:
+    one = PARAMETERS[name]
+    return {"long_name": one.meaning, "symbol": one.symbol, "units": one.unit}

@@ -1,0 +1,213 @@
+"""What a file of a posterior holds besides its tables, so that the posterior can be read back from it whole."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import Agreement, Gate
+from capsbayes.infer.deterministic import DeterministicAnswer
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.prior import Prior, Range
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
+from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    from capsbayes.infer.posterior import Posterior
+
+__all__ = ["RECORD", "read_posterior", "recorded"]
+
+RECORD = "record"
+"""Attribute of the file that holds `recorded`."""
+
+_MEASURED = (
+    "axial_extent",
+    "axial_extent_error",
+    "capsule_velocity",
+    "capsule_velocity_error",
+    "axial_length",
+    "axial_length_error",
+    "length_correlation",
+    "over_half_width",
+    "source",
+    "sha256",
+    "axial_length_bound",
+    "flow_rate",
+)
+_MARGINAL = tuple(one.name for one in fields(Marginal))
+
+
+def recorded(posterior: Posterior) -> dict[str, Any]:
+    """What the tables of a posterior leave out, ready for JSON: measurement, experiment, further priors, gates.
+
+    The points of a measured outline are not here; they are too many for an attribute of a file.
+    """
+    seen, known = posterior.measurement, posterior.experiment
+    measured = {name: getattr(seen, name) for name in _MEASURED} | {"conditions": dict(seen.conditions)}
+    measured["experiment_file"] = None if seen.experiment_file is None else str(seen.experiment_file)
+    if seen.outline is not None:
+        noise, pose = vars(seen.outline.noise), vars(seen.outline.pose)
+        measured["outline"] = {"noise": noise, "pose": pose, "view": seen.outline.view}
+    rate = known.frame_rate
+    return {
+        "measurement": measured,
+        "experiment": {
+            "section": known.section,
+            "half_width": _stated(known.half_width),
+            "viscosity": _stated(known.viscosity),
+            "source": known.source,
+            "sha256": known.sha256,
+            "frame_rate": None if rate is None else vars(rate),
+        },
+        "coordinates": {name: _stated(one) for name, one in posterior.prior.coordinates.items()},
+        "gates": [[one.name, *map(_number, (one.value, one.least, one.most))] for one in posterior.gates],
+    }
+
+
+def read_posterior(path: Path) -> Posterior:
+    """Read the file that `Posterior.write` wrote.
+
+    Raises
+    ------
+    InputError
+        If it is missing, damaged, or no such file.
+    """
+    import h5netcdf
+
+    from capsbayes.infer.posterior import Posterior
+
+    if not path.is_file():
+        raise InputError(str(path), "", "the file of a posterior", "nothing there")
+    try:
+        with h5netcdf.File(path, "r") as file:
+            attributes = {name: file.attrs[name] for name in file.attrs}
+            groups = {name: {key: one[...] for key, one in file[name].variables.items()} for name in file.groups}
+    except OSError as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(str(path), "", "the file of a posterior", f"a damaged or foreign file ({reason})") from None
+    if RECORD not in attributes or "posterior" not in groups:
+        expected, advice = "the file of a posterior, as capsbayes identify writes it", "identify the capsule again"
+        raise InputError(str(path), "", expected, "one that lacks what makes it whole", advice)
+    try:
+        return Posterior(**_parts(attributes, groups))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(str(path), "", "the file of a posterior", f"one that lacks {error}") from error
+
+
+def _parts(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    tables = {name: _loaded(value) for name, value in attributes.items()}
+    record = tables[RECORD]
+    measurement = _measurement(record["measurement"], groups["observed_data"].get("outline"))
+    experiment = _experiment(record["experiment"])
+    draws = {name: values for name, values in groups["posterior"].items() if values.ndim == 2}
+    outlines = groups.get("posterior_predictive", {}).get("outline")
+    agreement, answer = tables["agreement"], tables["deterministic"]
+    return {
+        "draws": draws | {name: one for name, one in groups.get("sample_stats", {}).items() if name == "lp"},
+        "ensemble": groups["posterior"]["ensemble"],
+        "marginals": {name: _marginal(one) for name, one in tables["quantities"].items()},
+        "reference": {name: _marginal(one) for name, one in tables["quadrature"].items()},
+        "measurement": measurement,
+        "experiment": experiment,
+        "prior": _prior(tables["prior"], record["coordinates"]),
+        "inputs": Inputs.of(measurement, experiment),
+        "model_name": tables["model"]["name"],
+        "model_sha256": tables["model"]["sha256"],
+        "engine": str(attributes["engine"]),
+        "seed": int(attributes["seed"]),
+        "gates": tuple(Gate(name, *map(float, numbers)) for name, *numbers in record["gates"]),
+        "agreement": None if agreement is None else Agreement(**_without(agreement, "sentence")),
+        "shares": tables["variance_of_log_surface_shear_modulus"],
+        "deterministic": None if answer is None else _answer(answer),
+        "leaning": tables["share_next_to_border"],
+        "outlines": None if outlines is None else outlines[0],
+        "status": Status[attributes["status"]],
+        "version": str(attributes["version"]),
+    }
+
+
+def _loaded(value: Any) -> Any:
+    """An attribute that is JSON, or as it is."""
+    try:
+        return json.loads(value) if isinstance(value, str) else value
+    except json.JSONDecodeError:
+        return value
+
+
+def _without(table: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {name: value for name, value in table.items() if name not in names}
+
+
+def _marginal(table: Mapping[str, Any]) -> Marginal:
+    return Marginal(**{name: float(table[name]) for name in _MARGINAL})
+
+
+def _answer(table: Mapping[str, float]) -> DeterministicAnswer:
+    own = {name: value for name, value in table.items() if name in DeterministicAnswer.__dataclass_fields__}
+    return DeterministicAnswer(**own, assumed=_without(table, *own))
+
+
+def _measurement(table: Mapping[str, Any], points: Any) -> Measurement:
+    outline, file = table.get("outline"), table["experiment_file"]
+    seen = None
+    if outline is not None:
+        seen = MeasuredOutline(points, OutlineNoise(**outline["noise"]), Pose(**outline["pose"]), outline["view"])
+    known = _without(table, "outline", "experiment_file")
+    return Measurement(**known, outline=seen, experiment_file=None if file is None else Path(file))
+
+
+def _experiment(table: Mapping[str, Any]) -> Experiment:
+    rate = table["frame_rate"]
+    return Experiment(
+        section=table["section"],
+        half_width=_read_back(table["half_width"]),
+        viscosity=_read_back(table["viscosity"]),
+        source=table["source"],
+        sha256=table["sha256"],
+        frame_rate=None if rate is None else Quantity(**rate),
+    )
+
+
+def _prior(ranges: Mapping[str, Any], coordinates: Mapping[str, Any]) -> Prior:
+    own = {
+        name: Range(one["distribution"], one["low"], one["high"])
+        for name, one in ranges.items()
+        if name not in coordinates
+    }
+    return Prior(**own, coordinates={name: _read_back(one) for name, one in coordinates.items()})
+
+
+def _stated(value: Any) -> Any:
+    """A number, or the name and the parameters of a frozen distribution of scipy.stats."""
+    if not hasattr(value, "dist"):
+        return float(value)
+    keywords = {name: _number(one) for name, one in value.kwds.items()}
+    return {"distribution": value.dist.name, "arguments": [_number(one) for one in value.args], "keywords": keywords}
+
+
+def _number(value: float) -> float | str:
+    """A number that JSON knows; an infinite one or NaN as text."""
+    return float(value) if math.isfinite(value) else repr(float(value))
+
+
+def _read_back(stated: Any) -> Any:
+    if not isinstance(stated, Mapping):
+        return float(stated)
+    import scipy.stats  # half a second to import
+
+    named = getattr(scipy.stats, stated["distribution"], None)
+    if named is None:
+        raise ValueError(f"a distribution of scipy.stats named {stated['distribution']!r}")
+    keywords = {name: np.float64(one) for name, one in stated["keywords"].items()}
+    return named(*map(float, stated["arguments"]), **keywords)

@@ -1,0 +1,111 @@
+"""Which input owns how much of the uncertainty of G_s, and of that of a.
+
+Viscosity and velocity multiply G_s and are independent of the shape: they own
+their variance of log G_s, exactly, and nothing of that of log a. Where the
+lengths are over l, the half width multiplies a in the same way. A further
+coordinate of the model owns the variance of the mean of the logarithm from one
+of its values to another. For every other input the posterior is worked out
+again with that input's error halved. Were the logarithm linear in it, its
+part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved),
+and the parts would add up to V; what is missing to one is owed to the prior
+and to the curvature of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from capsbayes.infer.grid_posterior import GridPosterior
+from capsbayes.infer.mixed_posterior import MixedPosterior
+from capsbayes.infer.mixed_quadrature import MixedQuadrature
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.measurement import Measurement
+
+__all__ = ["QUANTITIES", "REST", "shares_of_each", "variance_shares"]
+
+REST = "prior and curvature"
+QUANTITIES = ("surface_shear_modulus", "capsule_radius")
+
+
+AnyPosterior = GridPosterior | MixedPosterior
+
+
+def variance_shares(
+    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior
+) -> dict[str, float]:
+    """Share of the variance of log G_s owed to each input: see `shares_of_each`."""
+    return shares_of_each(engine, measurement, posterior, ("surface_shear_modulus",))["surface_shear_modulus"]
+
+
+def shares_of_each(
+    engine: Quadrature | MixedQuadrature,
+    measurement: Measurement,
+    posterior: AnyPosterior,
+    quantities: Sequence[str] = QUANTITIES,
+) -> dict[str, dict[str, float]]:
+    """Share of the variance of the logarithm of each quantity owed to each input.
+
+    Parameters
+    ----------
+    engine : Quadrature or MixedQuadrature
+    measurement : Measurement
+    posterior : GridPosterior or MixedPosterior
+        Of that measurement.
+    quantities : sequence of str
+        ``"surface_shear_modulus"``, ``"capsule_radius"``, or both.
+
+    Returns
+    -------
+    dict of dict
+        By quantity, by name of the input; those of a quantity add up to one.
+    """
+    totals = {quantity: _variance(posterior, quantity) for quantity in quantities}
+    shares = {quantity: _of_factors(posterior, quantity, total) for quantity, total in totals.items()}
+    for name, halved in _each_halved(engine, measurement, posterior):
+        for quantity, total in totals.items():
+            shares[quantity][name] = (total - _variance(halved, quantity)) / (0.75 * total)
+    return {quantity: found | {REST: 1.0 - sum(found.values())} for quantity, found in shares.items()}
+
+
+def _of_factors(posterior: AnyPosterior, quantity: str, total: float) -> dict[str, float]:
+    """Shares of the inputs that the shape does not depend on, and of a further coordinate."""
+    target = posterior.target
+    of_modulus = quantity == "surface_shear_modulus"
+    shares = {
+        "viscosity": target.viscosity.variance / total if of_modulus else 0.0,
+        "capsule_velocity": target.capsule_velocity.variance / total if of_modulus else 0.0,
+    }
+    if isinstance(posterior, MixedPosterior):
+        shares[posterior.coordinate.name] = posterior.variance_between(quantity) / total
+    if not target.shape_depends_on_half_width:
+        shares["half_width"] = 0.0 if of_modulus else target.half_width.variance / total
+    return shares
+
+
+def _variance(posterior: AnyPosterior, quantity: str) -> float:
+    return posterior.log_marginal(quantity).sd ** 2
+
+
+def _each_halved(
+    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior
+) -> Iterator[tuple[str, AnyPosterior]]:
+    inputs = posterior.target.inputs
+    if measurement.outline is not None:
+        noise = measurement.outline.noise
+        sharper = replace(measurement.outline, noise=replace(noise, scale=0.5 * noise.scale))
+        yield "outline", engine(replace(measurement, outline=sharper), inputs=inputs)
+        if measurement.length_beside_outline is not None:
+            half = replace(measurement, axial_length_error=0.5 * measurement.length_beside_outline[1])
+            yield "axial_length", engine(half, inputs=inputs)
+        yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)
+        return
+    half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
+    yield "axial_extent", engine(half, inputs=inputs)
+    if measurement.axial_length_error is not None:
+        half = replace(measurement, axial_length_error=0.5 * measurement.axial_length_error)
+        yield "axial_length", engine(half, inputs=inputs)
+    if posterior.target.shape_depends_on_half_width:
+        narrow = replace(inputs, half_width=inputs.half_width.narrowed(0.5))
+        yield "half_width", engine(measurement, inputs=narrow)
+    yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)

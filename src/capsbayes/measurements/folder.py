@@ -1,0 +1,104 @@
+"""A set as a folder: one measurement file a capsule, and the experiment's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.input_file import InputFile
+from capsbayes.measurement import CONDITIONS, Measurement
+from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
+
+__all__ = ["measurement_files", "read_folder", "write_folder"]
+
+_EXPERIMENT = "experiment.toml"
+
+
+def read_folder(folder: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
+    """Read the measurement files of a folder and those one folder down, as a film leaves them.
+
+    Parameters
+    ----------
+    folder : Path
+        Each file as `Measurement.read` reads it; files of experiments among them are passed over.
+    experiment : Experiment or path, optional
+        By default the one that each measurement names; if there are several, of one section, half width and viscosity
+        are those of each.
+
+    Raises
+    ------
+    InputError
+        If no capsule can be used, or one names no experiment, or they name some of different sections.
+    """
+    readers = [partial(Measurement.read, file) for file in measurement_files(folder)]
+    measurements, left_out = gathered(readers, folder)
+    if experiment is None:
+        measurements, known = _each_under_its_own(measurements)
+    else:
+        known = known_experiment(folder, experiment)
+    return MeasuredSet(measurements, known, left_out)
+
+
+def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: Experiment) -> None:
+    """Write ``experiment.toml`` and ``capsule-001.toml``, ``capsule-002.toml``, and so on.
+
+    Raises
+    ------
+    InputError
+        If the folder holds TOML files already, which would be read as well, or a capsule has conditions of its own.
+    """
+    if any(one.conditions for one in measurements):
+        raise InputError(str(folder), "conditions", "capsules under one experiment", "others", "write a .csv or a .nc")
+    if folder.exists() and (not folder.is_dir() or any(folder.glob("*.toml"))):
+        got = "one with TOML files" if folder.is_dir() else "a file"
+        raise InputError(str(folder), "", "a folder without TOML files", got, "choose another")
+    folder.mkdir(parents=True, exist_ok=True)
+    experiment.write(folder / _EXPERIMENT)
+    digits = max(3, len(str(len(measurements))))
+    for number, one in enumerate(measurements, start=1):
+        named = replace(one, experiment_file=folder / _EXPERIMENT)
+        named.write(folder / f"capsule-{number:0{digits}d}.toml")
+
+
+def measurement_files(folder: Path) -> list[Path]:
+    """Measurement files of a folder and those one folder down; files of experiments among them are passed over."""
+    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/measurement.toml"))]
+    return [file for file in files if not _is_experiment(file)]
+
+
+def _is_experiment(file: Path) -> bool:
+    """Whether a file holds an experiment; one that cannot be read is kept, to be refused by name."""
+    try:
+        content = InputFile.read(file).content
+    except InputError:
+        return False
+    return "section" in content and "measurement" not in content
+
+
+def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Measurement, ...], Experiment]:
+    """The measurements with the conditions of the experiments that they name, if these are several, and the first."""
+    files = [_named(one) for one in measurements]
+    known = {file: Experiment.read(file) for file in dict.fromkeys(files)}
+    first = known[files[0]]
+    for other in known.values():
+        if other.section != first.section:
+            raise InputError(other.source, "section", f"{first.section!r} as in {first.source}", repr(other.section))
+    if len(known) == 1:
+        return measurements, first
+    conditions = {
+        file: {name: centre_and_error(getattr(experiment, name))[0] for name in CONDITIONS}
+        for file, experiment in known.items()
+    }
+    own = [replace(one, conditions=conditions[file]) for one, file in zip(measurements, files, strict=True)]
+    return tuple(own), first
+
+
+def _named(measurement: Measurement) -> Path:
+    if measurement.experiment_file is None:
+        advice = "give one for all with experiment=..., or --experiment"
+        raise InputError(measurement.source, "experiment", "the name of a file", "nothing", advice)
+    return measurement.experiment_file.resolve()

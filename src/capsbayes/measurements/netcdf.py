@@ -1,0 +1,147 @@
+"""A set as one NetCDF file: outlines of all capsules with their lengths, velocities and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.measured_outline import SECTION, MeasuredOutline, OutlineNoise, Pose, check_view
+from capsbayes.measurement import Measurement
+from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
+
+__all__ = ["opened", "read_netcdf", "write_netcdf"]
+
+# variables over the capsules, and their units
+_NUMBERS = {
+    "axial_extent": "l",
+    "axial_extent_error": "l",
+    "capsule_velocity": "m/s",
+    "capsule_velocity_error": "m/s",
+}
+_LENGTH = {"axial_length": "l", "axial_length_error": "l"}
+_NOISE = {"noise_scale": "l", "noise_correlation": "l"}
+_WHITE = {"noise_white": "1"}
+_FLOW = {"flow_rate": "m^3/s"}
+_CONDITIONS = {"half_width": "m", "viscosity": "Pa s"}
+_OUTLINE = ("capsule", "point", "axis")
+
+
+def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
+    """Read a file of outlines.
+
+    Parameters
+    ----------
+    path : Path
+        With the variables ``outline`` (capsule, point, axis) [l], columns (z, y), filled up with NaN behind a short
+        one; over the capsules ``axial_extent``, ``axial_extent_error`` [l], ``capsule_velocity``,
+        ``capsule_velocity_error`` [m/s], ``noise_scale``, ``noise_correlation`` [l] as of `OutlineNoise`; optionally
+        ``noise_white``, ``axial_length``, ``axial_length_error`` [l], ``flow_rate`` [m^3/s] where it is known,
+        ``half_width`` [m] and ``viscosity`` [Pa s] where they are not those of the experiment (else NaN), and ``name``.
+        A variable's attribute ``units``, if it has one, must be the unit here. The attribute ``view`` says
+        what all outlines show, ``"section"`` by default.
+    experiment : Experiment or path
+        By default the file that the attribute ``experiment`` names, relative to this one.
+
+    Raises
+    ------
+    InputError
+        On a variable that is missing or of another shape or unit, or if no capsule can be used.
+    """
+    dataset = opened(path)
+    named = dataset.attrs.get("experiment")
+    known = known_experiment(path, path.parent / str(named) if experiment is None and named else experiment)
+    _check(path, dataset)
+    readers = [partial(_measurement, path, dataset, row) for row in range(dataset.sizes["capsule"])]
+    measurements, left_out = gathered(readers, path)
+    return MeasuredSet(measurements, known, left_out)
+
+
+def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
+    """Write a file that `read_netcdf` reads.
+
+    Raises
+    ------
+    InputError
+        If a capsule has no outline, or one with another `Pose` than the usual, or if they differ in their view.
+    """
+    edges = [one.outline for one in measurements if one.outline is not None]
+    if len(edges) < len(measurements):
+        raise InputError(str(path), "outline", "capsules with outlines", "one without", "write a folder or a .csv")
+    if any(one.pose != Pose() for one in edges):
+        advice = "write a folder"
+        raise InputError(str(path), "outline.pose", "outlines of the usual pose", "one of another", advice)
+    views = sorted({one.view for one in edges})
+    if len(views) > 1:
+        raise InputError(str(path), "outline.view", "outlines of one view", ", ".join(views), "write a folder")
+    outlines = np.full((len(edges), max(len(one.points) for one in edges), 2), np.nan)
+    for row, one in enumerate(edges):
+        outlines[row, : len(one.points)] = one.points
+    noise = np.array([[one.noise.scale, one.noise.correlation_length, one.noise.white] for one in edges])
+    numbers = {name: [getattr(one, name) for one in measurements] for name in _NUMBERS | _LENGTH}
+    numbers |= dict(zip(_NOISE | _WHITE, noise.T, strict=True))
+    own = {name: [one.conditions.get(name, np.nan) for one in measurements] for name in _CONDITIONS}
+    own |= {name: [getattr(one, name) or np.nan for one in measurements] for name in _FLOW}
+    numbers |= {name: values for name, values in own.items() if np.isfinite(values).any()}
+    units = _NUMBERS | _LENGTH | _NOISE | _WHITE | _FLOW | _CONDITIONS
+    variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
+    dataset = xr.Dataset({**variables, "outline": (_OUTLINE, outlines, {"units": "l"})}, coords={"axis": ["z", "y"]})
+    dataset.attrs["view"] = (views or [SECTION])[0]
+    dataset.to_netcdf(path, engine="h5netcdf")
+
+
+def opened(path: Path) -> xr.Dataset:
+    """The content of a NetCDF file.
+
+    Raises
+    ------
+    InputError
+        If it is none, or damaged.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as opened:
+            return opened.load()
+    except Exception as error:  # h5py, h5netcdf and xarray each have their own errors for a damaged file
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(str(path), "", "a NetCDF file", reason) from None
+
+
+def _check(path: Path, dataset: xr.Dataset) -> None:
+    """Refuse a file that lacks a variable, or has one of another shape or unit."""
+    needed = {"outline": "l", **_NUMBERS, **_NOISE}
+    for name, unit in (needed | _LENGTH | _WHITE | _FLOW | _CONDITIONS).items():
+        dims = _OUTLINE if name == "outline" else ("capsule",)
+        wanted = f"a variable ({', '.join(dims)}) in {unit}"
+        if name not in dataset.variables:
+            if name in needed:
+                raise InputError(str(path), name, wanted, "nothing", "add the missing variable")
+            continue
+        found = dataset[name]
+        if found.dims != dims or found.dtype.kind not in "fiu" or (name == "outline" and found.shape[2] != 2):
+            sizes = ", ".join(f"{dim}: {size}" for dim, size in found.sizes.items())
+            raise InputError(str(path), name, wanted, f"one of {found.dtype} ({sizes})")
+        if found.attrs.get("units", unit) != unit:
+            raise InputError(str(path), name, wanted, f"one in {found.attrs['units']}", "convert it")
+
+
+def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
+    one = dataset.isel(capsule=row)
+    label = str(one["name"].item()) if "name" in one.variables else str(row + 1)
+    where = f"{path}: capsule {label}"
+    numbers = {name: float(one[name]) for name in (*_NUMBERS, *_LENGTH, *_FLOW) if name in one.variables}
+    seen = {name: value for name, value in numbers.items() if name in _NUMBERS or np.isfinite(value)}
+    points = np.asarray(one["outline"].values, np.float64)
+    view = check_view(one.attrs.get("view", SECTION), str(path), "view")
+    white = float(one["noise_white"]) if "noise_white" in one.variables else 0.0
+    try:
+        noise = OutlineNoise(float(one["noise_scale"]), float(one["noise_correlation"]), white)
+        outline = MeasuredOutline(points[np.isfinite(points).any(axis=1)], noise, view=view)
+    except InputError as error:  # which does not know whose outline it is
+        raise InputError(where, error.key, error.expected, error.got, error.advice) from None
+    own = {name: float(one[name]) for name in _CONDITIONS if name in one.variables and np.isfinite(one[name])}
+    return Measurement(**seen, outline=outline, conditions=own, source=where)  # type: ignore[arg-type]

@@ -1,0 +1,42 @@
+"""Reading a set, whatever its form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.measurements.folder import read_folder
+from capsbayes.measurements.measured_set import MeasuredSet
+from capsbayes.measurements.netcdf import read_netcdf
+from capsbayes.measurements.table import read_table
+
+__all__ = ["read_set"]
+
+_READERS = {".csv": read_table, ".nc": read_netcdf}
+
+
+def read_set(path: str | Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
+    """Read a folder of measurement files, a table of lengths (.csv) or a file of outlines (.nc).
+
+    Parameters
+    ----------
+    path : path
+    experiment : Experiment or path, optional
+        Where the set does not name it.
+
+    Raises
+    ------
+    InputError
+        If it is none of them, or no capsule can be used.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return read_folder(path, experiment)
+    expected = "a folder of measurement files, a .csv table or a .nc file"
+    if not path.exists():
+        raise InputError(str(path), "", expected, "nothing there")
+    if path.suffix not in _READERS:
+        advice = "put the measurement files into one folder" if path.suffix == ".toml" else ""
+        raise InputError(str(path), "", expected, f"a file that ends in {path.suffix or 'nothing'}", advice)
+    return _READERS[path.suffix](path, experiment)

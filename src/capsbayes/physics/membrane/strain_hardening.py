@@ -1,0 +1,68 @@
+"""A law between two of equal moduli: rubber that hardens with strain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import starmap
+
+import numpy as np
+
+from capsbayes.errors import InputError
+from capsbayes.physics.membrane.law import Array, InvariantDerivatives, MembraneLaw
+from capsbayes.physics.membrane.neo_hookean import NeoHookean
+from capsbayes.physics.membrane.skalak import Skalak
+
+__all__ = ["StrainHardening"]
+
+_RUBBER, _HARDENING = NeoHookean(), Skalak(hardening=1.0)
+
+
+@dataclass(frozen=True)
+class StrainHardening(MembraneLaw):
+    """A share h of Skalak's energy with C = 1, the rest neo-Hookean: W = (1 - h) W_NH + h W_SK.
+
+    Both have K_s = 3 G_s, so that h changes nothing at small strain: it is hardening alone, where the C of Skalak's
+    law changes the resistance to a change of area as well.
+
+    Parameters
+    ----------
+    strain_hardening : float
+        The share h, from 0 (neo-Hookean) to 1 (Skalak, C = 1) [-].
+
+    Examples
+    --------
+    A sheet stretched by one tenth in both directions:
+
+    >>> StrainHardening(strain_hardening=0.5).principal_tensions([1.1, 1.1]).round(6).tolist()
+    [0.603544, 0.603544]
+
+    References
+    ----------
+    Barthes-Biesel, Diaz & Dhenin, J. Fluid Mech. 460 (2002) 211-222, compare the two laws.
+    """
+
+    strain_hardening: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.strain_hardening <= 1.0:
+            raise InputError("StrainHardening", "strain_hardening", "a number from 0 to 1", str(self.strain_hardening))
+
+    @property
+    def name(self) -> str:
+        """Name stored in databases."""
+        if self.strain_hardening == 0.0:
+            return _RUBBER.name
+        share = np.format_float_positional(self.strain_hardening, trim="-")
+        return f"{_RUBBER.name} with strain hardening h = {share}"
+
+    @property
+    def area_dilation_modulus(self) -> float:
+        """Area dilation modulus K_s / G_s [-]."""
+        return 3.0
+
+    def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
+        """Energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
+        share = self.strain_hardening
+        both = zip(_RUBBER.derivatives(i1, i2), _HARDENING.derivatives(i1, i2), strict=True)
+        w, w1, w2, w11, w12, w22 = starmap(lambda soft, hard: (1.0 - share) * soft + share * hard, both)
+        return w, w1, w2, w11, w12, w22

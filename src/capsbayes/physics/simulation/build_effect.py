@@ -1,0 +1,107 @@
+"""Building an effect database: the same cases at each of a few values of one more parameter of the simulator.
+
+It is read for the difference from the null value on the same mesh, which is
+added to a database of a finer mesh; so its own mesh may be coarser.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from capsbayes.database import Database
+from capsbayes.errors import InputError
+from capsbayes.physics.simulation.build import Case, checked_cases, column_tasks, tell_what_was_raised
+from capsbayes.physics.simulation.gather import gathered, pedigree
+from capsbayes.physics.simulation.parts import Parts
+from capsbayes.physics.simulation.progress import progress_bar
+from capsbayes.physics.simulation.workers import computed
+
+__all__ = ["build_effect_database"]
+
+_FEWEST_VALUES = 3  # with one left out, two still say how the shapes change
+
+
+def build_effect_database(
+    simulator: Any,
+    cases: Iterable[Case],
+    *,
+    effect: str,
+    values: Iterable[float],
+    out: str | os.PathLike[str],
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Database:
+    """Simulate many cases at each value of a parameter and write them as one database.
+
+    Each value has its own folder in ``<out>.parts``; for all else see `build_database`.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        A dataclass; its own value of the parameter is the null value of the effect.
+    cases : iterable of (capillary_number, size_ratio)
+        Those of each value.
+    effect : str
+        Name of a parameter of the simulator, as ``"pre_inflation"``, or of its membrane law, as ``"hardening"``.
+    values : iterable of float
+        At least three, the null value among them.
+    out, scheduler, workers, progress
+        As in `build_database`.
+
+    Returns
+    -------
+    Database
+        As written, sorted by value, size ratio, capillary number; without nodes.
+
+    Raises
+    ------
+    InputError
+        If there is no such parameter, or the values will not do.
+    DatabaseError
+        If a folder of ``<out>.parts`` was made with other settings.
+    """
+    ordered, null_value = checked_cases(cases), _null_value(simulator, effect)
+    varied = {value: _varied(simulator, effect, value) for value in _checked_values(values, effect, null_value)}
+    folder = Path(f"{os.fspath(out)}.parts")
+    parts = {value: Parts.open(folder / f"{effect}-{value!r}", one.settings) for value, one in varied.items()}
+    tasks = {value: column_tasks(one, parts[value], ordered) for value, one in varied.items()}
+    with progress_bar(list(parts.values()), ordered, show=progress):
+        columns = computed([task for several in tasks.values() for task in several], scheduler, workers)
+    tell_what_was_raised(columns)
+    rest = iter(columns)
+    by_value = {value: [next(rest) for _ in several] for value, several in tasks.items()}
+    database = gathered(by_value, simulator.settings, pedigree(simulator.settings, effect, null_value))
+    database.write(out)
+    return database
+
+
+def _parameters(owner: Any) -> dict[str, float]:
+    """Numbers that a dataclass is made with, but for whole ones."""
+    found = {field.name: getattr(owner, field.name) for field in fields(owner)} if is_dataclass(owner) else {}
+    return {name: value for name, value in found.items() if isinstance(value, float)}
+
+
+def _null_value(simulator: Any, effect: str) -> float:
+    known = _parameters(simulator) | _parameters(getattr(simulator, "law", None))
+    if effect not in known:
+        raise InputError("build", "effect", f"one of {', '.join(known)}", repr(effect))
+    return known[effect]
+
+
+def _checked_values(values: Iterable[float], effect: str, null_value: float) -> list[float]:
+    ordered = sorted({float(value) for value in values})
+    if len(ordered) < _FEWEST_VALUES or null_value not in ordered:
+        expected = f"at least {_FEWEST_VALUES} values of {effect}, the simulator's own {null_value:g} among them"
+        raise InputError("build", "values", expected, ", ".join(f"{value:g}" for value in ordered) or "none")
+    return ordered
+
+
+def _varied(simulator: Any, effect: str, value: float) -> Any:
+    if effect in _parameters(simulator):
+        return replace(simulator, **{effect: value})
+    return replace(simulator, law=replace(simulator.law, **{effect: value}))

@@ -1,0 +1,260 @@
+"""Elastic energy of the membrane on the P2 mesh, with its gradient and tangent, and its enclosed volume.
+
+Everything is a function of the free coordinates of the wedge (see
+:class:`capsbayes.physics.surface.OctaSphere`). Energies are over G_s l^2, lengths
+over l. With tangents a_1, a_2 of the deformed and A_1, A_2 of the unstressed
+surface, the Skalak invariants are I1 = A^{ab} a_ab - 2 and
+I2 = det a / det A - 1 (Skalak et al. 1973, doi 10.1016/S0006-3495(73)85983-1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from capsbayes.physics.membrane.law import MembraneLaw
+from capsbayes.physics.surface.octasphere import OctaSphere
+from capsbayes.physics.surface.quadrature import dunavant
+from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradient
+
+__all__ = ["Elasticity", "Enclosure", "MembraneLoad"]
+
+Array = NDArray[np.float64]
+
+
+class Elasticity(NamedTuple):
+    """Energy over G_s l^2, gradient (F,) and tangent (F, F) in the free coordinates."""
+
+    energy: float
+    gradient: Array
+    tangent: Array
+
+
+class Enclosure(NamedTuple):
+    """Volume and first axial moment inside the membrane, with gradients (F,) in the free coordinates."""
+
+    volume: float
+    volume_gradient: Array
+    moment: float
+    moment_gradient: Array
+
+
+class _Integral:
+    """Integrals over the surface of a symmetric function: one element of each orbit, times their number."""
+
+    def __init__(self, mesh: OctaSphere) -> None:
+        rule = dunavant(6)
+        self.elements, multiplicity = mesh.orbits
+        self.weights = multiplicity[:, None] * rule.weights
+        self.shapes = p2(rule.points)
+        self.slopes = p2_gradient(rule.points)
+        rows = (3 * self.elements[:, :, None] + np.arange(3)).ravel()
+        self.scatter: sp.csr_matrix = mesh.expansion[rows]
+        self.scatter_transposed: sp.csr_matrix = self.scatter.T.tocsr()
+
+    def tangents(self, nodes: Array) -> Array:
+        return np.einsum("qka,eki->eqai", self.slopes, nodes[self.elements])
+
+    def gathered(self, per_element: Array) -> Array:
+        """Free coordinates (F,) of the sums of element vectors (e, 6, 3)."""
+        return self.scatter_transposed @ per_element.ravel()
+
+    def assembled(self, per_element: Array) -> Array:
+        """Matrix (F, F) from element matrices (e, 18, 18)."""
+        count = len(per_element)
+        blocks = sp.bsr_matrix((per_element, np.arange(count), np.arange(count + 1)))
+        return (self.scatter_transposed @ (blocks @ self.scatter)).toarray()
+
+
+class _RestMetric(NamedTuple):
+    """Metric (e, q, 2, 2), its determinant (e, q) and the weighted area (e, q) of a surface at rest."""
+
+    metric: Array
+    determinant: Array
+    area: Array
+
+
+@dataclass(frozen=True)
+class MembraneLoad:
+    """The membrane of a capsule that is a sphere of given radius at rest, or a spheroid of the same volume.
+
+    Attributes
+    ----------
+    mesh : OctaSphere
+    law : MembraneLaw
+    radius : float
+        Radius over l of the sphere at rest. It carries the density and the mass matrix of a spheroid too.
+    bending : float
+        Bending stiffness over G_s a^2, in the quadratic form 1/2 B a^2 G_s int |Lap_0 (x - X)|^2 dS_0.
+    pre_inflation : float
+        The shape at rest is inflated from an unstressed one 1 + pre_inflation times smaller.
+    rest_aspect : float
+        Axis of the shape at rest along the flow over that across.
+    """
+
+    mesh: OctaSphere
+    law: MembraneLaw
+    radius: float
+    bending: float
+    pre_inflation: float = 0.0
+    rest_aspect: float = 1.0
+
+    @property
+    def rest(self) -> Array:
+        """Free coordinates of the shape at rest."""
+        return self.radius * self.mesh.reduced(_spheroid(self.mesh, self.rest_aspect)[self.mesh.wedge])
+
+    @property
+    def mass(self) -> Array:
+        """Mass matrix (F, F) of the rest surface, over l^2."""
+        return self.radius**2 * _scalar_forms(self.mesh)[0]
+
+    def mass_solve(self, load: Array) -> Array:
+        """Density per rest area whose virtual work is that of the nodal forces `load` (F,) or (F, m)."""
+        return scipy.linalg.cho_solve(_mass_factor(self.mesh), load) / self.radius**2
+
+    def elasticity(self, free: Array) -> Elasticity:
+        """Stretching and bending energy and its derivatives at the shape with free coordinates `free`."""
+        integral, rest = _integral(self.mesh), _rest_metric(self.mesh, self.rest_aspect)
+        unstressed = self.radius / (1.0 + self.pre_inflation)
+        metric, determinant = rest.metric * unstressed**2, rest.determinant * unstressed**4
+        inverse = np.linalg.inv(metric).astype(float)
+        tangents = integral.tangents(self.mesh.expanded(free))
+        m = np.einsum("eqai,eqbi->eqab", tangents, tangents)
+        area_ratio = (m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2) / determinant
+        w, w1, w2, w11, w12, w22 = self.law.derivatives(np.einsum("eqab,eqab->eq", inverse, m) - 2, area_ratio - 1)
+        weight = rest.area * unstressed**2
+        # variations of the metric: h_ab[k, i] = d a_ab / d x_ki
+        slope_s, slope_t = integral.slopes[..., 0], integral.slopes[..., 1]
+        a_s, a_t = tangents[:, :, 0], tangents[:, :, 1]
+
+        def outer(slope: Array, vector: Array) -> Array:
+            return np.einsum("qk,eqi->eqki", slope, vector).reshape(*vector.shape[:2], 18)
+
+        h_ss, h_tt = 2 * outer(slope_s, a_s), 2 * outer(slope_t, a_t)
+        h_st = outer(slope_s, a_t) + outer(slope_t, a_s)
+
+        def combined(c_ss: Array, c_tt: Array, c_st: Array) -> Array:
+            return c_ss[..., None] * h_ss + c_tt[..., None] * h_tt + c_st[..., None] * h_st
+
+        c1 = inverse[..., 0, 0], inverse[..., 1, 1], 2 * inverse[..., 0, 1]
+        c2 = m[..., 1, 1] / determinant, m[..., 0, 0] / determinant, -2 * m[..., 0, 1] / determinant
+        g1, g2 = combined(*c1), combined(*c2)
+        gradient = np.einsum("eq,eqk->ek", weight * w1, g1) + np.einsum("eq,eqk->ek", weight * w2, g2)
+        # second variations of the invariants that come from that of the metric, (e, 6, 6) times the identity
+        k_ss, k_tt, k_st = (weight * (w1 * x + w2 * y) for x, y in zip(c1, c2, strict=True))
+        scalar = 2 * np.einsum("eq,qk,ql->ekl", k_ss, slope_s, slope_s, optimize=True)
+        scalar += 2 * np.einsum("eq,qk,ql->ekl", k_tt, slope_t, slope_t, optimize=True)
+        mixed = np.einsum("eq,qk,ql->ekl", k_st, slope_s, slope_t, optimize=True)
+        scalar += mixed + mixed.transpose(0, 2, 1)
+        tangent = np.einsum("ekl,ij->ekilj", scalar, np.eye(3)).reshape(-1, 18, 18)
+
+        def product(coefficient: Array, left: Array, right: Array) -> Array:
+            return np.matmul((coefficient[..., None] * left).transpose(0, 2, 1), right)
+
+        tangent += product(weight * w11, g1, g1) + product(weight * w22, g2, g2)
+        cross = product(weight * w12, g1, g2) + product(weight * w2 / determinant, h_ss, h_tt)
+        tangent += cross + cross.transpose(0, 2, 1) - product(2 * weight * w2 / determinant, h_st, h_st)
+        change = free - self.rest
+        stiffness = self.bending * _bending_form(self.mesh)
+        bent = stiffness @ change
+        return Elasticity(
+            float(np.sum(weight * w) + 0.5 * change @ bent),
+            integral.gathered(gradient) + bent,
+            integral.assembled(tangent) + stiffness,
+        )
+
+    def enclosure(self, free: Array) -> Enclosure:
+        """Volume inside the membrane and its first moment along z."""
+        integral = _integral(self.mesh)
+        nodes = self.mesh.expanded(free)
+        tangents = integral.tangents(nodes)
+        points = np.einsum("qk,eki->eqi", integral.shapes, nodes[integral.elements])
+        normal = np.cross(tangents[:, :, 0], tangents[:, :, 1]) * integral.weights[..., None]
+        z = points[..., 2]
+
+        def gradient(weight: Array) -> Array:
+            return integral.gathered(np.einsum("eq,qk,eqi->eki", weight, integral.shapes, normal, optimize=True))
+
+        return Enclosure(
+            float(np.sum(z * normal[..., 2])),
+            gradient(np.ones_like(z)),
+            float(np.sum(z**2 * normal[..., 2]) / 2),
+            gradient(z),
+        )
+
+    def principal_tensions(self, free: Array) -> Array:
+        """Principal Cauchy tensions (N, 2) over G_s at the nodes, the larger first, averaged over the elements."""
+        slopes = p2_gradient(LOCAL_NODES)
+        nodes, elements = self.mesh.expanded(free), self.mesh.elements
+
+        def metric(positions: Array) -> Array:
+            tangents = np.einsum("qka,eki->eqai", slopes, positions[elements])
+            return np.einsum("eqai,eqbi->eqab", tangents, tangents)
+
+        unstressed = self.radius / (1.0 + self.pre_inflation)
+        rest = metric(_spheroid(self.mesh, self.rest_aspect)) * unstressed**2
+        strain = np.linalg.solve(rest, metric(nodes))
+        half = np.trace(strain, axis1=-2, axis2=-1) / 2
+        spread = np.sqrt(np.maximum(half**2 - np.linalg.det(strain), 0.0))
+        stretch = np.sqrt(np.stack([half + spread, half - spread], axis=-1))
+        tensions = np.sort(self.law.principal_tensions(stretch), axis=-1)[..., ::-1]
+        total, count = np.zeros((len(nodes), 2)), np.zeros(len(nodes))
+        np.add.at(total, elements, tensions)
+        np.add.at(count, elements, 1.0)
+        return total / count[:, None]
+
+
+def _spheroid(mesh: OctaSphere, aspect: float) -> Array:
+    """Nodes (N, 3) of the spheroid about z with this ratio of axes and the unit sphere's volume."""
+    across = aspect ** (-1.0 / 3.0)
+    return mesh.nodes * [across, across, aspect * across]
+
+
+@lru_cache(maxsize=8)
+def _integral(mesh: OctaSphere) -> _Integral:
+    return _Integral(mesh)
+
+
+@lru_cache(maxsize=8)
+def _rest_metric(mesh: OctaSphere, aspect: float) -> _RestMetric:
+    integral = _integral(mesh)
+    tangents = integral.tangents(_spheroid(mesh, aspect))
+    metric = np.einsum("eqai,eqbi->eqab", tangents, tangents)
+    determinant = np.linalg.det(metric)
+    return _RestMetric(metric, determinant, integral.weights * np.sqrt(determinant))
+
+
+@lru_cache(maxsize=8)
+def _scalar_forms(mesh: OctaSphere) -> tuple[Array, Array]:
+    """Mass and stiffness (F, F) of the Laplacian on the unit sphere, applied to each Cartesian component."""
+    integral, sphere = _integral(mesh), _rest_metric(mesh, 1.0)
+    inverse = np.linalg.inv(sphere.metric)
+    mass = np.einsum("eq,qk,ql->ekl", sphere.area, integral.shapes, integral.shapes, optimize=True)
+    stiffness = np.einsum("eq,qka,eqab,qlb->ekl", sphere.area, integral.slopes, inverse, integral.slopes, optimize=True)
+
+    def assembled(form: Array) -> Array:
+        return integral.assembled(np.einsum("ekl,ij->ekilj", form, np.eye(3)).reshape(-1, 18, 18))
+
+    return assembled(mass), assembled(stiffness)
+
+
+@lru_cache(maxsize=8)
+def _mass_factor(mesh: OctaSphere) -> tuple[Array, bool]:
+    factor: tuple[Array, bool] = scipy.linalg.cho_factor(_scalar_forms(mesh)[0])
+    return factor
+
+
+@lru_cache(maxsize=8)
+def _bending_form(mesh: OctaSphere) -> Array:
+    """(F, F) form of int |Lap_0 u|^2 dS_0: on P2, Lap_0 u is the mass-weighted projection of the weak Laplacian."""
+    stiffness = _scalar_forms(mesh)[1]
+    form = stiffness @ scipy.linalg.cho_solve(_mass_factor(mesh), stiffness)
+    symmetric: Array = (form + form.T) / 2
+    return symmetric

@@ -1,0 +1,95 @@
+"""Outlines of a deformed shape: its profile in the plane x = 0 and its silhouette seen along x."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.physics.surface.octasphere import OctaSphere
+from capsbayes.physics.surface.shape_functions import p2
+from capsbayes.profile import Profile
+
+__all__ = ["profile", "silhouette"]
+
+Array = NDArray[np.float64]
+
+_POINTS_PER_EDGE = 16
+_PARTS_PER_EDGE = 6
+_DIRECTIONS = 721
+
+
+def profile(mesh: OctaSphere, nodes: Array) -> Profile:
+    """Outline in the plane x = 0, on the curved edges of the elements there.
+
+    Parameters
+    ----------
+    mesh : OctaSphere
+    nodes : (N, 3) array
+        Where the mesh's nodes are now.
+
+    Returns
+    -------
+    Profile
+        In the units of `nodes`.
+    """
+    meridian = np.flatnonzero((np.abs(mesh.nodes[:, 0]) < 1e-12) & (mesh.nodes[:, 1] > -1e-12))
+    meridian = meridian[np.argsort(-mesh.nodes[meridian, 2])]  # corner, midside, corner, ... from nose to rear
+    along = np.arange(_POINTS_PER_EDGE) / _POINTS_PER_EDGE
+    shapes = np.stack([(1 - along) * (1 - 2 * along), 4 * along * (1 - along), along * (2 * along - 1)])
+    curve = nodes[meridian][:, [2, 1]]
+    edges = np.stack([curve[0:-2:2], curve[1:-1:2], curve[2::2]])
+    points = np.einsum("kq,kei->eqi", shapes, edges).reshape(-1, 2)
+    return Profile.from_half(np.concatenate([points, curve[-1:]]))
+
+
+def silhouette(mesh: OctaSphere, nodes: Array) -> Profile:
+    """Outer outline of the shape seen along x, the farthest point in every direction from its middle.
+
+    The rear rim lies further back along the section's diagonals than in the plane x = 0, so the silhouette is
+    longer than the profile and hides a concave rear.
+
+    Parameters
+    ----------
+    mesh : OctaSphere
+    nodes : (N, 3) array
+        Where the mesh's nodes are now.
+
+    Returns
+    -------
+    Profile
+        In the units of `nodes`.
+    """
+    starts, ends = _edges(mesh, nodes)
+    middle = 0.5 * (np.max(starts[:, 0]) + np.min(starts[:, 0]))
+    start, change = starts - [middle, 0.0], ends - starts
+    angles = np.linspace(0.0, np.pi, _DIRECTIONS)
+    radii = np.array([_farthest(start, change, np.cos(angle), np.sin(angle)) for angle in angles])
+    half = np.column_stack([middle + radii * np.cos(angles), radii * np.sin(angles)])
+    half[[0, -1], 1] = 0.0
+    return Profile.from_half(half)
+
+
+def _edges(mesh: OctaSphere, nodes: Array) -> tuple[Array, Array]:
+    """Edges ((m, 2), (m, 2)), columns (z, y), of the finely divided elements on y >= 0."""
+    count = _PARTS_PER_EDGE
+    index = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(count + 1) for j in range(count + 1 - i))}
+    grid = np.array(list(index)) / count
+    pairs = []
+    for i, j in index:
+        pairs += [(index[i, j], index[k]) for k in ((i + 1, j), (i, j + 1)) if k in index]
+        if (i + 1, j) in index and (i, j + 1) in index:
+            pairs.append((index[i + 1, j], index[i, j + 1]))
+    first, second = np.array(pairs).T
+    points = (p2(grid) @ nodes[mesh.quarter])[..., [2, 1]]
+    return points[:, first].reshape(-1, 2), points[:, second].reshape(-1, 2)
+
+
+def _farthest(start: Array, change: Array, cosine: float, sine: float) -> float:
+    """Largest distance from the origin at which the ray (cosine, sine) meets one of the edges."""
+    beside_start = cosine * start[:, 1] - sine * start[:, 0]
+    beside_end = beside_start + cosine * change[:, 1] - sine * change[:, 0]
+    near = beside_start * beside_end <= 0.0
+    across = beside_start[near] - beside_end[near]
+    share = np.clip(beside_start[near] / np.where(across == 0.0, 1.0, across), 0.0, 1.0)
+    ahead = (start[near] + share[:, None] * change[near]) @ [cosine, sine]
+    return float(np.max(ahead))

@@ -1,0 +1,90 @@
+"""The shape of a simulated capsule: its nodes, its outlines, its file for ParaView."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.physics.simulation import outlines
+from capsbayes.physics.stokes.channel import Channel
+from capsbayes.physics.stokes.sections import section_named
+from capsbayes.physics.surface.octasphere import OctaSphere, octasphere
+from capsbayes.profile import Profile
+
+__all__ = ["Shape"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A capsule in its channel. Lengths over l, velocities over U.
+
+    Attributes
+    ----------
+    capillary_number, size_ratio : float
+        The case asked for [-].
+    settings : mapping
+        The simulator's settings.
+    nodes : (w, 3) array [l]
+        Nodes of the wedge 0 <= y <= x, or 0 <= x, y in a rectangle; the flow is along z, the centroid at the origin.
+    velocity_ratio : float
+        Velocity of the centroid V = v_o / U [-].
+    """
+
+    capillary_number: float
+    size_ratio: float
+    settings: Mapping[str, Any]
+    nodes: Array
+    velocity_ratio: float
+
+    @property
+    def channel(self) -> Channel:
+        """The channel that the capsule is in."""
+        return section_named(*(self.settings[key] for key in ("section", "corner_radius", "section_aspect")))
+
+    @property
+    def mesh(self) -> OctaSphere:
+        """Mesh of the unit sphere to whose wedge the nodes belong."""
+        return octasphere(self.settings["refinement"], self.channel.symmetry)
+
+    @property
+    def surface_nodes(self) -> Array:
+        """All nodes of the membrane (N, 3) [l]."""
+        mesh = self.mesh
+        return np.einsum("nij,nj->ni", mesh.operation, self.nodes[mesh.wedge_of])
+
+    @property
+    def profile(self) -> Profile:
+        """Outline in the plane x = 0 [l]."""
+        return outlines.profile(self.mesh, self.surface_nodes)
+
+    @property
+    def silhouette(self) -> Profile:
+        """Outline of the whole capsule seen along x [l]."""
+        return outlines.silhouette(self.mesh, self.surface_nodes)
+
+    @property
+    def point_data(self) -> dict[str, Array]:
+        """Values (N,) at the nodes that are saved with the shape, by the names ParaView shows."""
+        return {}
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the membrane as a VTK unstructured grid (``.vtu``) of quadratic triangles, for ParaView."""
+        import meshio
+
+        path = Path(path)
+        if path.suffix != ".vtu":
+            raise InputError(str(path), "", "a file name that ends in .vtu", repr(path.suffix))
+        mesh = meshio.Mesh(self.surface_nodes, [("triangle6", self.mesh.elements)], point_data=self.point_data)
+        partial = path.with_name(f".{path.name}.{os.getpid()}.vtu")
+        mesh.write(partial)
+        os.replace(partial, path)
+        return path

@@ -1,0 +1,311 @@
+"""The simulator: steady shape and velocity of a capsule in a channel, from Ca and a/l."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from capsbayes.errors import InputError
+from capsbayes.physics.membrane import MembraneLaw, NeoHookean
+from capsbayes.physics.simulation.continuation import BranchEnd, followed, parachute, reached_from_rest
+from capsbayes.physics.simulation.moment import Moment, first_shape, moments
+from capsbayes.physics.simulation.pressure import pressures
+from capsbayes.physics.simulation.problem import Iterate, Problem
+from capsbayes.physics.simulation.settling import wrinkling_rate
+from capsbayes.physics.simulation.shape import Shape
+from capsbayes.physics.simulation.steady_state import NewtonResult, steady_state
+from capsbayes.physics.simulation.transient import Scheme
+from capsbayes.physics.stokes.sections import section_named
+from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.surface.prolongation import prolonged
+from capsbayes.status import Status
+
+__all__ = ["Simulator", "SteadyState"]
+
+Array = NDArray[np.float64]
+Start: TypeAlias = "SteadyState | Literal['rest', 'parachute']"
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyState(Shape):
+    """A capsule that moves without changing its shape. Lengths over l, velocities over U, tensions over G_s.
+
+    Attributes
+    ----------
+    capillary_number, size_ratio, settings, nodes, velocity_ratio
+        See :class:`Shape`.
+    inner_pressure : float
+        Pressure inside, over that of the undisturbed flow at the centroid [mu U / l].
+    extra_pressure_drop : float
+        Pressure drop that the capsule adds to that of the undisturbed flow [mu U / l].
+    principal_tensions : (N, 2) array [G_s]
+        At all nodes, the larger first.
+    residual : float
+        Largest velocity left at a node [U] or error of volume or centroid [l^3, l^4].
+    slack : float
+        Uniform normal velocity left over [U]: an indicator of the mesh's error.
+    iterations : int
+        Newton steps of the last solve.
+    status : Status
+        Where it is not ``DONE``, the shape is that of the last steady state on the way to the case.
+    detail : str
+        What else there is to say about `status`.
+    limit : float
+        Where a branch of steady states ended in a fold, the Ca there; else NaN.
+    wrinkling_rate : float
+        In a circular tube the shape is axisymmetric: rate [U/l] at which fourfold wrinkles about its axis grow, if
+        positive. NaN in other sections and where the membrane is hardly compressed.
+    along_ca : (f + 2,) array
+        Derivative of shape, velocity and slack along Ca: starts the next case.
+    """
+
+    inner_pressure: float
+    extra_pressure_drop: float
+    principal_tensions: Array
+    residual: float
+    slack: float
+    iterations: int
+    status: Status
+    detail: str
+    limit: float
+    wrinkling_rate: float
+    along_ca: Array = field(repr=False)
+
+    @property
+    def point_data(self) -> dict[str, Array]:
+        """The principal tensions; see :attr:`Shape.point_data`."""
+        names = ("larger principal tension / G_s", "smaller principal tension / G_s")
+        return dict(zip(names, self.principal_tensions.T, strict=True))
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """Boundary integrals for the liquids, finite elements for the membrane, Newton's method for the steady state.
+
+    Parameters
+    ----------
+    law : MembraneLaw
+        Law of the membrane.
+    section : str
+        Section of the channel: ``"square"``, ``"rectangular"`` or ``"circular"``, in which shapes are axisymmetric.
+    refinement : int
+        Elements along the edge of an octahedron's face, at least 4; 8 is good to about 0.3 % in L_z, 12 to 0.07 %.
+    bending : float
+        Bending stiffness over G_s a^2 [-]; regularises wrinkles where the membrane is compressed.
+    pre_inflation : float
+        Inflation alpha of the sphere at rest from its unstressed radius a / (1 + alpha) [-].
+    corner_radius : float
+        Radius of the corners of a square section over l [-].
+    section_aspect : float
+        Depth of the section along the direction of view over the width seen, b / l, of a rectangle or of a square that
+        is not quite one, from 0.5 to 2 [-]; from 0.8 to 1.5 the first state is found.
+    rest_aspect : float
+        Axis of the shape at rest along the flow over that across, from 0.5 to 2 [-].
+    walls : Walls
+        How finely the walls are represented.
+
+    Examples
+    --------
+    >>> simulator = Simulator(refinement=4)
+    >>> state = simulator.run(capillary_number=0.05, size_ratio=0.8)
+    >>> print(state.status, round(state.velocity_ratio, 2), round(state.profile.axial_extent, 1))
+    Done. 1.41 1.5
+    """
+
+    law: MembraneLaw = field(default_factory=NeoHookean)
+    section: str = "square"
+    refinement: int = 8
+    bending: float = 2e-4
+    pre_inflation: float = 0.0
+    corner_radius: float = 0.0
+    section_aspect: float = 1.0
+    rest_aspect: float = 1.0
+    walls: Walls = field(default_factory=Walls)
+
+    def __post_init__(self) -> None:
+        section_named(self.section, self.corner_radius, self.section_aspect)
+        if self.refinement < 4:
+            raise InputError("Simulator", "refinement", "at least 4", str(self.refinement))
+        for name in ("bending", "pre_inflation"):
+            value = getattr(self, name)
+            if not 0 <= value < 1:
+                raise InputError("Simulator", name, "a number from 0 to 1", str(value))
+        if not 0.5 <= self.rest_aspect <= 2.0:
+            raise InputError("Simulator", "rest_aspect", "a number from 0.5 to 2", str(self.rest_aspect))
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Everything that decides the result, in types that JSON knows."""
+        return {
+            "law": self.law.name,
+            "section": self.section,
+            "refinement": self.refinement,
+            "bending": self.bending,
+            "pre_inflation": self.pre_inflation,
+            "corner_radius": self.corner_radius,
+            "section_aspect": self.section_aspect,
+            "rest_aspect": self.rest_aspect,
+            "walls": asdict(self.walls),
+        }
+
+    def refined(self, refinement: int) -> Simulator:
+        """The same simulator on another mesh."""
+        return replace(self, refinement=refinement)
+
+    @property
+    def problem(self) -> Problem:
+        """The discrete equations."""
+        channel = section_named(self.section, self.corner_radius, self.section_aspect)
+        return Problem(
+            self.law, channel, self.refinement, self.bending, self.pre_inflation, self.rest_aspect, self.walls
+        )
+
+    def run(
+        self, *, capillary_number: float, size_ratio: float, start: Start = "rest", threads: int = 1
+    ) -> SteadyState:
+        """Steady state of one case.
+
+        Parameters
+        ----------
+        capillary_number : float
+            Ca = mu U / G_s, positive.
+        size_ratio : float
+            a/l, between 0.2 and 1.3.
+        start : SteadyState or str
+            ``"rest"``: the state that a capsule started from rest reaches. ``"parachute"``: the parachute, which at
+            low Ca may be stable as well. A neighbouring steady state, of any mesh: the one on its branch, if that is
+            stable, which is some ten seconds quicker to find.
+        threads : int
+            Threads of the linear algebra.
+
+        Returns
+        -------
+        SteadyState
+            Look at its `status`: above the limit of existence there is none.
+
+        Raises
+        ------
+        InputError
+            If the case is not a possible one.
+        """
+        _check("run", "capillary_number", capillary_number, 0.0, 10.0)
+        _check("run", "size_ratio", size_ratio, 0.2, 1.3)
+        if isinstance(start, str) and start not in ("rest", "parachute"):
+            raise InputError("Simulator.run", "start", "'rest', 'parachute' or a SteadyState", repr(start))
+        with threadpool_limits(limits=threads):
+            problem = self.problem
+            if not isinstance(start, str):
+                first = self._taken_up(problem, start)
+                if first.converged:
+                    end = followed(problem, first, capillary_number, size_ratio)
+                    return self.state(problem, end, capillary_number, size_ratio)
+            find = parachute if start == "parachute" else reached_from_rest
+            end = find(problem, capillary_number, size_ratio)
+            return self.state(problem, end, capillary_number, size_ratio)
+
+    def transient(
+        self,
+        *,
+        capillary_number: float,
+        size_ratio: float,
+        until: float,
+        every: float = 0.1,
+        start: Shape | None = None,
+        scheme: Scheme = "semi-implicit",
+        viscosity_ratio: float = 1.0,
+        threads: int = 1,
+    ) -> Iterator[Moment]:
+        """Follow one capsule in time.
+
+        Parameters
+        ----------
+        capillary_number : float
+            Ca = mu U / G_s, positive.
+        size_ratio : float
+            a/l, between 0.2 and 1.3.
+        until : float
+            Time U t / l at which to end.
+        every : float
+            Time U dt / l between two moments.
+        start : Moment or SteadyState, optional
+            Shape at time 0; by default that at rest, squeezed to 0.95 of the channel's width where it is wider.
+        scheme : str
+            ``"semi-implicit"``, or ``"explicit"``, whose steps are some twenty times shorter.
+        viscosity_ratio : float
+            Viscosity of the liquid inside over that outside [-]: 1.
+        threads : int
+            Threads of the linear algebra.
+
+        Returns
+        -------
+        iterator of Moment
+            The first is the start; the last is at `until`, or the one at which the capsule has become steady.
+
+        Raises
+        ------
+        InputError
+            If the case is not a possible one.
+        CapsbayesError
+            On the way, if the mesh becomes so distorted that no time step is short enough.
+        """
+        _check("transient", "capillary_number", capillary_number, 0.0, 10.0)
+        _check("transient", "size_ratio", size_ratio, 0.2, 1.3)
+        _check("transient", "until", until, 0.0, 1000.0)
+        _check("transient", "every", every, 0.0, 1000.0)
+        if scheme not in get_args(Scheme):
+            raise InputError("Simulator.transient", "scheme", f"one of {', '.join(get_args(Scheme))}", repr(scheme))
+        if viscosity_ratio != 1.0:
+            expected = "1, because the double layer of liquids of unequal viscosities is not computed"
+            advice = "the steady shape does not depend on it"
+            raise InputError("Simulator.transient", "viscosity_ratio", expected, f"{viscosity_ratio:g}", advice)
+        problem = self.problem
+        first = first_shape(problem, capillary_number, size_ratio, start)
+        times = [*np.arange(0.0, until - 1e-9, every), until]
+        return moments(problem, self.settings, first, times, scheme, threads)
+
+    def _taken_up(self, problem: Problem, start: SteadyState) -> NewtonResult:
+        """A steady state of this or another mesh as the start of a branch."""
+        mesh, along_ca = start.mesh, start.along_ca
+        free = mesh.reduced(start.nodes)
+        if mesh is not problem.mesh:
+            free = prolonged(free, mesh, problem.mesh)
+            along_ca = np.zeros(len(free) + 2)
+        iterate = Iterate(free, start.velocity_ratio, start.slack, start.capillary_number, start.size_ratio)
+        taken = NewtonResult(iterate, start.status.ok, start.residual, 0, along_ca)
+        return taken if dict(start.settings) == self.settings else steady_state(problem, iterate)
+
+    def state(self, problem: Problem, end: BranchEnd, capillary_number: float, size_ratio: float) -> SteadyState:
+        """All that is told of a shape, from the unknowns of this simulator's problem."""
+        result, iterate = end.result, end.result.iterate
+        detail = ""
+        if end.status in (Status.NO_STEADY_STATE, Status.NOT_CONVERGED, Status.UNSTABLE):
+            detail = f"The branch was followed to Ca = {iterate.capillary_number:.4g}, a/l = {iterate.size_ratio:.4g}."
+        inside, drop = pressures(problem, iterate)
+        return SteadyState(
+            capillary_number=capillary_number,
+            size_ratio=size_ratio,
+            settings=self.settings,
+            nodes=problem.mesh.expanded(iterate.free)[problem.mesh.wedge],
+            velocity_ratio=float(iterate.velocity),
+            inner_pressure=inside,
+            extra_pressure_drop=drop,
+            principal_tensions=problem.membrane(iterate.size_ratio).principal_tensions(iterate.free),
+            residual=result.residual,
+            slack=float(iterate.slack),
+            iterations=result.iterations,
+            status=end.status,
+            detail=detail,
+            limit=end.limit,
+            wrinkling_rate=wrinkling_rate(problem, iterate) if end.status is Status.DONE else float("nan"),
+            along_ca=result.tangent,
+        )
+
+
+def _check(method: str, name: str, value: float, above: float, below: float) -> None:
+    if not above < value < below:
+        raise InputError(f"Simulator.{method}", name, f"a number between {above:g} and {below:g}", f"{value:g}")

@@ -1,0 +1,126 @@
+"""An undisturbed flow, and the channels that have one: what the sections share.
+
+Lengths are over the half width l, velocities over the mean velocity U. The
+flow is along z; the picture shows y, in which the half width is one; x is the
+direction of view.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.physics.surface.symmetry import Symmetry
+
+__all__ = ["Channel", "Flow", "WallPoints", "midpoints", "unidirectional"]
+
+Array = NDArray[np.float64]
+
+
+class WallPoints(NamedTuple):
+    """Points (p, 3), one of each orbit of the section's symmetry, and the wall area (p,) each stands for."""
+
+    points: Array
+    areas: Array
+
+
+class Flow(ABC):
+    """An undisturbed flow and its symmetry."""
+
+    symmetry: ClassVar[Symmetry]
+
+    @property
+    @abstractmethod
+    def pressure_gradient(self) -> float:
+        """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
+
+    @abstractmethod
+    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+        """Velocity (p, 3) at `points` (p, 3), and its gradient: entry [p, i, j] is that of component i along j."""
+
+
+class Channel(Flow):
+    """A straight channel along z.
+
+    A section says where its points are; those of `outline` and `filling` lie in the wedge of the section's symmetry,
+    0 <= y <= x under D4 and 0 <= x, y under D2.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def area(self) -> float:
+        """Area of the section over l^2."""
+
+    @abstractmethod
+    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+        """Points (p, 2) `spacing` apart on the wall moved `outwards`, and the length (p,) each stands for."""
+
+    @abstractmethod
+    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+        """Points (p, 2) `spacing` apart that fill the section so widened, and the area (p,) each stands for."""
+
+    def wall_points(self, axial: Array, steps: Array, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
+        """Points on the downstream half of the section's wall and on its end cap, moved outwards.
+
+        Parameters
+        ----------
+        axial, steps : (m,) arrays
+            Positive axial positions of the rings of points, and the length each stands for, which is also the
+            distance of its points along the section's outline.
+        cap_spacing : float
+            Distance of the points on the cap.
+        offset : float
+            Distance of the points from the wall and from the cap over their spacing.
+        end : float
+            Axial position of the cap.
+        """
+        points, areas = [], []
+        for z, step in zip(axial, steps, strict=True):
+            ring, lengths = self.outline(step, offset * step)
+            points.append(_at(ring, z))
+            areas.append(step * lengths)
+        cap, cap_areas = self.filling(cap_spacing, offset * cap_spacing)
+        points.append(_at(cap, end + offset * cap_spacing))
+        areas.append(cap_areas)
+        return WallPoints(np.concatenate(points), np.concatenate(areas))
+
+
+def _at(points: Array, z: float) -> Array:
+    return np.column_stack([points, np.full(len(points), z)])
+
+
+def midpoints(length: float, spacing: float) -> tuple[Array, float]:
+    """Midpoints of equal steps of at most `spacing` that fill `length`, and the step.
+
+    Examples
+    --------
+    >>> midpoints(1.0, 0.3)
+    (array([0.125, 0.375, 0.625, 0.875]), 0.25)
+    """
+    count = int(np.ceil(length / spacing))
+    return (np.arange(count) + 0.5) * length / count, length / count
+
+
+def unidirectional(axial: Array, along_x: Array, along_y: Array) -> tuple[Array, Array]:
+    """Velocity (p, 3) and gradient (p, 3, 3) of a flow along z from its axial component and that one's slopes (p,)."""
+    velocity, gradient = np.zeros((len(axial), 3)), np.zeros((len(axial), 3, 3))
+    velocity[:, 2], gradient[:, 2, 0], gradient[:, 2, 1] = axial, along_x, along_y
+    return velocity, gradient
+
+
+def __getattr__(name: str) -> Any:
+    """The names that moved to their own files."""
+    if name == "SquareChannel":
+        from capsbayes.physics.stokes.square import SquareChannel
+
+        return SquareChannel
+    if name == "section_named":
+        from capsbayes.physics.stokes.sections import section_named
+
+        return section_named
+    raise AttributeError(name)

@@ -1,0 +1,99 @@
+"""Channel of rectangular section, with the Fourier series of its flow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.physics.stokes.channel import Channel, midpoints, unidirectional
+from capsbayes.physics.surface.symmetry import D2, Symmetry
+
+__all__ = ["RectangularChannel", "pressure_gradient", "series"]
+
+Array = NDArray[np.float64]
+
+_ODD = np.arange(1, 160, 2)
+_RATE = 0.5 * np.pi * _ODD
+_SIGN = (-1.0) ** ((_ODD - 1) // 2)
+_SERIES = 16 / np.pi**3 * _SIGN / _ODD**3
+
+
+def pressure_gradient(depth: float) -> float:
+    """-(dp/dz) l^2 / (mu U) in the rectangle |x| <= `depth`, |y| <= 1 (White, Viscous Fluid Flow, 3-48).
+
+    Examples
+    --------
+    >>> round(pressure_gradient(1.0), 6)
+    7.113538
+    """
+    return float(1.0 / (depth**2 * (1 / 3 - np.sum(64 * depth * np.tanh(_RATE / depth) / (np.pi * _ODD) ** 5))))
+
+
+def series(points: Array, depth: float) -> tuple[Array, Array]:
+    """Undisturbed flow in the rectangle |x| <= `depth`, |y| <= 1; see :meth:`Flow.undisturbed`."""
+    x, y = points[:, :1] / depth, points[:, 1:2] / depth
+    cosine, sine = np.cos(_RATE * x), np.sin(_RATE * x)
+    # cosh(k y)/cosh(k / depth) without overflow
+    rise, fall = np.exp(_RATE * (np.abs(y) - 1 / depth)), np.exp(-_RATE * (np.abs(y) + 1 / depth))
+    even = (rise + fall) / (1 + np.exp(-2 * _RATE / depth))
+    odd = np.sign(y) * (rise - fall) / (1 + np.exp(-2 * _RATE / depth))
+    scale = pressure_gradient(depth) * depth
+    return unidirectional(
+        0.5 * scale * depth * ((1 - x[:, 0] ** 2) - 2 * (_SERIES * cosine * even).sum(1)),
+        scale * (-x[:, 0] + (_SERIES * _RATE * sine * even).sum(1)),
+        -scale * (_SERIES * _RATE * cosine * odd).sum(1),
+    )
+
+
+@dataclass(frozen=True)
+class RectangularChannel(Channel):
+    """Rectangular section |x| <= aspect, |y| <= 1.
+
+    Parameters
+    ----------
+    aspect : float
+        Depth along the direction of view over the width seen, b / l [-].
+    """
+
+    aspect: float
+
+    name: ClassVar[str] = "rectangular"
+    symmetry: ClassVar[Symmetry] = D2
+
+    def __post_init__(self) -> None:
+        if not 0.5 <= self.aspect <= 2.0:
+            raise InputError("section", "section_aspect", "a number from 0.5 to 2", str(self.aspect))
+
+    @property
+    def area(self) -> float:
+        """Area of the section over l^2."""
+        return 4.0 * self.aspect
+
+    @property
+    def pressure_gradient(self) -> float:
+        """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
+        return pressure_gradient(self.aspect)
+
+    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+        """Fourier series; see :meth:`Flow.undisturbed`."""
+        return series(points, self.aspect)
+
+    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+        """Half of the wall x = aspect and half of y = 1; see :meth:`Channel.outline`."""
+        depth, width = self.aspect + outwards, 1.0 + outwards
+        x, x_step = midpoints(depth, spacing)
+        y, y_step = midpoints(width, spacing)
+        beside = np.column_stack([np.full_like(y, depth), y])
+        above = np.column_stack([x, np.full_like(x, width)])
+        return np.concatenate([beside, above]), np.repeat([y_step, x_step], [len(y), len(x)])
+
+    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+        """A grid on the quarter 0 <= x, y; see :meth:`Channel.filling`."""
+        x, x_step = midpoints(self.aspect + outwards, spacing)
+        y, y_step = midpoints(1.0 + outwards, spacing)
+        points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        return points, np.full(len(points), x_step * y_step)

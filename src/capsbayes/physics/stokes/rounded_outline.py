@@ -1,0 +1,47 @@
+"""Points on and within a square with rounded corners, of which the circle is the roundest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.physics.stokes.channel import midpoints
+
+__all__ = ["rounded_filling", "rounded_outline"]
+
+Array = NDArray[np.float64]
+
+
+def _along(radius: float, spacing: float, outwards: float) -> tuple[Array, Array, float]:
+    """Points (p, 2) of the eighth, their normals (p, 2) and the length each stands for."""
+    straight, turn = 1.0 - radius, radius + outwards
+    along, step = midpoints(straight + np.pi / 4 * turn, spacing)
+    angle = np.maximum(along - straight, 0.0) / turn
+    normals = np.column_stack([np.cos(angle), np.sin(angle)])
+    middles = np.column_stack([np.full_like(along, straight), np.minimum(along, straight)])
+    return middles + turn * normals, normals, step
+
+
+def rounded_outline(radius: float, spacing: float, outwards: float) -> tuple[Array, Array]:
+    """Eighth 0 <= y <= x of the outline; see :meth:`Channel.outline`.
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the corners; 1 for the circle.
+    spacing, outwards : float
+        Distance of the points, and how far from the wall they are.
+    """
+    points, _, step = _along(radius, spacing, outwards)
+    return points, np.full(len(points), step)
+
+
+def rounded_filling(radius: float, spacing: float, outwards: float) -> tuple[Array, Array]:
+    """Rings, each the outline made smaller, that fill the eighth; see :meth:`Channel.filling`."""
+    scales, scale_step = midpoints(1.0, spacing / (1.0 + outwards))
+    rings, areas = [], []
+    for scale in scales:
+        points, normals, step = _along(radius, spacing / scale, outwards)
+        rings.append(scale * points)
+        areas.append(scale * scale_step * np.sum(points * normals, axis=1) * step)
+    return np.concatenate(rings), np.concatenate(areas)

@@ -1,0 +1,40 @@
+"""Simple shear without walls, u_z = y.
+
+Lengths are over the radius a of the capsule, velocities over the shear rate
+times a, so the capillary number of a problem in this flow is
+Ca = mu (shear rate) a / G_s and its size ratio is 1.
+
+The membrane goes round like the tread of a tank. The bending energy is that
+of the displacement from rest, so it resists this turning with a stress of
+order B, which should stay far below Ca.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.physics.stokes.channel import Flow
+from capsbayes.physics.surface.symmetry import C2H, Symmetry
+
+__all__ = ["ShearFlow"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ShearFlow(Flow):
+    """Simple shear along z in the plane x = 0."""
+
+    symmetry: ClassVar[Symmetry] = C2H
+    pressure_gradient: ClassVar[float] = 0.0
+
+    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+        """See :meth:`Flow.undisturbed`."""
+        velocity, gradient = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+        velocity[:, 2] = points[:, 1]
+        gradient[:, 2, 1] = 1.0
+        return velocity, gradient

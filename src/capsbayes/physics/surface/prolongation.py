@@ -1,0 +1,25 @@
+"""Carry fields from one symmetric mesh of the sphere to another."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
+
+from capsbayes.physics.surface.octasphere import OctaSphere
+
+__all__ = ["prolonged"]
+
+_NEIGHBOURS = 80
+
+
+def prolonged(free: NDArray[np.float64], coarse: OctaSphere, fine: OctaSphere) -> NDArray[np.float64]:
+    """Free coordinates on `fine` of the symmetric field with free coordinates `free` on `coarse`.
+
+    The field is interpolated smoothly: the kinks of P2 interpolation at the coarse elements' edges would strain
+    the fine ones by more than Newton's iteration recovers from.
+    """
+    if coarse is fine:
+        return free
+    field = RBFInterpolator(coarse.nodes, coarse.expanded(free), kernel="cubic", degree=1, neighbors=_NEIGHBOURS)
+    return fine.reduced(field(fine.nodes[fine.wedge]))

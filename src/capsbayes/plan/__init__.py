@@ -1,0 +1,28 @@
+"""Sensitivity: which input owns the interval of a capsule, and where in (Ca, a/l) a lab should measure."""
+
+from capsbayes.plan.budget import BudgetRow, ErrorBudget, error_budget
+from capsbayes.plan.design import FlowDesign, FlowPoint
+from capsbayes.plan.flow import flow_design
+from capsbayes.plan.identifiability import identifiability_map
+from capsbayes.plan.lab_errors import LabErrors
+from capsbayes.plan.simulated import SimulatedWidths, simulated_widths
+from capsbayes.plan.sobol import sobol_indices
+from capsbayes.plan.sobol_study import SobolIndex, SobolStudy
+from capsbayes.plan.spread import Spread
+
+__all__ = [
+    "BudgetRow",
+    "ErrorBudget",
+    "FlowDesign",
+    "FlowPoint",
+    "LabErrors",
+    "SimulatedWidths",
+    "SobolIndex",
+    "SobolStudy",
+    "Spread",
+    "error_budget",
+    "flow_design",
+    "identifiability_map",
+    "simulated_widths",
+    "sobol_indices",
+]

@@ -1,0 +1,238 @@
+"""The error budget of one capsule: which input owns its intervals, and how its answers follow each input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from threadpoolctl import threadpool_limits
+
+from capsbayes import __version__
+from capsbayes.database import Database
+from capsbayes.errors import InputError
+from capsbayes.infer.mixed_quadrature import exact_engine
+from capsbayes.infer.posterior import Posterior
+from capsbayes.infer.shares import QUANTITIES, REST, shares_of_each
+from capsbayes.measured_outline import SECTION
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS
+from capsbayes.plan.slopes import Setting, log_slopes, settings_of
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["BudgetRow", "ErrorBudget", "error_budget"]
+
+_ORDER = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_length", "outline", "surrogate")
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """What one input does to G_s and to a.
+
+    Parameters
+    ----------
+    name : str
+        As in `capsbayes.parameters`, or ``"outline"``, ``"surrogate"``, ``"prior and curvature"``.
+    setting : Setting or None
+        Value, error and unit, of an input that is a number.
+    share : mapping of float
+        Share of the variance of log G_s and of log a.
+    log_slope : mapping of float
+        d ln(quantity) / d ln(input); empty for an input that is no number.
+    slope : mapping of float
+        d(quantity) / d(input), in SI over the input's unit.
+    """
+
+    name: str
+    setting: Setting | None
+    share: Mapping[str, float]
+    log_slope: Mapping[str, float]
+    slope: Mapping[str, float]
+
+    @property
+    def change(self) -> dict[str, float]:
+        """Change of each quantity with one standard error of the input [SI]."""
+        return {name: slope * self.setting.error for name, slope in self.slope.items() if self.setting is not None}
+
+    @property
+    def words(self) -> str:
+        """Symbol and meaning, for people."""
+        one = PARAMETERS.get(self.name)
+        if one is None:
+            return {"surrogate": "model's own error", "outline": "errors of the outline"}.get(self.name, self.name)
+        return f"{one.symbol}, {one.meaning}"
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """Error budget of one capsule.
+
+    Parameters
+    ----------
+    rows : tuple of BudgetRow
+    value, sd : mapping of float
+        Posterior median of G_s and a [SI], and standard deviation of their logarithms.
+    notes : tuple of str
+        What the budget cannot tell, in sentences.
+    model_name, model_sha256 : str
+    status : Status
+        That of the posterior.
+
+    Examples
+    --------
+    ``error_budget(identify(measurement, model, experiment, seed=1)).table()``
+    """
+
+    rows: tuple[BudgetRow, ...]
+    value: Mapping[str, float]
+    sd: Mapping[str, float]
+    notes: tuple[str, ...]
+    model_name: str
+    model_sha256: str
+    status: Status
+
+    def __getitem__(self, name: str) -> BudgetRow:
+        return next(row for row in self.rows if row.name == name)
+
+    def table(self) -> pd.DataFrame:
+        """One row an input, SI: value, error, unit; for G_s and a share, d ln / d ln, d / d, change with an error."""
+        import pandas as pd
+
+        records = {}
+        for row in self.rows:
+            record: dict[str, Any] = {"value": None, "error": None, "unit": None}
+            if row.setting is not None:
+                record = {key: getattr(row.setting, key) for key in record}
+            for quantity in QUANTITIES:
+                symbol = PARAMETERS[quantity].symbol
+                record[f"share of variance of {symbol}"] = row.share.get(quantity)
+                record[f"d ln {symbol} / d ln input"] = row.log_slope.get(quantity)
+                record[f"d {symbol} / d input"] = row.slope.get(quantity)
+                record[f"change of {symbol} with an error"] = row.change.get(quantity)
+            records[row.name] = record
+        return pd.DataFrame.from_dict(records, orient="index")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything, ready for JSON."""
+        return {
+            "status": self.status.name,
+            "sentence": str(self.status),
+            "median": dict(self.value),
+            "sd_of_logarithm": dict(self.sd),
+            "inputs": {
+                row.name: {
+                    **({} if row.setting is None else {k: v for k, v in asdict(row.setting).items() if k != "name"}),
+                    "share_of_variance": dict(row.share),
+                    "log_slope": dict(row.log_slope),
+                    "slope": dict(row.slope),
+                    "change_with_an_error": row.change,
+                }
+                for row in self.rows
+            },
+            "notes": list(self.notes),
+            "model": {"name": self.model_name, "sha256": self.model_sha256},
+            "version": __version__,
+        }
+
+
+def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> ErrorBudget:
+    """Shares of the variance of G_s and a owed to each input, and their derivatives by it.
+
+    Everything is worked out by quadrature, whichever engine made the posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    model : ForwardModel, optional
+        That of the posterior; by default the database of its name that comes with the library.
+
+    Returns
+    -------
+    ErrorBudget
+
+    Raises
+    ------
+    InputError
+        If no database of the posterior's name and fingerprint comes with the library and no model is given, or
+        another than that of the posterior.
+    """
+    forward = _model_of(posterior, model)
+    seen, inputs = posterior.measurement, posterior.inputs
+    with threadpool_limits(limits=1):
+        engine = exact_engine(forward, posterior.experiment, posterior.prior)
+        grid = engine(seen, inputs=inputs)
+        shares = shares_of_each(engine, seen, grid)
+        settings = settings_of(seen, inputs)
+        log_slopes_of = {name: log_slopes(engine, seen, grid, one) for name, one in settings.items()}
+        centre = {name: grid.marginal(name).median for name in QUANTITIES}
+        sd = {name: grid.log_marginal(name).sd for name in QUANTITIES}
+    rows = (
+        _row(name, settings.get(name), shares, log_slopes_of.get(name, {}), centre)
+        for name in _ordered(shares[QUANTITIES[0]])
+    )
+    return ErrorBudget(
+        tuple(rows), centre, sd, _notes(posterior), posterior.model_name, posterior.model_sha256, posterior.status
+    )
+
+
+def _row(
+    name: str,
+    setting: Setting | None,
+    shares: Mapping[str, Mapping[str, float]],
+    log_slope: Mapping[str, float],
+    centre: Mapping[str, float],
+) -> BudgetRow:
+    share = {quantity: float(found[name]) for quantity, found in shares.items()}
+    slope = {} if setting is None else {q: float(s * centre[q] / setting.value) for q, s in log_slope.items()}
+    return BudgetRow(name, setting, share, {q: float(s) for q, s in log_slope.items()}, slope)
+
+
+def _ordered(names: Mapping[str, float]) -> list[str]:
+    known = [name for name in _ORDER if name in names]
+    return [*known, *(name for name in names if name not in (*known, REST)), REST]
+
+
+def _model_of(posterior: Posterior, model: ForwardModel | None) -> ForwardModel:
+    """The model that made a posterior."""
+    if model is None:
+        name, _, coordinate = posterior.model_name.removesuffix(" (silhouettes)").partition(" with ")
+        if coordinate:
+            name = f"{name.split('-')[0]}-{coordinate.replace('_', '-')}"
+        if name not in Database.shipped():
+            expected = f"the model of the posterior, {posterior.model_name}"
+            raise InputError("error_budget", "model", expected, "nothing, and no such database comes with the library")
+        from capsbayes.surrogate import Surrogate
+
+        outline = posterior.measurement.outline
+        model = Surrogate.open(name, view=SECTION if outline is None else outline.view)
+    if model.sha256 != posterior.model_sha256:
+        expected = f"the model of the posterior, {posterior.model_name}, sha256 {posterior.model_sha256[:12]}"
+        got = f"{model.name}, sha256 {model.sha256[:12]}"
+        raise InputError("error_budget", "model", expected, got, "give the model that it was identified with")
+    return model
+
+
+def _notes(posterior: Posterior) -> tuple[str, ...]:
+    """What the budget of such a measurement cannot tell."""
+    seen: Measurement = posterior.measurement
+    notes = []
+    if seen.outline is not None:
+        beside = ", with L_a beside it" if seen.length_beside_outline is not None else ""
+        notes.append(
+            f"The outline is one input{beside}: it took the place of the lengths, so nothing is owed to L_z "
+            f"{'and L_a ' if not beside else ''}apart, and there is no derivative by it."
+        )
+    elif seen.axial_length is None:
+        notes.append(
+            "L_a was not measured: L_z alone leaves Ca open, and what an input seems to own of G_s is small beside "
+            "what the prior and the border of the database own."
+        )
+    if seen.length_correlation and seen.outline is None:
+        notes.append("The errors of L_z and L_a are correlated: what the one owns cannot be told from what the other.")
+    if not posterior.status.ok:
+        notes.append(f"Read the shares with care. {posterior.status}")
+    return tuple(notes)

@@ -1,0 +1,140 @@
+"""Expected widths over the velocity of the flow, and which velocity is the best."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from capsbayes.plan.borders import CaRange
+from capsbayes.plan.expectation import Expectation
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["FlowDesign", "FlowPoint"]
+
+_AS_GOOD = 1.05  # width over the smallest, up to which a velocity counts as good
+
+
+@dataclass(frozen=True)
+class FlowPoint:
+    """What is expected at one velocity of the flow.
+
+    Parameters
+    ----------
+    mean_velocity, flow_rate : float [m/s], [m^3/s]
+        U and Q.
+    capillary_number, capsule_velocity : float [-], [m/s]
+        Of the capsule in the middle of those expected; the latter NaN where the model has no shape for it.
+    relative, sd, relative_radius, noise_free, leaning : float
+        As in `capsbayes.plan.widths.Width`, the mean over the capsules expected that the model has.
+    beyond_limit, beyond_margin : float
+        Probability that a capsule lies above the highest Ca of the model at its size, or nearer to it than the margin.
+    without_shape : float
+        Probability that the model has no shape of a capsule, for whatever reason.
+    allowed : bool
+        Whether this velocity may be chosen.
+    """
+
+    mean_velocity: float
+    flow_rate: float
+    capillary_number: float
+    capsule_velocity: float
+    relative: float
+    sd: float
+    relative_radius: float
+    noise_free: float
+    leaning: float
+    beyond_limit: float
+    beyond_margin: float
+    without_shape: float
+    allowed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FlowDesign:
+    """Expected widths over the velocity of the flow, and the best of them.
+
+    Parameters
+    ----------
+    points : tuple of FlowPoint
+        In rising velocity.
+    best : FlowPoint or None
+        The smallest width among those allowed.
+    limit : CaRange
+        Range of Ca of the model at the expected size.
+    limit_velocity : float [m/s]
+        U at which the expected capsule reaches its upper end.
+    expectation : Expectation
+        Expected G_s and a, and what is known of liquid and channel.
+    margin, risk : float
+        See `MARGIN` and `RISK` of `capsbayes.plan.flow`.
+    lab : dict
+        Model, its fingerprint, experiment, errors, version.
+    seed : int
+    status : Status
+        LEANS_ON_BORDER if at every velocity below the limit the widths are cut by the border of the model.
+    """
+
+    points: tuple[FlowPoint, ...]
+    best: FlowPoint | None
+    limit: CaRange
+    limit_velocity: float
+    expectation: Expectation
+    margin: float
+    risk: float
+    lab: dict[str, str]
+    seed: int
+    status: Status
+
+    @property
+    def good(self) -> tuple[float, float] | None:
+        """Mean velocities [m/s] around the best from which to which the width is within 5 % of the smallest."""
+        if self.best is None:
+            return None
+        place = self.points.index(self.best)
+        fine = [one.allowed and one.relative <= _AS_GOOD * self.best.relative for one in self.points]
+        first, last = place, place
+        while first > 0 and fine[first - 1]:
+            first -= 1
+        while last < len(fine) - 1 and fine[last + 1]:
+            last += 1
+        return self.points[first].mean_velocity, self.points[last].mean_velocity
+
+    def table(self) -> pd.DataFrame:
+        """One row a velocity, SI."""
+        import pandas as pd
+
+        return pd.DataFrame([asdict(point) for point in self.points])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything, ready for JSON; what is not known is null."""
+        return {
+            "status": self.status.name,
+            "sentence": str(self.status),
+            "best": None if self.best is None else _plain(self.best),
+            "good_mean_velocities": self.good,
+            "limit": {
+                "mean_velocity": self.limit_velocity,
+                "capillary_number": self.limit.highest,
+                "size_ratio": self.limit.size_ratio,
+                "limit_of_existence": self.limit.limit,
+                "margin": self.margin,
+                "risk": self.risk,
+            },
+            "expected": self.expectation.as_dict(),
+            "points": [_plain(point) for point in self.points],
+            "seed": self.seed,
+            **self.lab,
+        }
+
+
+def _plain(point: FlowPoint) -> dict[str, Any]:
+    """Fields with None in place of NaN, which JSON does not know."""
+    values = asdict(point)
+    return {
+        name: None if isinstance(value, float) and not np.isfinite(value) else value for name, value in values.items()
+    }

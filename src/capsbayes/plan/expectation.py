@@ -1,0 +1,103 @@
+"""The capsules that are expected before they are measured, and the conditions under which they will be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.experiment import Experiment, Uncertain, check_positive, size_ratio
+from capsbayes.infer.inputs import Input
+
+__all__ = ["Draws", "Expectation"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Independent draws of capsules, of the liquid and of the channel : (n,) arrays, SI."""
+
+    surface_shear_modulus: Floats
+    capsule_radius: Floats
+    viscosity: Floats
+    half_width: Floats
+
+    @property
+    def size_ratio(self) -> Floats:
+        """a/l of each : (n,) array."""
+        return size_ratio(capsule_radius=self.capsule_radius, half_width=self.half_width)
+
+    def capillary_number(self, mean_velocity: float) -> Floats:
+        """Ca of each at one mean velocity of the flow [m/s] : (n,) array."""
+        return self.viscosity * mean_velocity / self.surface_shear_modulus
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Expected G_s and a, with what is known of liquid and channel.
+
+    Parameters
+    ----------
+    surface_shear_modulus, capsule_radius, viscosity, half_width : Input
+        Each known, or with a distribution.
+
+    Examples
+    --------
+    >>> from capsbayes.experiment import positive_normal
+    >>> lab = Experiment(section="square", half_width=25e-6, viscosity=0.8)
+    >>> soon = Expectation.of(positive_normal(0.05, 0.01), 24e-6, lab)
+    >>> soon.known, round(soon.centre.size_ratio.item(), 3)
+    (False, 0.96)
+    """
+
+    surface_shear_modulus: Input
+    capsule_radius: Input
+    viscosity: Input
+    half_width: Input
+
+    @classmethod
+    def of(cls, surface_shear_modulus: Uncertain, capsule_radius: Uncertain, experiment: Experiment) -> Expectation:
+        """Of numbers or frozen distributions of `scipy.stats`, and of an experiment.
+
+        Raises
+        ------
+        InputError
+            If the expected G_s or a is not positive.
+        """
+        return cls(
+            _positive("surface_shear_modulus", surface_shear_modulus),
+            _positive("capsule_radius", capsule_radius),
+            Input.of("viscosity", experiment.viscosity),
+            Input.of("half_width", experiment.half_width),
+        )
+
+    @property
+    def known(self) -> bool:
+        """Whether nothing has a spread."""
+        return all(one.known for one in self._all.values())
+
+    @property
+    def centre(self) -> Draws:
+        """The one capsule in the middle."""
+        return Draws(**{name: np.array([one.centre]) for name, one in self._all.items()})
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Draws:
+        """Independent draws; one if nothing has a spread."""
+        if self.known:
+            return self.centre
+        return Draws(**{name: one.log_masses(0).drawn(rng, count) for name, one in self._all.items()})
+
+    def as_dict(self) -> dict[str, dict[str, float]]:
+        """Mean and standard deviation of each, SI."""
+        return {name: {"value": one.centre, "error": one.error} for name, one in self._all.items()}
+
+    @property
+    def _all(self) -> dict[str, Input]:
+        return {name: getattr(self, name) for name in Draws.__dataclass_fields__}
+
+
+def _positive(name: str, value: Uncertain) -> Input:
+    check_positive(value, "expected", name)
+    return Input.of(name, value)

@@ -1,0 +1,151 @@
+"""Simulated measurements of a design, identified: whether the predicted width is the one that comes out."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, Uncertain
+from capsbayes.infer.prior import Prior
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.model import ForwardModel
+from capsbayes.plan.expectation import Draws, Expectation
+from capsbayes.plan.lab_errors import LabErrors
+from capsbayes.plan.widths import check_model, width_of
+
+__all__ = ["SimulatedWidths", "simulated_widths"]
+
+Floats = NDArray[np.float64]
+
+_LOST = 20  # capsules without a shape for each that has one, beyond which the search is given up
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedWidths:
+    """Posteriors of simulated capsules.
+
+    Parameters
+    ----------
+    relative : (n,) array
+        Half of the 68 % interval of G_s over its median, of each capsule.
+    sd : (n,) array
+        Standard deviation of log G_s.
+    within : (n,) bool array
+        Whether the 68 % interval holds the true G_s.
+    without_shape : int
+        Further capsules that were drawn and for which the model has no shape.
+    refused : int
+        Further capsules whose measurement no shape of the model has.
+    seed : int
+    """
+
+    relative: Floats
+    sd: Floats
+    within: NDArray[np.bool_]
+    without_shape: int
+    refused: int
+    seed: int
+
+    @property
+    def mean(self) -> float:
+        """Mean width."""
+        return float(np.mean(self.relative))
+
+    @property
+    def standard_error(self) -> float:
+        """Of the mean width; NaN for a single capsule."""
+        count = len(self.relative)
+        return float(np.std(self.relative, ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
+
+    def as_dict(self) -> dict[str, float | int | None]:
+        """Summary for files."""
+        return {
+            "capsules": len(self.relative),
+            "relative": self.mean,
+            "standard_error": self.standard_error if len(self.relative) > 1 else None,
+            "within_68": float(self.within.mean()),
+            "without_shape": self.without_shape,
+            "refused": self.refused,
+            "seed": self.seed,
+        }
+
+
+def simulated_widths(
+    surface_shear_modulus: Uncertain,
+    capsule_radius: Uncertain,
+    experiment: Experiment,
+    errors: LabErrors,
+    model: ForwardModel,
+    *,
+    mean_velocity: float,
+    count: int,
+    seed: int,
+    prior: Prior | None = None,
+) -> SimulatedWidths:
+    """Draw capsules at one velocity of the flow, measure them with errors, and identify them by quadrature.
+
+    Capsules, liquid and channel are drawn as they are expected. The model is wrong by as much as it says: its own
+    error is drawn too.
+
+    Parameters
+    ----------
+    surface_shear_modulus, capsule_radius, experiment, errors, model, prior
+        As in `capsbayes.plan.flow_design`.
+    mean_velocity : float [m/s]
+    count : int
+        Capsules to identify.
+    seed : int
+        Stored in the result.
+
+    Returns
+    -------
+    SimulatedWidths
+
+    Raises
+    ------
+    InputError
+        If the model has hardly any shape of such capsules.
+    """
+    check_model(model, experiment)
+    expectation, rng = Expectation.of(surface_shear_modulus, capsule_radius, experiment), np.random.default_rng(seed)
+    engine = Quadrature(model, experiment, prior)
+    found: list[tuple[float, float, bool]] = []
+    without_shape = refused = 0
+    with threadpool_limits(limits=1):
+        while len(found) < count:
+            if without_shape + refused > _LOST * (len(found) + 10):
+                expected = f"a velocity at which {model.name} has a shape of such capsules"
+                raise InputError("simulated_widths", "mean_velocity", expected, f"{mean_velocity:g} m/s")
+            drawn = expectation.drawn(rng, 1)
+            lengths = _lengths(drawn, model, mean_velocity, errors, rng)
+            if lengths is None:
+                without_shape += 1
+                continue
+            with contextlib.suppress(InputError):
+                posterior = engine(errors.measured(*lengths))
+                width, interval = width_of(posterior), posterior.marginal("surface_shear_modulus")
+                truth = float(drawn.surface_shear_modulus[0])
+                found.append((width.relative, width.sd, interval.contains(truth, level=68)))
+                continue
+            refused += 1
+    relative, sd, within = (np.array(column) for column in zip(*found, strict=True))
+    return SimulatedWidths(relative, sd, within, without_shape, refused, seed)
+
+
+def _lengths(
+    capsule: Draws, model: ForwardModel, mean_velocity: float, errors: LabErrors, rng: np.random.Generator
+) -> tuple[Floats, float] | None:
+    """Lengths and velocity as measured; None where the model has no such capsule."""
+    there = model({"capillary_number": capsule.capillary_number(mean_velocity), "size_ratio": capsule.size_ratio})
+    if not there.inside[0]:
+        return None
+    extent, length, ratio = rng.multivariate_normal(there.values[0], there.covariance[0])
+    seen = np.array([extent, length]) * (1.0 if errors.over_half_width else capsule.half_width[0])
+    noise = errors.covariance
+    seen[: len(noise)] += rng.multivariate_normal(np.zeros(len(noise)), noise)
+    return seen, float(ratio * mean_velocity * (1.0 + errors.capsule_velocity * rng.standard_normal()))

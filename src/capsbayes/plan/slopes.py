@@ -1,0 +1,145 @@
+"""How G_s and a answer to a small change of each input: differences of the exact engine's medians.
+
+A step is half a standard error of the input, so that the slope is that over
+the range that matters; of an input that is known, half a percent. Where one of
+the two steps makes a shape that cannot be, a length on the axis beyond the
+extent or a shape far from all of the model, the other alone is taken. An input
+that the shape does not depend on moves no grid: the same posterior is read
+with another factor.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capsbayes.errors import InputError
+from capsbayes.infer.grid_posterior import GridPosterior
+from capsbayes.infer.inputs import Input, Inputs
+from capsbayes.infer.mixed_posterior import MixedPosterior
+from capsbayes.infer.mixed_quadrature import MixedQuadrature
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.infer.shares import QUANTITIES
+from capsbayes.measurement import Measurement
+
+__all__ = ["Setting", "log_slopes", "settings_of"]
+
+STEP = 0.5  # standard errors
+STEP_OF_KNOWN = 5e-3  # of the value
+
+AnyPosterior = GridPosterior | MixedPosterior
+_Case = tuple[Measurement, Inputs]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Value and standard error of one input.
+
+    Parameters
+    ----------
+    name : str
+        As in `capsbayes.parameters`.
+    value, error : float
+    unit : str
+        SI, or ``"l"`` for lengths over the half width.
+    """
+
+    name: str
+    value: float
+    error: float
+    unit: str
+
+    @property
+    def step(self) -> float:
+        """How far it is moved either way."""
+        return STEP * self.error if self.error > 0.0 else STEP_OF_KNOWN * self.value
+
+
+def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
+    """The inputs of a measurement that are numbers: of an outline, neither of the lengths that it replaces."""
+    known = {"viscosity": (inputs.viscosity, "Pa s"), "capsule_velocity": (inputs.capsule_velocity, "m/s")}
+    known["half_width"] = (inputs.half_width, "m")
+    found = {name: Setting(name, one.centre, one.error, unit) for name, (one, unit) in known.items()}
+    unit = "l" if measurement.over_half_width else "m"
+    if measurement.outline is None:
+        pair = measurement.axial_extent, measurement.axial_extent_error
+        found["axial_extent"] = Setting("axial_extent", *pair, unit)
+    if measurement.outline is None or measurement.length_beside_outline is not None:
+        length, error = measurement.axial_length, measurement.axial_length_error
+        if length is not None and error is not None:
+            found["axial_length"] = Setting("axial_length", length, error, unit)
+    return found
+
+
+def log_slopes(
+    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior, setting: Setting
+) -> dict[str, float]:
+    """Derivatives d ln(quantity) / d ln(input) of the posterior medians of G_s and a.
+
+    Parameters
+    ----------
+    engine : Quadrature or MixedQuadrature
+    measurement : Measurement
+    posterior : GridPosterior or MixedPosterior
+        Of that measurement.
+    setting : Setting
+        The input to move.
+
+    Returns
+    -------
+    dict of float
+        By quantity; NaN where neither step can be made.
+    """
+    ends = {}
+    for sign in (-1.0, 1.0):
+        value = setting.value + sign * setting.step
+        with contextlib.suppress(InputError):
+            moved = _MOVES[setting.name](measurement, posterior.target.inputs, value)
+            ends[value] = _log_medians(_again(engine, posterior, measurement, *moved))
+    if len(ends) == 1:
+        ends[setting.value] = _log_medians(posterior)
+    if not ends:
+        return dict.fromkeys(QUANTITIES, float("nan"))
+    low, high = min(ends), max(ends)
+    width = float(np.log(high / low))
+    return {name: (ends[high][name] - ends[low][name]) / width for name in QUANTITIES}
+
+
+def _again(
+    engine: Quadrature | MixedQuadrature, before: AnyPosterior, seen: Measurement, moved: Measurement, inputs: Inputs
+) -> AnyPosterior:
+    """Posterior of a measurement or of inputs that were moved, from that before."""
+    same_width = inputs.half_width is before.target.inputs.half_width
+    same_shape = moved is seen and (same_width or before.target.likelihood.over_half_width)
+    if same_shape and isinstance(before, GridPosterior) and not before.cut:
+        return replace(before, target=replace(before.target, inputs=inputs))
+    return engine(moved, inputs=inputs)
+
+
+def _log_medians(posterior: AnyPosterior) -> dict[str, float]:
+    return {name: posterior.log_marginal(name).median for name in QUANTITIES}
+
+
+def _moved(one: Input, value: float) -> Input:
+    """The input about another centre, with the same error."""
+    table = None if one.table is None else (one.table[0] + value - one.centre, one.table[1])
+    return replace(one, centre=value, table=table)
+
+
+def _of_input(name: str) -> Callable[[Measurement, Inputs, float], _Case]:
+    def move(measurement: Measurement, inputs: Inputs, value: float) -> _Case:
+        return measurement, replace(inputs, **{name: _moved(getattr(inputs, name), value)})
+
+    return move
+
+
+_MOVES: Mapping[str, Callable[[Measurement, Inputs, float], _Case]] = {
+    "viscosity": _of_input("viscosity"),
+    "capsule_velocity": _of_input("capsule_velocity"),
+    "half_width": _of_input("half_width"),
+    "axial_extent": lambda measurement, inputs, value: (replace(measurement, axial_extent=value), inputs),
+    "axial_length": lambda measurement, inputs, value: (replace(measurement, axial_length=value), inputs),
+}

@@ -1,0 +1,105 @@
+"""Sobol indices of each answer by each input, and what they hold for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from capsbayes import __version__
+from capsbayes.parameters import PARAMETERS
+from capsbayes.plan.spread import Spread
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["CONFIDENCE", "SobolIndex", "SobolStudy"]
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class SobolIndex:
+    """Indices of one input, each with half of its 95 % confidence interval.
+
+    Parameters
+    ----------
+    first, first_error : float
+        Share of the variance owed to this input alone.
+    total, total_error : float
+        Share owed to it alone or together with others.
+    """
+
+    first: float
+    first_error: float
+    total: float
+    total_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class SobolStudy:
+    """First-order and total indices of each answer by each input.
+
+    Parameters
+    ----------
+    ranges : mapping of Spread
+        Over which each input was varied.
+    indices : mapping of mapping of SobolIndex
+        By answer (G_s, a, Ca, a/l), then by input.
+    mean, sd : mapping of float
+        Of each answer over the ranges, SI.
+    samples, outside : int
+        Answers, and how many of them are those of the nearest shape.
+    change : float
+        Largest change of an index of G_s or a if groups with such a sample are left out; NaN if too few are left.
+    groups : int
+    seed : int
+    notes : tuple of str
+    model_name, model_sha256 : str
+    status : Status
+    """
+
+    ranges: Mapping[str, Spread]
+    indices: Mapping[str, Mapping[str, SobolIndex]]
+    mean: Mapping[str, float]
+    sd: Mapping[str, float]
+    samples: int
+    outside: int
+    change: float
+    groups: int
+    seed: int
+    notes: tuple[str, ...]
+    model_name: str
+    model_sha256: str
+    status: Status
+
+    def table(self, answer: str = "surface_shear_modulus") -> pd.DataFrame:
+        """Indices of one answer, one row an input."""
+        import pandas as pd
+
+        return pd.DataFrame.from_dict({name: asdict(one) for name, one in self.indices[answer].items()}, orient="index")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything, ready for JSON."""
+        return {
+            "status": self.status.name,
+            "sentence": str(self.status),
+            "ranges": {name: asdict(one) for name, one in self.ranges.items()},
+            "indices": {
+                answer: {name: asdict(one) for name, one in found.items()} for answer, found in self.indices.items()
+            },
+            "mean": {name: {"value": value, "unit": PARAMETERS[name].unit} for name, value in self.mean.items()},
+            "sd": {name: {"value": value, "unit": PARAMETERS[name].unit} for name, value in self.sd.items()},
+            "samples": self.samples,
+            "outside": self.outside,
+            "largest_change_without_them": None if np.isnan(self.change) else self.change,
+            "groups": self.groups,
+            "confidence": CONFIDENCE,
+            "notes": list(self.notes),
+            "model": {"name": self.model_name, "sha256": self.model_sha256},
+            "seed": self.seed,
+            "version": __version__,
+        }

@@ -1,0 +1,193 @@
+"""How wide the posterior of a capsule will be, before it is measured.
+
+A width depends on what noise does to the measurement: beside a snap-through,
+and where the posterior is wide, that of the measurement without noise is off
+by a third and more. So it is averaged over the noise, on a Fibonacci lattice
+of measurements: that of N points integrates a smooth function of the two
+lengths as well as many more drawn at random.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import leaning
+from capsbayes.infer.grid_posterior import GridPosterior
+from capsbayes.infer.prior import Prior
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.infer.section import check_section
+from capsbayes.model import ForwardModel
+from capsbayes.plan.lab_errors import LabErrors
+
+__all__ = ["NOISES", "Width", "WidthPredictor", "noise_lattice", "width_of"]
+
+Floats = NDArray[np.float64]
+
+NOISES = 13
+"""Measurements that a width is averaged over."""
+
+_DRAWS = 500  # of a posterior, for its share next to the border
+
+
+@dataclass(frozen=True)
+class Width:
+    """Width of one posterior, or the mean of those of several.
+
+    Parameters
+    ----------
+    relative : float
+        Half of the 68 % interval of G_s over its median.
+    sd : float
+        Standard deviation of log G_s.
+    relative_radius : float
+        Half of the 68 % interval of a over its median.
+    noise_free : float
+        As `relative`, of the measurement without noise.
+    leaning : float
+        Share of the posterior of that measurement next to the border of the model, as in `identify`.
+    """
+
+    relative: float = np.nan
+    sd: float = np.nan
+    relative_radius: float = np.nan
+    noise_free: float = np.nan
+    leaning: float = np.nan
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of the fields."""
+        return tuple(field.name for field in fields(cls))
+
+
+class WidthPredictor:
+    """Predicts widths for one lab.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of (Ca, a/l) alone.
+    experiment : Experiment
+    errors : LabErrors
+    prior : Prior, optional
+    surface_shear_modulus : float, optional [N/m]
+        Of the capsules; without, the middle of its prior range. Only priors that cut into a posterior see it.
+    noises : int
+        Measurements that a width is averaged over; zero for the one without noise alone.
+
+    Raises
+    ------
+    InputError
+        If the model has a further coordinate, or is of another section than the experiment.
+    """
+
+    def __init__(
+        self,
+        model: ForwardModel,
+        experiment: Experiment,
+        errors: LabErrors,
+        *,
+        prior: Prior | None = None,
+        surface_shear_modulus: float | None = None,
+        noises: int = NOISES,
+    ) -> None:
+        check_model(model, experiment)
+        self.model, self.errors, self.experiment = model, errors, experiment
+        self.engine = Quadrature(model, experiment, prior)
+        within = self.engine.prior.surface_shear_modulus
+        self.modulus = surface_shear_modulus or float(np.sqrt(within.low * within.high))
+        self.lattice = noise_lattice(noises)
+
+    def at(self, capillary_number: float, size_ratio: float) -> Width:
+        """Expected width at one point; all NaN outside the model's domain."""
+        theta = {"capillary_number": np.array([capillary_number]), "size_ratio": np.array([size_ratio])}
+        there = self.model(theta)
+        if not there.inside[0]:
+            return Width()
+        inputs = self.engine.inputs
+        velocity = float(there.velocity_ratio[0]) * self.modulus * capillary_number / inputs.viscosity.centre
+        lengths, root = self._lengths(there.values[0, :2], there.covariance[0, :2, :2])
+        plain = self._posterior(lengths, velocity)
+        if plain is None:
+            return Width()
+        first = width_of(plain)
+        found = [width_of(one) for one in self._noisy(lengths + self.lattice @ root.T, velocity)] or [first]
+        return Width(
+            relative=float(np.mean([one.relative for one in found])),
+            sd=float(np.mean([one.sd for one in found])),
+            relative_radius=float(np.mean([one.relative_radius for one in found])),
+            noise_free=first.relative,
+            leaning=self._leaning(plain),
+        )
+
+    def _lengths(self, mean: Floats, own: Floats) -> tuple[Floats, Floats]:
+        """Expected lengths and a root of the covariance of what is measured about them, the model's error in it."""
+        width = self.engine.inputs.half_width
+        seen = np.zeros((2, 2))
+        stated = self.errors.covariance
+        seen[: len(stated), : len(stated)] = stated
+        if self.errors.over_half_width:
+            return mean, _root(own + seen)
+        return mean * width.centre, _root(own * width.centre**2 + seen + width.error**2 * np.outer(mean, mean))
+
+    def _noisy(self, lengths: Floats, velocity: float) -> list[GridPosterior]:
+        found = (self._posterior(one, velocity) for one in lengths)
+        return [one for one in found if one is not None]
+
+    def _posterior(self, lengths: Floats, velocity: float) -> GridPosterior | None:
+        """Posterior of a measurement; None where the model has no such shape."""
+        with contextlib.suppress(InputError):
+            return self.engine(self.errors.measured(lengths, velocity))
+        return None
+
+    def _leaning(self, posterior: GridPosterior) -> float:
+        draws = posterior.drawn(np.random.default_rng(0), _DRAWS)
+        return leaning(draws, ("capillary_number", "size_ratio"), self.model.domain.contains)
+
+
+def width_of(posterior: GridPosterior) -> Width:
+    """Width of one posterior."""
+    modulus, radius = (posterior.marginal(name) for name in ("surface_shear_modulus", "capsule_radius"))
+    half, half_radius = (0.5 * (one.upper_68 - one.lower_68) / one.median for one in (modulus, radius))
+    return Width(half, posterior.log_marginal("surface_shear_modulus").sd, half_radius, half)
+
+
+def noise_lattice(count: int) -> Floats:
+    """Points of a Fibonacci lattice as standard normal deviates, of mean zero and unit covariance : (count, 2) array.
+
+    Examples
+    --------
+    >>> points = noise_lattice(13)
+    >>> np.allclose(points.T @ points / 13, np.eye(2))
+    True
+    """
+    if count < 3:  # too few to have a covariance
+        return np.zeros((count, 2))
+    place = np.arange(count)
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)
+    shares = np.stack([(place + 0.5) / count, (0.5 + place * golden) % 1.0], axis=1)
+    deviates = ndtri(shares)
+    deviates = deviates - deviates.mean(axis=0)
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(np.cov(deviates.T, bias=True)), deviates.T).T)
+
+
+def check_model(model: ForwardModel, experiment: Experiment) -> None:
+    """Refuse a model that is of another section, or for which a point (Ca, a/l) is not a shape."""
+    coordinate = getattr(model, "coordinate", None)
+    if coordinate is not None:
+        raise InputError(
+            "sensitivity", "model", "a model of (Ca, a/l)", f"one of {coordinate} too", "fix it: model.fixed(value)"
+        )
+    check_section(model, experiment)
+
+
+def _root(covariance: Floats) -> Floats:
+    """A square root : (k, k) array."""
+    values, axes = np.linalg.eigh(covariance)
+    return axes * np.sqrt(np.maximum(values, 0.0))

@@ -1,7 +1,0 @@
-"""Sets of measured capsules on disk: a folder of measurement files, a table of lengths, a file of outlines."""
-
-from capsbayes.sets.measured_set import MeasuredSet, check_comparable
-from capsbayes.sets.read import read_set
-from capsbayes.sets.write import write_set
-
-__all__ = ["MeasuredSet", "check_comparable", "read_set", "write_set"]

@@ -1,0 +1,78 @@
+"""Two effects at work together are measured without the bias that each has alone."""
+
+import numpy as np
+import pytest
+from sessions import drawn_session
+
+from capsbayes import Surrogate
+from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.scoring import Trial, log_likelihood
+from capsbayes.diagnosis.together import _DESIGN, _parabola, together
+from capsbayes.effect import Held
+from capsbayes.effects import Halo, MotionBlur
+
+TRUTH = {"halo": 0.5e-6, "exposure": 5e-4}
+
+
+def test_parabola_is_that_of_six_points():
+    bend, top = np.array([[-2.0, 0.8], [0.8, -1.0]]), np.array([0.3, -0.7])
+    totals = np.array([5.0 + 0.5 * (one - top) @ bend @ (one - top) for one in _DESIGN])
+    found, curvature = _parabola(totals)
+    np.testing.assert_allclose(found, top)
+    np.testing.assert_allclose(curvature, bend)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    model = Surrogate.open("square-neo-hookean")
+    session, _ = drawn_session(model + Halo() + MotionBlur(), 30, seed=5, outline=True, sizes=TRUTH)
+    white = whitening(model, session)
+    first = Trial(model, Halo(), session, white, fitted(model, session, white)).scores
+    held = Held(model + Halo(), {"halo": first.size})
+    alone = fitted(held, session, white)
+    second = Trial(held, MotionBlur(), session, white, alone).scores
+    return model, session, white, first, second, alone
+
+
+@pytest.fixture(scope="module")
+def both(scene):
+    model, session, white, first, second, alone = scene
+    return together(model, first, second, session, white, alone, {})
+
+
+def test_sizes_of_both_are_right_where_that_of_one_alone_is_not(scene, both):
+    alone = scene[3]
+    low, high = alone.interval(1.92)
+    assert not low < TRUTH["halo"] < high
+    for scores in both:
+        low, high = scores.interval(1.92)
+        assert low < TRUTH[scores.effect.parameter.name] < high
+
+
+def test_no_sizes_around_are_likelier(scene, both):
+    model, session, white, _, frozen, _ = scene
+    top = np.array([one.size for one in both])
+    errors = np.array([0.5 * np.ptp(one.interval()) for one in both])
+
+    def total(sizes):
+        held = Held(model + Halo() + MotionBlur(), dict(zip(TRUTH, sizes, strict=True)))
+        return log_likelihood(fitted(held, session, white)).sum()
+
+    around = [total(top + errors * np.array(one)) for one in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1))]
+    assert total(top) > max(around)
+    assert both[1].gain > frozen.gain
+    assert both[1].total.max() == pytest.approx(total(top), abs=0.2)
+
+
+def test_an_interval_beside_an_unknown_other_is_wider(scene, both):
+    frozen = scene[4]
+    assert np.ptp(both[1].interval()) > 1.05 * np.ptp(frozen.interval())
+
+
+def test_what_was_measured_elsewhere_counts(scene, both):
+    model, session, white, first, second, alone = scene
+    bead = {"halo": (0.52e-6, 1e-9)}
+    halo, blur = together(model, first, second, session, white, alone, bead)
+    assert halo.size == pytest.approx(0.52e-6, abs=5e-9)
+    assert np.ptp(halo.interval()) < 5e-9 < np.ptp(both[0].interval())
+    assert blur.size != both[1].size

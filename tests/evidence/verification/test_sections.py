@@ -1,0 +1,65 @@
+"""The sections themselves: quick ones from end to end, and what holds for all of them."""
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from capsbayes.evidence.verification import (
+    SECTIONS,
+    membrane_laws,
+    rigid_sphere,
+    single_layer,
+    undisturbed_flow,
+    verify,
+)
+from capsbayes.evidence.verification.section import Results
+
+
+@pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section.name)
+def test_rows_of_nothing_are_not_computed(section):
+    rows = list(section.rows(Results({})))
+    assert rows
+    assert all(math.isnan(row.ours) for row in rows)
+    assert len({section.name for section in SECTIONS}) == len(SECTIONS)
+
+
+@pytest.mark.parametrize("section", [undisturbed_flow.section(), membrane_laws.section()], ids=lambda one: one.name)
+def test_quick_sections_meet_every_target(section, tmp_path):
+    rows = verify([section], tmp_path)[section.name]
+    assert {row.verdict for row in rows} == {"met"}
+
+
+def test_single_layer_on_coarse_meshes(tmp_path):
+    rows = verify([single_layer.section((4, 6))], tmp_path)["single-layer"]
+    orders = [row for row in rows if row.quantity.endswith("order")]
+    assert [row.verdict for row in orders] == ["met", "met"]
+    assert "![Single layer](single-layer.png)" in (tmp_path / "verification.md").read_text()
+
+
+def test_rigid_sphere_on_a_coarse_mesh():
+    section = rigid_sphere.section(4)
+    values = section.items["square, a/l = 0.5"]()
+    assert values["velocity_ratio"] == pytest.approx(1.808701, rel=5e-3)
+    assert values["extra_pressure_drop"] == pytest.approx(0.320879, rel=5e-2)
+
+
+class Made(Results):
+    """Every item has any number and any series, all different."""
+
+    def value(self, item, name):
+        return 1.0 + 1.0 / (1 + sum(map(ord, item + name)) % 97)
+
+    def series(self, item, name):
+        return self.value(item, name) * np.array([1.0, 1.2, 1.3])
+
+
+@pytest.mark.parametrize("results", [Made({}), Results({})], ids=["full", "failed"])
+@pytest.mark.parametrize("section", [one for one in SECTIONS if one.picture], ids=lambda section: section.name)
+def test_pictures_name_their_axes(section, results):
+    figure = Figure()
+    section.picture(results, figure)
+    figure.canvas.draw()
+    assert figure.axes
+    assert all(axes.lines and axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)

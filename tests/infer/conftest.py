@@ -1,0 +1,49 @@
+import pytest
+from polynomial_model import PolynomialModel
+
+from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.measurement import Measurement
+
+
+@pytest.fixture(scope="session")
+def model():
+    return PolynomialModel()
+
+
+@pytest.fixture(scope="session")
+def experiment():
+    return Experiment(
+        section="square", half_width=positive_normal(25e-6, 0.2e-6), viscosity=positive_normal(0.85, 0.02)
+    )
+
+
+@pytest.fixture(scope="session")
+def capsule():
+    """The paper's lengths, which the manufactured model has at Ca = 0.082, a/l = 0.96."""
+    return Measurement(
+        axial_extent=2.14,
+        axial_extent_error=0.01,
+        axial_length=1.81,
+        axial_length_error=0.01,
+        capsule_velocity=5e-3,
+        capsule_velocity_error=5e-5,
+    )
+
+
+@pytest.fixture(scope="session")
+def capsule_in_metres():
+    return Measurement(
+        axial_extent=2.14 * 25e-6,
+        axial_extent_error=0.01 * 25e-6,
+        axial_length=1.81 * 25e-6,
+        axial_length_error=0.01 * 25e-6,
+        capsule_velocity=5e-3,
+        capsule_velocity_error=5e-5,
+        over_half_width=False,
+    )
+
+
+@pytest.fixture(scope="session")
+def capsule_from_the_side():
+    """Only L_z: the rear is hidden behind its rim."""
+    return Measurement(axial_extent=2.14, axial_extent_error=0.01, capsule_velocity=5e-3, capsule_velocity_error=5e-5)

@@ -1,0 +1,328 @@
+"""Many capsules: every one a row, nothing lost by a kill, and the same digits whatever the order and the workers."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from drawn import drawn
+from polynomial_model import PolynomialModel
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.infer import Quadrature
+from capsbayes.infer.many import Population, identify_folder, listing
+from capsbayes.infer.many.capsule_rows import CapsuleRows
+from capsbayes.infer.many.listing import section_and_view
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
+from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
+from capsbayes.status import Status
+from capsbayes.surrogate import Surrogate
+
+identify_folder_module = import_module("capsbayes.infer.many.identify_folder")  # whose function has its name
+
+MODEL = PolynomialModel()
+EXPERIMENT = Experiment(
+    section="square", half_width=positive_normal(25e-6, 0.2e-6), viscosity=positive_normal(0.85, 0.02)
+)
+HERE = {"scheduler": "synchronous", "check": 0.0, "progress": False, "seed": 1}
+SCRIPT = """
+import sys
+from test_identify_folder import EXPERIMENT, MODEL
+from capsbayes.infer.many import identify_folder, listing
+listing.ROWS = 3
+identify_folder(sys.argv[1], MODEL, EXPERIMENT, out=sys.argv[2], seed=1, scheduler="synchronous", check=0.0)
+"""
+
+
+def write_table(path, count=12):
+    rng = np.random.default_rng(5)
+    theta = {"capillary_number": rng.uniform(0.04, 0.1, count), "size_ratio": rng.uniform(0.85, 1.0, count)}
+    shape = MODEL(theta)
+    frame = pd.DataFrame(
+        {
+            "name": [f"c{k}" for k in range(count)],
+            "axial_extent_over_l": shape.axial_extent + 0.01 * rng.standard_normal(count),
+            "axial_extent_error_over_l": 0.01,
+            "axial_length_over_l": shape.axial_length - 0.02,
+            "axial_length_error_over_l": 0.01,
+            "capsule_velocity_mm_per_s": 5.0,
+            "capsule_velocity_error_mm_per_s": 0.05,
+        }
+    )
+    frame.to_csv(path, index=False)
+    return frame
+
+
+def same(one, other):
+    """Whether two populations have the same rows, to the last bit."""
+    return all(np.array_equal(one[name], other[name], equal_nan=one[name].dtype.kind == "f") for name in one.dataset)
+
+
+def test_every_row_of_a_table_has_a_result_or_a_reason(tmp_path):
+    frame = write_table(tmp_path / "t.csv").astype(object)
+    frame.loc[1, "axial_extent_over_l"] = "n/k"
+    frame.loc[2, "axial_extent_over_l"] = 9.0
+    frame.loc[3, "capsule_velocity_error_mm_per_s"] = 4.0
+    frame.loc[4, "axial_length_over_l"] = None
+    frame["status"] = "DONE"
+    frame.loc[5, "status"] = "DOUBLET"
+    frame.to_csv(tmp_path / "t.csv", index=False)
+    found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    status, reason = found["status"], found["reason"]
+    assert len(found) == len(frame)
+    assert (status[1], reason[1]) == ("UNUSABLE", "axial_extent_over_l: expected a number")
+    assert status[2] == "NO_SHAPE"
+    assert reason[3].startswith("capsule_velocity: expected a standard error below 25%")
+    assert status[5] == "DOUBLET"
+    done = np.isin(np.arange(len(frame)), [1, 2, 3, 5], invert=True)
+    assert np.isfinite(found["surface_shear_modulus_median"][done]).all()
+    assert np.isnan(found["surface_shear_modulus_median"][~done]).all()
+    assert found.counts[Status.UNUSABLE] == 2
+    again = Population.read(tmp_path / "r.nc")
+    assert same(found, again)
+    header = (tmp_path / "r.csv").read_text().splitlines()[0]
+    assert "surface_shear_modulus_median [N/m]" in header
+    assert "capsule_radius_lower_95 [m]" in header
+
+
+def test_row_is_that_of_the_exact_engine(tmp_path):
+    frame = write_table(tmp_path / "t.csv", 2)
+    found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    extent, length = (float(frame[f"axial_{name}_over_l"][0]) for name in ("extent", "length"))
+    one = Measurement(extent, 0.01, 5e-3, 5e-5, axial_length=length, axial_length_error=0.01)
+    wanted = Quadrature(MODEL, EXPERIMENT)(one).marginal("surface_shear_modulus")
+    assert found["surface_shear_modulus_median"][0] == pytest.approx(wanted.median, abs=0.02 * wanted.sd)
+
+
+def test_a_parquet_table_and_a_netcdf_of_lengths_are_tables_too(tmp_path):
+    frame = write_table(tmp_path / "t.csv", 3)
+    whole = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "a.nc", **HERE)
+    names = {name: name.removesuffix("_over_l").replace("_mm_per_s", "") for name in frame}
+    scales = {name: 1e-3 if name.endswith("mm_per_s") else 1.0 for name in frame if name != "name"}
+    columns = {names[name]: ("capsule", frame[name] * scale) for name, scale in scales.items()}
+    xr.Dataset(columns).to_netcdf(tmp_path / "t.nc", engine="h5netcdf")
+    found = identify_folder(tmp_path / "t.nc", MODEL, EXPERIMENT, out=tmp_path / "b.nc", **HERE)
+    assert found["capsule_radius_median"] == pytest.approx(whole["capsule_radius_median"], rel=1e-9)
+    pytest.importorskip("pyarrow")
+    frame.to_parquet(tmp_path / "t.parquet")
+    found = identify_folder(tmp_path / "t.parquet", MODEL, EXPERIMENT, out=tmp_path / "c.nc", **HERE)
+    assert np.array_equal(found["capsule_radius_median"], whole["capsule_radius_median"])
+
+
+@pytest.mark.slow
+def test_order_of_the_rows_and_number_of_workers_change_no_digit(tmp_path, monkeypatch):
+    frame = write_table(tmp_path / "t.csv")
+    whole = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "a.nc", **HERE)
+    monkeypatch.setattr(listing, "ROWS", 5)
+    two = HERE | {"scheduler": None, "workers": 2}
+    assert same(whole, identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "b.nc", **two))
+    frame[::-1].to_csv(tmp_path / "u.csv", index=False)
+    backward = identify_folder(tmp_path / "u.csv", MODEL, EXPERIMENT, out=tmp_path / "c.nc", **HERE)
+    forward = backward.dataset.isel(capsule=slice(None, None, -1)).drop_vars(["source", "sha256"])
+    assert same(Population(forward), Population(whole.dataset.drop_vars(["source", "sha256"])))
+
+
+def test_a_killed_run_goes_on_where_it_was(tmp_path):
+    write_table(tmp_path / "t.csv", 300)
+    whole = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "whole.nc", **HERE)
+    out, parts = tmp_path / "r.nc", tmp_path / "r.nc.parts"
+    paths = os.pathsep.join(sys.path)
+    command = [sys.executable, "-c", SCRIPT, str(tmp_path / "t.csv"), str(out)]
+    run = subprocess.Popen(command, env=os.environ | {"PYTHONPATH": paths}, stderr=subprocess.PIPE)
+    while not (kept := list(parts.glob("rows-*.npz"))) and run.poll() is None:
+        time.sleep(0.01)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    run.stderr.close()
+    assert not out.exists()
+    assert 0 < len(kept) < 100
+    stamps = {file: file.stat().st_mtime_ns for file in kept}
+    kept[0].write_bytes(kept[0].read_bytes()[:200])  # as a full disk or a power cut leaves a file
+    computed = []
+    write = CapsuleRows.write
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(listing, "ROWS", 3)
+        patched.setattr(CapsuleRows, "write", lambda rows, path: (computed.append(path), write(rows, path)))
+        found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=out, **HERE)
+    assert same(found, whole)
+    assert kept[0] in computed
+    assert not any(file in computed for file in list(stamps)[1:])
+    assert not parts.exists()
+
+
+def test_a_full_disk_is_said_and_loses_nothing(tmp_path, monkeypatch):
+    write_table(tmp_path / "t.csv", 6)
+    monkeypatch.setattr(listing, "ROWS", 3)
+    write, written = CapsuleRows.write, []
+
+    def full(rows, path):
+        if written:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        written.append(path)
+        write(rows, path)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(CapsuleRows, "write", full)
+        with pytest.raises(InputError, match=r"room on the disk.*start again: what is finished is kept"):
+            identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    assert written[0].exists()
+    assert len(identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)) == 6
+
+
+def test_tasks_of_killed_workers_are_tried_again(tmp_path, monkeypatch):
+    write_table(tmp_path / "t.csv", 2)
+    attempts = []
+
+    def killed(tasks, scheduler, workers):
+        attempts.append(len(tasks))
+        raise BrokenProcessPool("a process in the pool was terminated abruptly")
+
+    once = identify_folder_module.computed
+    monkeypatch.setattr(identify_folder_module, "computed", lambda *how: once(*how) if attempts else killed(*how))
+    assert len(identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)) == 2
+    monkeypatch.setattr(identify_folder_module, "computed", killed)
+    attempts.clear()
+    with pytest.raises(InputError, match=r"one killed at each attempt; give it more memory"):
+        identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "s.nc", **HERE)
+    assert attempts == [1, 1, 1]
+
+
+@pytest.mark.slow
+def test_pictures_are_measured_and_identified(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    made = drawn(0.06, 0.9)
+    cv2.imwrite(str(folder / "a.png"), made.picture)
+    cv2.imwrite(str(folder / "empty.png"), made.background)
+    model = Surrogate.open("square-neo-hookean", view="silhouette")
+    found = identify_folder(
+        folder, model, EXPERIMENT, out=tmp_path / "r.nc", capsule_velocity=Quantity(5e-3, 5e-5, "m/s"), **HERE
+    )
+    assert found["name"].tolist() == ["a", "empty"]
+    assert Status[found["status"][0]].ok
+    assert found["status"][1] in ("NO_WALLS", "NO_CAPSULE")
+    assert found["surface_shear_modulus_median"][0] > 0.0
+    assert section_and_view(folder, EXPERIMENT) == ("square", "silhouette")
+    bare = identify_folder(folder, model, EXPERIMENT, out=tmp_path / "s.nc", **HERE)
+    assert "capsule_velocity: expected what a picture does not show" in bare["reason"][0]
+
+
+def test_a_folder_goes_on_with_new_files_and_refuses_the_damaged_by_name(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    EXPERIMENT.write(folder / "experiment.toml")
+    named = {"experiment_file": folder / "experiment.toml"}
+    for k in range(3):
+        one = Measurement(2.14 + 0.01 * k, 0.01, 5e-3, 5e-5, axial_length=1.81, axial_length_error=0.01, **named)
+        one.write(folder / f"capsule-{k}.toml")
+    (folder / "torn.toml").write_text("[measurement]\naxial_extent =")
+    first = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert first["status"].tolist() == ["DONE"] * 3 + ["UNUSABLE"]
+    assert "torn.toml: expected a TOML file" in first["reason"][3]
+    assert len(first["sha256"][0]) == 64
+    kept = {file: file.stat().st_mtime_ns for file in (tmp_path / "r.nc.parts").glob("file-*.npz")}
+    Measurement(2.2, 0.01, 5e-3, 5e-5, **named).write(folder / "capsule-9.toml")
+    second = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert second["name"].tolist() == ["capsule-0", "capsule-1", "capsule-2", "capsule-9", "torn"]
+    assert all(file.stat().st_mtime_ns == stamp for file, stamp in kept.items())
+
+
+def test_a_change_of_the_experiment_that_files_name_is_a_change_of_their_rows(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    EXPERIMENT.write(folder / "experiment.toml")
+    twice = Experiment(section="square", half_width=25e-6, viscosity=1.7)
+    how = {"axial_length": 1.81, "axial_length_error": 0.01}
+    for name in "ab":
+        Measurement(2.14, 0.01, 5e-3, 5e-5, **how, experiment_file=folder / "experiment.toml").write(
+            folder / f"{name}.toml"
+        )
+    first = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert first.attributes["experiment"]["viscosity"]["value"] == pytest.approx(0.85)
+    twice.write(folder / "experiment.toml")
+    second = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    both = [one["surface_shear_modulus_median"] for one in (first, second)]
+    assert both[1] == pytest.approx(2.0 * both[0], rel=0.01)
+    # under two experiments there is none for all, and each counts for its own capsule
+    EXPERIMENT.write(folder / "other.toml")
+    Measurement(2.14, 0.01, 5e-3, 5e-5, **how, experiment_file=folder / "other.toml").write(folder / "b.toml")
+    third = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert third.attributes["experiment"] == {}
+    assert third["surface_shear_modulus_median"] == pytest.approx([both[1][0], both[0][1]], rel=0.01)
+    EXPERIMENT.write(folder / "experiment.toml")
+    fourth = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert fourth["surface_shear_modulus_median"] == pytest.approx(both[0], rel=0.01)
+
+
+def test_lengths_in_metres_and_outlines_are_rows_too(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    extent, length, error = 2.14 * 25e-6, 1.81 * 25e-6, 0.01 * 25e-6
+    metres = Measurement(
+        extent, error, 5e-3, 5e-5, axial_length=length, axial_length_error=error, over_half_width=False
+    )
+    metres.write(folder / "a.toml")
+    theta = {"capillary_number": np.array([0.082]), "size_ratio": np.array([0.96])}
+    points = MODEL(theta, outline=True).outline[0]
+    edge = MeasuredOutline(points, OutlineNoise(0.01, 0.2, 0.25))
+    Measurement(2.14, 0.01, 5e-3, 5e-5, axial_length=1.81, axial_length_error=0.01, outline=edge).write(
+        folder / "b.toml"
+    )
+    found = identify_folder(folder, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    assert found["engine"].tolist() == ["grid", "grid"]
+    assert found["capillary_number_median"] == pytest.approx(0.082, rel=0.1)
+    weights = found["likelihood"][:, :, 0]
+    assert weights.sum(axis=1) == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_some_capsules_are_sampled_and_agree_and_chains_are_kept_on_request(tmp_path):
+    write_table(tmp_path / "t.csv", 4)
+    how = HERE | {"check": 0.5}
+    found = identify_folder(
+        tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", chains=tmp_path / "chains", **how
+    )
+    agreement = found.attributes["agreement"]
+    assert agreement["capsules"] == agreement["agreeing"] == 2
+    assert agreement["median"] < 0.05
+    assert len(list((tmp_path / "chains").glob("*.nc"))) == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("nothing", "nothing there"), ("t.xlsx", "ends in .xlsx"), ("empty.csv", "expected"), ("t.nc", "a NetCDF file")],
+)
+def test_what_cannot_be_read_is_one_clear_line(tmp_path, name, words):
+    if name != "nothing":
+        (tmp_path / name).write_text("")
+    with pytest.raises(InputError, match=words):
+        identify_folder(tmp_path / name, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    assert not (tmp_path / "r.nc.parts").exists()
+
+
+def test_a_background_that_is_not_there_is_one_clear_line(tmp_path):
+    write_table(tmp_path / "t.csv", 2)
+    how = HERE | {"background": tmp_path / "empty.png"}
+    with pytest.raises(InputError, match=r"empty\.png: expected a picture of the empty channel"):
+        identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **how)
+    assert not (tmp_path / "r.nc.parts").exists()
+
+
+def test_an_empty_folder_and_a_table_without_experiment_are_refused(tmp_path):
+    (tmp_path / "run").mkdir()
+    with pytest.raises(InputError, match="a folder without any"):
+        identify_folder(tmp_path / "run", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    write_table(tmp_path / "t.csv", 2)
+    with pytest.raises(InputError, match="--experiment"):
+        identify_folder(tmp_path / "t.csv", MODEL, out=tmp_path / "r.nc", **HERE)

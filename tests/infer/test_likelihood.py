@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
+from capsbayes.measurement import Measurement
+
+WIDTH = 25e-6
+
+
+@pytest.fixture
+def points(model):
+    theta = {"capillary_number": np.array([0.03, 0.08, 0.082]), "size_ratio": np.array([0.9, 0.95, 0.96])}
+    return model(theta)
+
+
+def measured(**changes):
+    good = {
+        "axial_extent": 2.13,
+        "axial_extent_error": 0.02,
+        "axial_length": 1.80,
+        "axial_length_error": 0.01,
+        "length_correlation": 0.4,
+        "capsule_velocity": 5e-3,
+        "capsule_velocity_error": 5e-5,
+    }
+    return Measurement(**(good | changes))
+
+
+def test_both_lengths_with_the_covariances_of_measurement_and_model(points):
+    seen = measured()
+    density = LengthsLikelihood.of(seen).log_density(ModelAtPoints.of(points))
+    for n, value in enumerate(density):
+        mean = [points.axial_extent[n], points.axial_length[n]]
+        exact = multivariate_normal(mean, seen.covariance + points.covariance[n, :2, :2]).logpdf(seen.lengths)
+        assert value == pytest.approx(exact)
+
+
+def test_the_model_error_can_be_scaled(points):
+    seen = measured()
+    density = LengthsLikelihood.of(seen).log_density(ModelAtPoints.of(points, error_scale=0.5))
+    mean = [points.axial_extent[0], points.axial_length[0]]
+    exact = multivariate_normal(mean, seen.covariance + 0.25 * points.covariance[0, :2, :2]).logpdf(seen.lengths)
+    assert density[0] == pytest.approx(exact)
+
+
+def test_a_missing_length_leaves_the_other(points):
+    seen = measured(axial_length=None, axial_length_error=None)
+    density = LengthsLikelihood.of(seen).log_density(ModelAtPoints.of(points))
+    exact = multivariate_normal(points.axial_extent[1], 0.02**2 + points.covariance[1, 0, 0]).logpdf(2.13)
+    assert density[1] == pytest.approx(exact)
+
+
+def test_lengths_in_metres_have_a_density_in_metres(points):
+    lengths = {name: WIDTH * value for name, value in (("axial_extent", 2.13), ("axial_length", 1.80))}
+    errors = {"axial_extent_error": 0.02 * WIDTH, "axial_length_error": 0.01 * WIDTH}
+    seen = measured(**lengths, **errors, over_half_width=False)
+    width = np.array([24e-6, 25e-6, 26e-6])
+    density = LengthsLikelihood.of(seen).log_density(ModelAtPoints.of(points), width)
+    for n, value in enumerate(density):
+        mean = width[n] * np.array([points.axial_extent[n], points.axial_length[n]])
+        covariance = 1e10 * (seen.covariance + width[n] ** 2 * points.covariance[n, :2, :2])
+        exact = multivariate_normal(1e5 * mean, covariance).logpdf(1e5 * seen.lengths) + 2.0 * np.log(1e5)
+        assert value == pytest.approx(exact)
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_what_the_lengths_reveal_of_the_velocity_ratio(points, both):
+    """Conditional mean and variance of a joint Gaussian of measured lengths and true velocity ratio."""
+    seen = measured() if both else measured(axial_length=None, axial_length_error=None)
+    k = 2 if both else 1
+    mean, variance = LengthsLikelihood.of(seen).velocity_ratio(ModelAtPoints.of(points))
+    for n in range(3):
+        model_error = points.covariance[n]
+        of_lengths = seen.covariance + model_error[:k, :k]
+        gain = np.linalg.solve(of_lengths, model_error[:k, 2])
+        misfit = seen.lengths - points.values[n, :k]
+        assert mean[n] == pytest.approx(points.velocity_ratio[n] + gain @ misfit)
+        assert variance[n] == pytest.approx(model_error[2, 2] - gain @ model_error[:k, 2])
+
+
+def test_the_distance_is_counted_in_standard_deviations(points):
+    seen = measured(axial_length=None, axial_length_error=None)
+    distance = LengthsLikelihood.of(seen).distance(ModelAtPoints.of(points))
+    error = np.sqrt(0.02**2 + points.covariance[:, 0, 0])
+    np.testing.assert_allclose(distance, np.abs(2.13 - points.axial_extent) / error)
+
+
+def test_the_error_of_the_half_width_widens_lengths_over_l():
+    seen = measured(axial_extent=2.0 * WIDTH, axial_length=1.5 * WIDTH, axial_extent_error=1e-9,
+                    axial_length_error=1e-9, over_half_width=False)  # fmt: skip
+    over = LengthsLikelihood.of(seen).with_half_width(WIDTH, 0.01 * WIDTH)
+    assert over.over_half_width
+    assert np.sqrt(over.zz) == pytest.approx(0.02, rel=1e-4)
+    assert np.sqrt(over.aa) == pytest.approx(0.015, rel=1e-4)
+    assert over.za == pytest.approx(0.02 * 0.015, rel=1e-4)
+
+
+def test_outside_the_domain_there_is_no_density(model):
+    points = model({"capillary_number": np.array([0.3]), "size_ratio": np.array([0.9])})
+    assert np.isnan(LengthsLikelihood.of(measured()).log_density(ModelAtPoints.of(points)))[0]

@@ -1,0 +1,124 @@
+"""A posterior that was written comes back whole, and what is no such file is said in one line."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5netcdf
+import numpy as np
+import pytest
+import scipy.stats
+
+from capsbayes import Posterior
+from capsbayes.errors import InputError
+from capsbayes.infer import identify
+from capsbayes.infer.checks import Agreement, Gate
+from capsbayes.infer.deterministic import DeterministicAnswer
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.posterior_file import RECORD
+from capsbayes.infer.prior import Prior, Range
+from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
+from capsbayes.quantity import Quantity
+from capsbayes.status import Status
+
+
+@pytest.fixture(scope="module")
+def posterior(model, experiment, capsule):
+    return identify(capsule, model, experiment, engine="quadrature", seed=4)
+
+
+def again(posterior, folder):
+    return Posterior.read(posterior.write(folder / "posterior.nc"))
+
+
+def check_same(one, other):
+    assert one.as_dict() == other.as_dict()
+    for name in ("marginals", "reference", "deterministic", "agreement", "gates", "version", "status"):
+        assert getattr(one, name) == getattr(other, name), name
+    assert set(one.draws) == set(other.draws)
+    for name, values in one.draws.items():
+        np.testing.assert_array_equal(other.draws[name], values)
+    np.testing.assert_array_equal(one.ensemble, other.ensemble)
+    np.testing.assert_array_equal(one.outlines, other.outlines)
+
+
+def test_a_posterior_comes_back_whole(posterior, tmp_path):
+    found = again(posterior, tmp_path)
+    check_same(posterior, found)
+    assert found.measurement.outline is None
+    for name in ("viscosity", "half_width", "capsule_velocity"):
+        one, other = getattr(posterior.inputs, name), getattr(found.inputs, name)
+        assert (one.name, one.centre, one.error, one.table) == (other.name, other.centre, other.error, other.table)
+    check_same(found, again(found, tmp_path))
+
+
+def test_everything_that_may_be_missing_comes_back_too(posterior, tmp_path):
+    angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    points = np.stack([np.cos(angle), 0.8 * np.sin(angle)], axis=1)
+    outline = MeasuredOutline(points, OutlineNoise(0.01, 0.3, 0.2), Pose(offset=0.004), SILHOUETTE)
+    measurement = replace(
+        posterior.measurement,
+        outline=outline,
+        axial_length=None,
+        axial_length_error=None,
+        axial_length_bound=2.2,
+        flow_rate=1e-11,
+        source="folder/capsule.png",
+        sha256="12",
+        experiment_file=Path("channel.toml"),
+        conditions={"viscosity": 0.9},
+    )
+    experiment = replace(
+        posterior.experiment, viscosity=scipy.stats.gamma(400.0, scale=0.002), frame_rate=Quantity(2e3, 1.0, "1/s")
+    )
+    whole = replace(
+        posterior,
+        measurement=measurement,
+        experiment=experiment,
+        inputs=Inputs.of(measurement, experiment),
+        prior=Prior(Range("uniform", 1e-3, 1.0), coordinates={"pre_inflation": scipy.stats.norm(0.03, 0.01)}),
+        draws=posterior.draws | {"lp": posterior.draws["size_ratio"] - 1.0},
+        reference=posterior.marginals,
+        gates=(Gate("cells", 5.0, least=4.0), Gate("stuck", float("nan"), most=0.0)),
+        agreement=Agreement(0.02, 0.3, 0.1, "size_ratio", passed=False),
+        deterministic=DeterministicAnswer(0.04, 24e-6, 4e-3, 0.08, 0.96, 1.3, {"pre_inflation": 0.0}),
+        outlines=None,
+        status=Status.ENGINES_DISAGREE,
+        version="0.0.7",
+    )
+    found = again(whole, tmp_path)
+    for name in ("reference", "agreement", "deterministic", "status", "version", "outlines", "shares", "leaning"):
+        assert getattr(found, name) == getattr(whole, name), name
+    assert repr(found.gates) == repr(whole.gates)
+    np.testing.assert_array_equal(found.draws["lp"], whole.draws["lp"])
+    np.testing.assert_array_equal(found.measurement.outline.points, outline.points)
+    assert (found.measurement.outline.noise, found.measurement.outline.pose) == (outline.noise, outline.pose)
+    assert found.measurement.outline.view == SILHOUETTE
+    for name in ("source", "experiment_file", "axial_length", "axial_length_bound", "flow_rate", "conditions"):
+        assert getattr(found.measurement, name) == getattr(measurement, name)
+    assert found.experiment.frame_rate == experiment.frame_rate
+    assert found.experiment.viscosity.ppf(0.3) == experiment.viscosity.ppf(0.3)
+    assert found.prior.surface_shear_modulus == whole.prior.surface_shear_modulus
+    assert found.prior.coordinates["pre_inflation"].ppf(0.9) == whole.prior.coordinates["pre_inflation"].ppf(0.9)
+    np.testing.assert_array_equal(found.inputs.viscosity.table[1], whole.inputs.viscosity.table[1])
+
+
+def test_a_distribution_without_a_name_is_said(posterior, tmp_path):
+    counts = np.histogram(np.random.default_rng(1).normal(0.85, 0.02, 500), bins=20)
+    drawn = scipy.stats.rv_histogram(counts, density=False).freeze()
+    path = replace(posterior, experiment=replace(posterior.experiment, viscosity=drawn)).write(tmp_path / "one.nc")
+    with pytest.raises(InputError, match=r"a distribution of scipy\.stats named") as caught:
+        Posterior.read(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_other_files_are_said(posterior, tmp_path):
+    with pytest.raises(InputError, match=r"none\.nc: expected the file of a posterior, got nothing there"):
+        Posterior.read(tmp_path / "none.nc")
+    (tmp_path / "text.nc").write_text("no numbers")
+    with pytest.raises(InputError, match=r"text\.nc: expected the file of a posterior, got a damaged or foreign file"):
+        Posterior.read(tmp_path / "text.nc")
+    path = posterior.write(tmp_path / "old.nc")
+    with h5netcdf.File(path, "a") as file:
+        del file.attrs[RECORD]
+    with pytest.raises(InputError, match="got one that lacks what makes it whole; identify the capsule again"):
+        Posterior.read(path)

@@ -1,0 +1,120 @@
+import itertools
+
+import numpy as np
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.infer.prior import Prior, Range, log_jacobian
+
+WIDTH, VISCOSITY = 25e-6, 0.85
+
+
+def physical(model, ca, size, velocity):
+    """(log G_s, a, log U) of (Ca, a/l, v_o)."""
+    ratio = model({"capillary_number": np.array([ca]), "size_ratio": np.array([size])}).velocity_ratio[0]
+    flow = velocity / ratio
+    return np.array([np.log(VISCOSITY * flow / ca), WIDTH * size, np.log(flow)])
+
+
+@pytest.mark.parametrize(("ca", "size", "velocity"), [(0.082, 0.96, 5e-3), (0.01, 0.75, 2e-3), (0.1, 1.1, 7e-2)])
+def test_the_jacobian_is_that_of_the_map_to_physical_quantities(model, ca, size, velocity):
+    def at(point):
+        return physical(model, np.exp(point[0]), point[1], point[2])
+
+    point, columns = np.array([np.log(ca), size, velocity]), []
+    for k, step in enumerate((1e-5, 1e-5, 1e-5 * velocity)):
+        shift = np.eye(3)[k] * step
+        columns.append((at(point + shift) - at(point - shift)) / (2.0 * step))
+    determinant = np.linalg.det(np.stack(columns, axis=1))
+    expected = np.exp(log_jacobian(half_width=WIDTH, capsule_velocity=velocity))
+    assert abs(determinant) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("shape", ["uniform", "log-uniform"])
+def test_a_range_is_normalised_and_ends_where_it_says(shape):
+    one = Range(shape, 0.5, 3.0)
+    logs = np.linspace(np.log(0.5), np.log(3.0), 20_001)
+    density = np.exp(one.log_density_of_log(logs))
+    assert np.trapezoid(density, logs) == pytest.approx(1.0, rel=1e-4)
+    assert np.all(np.isneginf(one.log_density_of_log(np.log([0.49, 3.01]))))
+
+
+def test_draws_from_the_prior_are_distributed_as_its_density_says(model):
+    """Push draws of (G_s, a, U) through the model and compare with the density in (log Ca, a/l)."""
+    rng = np.random.default_rng(3)
+    prior = Prior(Range("uniform", 0.01, 0.3), Range("log-uniform", 10e-6, 40e-6))
+    count = 400_000
+    modulus, radius = rng.uniform(0.01, 0.3, count), np.exp(rng.uniform(np.log(10e-6), np.log(40e-6), count))
+    flow = np.exp(rng.uniform(np.log(1e-4), np.log(0.1), count))
+    ca, size = VISCOSITY * flow / modulus, radius / WIDTH
+    prediction = model({"capillary_number": ca, "size_ratio": size})
+    velocity = flow * prediction.velocity_ratio
+    box = prediction.inside & (np.abs(velocity / 5e-3 - 1.0) < 0.5)  # U is log-uniform only far from its ends
+    weights, edges = [], np.linspace(np.log(0.008), np.log(0.1), 7)
+    for low, high in itertools.pairwise(edges):
+        for small, large in ((0.72, 0.82), (0.82, 0.92), (0.92, 1.0)):
+            cell = box & (np.log(ca) > low) & (np.log(ca) <= high) & (size > small) & (size <= large)
+            weights.append((np.count_nonzero(cell), _mass(model, prior, (low, high), (small, large))))
+    counts, masses = np.array(weights).T
+    expected = masses / masses.sum() * counts.sum()
+    assert counts.sum() > 5000
+    assert np.sum((counts - expected) ** 2 / expected) < 45.0  # 17 degrees of freedom, 99.97 %
+
+
+def _mass(model, prior, logs, sizes):
+    """Prior mass of a cell of (log Ca, a/l) with v_o within half of 5 mm/s, by midpoints."""
+    u, s, v = (
+        np.ravel(grid)
+        for grid in np.meshgrid(
+            *(low + (high - low) * (np.arange(8) + 0.5) / 8 for low, high in (logs, sizes, (2.5e-3, 7.5e-3)))
+        )
+    )
+    one = np.ones_like(u)
+    theta = {
+        "capillary_number": np.exp(u),
+        "size_ratio": s,
+        "viscosity": VISCOSITY * one,
+        "half_width": WIDTH * one,
+        "capsule_velocity": v,
+    }
+    ratio = model(theta).velocity_ratio
+    return np.exp(prior.log_density(theta, ratio)).sum() * (sizes[1] - sizes[0])
+
+
+def test_ranges_are_read_from_the_file_of_the_capsule(tmp_path):
+    path = tmp_path / "capsule.toml"
+    path.write_text(
+        "[measurement]\n[prior]\n"
+        'surface_shear_modulus = { distribution = "uniform", low = "5 mN/m", high = "0.2 N/m" }\n'
+    )
+    prior = Prior.read(path)
+    assert prior.surface_shear_modulus.shape == "uniform"
+    assert prior.surface_shear_modulus.low == pytest.approx(5e-3)
+    assert prior.surface_shear_modulus.high == pytest.approx(0.2)
+    assert prior.capsule_radius == Prior().capsule_radius
+    assert prior.described()["surface_shear_modulus"]["distribution"] == "uniform"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('radius = "1 um"', "prior.radius: expected one of surface_shear_modulus, capsule_radius"),
+        ('capsule_radius = "1 um"', "prior.capsule_radius: expected { distribution"),
+        ('capsule_radius = { distribution = "normal", low = "1 um", high = "2 um" }', "capsule_radius.distribution"),
+        ('capsule_radius = { distribution = "uniform", low = "1 Pa", high = "2 um" }', "prior.capsule_radius.low"),
+        ('capsule_radius = { distribution = "uniform", low = "3 um", high = "2 um" }', "expected low < high"),
+    ],
+)
+def test_mistakes_in_a_prior_are_named(tmp_path, line, message):
+    path = tmp_path / "capsule.toml"
+    path.write_text(f"[prior]\n{line}\n")
+    with pytest.raises(InputError) as caught:
+        Prior.read(path)
+    assert message in str(caught.value)
+    assert "capsule.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize("limits", [(0.0, 1.0), (2.0, 1.0), (1.0, np.inf), (np.nan, 1.0)])
+def test_a_range_needs_positive_rising_limits(limits):
+    with pytest.raises(InputError, match="0 < low < high"):
+        Range("uniform", *limits)

@@ -1,0 +1,64 @@
+import pickle
+
+import numpy as np
+import pytest
+
+from capsbayes import Simulator, Status
+from capsbayes.errors import InputError
+from capsbayes.physics.stokes.walls import Walls
+
+COARSE_WALLS = Walls(spacing=0.16, far_spacing=0.3, end=2.5)
+SIMULATOR = Simulator(refinement=4, bending=1e-3, walls=COARSE_WALLS)
+
+
+@pytest.fixture(scope="module")
+def state():
+    return SIMULATOR.run(capillary_number=0.05, size_ratio=0.85)
+
+
+def test_state_of_the_branch_from_rest(state):
+    assert state.status is Status.DONE
+    assert state.profile.parachute_depth > 0.05
+    assert 1.0 < state.velocity_ratio < 1.6
+    assert state.residual < 1e-7
+
+
+def test_two_ways_to_a_case_meet(state):
+    """Straight from the first state, and over a neighbour at another Ca and size."""
+    detour = SIMULATOR.run(capillary_number=0.06, size_ratio=0.82, start=state)
+    back = SIMULATOR.run(capillary_number=0.05, size_ratio=0.85, start=detour)
+    np.testing.assert_allclose(back.nodes, state.nodes, atol=1e-6)
+    assert back.velocity_ratio == pytest.approx(state.velocity_ratio, abs=1e-7)
+
+
+def test_volume_and_centroid_are_those_of_the_sphere_at_the_origin(state):
+    membrane = SIMULATOR.problem.membrane(0.85)
+    inside = membrane.enclosure(membrane.mesh.reduced(state.nodes))
+    assert inside.volume == pytest.approx(4 / 3 * np.pi * 0.85**3, rel=1e-7)
+    assert inside.moment == pytest.approx(0.0, abs=1e-7)
+
+
+def test_state_of_another_mesh_is_a_start(state):
+    simulator = Simulator(refinement=5, bending=1e-3, walls=COARSE_WALLS)
+    finer = simulator.run(capillary_number=0.05, size_ratio=0.85, start=state)
+    assert finer.status is Status.DONE
+    assert finer.velocity_ratio == pytest.approx(state.velocity_ratio, rel=5e-3)
+
+
+def test_states_and_simulators_survive_pickling(state):
+    copy = pickle.loads(pickle.dumps(state))
+    np.testing.assert_array_equal(copy.surface_nodes, state.surface_nodes)
+    assert pickle.loads(pickle.dumps(SIMULATOR)) == SIMULATOR
+
+
+def test_stiff_pre_inflation_keeps_the_rear_convex():
+    state = Simulator(refinement=4, pre_inflation=0.1, walls=COARSE_WALLS).run(capillary_number=0.05, size_ratio=0.8)
+    assert state.status is Status.DONE
+    assert state.profile.parachute_depth == pytest.approx(0.0, abs=1e-9)
+
+
+def test_impossible_simulators_are_refused():
+    with pytest.raises(InputError, match="bending: expected a number from 0 to 1, got -1"):
+        Simulator(bending=-1)
+    with pytest.raises(InputError, match="refinement: expected at least 4, got 3"):
+        Simulator(refinement=3)

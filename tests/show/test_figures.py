@@ -1,0 +1,117 @@
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from polynomial_model import PolynomialModel
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.infer import identify
+from capsbayes.infer.deterministic import DeterministicAnswer
+from capsbayes.measurement import Measurement
+from capsbayes.show import corner_plot, outline_figure, outline_plot
+from capsbayes.show.outline_plot import band
+
+
+@pytest.fixture(scope="module")
+def posterior():
+    experiment = Experiment(
+        section="square", half_width=positive_normal(25e-6, 0.2e-6), viscosity=positive_normal(0.85, 0.02)
+    )
+    seen = Measurement(
+        axial_extent=2.14,
+        axial_extent_error=0.01,
+        axial_length=1.81,
+        axial_length_error=0.01,
+        capsule_velocity=5e-3,
+        capsule_velocity_error=5e-5,
+    )
+    return identify(seen, PolynomialModel(), experiment, engine="quadrature", seed=1)
+
+
+def texts(ax):
+    return [text.get_text() for text in ax.texts]
+
+
+def test_the_corner_plot_shows_every_pair_with_units_and_intervals(posterior):
+    figure = corner_plot(posterior)
+    axes = np.array(figure.axes).reshape(5, 5)
+    assert axes[-1, 0].get_xlabel() == r"$G_\mathrm{s}$ [mN/m]"
+    assert axes[1, 0].get_ylabel() == "$a$ [µm]"
+    one = posterior.marginals["capsule_radius"]
+    assert axes[1, 1].get_title().startswith(f"$a = {1e6 * one.median:.2f}_{{-")
+    assert axes[1, 1].get_title().endswith("µm")
+    low, high = axes[3, 3].get_xlim()
+    assert low < posterior.marginals["capillary_number"].lower_95 < high
+    assert figure.legends == []
+
+
+def test_the_corner_plot_marks_the_deterministic_answer(posterior):
+    answer = DeterministicAnswer(0.041, 24e-6, 3.88e-3, 0.081, 0.959, 1.29)
+    figure = corner_plot(replace(posterior, deterministic=answer), ("surface_shear_modulus", "size_ratio"))
+    axes = np.array(figure.axes).reshape(2, 2)
+    (marker,) = (line for line in axes[1, 0].lines if line.get_marker() == "D")
+    np.testing.assert_allclose([marker.get_xdata()[0], marker.get_ydata()[0]], [41.0, 0.959])
+    assert "deterministic" in figure.legends[0].get_texts()[0].get_text()
+
+
+def test_the_corner_library_stays_whole_for_others(posterior):
+    corner_plot(posterior, ("capillary_number", "size_ratio"))
+    assert sys.modules.get("arviz", "absent") is not None
+    if "corner" in sys.modules:
+        assert sys.modules["corner"].corner is not None
+
+
+def test_the_band_lies_along_the_normal():
+    angle = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    radii = np.random.default_rng(1).normal(2.0, 0.1, 4000)
+    middle, inner, outer = band(radii[:, None, None] * circle)
+    np.testing.assert_allclose(np.hypot(*middle.T), radii.mean())
+    np.testing.assert_allclose(np.hypot(*inner.T), np.quantile(radii, 0.025), rtol=1e-6)
+    np.testing.assert_allclose(np.hypot(*outer.T), np.quantile(radii, 0.975), rtol=1e-6)
+
+
+def test_the_outline_is_drawn_with_walls_lengths_and_both_scales(posterior):
+    figure = outline_figure(posterior)
+    ax = figure.axes[0]
+    assert ax.get_xlabel() == r"$z/\ell$"
+    assert any("2.140" in text and "0.010" in text for text in texts(ax))
+    assert any("1.810" in text for text in texts(ax))
+    horizontal = [line.get_ydata()[0] for line in ax.lines if np.ptp(line.get_ydata()) == 0.0]
+    assert {-1.0, 1.0} <= set(horizontal)
+    (scale,) = ax.child_axes
+    assert "25 µm" in scale.get_xlabel()
+    figure.draw_without_rendering()
+    np.testing.assert_allclose(scale.get_xlim(), np.multiply(25.0, ax.get_xlim()), rtol=1e-3)
+    assert {text.get_text() for text in ax.get_legend().get_texts()} == {
+        "predicted outline", "95 % of the posterior", "measured, ±2 standard errors"
+    }  # fmt: skip
+    pixels = ax.get_window_extent()
+    wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
+    assert pixels.width / pixels.height == pytest.approx(wide / high, rel=1e-3)
+
+
+def test_a_missing_length_is_not_drawn(posterior):
+    from matplotlib.figure import Figure
+
+    seen = replace(posterior.measurement, axial_length=None, axial_length_error=None)
+    ax = outline_plot(replace(posterior, measurement=seen), Figure().subplots())
+    assert not any("mathrm{a}" in text for text in texts(ax))
+
+
+def test_lengths_in_metres_are_drawn_over_l(posterior):
+    seen = posterior.measurement
+    lengths = {
+        name: 25e-6 * getattr(seen, name)
+        for name in ("axial_extent", "axial_extent_error", "axial_length", "axial_length_error")
+    }
+    in_metres = replace(seen, **lengths, over_half_width=False)
+    ax = outline_figure(replace(posterior, measurement=in_metres)).axes[0]
+    assert any("2.140" in text for text in texts(ax))
+
+
+def test_a_model_without_outlines_is_said(posterior):
+    with pytest.raises(InputError, match="expected a posterior with outlines"):
+        outline_figure(replace(posterior, outlines=None))

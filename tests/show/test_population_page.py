@@ -1,0 +1,109 @@
+"""The page of a population: worst first, at most so many, and nothing counted that should not be."""
+
+import re
+from html import unescape
+
+import numpy as np
+import pytest
+from results import grown, population
+
+from capsbayes.errors import InputError
+from capsbayes.show import Spread
+from capsbayes.show.population_page import population_page
+from capsbayes.show.population_plots import modulus_against_radius, modulus_histogram
+from capsbayes.show.population_rows import worst_first
+
+
+def text_of(page):
+    return unescape(re.sub(r"<[^>]+>", "", page))
+
+
+def test_worst_come_first():
+    one = population()
+    order = worst_first(one)
+    assert list(one["status"].values[order[:3]]) == ["NO_CAPSULE", "LEANS_ON_BORDER", "DONE"]
+    width = np.log(one["surface_shear_modulus_upper_95"] / one["surface_shear_modulus_lower_95"]).values[order[2:]]
+    assert np.all(np.diff(width) < 0.0)
+    assert sorted(order) == list(range(8))
+
+
+def test_the_headline_is_of_the_capsules_that_can_be_used():
+    one = population()
+    page = population_page(one)
+    used = one["surface_shear_modulus_median"].values[one["status"].values == "DONE"]
+    assert re.search(rf"Median G<sub>s</sub> = {1e3 * np.median(used):.0f}(\.\d+)? mN/m", page)
+    assert "6 of 8 capsules ended as they should; the other 2 are left out" in page
+    assert "No capsule was found between the walls." in page
+    assert "capsule 1 &lt;b&gt;" in page
+
+
+def test_rows_over_the_limit_are_elsewhere():
+    page = population_page(grown(40), rows=25, source="run_42.nc")
+    assert page.count('<tr><td class="number" data-value="') == 25
+    assert "The 25 worst of 40 are shown; the others are in run_42.nc." in page
+    assert "worst of" not in population_page(population(), rows=25)
+
+
+def test_numbers_of_the_table_are_in_the_units_of_its_headings():
+    one = population()
+    row = re.search(r"<tr>((?!<tr>).)*capsule 3 &lt;b&gt;.*?</tr>", population_page(one), flags=re.S)[0]
+    values = [float(value) for value in re.findall(r'data-value="([^"]+)"', row)]
+    for name, scale, value in (
+        ("surface_shear_modulus_median", 1e3, values[1]),
+        ("capsule_radius_median", 1e6, values[3]),
+        ("capillary_number_median", 1.0, values[4]),
+    ):
+        assert value == pytest.approx(scale * float(one[name][3]), rel=1e-8)
+
+
+def test_the_histogram_holds_each_capsule_once_and_the_spread_as_many():
+    from matplotlib.patches import StepPatch
+
+    modulus = population()["surface_shear_modulus_median"].values
+    spread = Spread(np.log(np.nanmedian(modulus)), 0.2)
+    ax = modulus_histogram(population(), spread).axes[0]
+    (steps,) = (patch for patch in ax.patches if isinstance(patch, StepPatch))
+    assert steps.get_data().values.sum() == 6
+    (line,) = ax.lines
+    edges = np.log(steps.get_data().edges)
+    area = np.trapezoid(line.get_ydata(), np.log(line.get_xdata()))
+    assert area == pytest.approx(6 * (edges[1] - edges[0]), rel=0.01)
+    assert ax.get_xlabel() == r"$G_\mathrm{s}$ [mN/m]"
+
+
+def test_the_spread_is_said_with_its_interval():
+    rng = np.random.default_rng(3)
+    spread = Spread(rng.normal(np.log(0.05), 0.02, 800), np.abs(rng.normal(0.12, 0.01, 800)))
+    text = text_of(population_page(population(), spread=spread))
+    assert re.search(r"the median Gs of the capsules is 50\.\d mN/m, 95 % \[48\.\d, 52\.\d\]", text)
+    assert re.search(r"differ from it by 12 % \(standard deviation of ln Gs, 95 % \[10 %, 14 %\]\)", text)
+
+
+def test_usable_capsules_and_others_are_drawn_apart():
+    ax = modulus_against_radius(population()).axes[0]
+    drawn = {one.get_label(): len(one.lines[0].get_xdata()) for one in ax.containers}
+    assert drawn == {"intervals can be used": 6, "did not end as it should": 1}
+
+
+def test_a_population_of_failures_has_a_page():
+    failed = population().isel(capsule=[1, 1])
+    page = population_page(failed)
+    assert "No capsule could be identified." in page
+    assert "0 of 2 capsules ended as they should" in page
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (lambda one: one.rename(capsule="case"), "expected a table with the dimension capsule, got one with case"),
+        (lambda one: one.drop_vars("status"), "status: expected a variable of that name, got none"),
+        (lambda one: one.drop_vars("capsule_radius_median"), "capsule_radius_median: expected a variable"),
+        (
+            lambda one: one.assign(status=("capsule", ["FINE"] * 8)),
+            "status: expected names of capsbayes.Status, got FINE",
+        ),
+    ],
+)
+def test_what_is_no_population_is_refused(changed, message):
+    with pytest.raises(InputError, match=f"run.nc: {message}"):
+        population_page(changed(population()), source="run.nc")

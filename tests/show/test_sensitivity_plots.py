@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+from polynomial_model import PolynomialModel
+
+from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.infer import identify
+from capsbayes.measurement import Measurement
+from capsbayes.plan import (
+    LabErrors,
+    SobolIndex,
+    SobolStudy,
+    Spread,
+    error_budget,
+    flow_design,
+    identifiability_map,
+)
+from capsbayes.show import budget_figure, flow_figure, identifiability_figure, sobol_figure
+from capsbayes.status import Status
+
+LAB = Experiment(section="square", half_width=25e-6, viscosity=positive_normal(0.85, 0.02))
+ERRORS = LabErrors(axial_extent=0.01, axial_length=0.01, capsule_velocity=0.01)
+
+
+def drawn(figure):
+    figure.canvas.draw()
+    return figure
+
+
+def test_the_budget_has_a_bar_for_each_input_and_quantity():
+    seen = Measurement(2.14, 0.01, 5e-3, 5e-5, 1.81, 0.01)
+    model = PolynomialModel()
+    budget = error_budget(identify(seen, model, LAB, engine="quadrature", seed=1), model)
+    left, right = drawn(budget_figure(budget)).axes
+    assert len(left.patches) == 2 * len(budget.rows)
+    widths = sorted(patch.get_width() for patch in left.patches[: len(budget.rows)])
+    assert widths == pytest.approx(sorted(100 * row.share["surface_shear_modulus"] for row in budget.rows))
+    labels = [label.get_text() for label in left.get_yticklabels()]
+    assert r"$\mu$, viscosity of the suspending liquid" in labels
+    assert "$L_z$, maximum extension along the flow" in labels
+    assert "standard error" in right.get_xlabel()
+
+
+def test_sobol_indices_have_bars_alone_and_with_others():
+    index = {"viscosity": SobolIndex(0.2, 0.05, 0.3, 0.05), "axial_extent": SobolIndex(0.7, 0.1, 0.8, 0.1)}
+    answers = ("surface_shear_modulus", "capsule_radius")
+    study = SobolStudy(
+        ranges={"viscosity": Spread("normal", 0.85, 0.02), "axial_extent": Spread("uniform", 2.1, 2.2)},
+        indices=dict.fromkeys(answers, index),
+        mean=dict.fromkeys(answers, 1.0),
+        sd=dict.fromkeys(answers, 0.1),
+        samples=32,
+        outside=0,
+        change=0.0,
+        groups=8,
+        seed=1,
+        notes=(),
+        model_name="",
+        model_sha256="",
+        status=Status.DONE,
+    )
+    first, _ = drawn(sobol_figure(study)).axes
+    assert [patch.get_width() for patch in first.patches] == [0.2, 0.7, 0.3, 0.8]
+    assert [label.get_text() for label in first.get_yticklabels()] == [r"$\mu$", "$L_z$"]
+
+
+def test_the_map_shows_its_border_and_its_errors():
+    found = identifiability_map(PolynomialModel(), LAB, ERRORS, grid=(6, 5), noises=0)
+    figure = drawn(identifiability_figure(found))
+    ax, bar = figure.axes
+    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_xscale()) == (r"$\mathrm{Ca}$ [-]", r"$a/\ell$ [-]", "log")
+    assert "0.01 l" in ax.get_title()
+    assert "68 %" in bar.get_ylabel()
+    border = ax.patches[0].get_xy()
+    np.testing.assert_allclose([border[:, 1].min(), border[:, 1].max()], [0.70, 1.15])
+
+
+def test_the_flow_is_drawn_in_both_units_with_its_limit():
+    design = flow_design(0.05, 24e-6, LAB, ERRORS, PolynomialModel(), seed=1, noises=0)
+    figure = drawn(flow_figure(design))
+    upper, lower = figure.axes
+    assert f"{1e3 * design.best.mean_velocity:.3g} mm/s" in upper.get_title()
+    assert "µL/min" in upper.get_title()
+    assert lower.get_xlabel() == "$U$ [mm/s]"
+    limit = [line.get_xdata()[0] for line in lower.lines if line.get_linestyle() == "--"]
+    assert limit == pytest.approx([1e3 * design.limit_velocity])
+    assert any("the end of the database" in text.get_text() for text in lower.get_legend().get_texts())

@@ -1,0 +1,205 @@
+"""The page of a study holds all that it promises, and nothing from elsewhere."""
+
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from sessions import drawn_session
+
+from capsbayes import Surrogate, diagnose
+from capsbayes.diagnosis import Session, Verdict
+from capsbayes.effects import MotionBlur
+from capsbayes.show import study_page, verdict_sentence
+from capsbayes.show.page import typeset
+from capsbayes.show.study_held_out import chosen_capsules
+from capsbayes.show.study_outline import arc_share, outline_finding
+from capsbayes.show.study_trends import trends
+from capsbayes.show.study_words import lengths_alone, odds_words
+
+BLUR = {"exposure": MotionBlur()}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Surrogate.open("square-neo-hookean")
+
+
+@pytest.fixture(scope="module")
+def study(model):
+    """A few capsules, taken to disagree whatever they show."""
+    session, _ = drawn_session(model + MotionBlur(), 14, seed=7, outline=True, sizes={"exposure": 8e-4})
+    return diagnose(session, model, seed=3, candidates=BLUR, level=1.0)
+
+
+@pytest.fixture(scope="module")
+def page(study):
+    return study_page(study)
+
+
+class Tags(HTMLParser):
+    """What a page opens and does not close, and where it looks elsewhere."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.links = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.links += [value for name, value in attributes if name in ("src", "href")]
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def pictures(page):
+    return [base64.b64decode(data).decode() for data in re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page)]
+
+
+def test_the_verdict_comes_first_and_each_part_is_there(study, page):
+    assert study.verdict is Verdict.NAMED
+    text = re.sub(r"<[^>]+>", "", re.sub(r"<(img|style).*?(/style)?>", "", page))
+    parts = (
+        typeset(verdict_sentence(study)),
+        "Where the capsules disagree with it",
+        "as large by chance",
+        "What would explain it",
+        "odds against none",
+        "median G",
+        "what would separate it",
+        "laid aside",
+        "7 held-out capsules",
+        "residual p-value",
+        "log score per capsule",
+        "seed 3",
+    )
+    places = [text.index(re.sub(r"<[^>]+>", "", part)) for part in parts]
+    assert places == sorted(places)
+    assert "µs (68 %:" in text
+    assert MotionBlur.separated_by in text
+
+
+def test_a_page_is_whole_and_needs_nothing_else(page):
+    tags = Tags(page)
+    assert tags.open == []
+    assert all(link.startswith("data:") for link in tags.links)
+    assert len(tags.links) == len(pictures(page)) == 5
+    assert all(picture.startswith("<svg") for picture in pictures(page))
+    assert "<script" not in page
+
+
+def test_the_outline_names_its_regions(study):
+    figure = outline_finding(study.discover.along_outline, study.finding)
+    words = " ".join(text.get_text() for text in figure.axes[0].texts)
+    for name in ("nose", "flanks", "rear rim", "rear on the axis"):
+        assert name in words
+    assert "µm (" in words
+    assert {"mean residual [µm]", "mean residual [standard errors]"} <= {ax.get_xlabel() for ax in figure.axes}
+    share = arc_share(study.discover.along_outline.outline)
+    assert (share[0], share[-1] < 100.0) == (0.0, True)
+    assert np.all(np.diff(share) > 0.0)
+
+
+def test_trends_show_every_capsule_and_the_slopes(study):
+    left, right = trends(study.discover, study.finding).axes
+    for ax, name in ((left, r"v_\mathrm{o}"), (right, r"a/\ell")):
+        assert name in ax.get_xlabel()
+        assert "σ" in ax.get_title()
+        assert len(ax.containers[0].lines[0].get_xdata()) == int(study.discover.fits.settled.sum())
+
+
+def test_medians_stand_at_each_flow_rate(study, page):
+    before, after = (one.modulus_at_flow_rates for one in study.verification.compared)
+    assert len(before) >= 3
+    for rate, (count, median) in before.items():
+        cells = [
+            f"{6e10 * rate:.3g} uL/min",
+            str(count),
+            f"{1e3 * median:.1f} mN/m",
+            f"{1e3 * after[rate][1]:.1f} mN/m",
+        ]
+        assert re.search(".{,60}".join(map(re.escape, cells)), page, re.DOTALL), cells
+
+
+def test_held_out_capsules_are_of_different_sizes(study):
+    sizes = study.verification.compared[1].fits.size[list(chosen_capsules(study.verification))]
+    assert len(sizes) == 3
+    assert np.all(np.diff(sizes) > 0.0)
+
+
+def test_other_verdicts_keep_what_they_have(study):
+    nothing = tuple(replace(step, alike=()) for step in study.steps)
+    unknown = study_page(replace(study, verdict=Verdict.UNKNOWN, steps=nothing, verification=None))
+    assert "and nothing that was tried explains it." in unknown
+    assert "does not explain it" in unknown
+    assert "Does it hold" not in unknown
+    failed = replace(study, verdict=Verdict.UNKNOWN)
+    assert verdict_sentence(failed).endswith("nothing that was tried explains it; motion blur comes nearest.")
+    ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, verification=None)
+    assert "What would: the width of the edges at nose and flanks" in study_page(ambiguous)
+    assert verdict_sentence(ambiguous).endswith("several effects explain it equally well: motion blur.")
+
+
+def test_two_effects_are_said_one_beside_the_other(study):
+    (step,) = study.steps
+    both = replace(study, verdict=Verdict.NAMED, steps=(step, step))
+    assert "motion blur and motion blur explain it together: t_e = " in verdict_sentence(both)
+    page = study_page(both)
+    assert "The size of motion blur and motion blur was found on one half" in page
+    assert "are those beside the other" in page
+    either = replace(step, alike=("exposure", "exposure", "exposure"))
+    ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, steps=(either, step))
+    assert verdict_sentence(ambiguous).endswith("well: motion blur, motion blur or motion blur, with motion blur.")
+
+
+def test_lengths_alone_are_said_and_leave_no_outlines(model):
+    session, _ = drawn_session(model, 14, seed=7)
+    study = diagnose(session, model, seed=3, candidates=BLUR, level=1.0)
+    page = study_page(study)
+    assert "Lengths alone were given" in page
+    assert len(pictures(page)) == 2 if study.verification is None else 3
+    assert lengths_alone(study.session).startswith("Lengths alone")
+
+
+def test_no_disagreement_makes_a_shorter_page(model):
+    session, _ = drawn_session(model, 24, seed=7)
+    study = diagnose(replace(session, left_out=("a.toml: expected <this>, got that",)), model, seed=3)
+    page = study_page(study)
+    assert study.verdict is Verdict.NONE
+    assert "No disagreement was found" in page
+    assert "What would explain it" not in page
+    assert "1 capsules were left out" in page
+    assert "expected &lt;this&gt;" in page
+    assert study_page(study) == page
+    assert Tags(page).open == []
+
+
+def test_too_few_capsules_make_a_sentence(model):
+    session, _ = drawn_session(model, 6, seed=7)
+    page = study_page(diagnose(session, model, seed=3))
+    assert "These data cannot tell: 6 capsules are too few" in page
+    assert not pictures(page)
+
+
+def test_some_outlines_are_said(study):
+    first, *others = study.session.measurements
+    mixed = Session([replace(first, outline=None), *others], study.session.experiment)
+    assert lengths_alone(mixed).startswith("1 of 14 capsules have no outline")
+    assert lengths_alone(study.session) == ""
+
+
+@pytest.mark.parametrize(
+    ("gain", "words"), [(0.0, "1 : 1"), (1.0, "2.7 : 1"), (-3.0, "1 : 20"), (23.0, "10^10 : 1"), (-23.0, "1 : 10^10")]
+)
+def test_odds(gain, words):
+    assert odds_words(gain) == words
+
+
+def test_plain_symbols_are_typeset():
+    assert typeset("eps_p = 2 %, 10^15 & G_s a^2") == (
+        "ε<sub>p</sub> = 2 %, 10<sup>15</sup> &amp; G<sub>s</sub> a<sup>2</sup>"
+    )

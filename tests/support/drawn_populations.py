@@ -1,0 +1,68 @@
+"""Sessions of drawn capsules: a population of known mean, spread and slope, under one viscosity not quite known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.infer import Prior
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.many import Population
+from capsbayes.infer.many.capsule_rows import CapsuleRows
+from capsbayes.infer.many.lengths_rows import lengths_rows
+from capsbayes.infer.many.measured_lengths import NUMBERS
+
+VISCOSITY, HALF_WIDTH = (0.85, 0.0425), (25e-6, 0.25e-6)
+TRUTH = {
+    "surface_shear_modulus": 0.05,
+    "capsule_radius": 22.5e-6,
+    "modulus_spread_at_given_size": 0.15,
+    "radius_spread": 0.04,
+    "modulus_slope": 0.8,
+}
+EXPERIMENT = Experiment(
+    section="square", half_width=positive_normal(*HALF_WIDTH), viscosity=positive_normal(*VISCOSITY)
+)
+FLOWS = (2.5e-3, 3.5e-3, 4.5e-3, 5.5e-3)
+ERROR, VELOCITY_ERROR = 0.01, 0.01
+
+
+def measured(model, count, seed, *, truth=TRUTH, shared=True, flows=FLOWS):
+    """Lengths (n, 5) [l] and velocities (n, 2) [m/s] of the capsules of a session, measured with errors.
+
+    The errors of the model are drawn too. Capsules without a steady shape are never seen.
+    """
+    rng = np.random.default_rng(seed)
+    viscosity = VISCOSITY[0] + shared * VISCOSITY[1] * rng.standard_normal()
+    half_width = HALF_WIDTH[0] + shared * HALF_WIDTH[1] * rng.standard_normal()
+    log_size = truth["radius_spread"] * rng.standard_normal(count)
+    radius = truth["capsule_radius"] * np.exp(log_size)
+    deviation = truth["modulus_spread_at_given_size"] * rng.standard_normal(count)
+    modulus = truth["surface_shear_modulus"] * np.exp(truth["modulus_slope"] * log_size + deviation)
+    flow = rng.choice(flows, count)
+    shape = model({"capillary_number": viscosity * flow / modulus, "size_ratio": radius / half_width})
+    seen = shape.inside
+    own = np.linalg.cholesky(shape.covariance[seen] + 1e-16 * np.eye(3)) @ rng.standard_normal((seen.sum(), 3, 1))
+    truly = np.stack([shape.axial_extent, shape.axial_length, shape.velocity_ratio], axis=1)[seen] + own[..., 0]
+    noisy = truly[:, :2] + ERROR * rng.standard_normal((len(truly), 2))
+    lengths = np.column_stack([noisy, np.tile([ERROR**2, 0.0, ERROR**2], (len(truly), 1))])
+    velocity = truly[:, 2] * flow[seen] * (1.0 + VELOCITY_ERROR * rng.standard_normal(len(truly)))
+    return lengths, np.column_stack([velocity, VELOCITY_ERROR * velocity])
+
+
+def drawn_population(pyramid, count, seed, **how):
+    """A session of capsules, measured and identified."""
+    return population_of(*measured(pyramid.model, count, seed, **how), pyramid)
+
+
+def population_of(lengths, velocities, pyramid):
+    found = lengths_rows(lengths, velocities, Inputs.of_experiment(EXPERIMENT), Prior(), pyramid)
+    blank = np.full(len(lengths), "", dtype=object)
+    rows = CapsuleRows.empty(blank, blank, blank, np.full((len(lengths), len(NUMBERS)), np.nan))
+    rows.status[:] = np.where(found.facts["end"] == 0, "DONE", "NO_SHAPE")
+    rows.summaries[:], rows.components[:] = found.summaries, found.components
+    pairs = {"half_width": HALF_WIDTH, "viscosity": VISCOSITY}
+    stated = {name: dict(zip(("value", "error"), pair, strict=True)) for name, pair in pairs.items()}
+    return Population.of(rows, {"experiment": json.dumps(stated), "seed": 1})
