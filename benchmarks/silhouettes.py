@@ -28,7 +28,7 @@ from capsbayes.image.frames import Picture
 from capsbayes.image.measure import measurement_of, sight
 from capsbayes.image.synthetic import Drawing, draw
 from capsbayes.infer import Quadrature
-from capsbayes.infer.outline_likelihood import aligned_with
+from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
 

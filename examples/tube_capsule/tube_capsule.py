@@ -18,7 +18,7 @@ from capsbayes.image import Picture, sight
 from capsbayes.image.measure import measurement_of
 from capsbayes.image.overlay import write_overlay
 from capsbayes.infer import Prior, Range
-from capsbayes.infer.outline_likelihood import aligned_with
+from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.quantity import Quantity
 from capsbayes.show import write_report
 

@@ -9,7 +9,7 @@ from capsbayes.image.edge_outline import silhouette_of
 from capsbayes.image.frames import Picture
 from capsbayes.image.measure import sight
 from capsbayes.image.synthetic import Optics, Scene, draw
-from capsbayes.infer.outline_likelihood import aligned_with
+from capsbayes.infer.outline.likelihood import aligned_with
 
 SHAPES = [(0.03, 0.8), (0.05, 0.93), (0.08, 1.05), (0.1, 0.75)]
 

@@ -8,7 +8,7 @@ from polynomial_model import FoldedModel, PolynomialModel
 
 from capsbayes.errors import InputError
 from capsbayes.infer import Prior, Range, identify
-from capsbayes.infer.ensembles import Effort
+from capsbayes.infer.sampling.ensembles import Effort
 from capsbayes.status import Status
 
 

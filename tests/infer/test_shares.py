@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.infer.quadrature import Quadrature
+from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.shares import REST, variance_shares
 
 

@@ -7,7 +7,7 @@ from simulated_capsules import measured_capsule, mistakes
 
 from capsbayes.database import Database
 from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.infer.mixed_quadrature import MixedQuadrature
+from capsbayes.infer.grid.mixed_quadrature import MixedQuadrature
 from capsbayes.infer.prior import Prior
 from capsbayes.surrogate import Surrogate
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from capsbayes.diagnosis.fits import Fits
 from capsbayes.diagnosis.session import Session
-from capsbayes.infer.normal_distance import Footing
-from capsbayes.infer.outline_likelihood import aligned_with
+from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.infer.outline.normal_distance import Footing
 from capsbayes.model import ForwardModel
 
 __all__ = ["AlongOutline", "Compared"]

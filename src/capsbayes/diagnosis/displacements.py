@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from capsbayes.diagnosis.fits import Fits
 from capsbayes.diagnosis.regions import REGIONS, region_displacements
 from capsbayes.diagnosis.whitening import OfOutline, Whitening
-from capsbayes.infer.outline_likelihood import OutlineLikelihood
+from capsbayes.infer.outline.likelihood import OutlineLikelihood
 
 __all__ = ["Displaced", "Displacements", "displaced_regions"]
 

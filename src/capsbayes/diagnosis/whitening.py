@@ -13,7 +13,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from capsbayes.diagnosis.session import Session
-from capsbayes.infer.outline_likelihood import OutlineLikelihood, outline_likelihood
+from capsbayes.infer.outline.likelihood import OutlineLikelihood, outline_likelihood
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction

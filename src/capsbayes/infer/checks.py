@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.convergence import autocorrelation_time, bulk_ess, split_rhat, tail_ess
 from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.sampling.convergence import autocorrelation_time, bulk_ess, split_rhat, tail_ess
 from capsbayes.parameters import COORDINATES
 
 __all__ = ["Agreement", "Gate", "agreement", "chain_gates", "ess_gates", "leaning"]

@@ -12,21 +12,21 @@ from threadpoolctl import threadpool_limits
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Agreement, Gate, agreement, ess_gates
+from capsbayes.infer.density import Target
 from capsbayes.infer.deterministic import deterministic_answer
-from capsbayes.infer.ensembles import Chains, Effort, sampled
-from capsbayes.infer.grid_posterior import GridPosterior
-from capsbayes.infer.log_density import LogDensity
+from capsbayes.infer.grid.mixed_posterior import MixedPosterior
+from capsbayes.infer.grid.mixed_quadrature import exact_engine
+from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.mixed_posterior import MixedPosterior
-from capsbayes.infer.mixed_quadrature import exact_engine
-from capsbayes.infer.outline_likelihood import OutlineLikelihood, check_view_of
-from capsbayes.infer.outline_misfit import drawn_outlines, outline_misfit
+from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
+from capsbayes.infer.outline.misfit import drawn_outlines, outline_misfit
+from capsbayes.infer.outline.table import TabulatedOutline
 from capsbayes.infer.posterior import REPORTED, Posterior
 from capsbayes.infer.prior import Prior
+from capsbayes.infer.sampling.ensembles import Chains, Effort, sampled
+from capsbayes.infer.sampling.log_density import LogDensity
 from capsbayes.infer.section import check_section
 from capsbayes.infer.shares import variance_shares
-from capsbayes.infer.tabulated_outline import TabulatedOutline
-from capsbayes.infer.target import Target
 from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel

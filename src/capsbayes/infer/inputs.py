@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.log_masses import CELLS_PER_SD, LogMasses
+from capsbayes.infer.log_grid import CELLS_PER_SD, LogMasses
 from capsbayes.measurement import Measurement
 
 __all__ = ["LOOSEST_VELOCITY", "Input", "Inputs"]

@@ -16,10 +16,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from capsbayes.infer.grid_posterior import GridPosterior
-from capsbayes.infer.mixed_posterior import MixedPosterior
-from capsbayes.infer.mixed_quadrature import MixedQuadrature
-from capsbayes.infer.quadrature import Quadrature
+from capsbayes.infer.grid.mixed_posterior import MixedPosterior
+from capsbayes.infer.grid.mixed_quadrature import MixedQuadrature
+from capsbayes.infer.grid.posterior import GridPosterior
+from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.measurement import Measurement
 
 __all__ = ["QUANTITIES", "REST", "shares_of_each", "variance_shares"]

@@ -11,8 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, Uncertain
+from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
-from capsbayes.infer.quadrature import Quadrature
 from capsbayes.model import ForwardModel
 from capsbayes.plan.expectation import Draws, Expectation
 from capsbayes.plan.lab_errors import LabErrors

@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.infer.grid_posterior import GridPosterior
+from capsbayes.infer.grid.mixed_posterior import MixedPosterior
+from capsbayes.infer.grid.mixed_quadrature import MixedQuadrature
+from capsbayes.infer.grid.posterior import GridPosterior
+from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.inputs import Input, Inputs
-from capsbayes.infer.mixed_posterior import MixedPosterior
-from capsbayes.infer.mixed_quadrature import MixedQuadrature
-from capsbayes.infer.quadrature import Quadrature
 from capsbayes.infer.shares import QUANTITIES
 from capsbayes.measurement import Measurement
 

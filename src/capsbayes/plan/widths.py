@@ -19,9 +19,9 @@ from scipy.special import ndtri
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import leaning
-from capsbayes.infer.grid_posterior import GridPosterior
+from capsbayes.infer.grid.posterior import GridPosterior
+from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
-from capsbayes.infer.quadrature import Quadrature
 from capsbayes.infer.section import check_section
 from capsbayes.model import ForwardModel
 from capsbayes.plan.lab_errors import LabErrors

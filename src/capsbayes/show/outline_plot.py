@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.infer import Posterior
-from capsbayes.infer.outline_likelihood import aligned_with
+from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.measured_outline import SECTION
 
 if TYPE_CHECKING:

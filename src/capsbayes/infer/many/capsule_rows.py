@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.many.mixture import COMPONENTS
-from capsbayes.infer.many.mixture import NUMBERS as OF_COMPONENTS
-from capsbayes.infer.many.row_kernel import QUANTITIES
+from capsbayes.infer.many.tabulated.mixture import COMPONENTS
+from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
+from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.output_file import unfinished
 
 __all__ = ["LEANINGS", "CapsuleRows"]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.infer import identify
-from capsbayes.infer.many.row_kernel import QUANTITIES
 from capsbayes.infer.many.run import run_of
+from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.measurement import Measurement
 from capsbayes.output_file import unfinished
 

@@ -8,14 +8,14 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.infer.grid.mixed_quadrature import exact_engine
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.measured_lengths import NUMBERS
-from capsbayes.infer.many.mixture import mixture
-from capsbayes.infer.many.row_kernel import QUANTITIES
 from capsbayes.infer.many.run import Run
-from capsbayes.infer.mixed_quadrature import exact_engine
-from capsbayes.infer.outline_likelihood import check_view_of
-from capsbayes.infer.outline_misfit import outline_misfit
+from capsbayes.infer.many.tabulated.mixture import mixture
+from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
+from capsbayes.infer.outline.likelihood import check_view_of
+from capsbayes.infer.outline.misfit import outline_misfit
 from capsbayes.infer.section import check_section
 from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement

@@ -23,8 +23,8 @@ from capsbayes.infer.many.hyper_likelihood import PARAMETERS
 from capsbayes.infer.many.importance import drawn
 from capsbayes.infer.many.log_posterior import LogPosterior
 from capsbayes.infer.many.population import Population
-from capsbayes.infer.many.pyramid import Pyramid
 from capsbayes.infer.many.selection import Selection, kept_rows
+from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
 from capsbayes.status import Status

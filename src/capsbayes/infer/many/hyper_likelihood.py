@@ -29,7 +29,7 @@ def log_likelihood(components: NDArray[np.float32], parameters: Floats, into: Fl
     Parameters
     ----------
     components : (n, c, 6) array
-        Of the capsules, as `capsbayes.infer.many.mixture` lays them out.
+        Of the capsules, as `capsbayes.infer.many.tabulated.mixture` lays them out.
     parameters : (d, 5) array
         `PARAMETERS` of each population.
     into : (d,) array

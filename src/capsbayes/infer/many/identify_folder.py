@@ -26,8 +26,8 @@ from capsbayes.infer.many.check import CheckTask, Compared, compared, drawn_rows
 from capsbayes.infer.many.listing import Listed, common_experiment, listed
 from capsbayes.infer.many.population import STATISTICS, Population
 from capsbayes.infer.many.progress import progress_bar
-from capsbayes.infer.many.row_kernel import QUANTITIES
 from capsbayes.infer.many.run import Run
+from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import Task
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.section import check_section

@@ -12,7 +12,7 @@ from typing import Any
 from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, centre_and_error, positive_normal
-from capsbayes.infer.many.pyramid import Pyramid
+from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 from capsbayes.errors import InputError
 from capsbayes.infer.many.population import Population
-from capsbayes.infer.many.pyramid import COLUMNS, Pyramid
+from capsbayes.infer.many.tabulated.pyramid import COLUMNS, Pyramid
 
 __all__ = ["Selection", "kept_rows"]
 

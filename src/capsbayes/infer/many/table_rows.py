@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from capsbayes.experiment import Experiment, centre_and_error
 from capsbayes.infer.checks import LEANING_SHARE
+from capsbayes.infer.grid.quadrature import FARTHEST
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many.capsule_rows import CapsuleRows
-from capsbayes.infer.many.descent import FAR, FOUND
 from capsbayes.infer.many.exact_row import fill_exactly
-from capsbayes.infer.many.lengths_rows import lengths_rows
 from capsbayes.infer.many.measured_lengths import NUMBERS, MeasuredLengths
 from capsbayes.infer.many.run import Run
-from capsbayes.infer.quadrature import FARTHEST
+from capsbayes.infer.many.tabulated.rows import lengths_rows
+from capsbayes.infer.many.tabulated.search import FAR, FOUND
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.status import Status
 

@@ -1,0 +1,258 @@
+"""The posterior density over (log Ca, a/l) with the other inputs integrated out, and their draws given the shape.
+
+The shape depends on (Ca, a/l), on the further coordinate of the model if it has
+one, and on the half width l where the lengths are in metres. Viscosity mu and velocity v_o enter only through
+G_s = mu v_o / (Ca r), l only through a = l (a/l). With the prior density
+p(log G_s) p(a) l / v_o of `capsbayes.infer.prior` and power-law shapes
+p(log G_s) ~ G_s^g, p(log a) ~ a^k inside their ranges, everything factors:
+
+    (Ca r)^-g (a/l)^(k-1)  *  mu^g p(mu)  *  v_o^(g-1) p(v_o)  *  l^k p(l)  *  [G_s, a within their ranges]
+
+so the inputs integrate to the probability that G_s and a lie in their ranges,
+a function of one number each, whatever the distributions of the inputs are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
+from capsbayes.infer.coordinate import Coordinate
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
+from capsbayes.infer.log_grid import LogMasses
+from capsbayes.infer.outline.table import AnyOutline
+from capsbayes.infer.prior import Prior, Range
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+
+__all__ = ["Target"]
+
+Floats = NDArray[np.float64]
+
+_ROUNDS = 13  # of redrawing inputs that leave the prior ranges, twice as many of each at every round
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Posterior of one capsule, up to a constant.
+
+    Parameters
+    ----------
+    likelihood : LengthsLikelihood
+    prior : Prior
+    inputs : Inputs
+    error_scale : float
+        Factor on the model's own standard errors, one but for studies.
+    coordinate : Coordinate, optional
+        Further coordinate of the model, on which the shape depends too.
+    outline : OutlineLikelihood or TabulatedOutline, optional
+        Takes the place of the lengths' likelihood, which then only says where to look.
+    """
+
+    likelihood: LengthsLikelihood
+    prior: Prior
+    inputs: Inputs
+    error_scale: float = 1.0
+    coordinate: Coordinate | None = None
+    outline: AnyOutline | None = None
+
+    @classmethod
+    def of(
+        cls,
+        measurement: Measurement,
+        inputs: Inputs,
+        prior: Prior,
+        error_scale: float = 1.0,
+        coordinate: Coordinate | None = None,
+    ) -> Target:
+        """Posterior given a measurement."""
+        return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale, coordinate)
+
+    def evaluated(
+        self,
+        model: ForwardModel,
+        ca: Floats,
+        size: Floats,
+        coordinate: Mapping[str, Floats] | None = None,
+        *,
+        density: bool = True,
+    ) -> tuple[ModelAtPoints, Floats]:
+        """Evaluate a model and read Lambda too; outside its domain everything is NaN.
+
+        Parameters
+        ----------
+        model : ForwardModel
+        ca, size : (n,) arrays [-]
+        coordinate : mapping of (n,) array, optional
+            The further coordinate of the model by name.
+        density : bool
+            Whether what `log_density` reads is needed: that of outlines costs a hundred times as much as all else.
+        """
+        theta = {"capillary_number": ca, "size_ratio": size, **(coordinate or {})}
+        prediction = model(theta)
+        points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
+        if density and self.outline is not None:
+            points = replace(points, outline=self.outline.at(model, theta))
+        return points, prediction.stretch_ratio
+
+    @property
+    def shape_depends_on_half_width(self) -> bool:
+        """Whether l is a third dimension: lengths in metres and l uncertain."""
+        return not (self.likelihood.over_half_width or self.inputs.half_width.known)
+
+    def width_at(self, half_width: Floats | None) -> Floats | float:
+        """Half width to use with a node: its own where l is a dimension, else the centre."""
+        return self.inputs.half_width.centre if half_width is None else half_width
+
+    @cached_property
+    def viscosity(self) -> LogMasses:
+        """mu, weighted as in the factored posterior."""
+        return self.inputs.viscosity.log_masses(self.prior.surface_shear_modulus.power)
+
+    @cached_property
+    def capsule_velocity(self) -> LogMasses:
+        """v_o, weighted as in the factored posterior."""
+        return self.inputs.capsule_velocity.log_masses(self.prior.surface_shear_modulus.power - 1)
+
+    @cached_property
+    def half_width(self) -> LogMasses:
+        """l, weighted as in the factored posterior."""
+        return self.inputs.half_width.log_masses(self.prior.capsule_radius.power)
+
+    @cached_property
+    def force_scale(self) -> LogMasses:
+        """Product mu v_o [N/m]."""
+        return self.viscosity.times(self.capsule_velocity)
+
+    def log_density(
+        self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
+    ) -> Floats:
+        """Log of the integrated posterior density over (log Ca, a/l), without the ranges' share.
+
+        Parameters
+        ----------
+        model : ModelAtPoints
+            The model there.
+        log_ca, size : arrays of one shape
+        half_width : array that broadcasts with them, optional [m]
+            Where l is a dimension of its own; else its centre is used.
+
+        Returns
+        -------
+        array
+            NaN where the model has no answer.
+        """
+        log_density = model.outline
+        if log_density is None:
+            log_density = self.likelihood.log_density(model, self.width_at(half_width))
+        if self.prior.surface_shear_modulus.power:
+            log_density = log_density - log_ca - _log(model.velocity_ratio)
+        if self.prior.capsule_radius.power != 1:
+            log_density = log_density - np.log(size)
+        return log_density
+
+    def log_share(
+        self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
+    ) -> Floats | float:
+        """Log probability that G_s and a lie within their prior ranges, given (log Ca, a/l); 0.0 if all surely do."""
+        divisor = log_ca + _log(model.velocity_ratio)
+        share = _within(self.prior.surface_shear_modulus, self.force_scale, -divisor)
+        if half_width is None:
+            share = share + _within(self.prior.capsule_radius, self.half_width, np.log(size))
+        else:
+            radius, limits = size * half_width, self.prior.capsule_radius
+            share = share + np.where((radius >= limits.low) & (radius <= limits.high), 0.0, -np.inf)
+        return share
+
+    def velocity_ratio(self, model: ModelAtPoints, half_width: Floats | None) -> tuple[Floats, Floats]:
+        """Mean and variance of the true v_o/U, which the lengths correct and the outline does not : arrays."""
+        if self.outline is not None:
+            return model.velocity_ratio, model.rr
+        return self.likelihood.velocity_ratio(model, self.width_at(half_width))
+
+    def completed(
+        self, rng: np.random.Generator, nodes: Mapping[str, Floats], model: ModelAtPoints, stretch_ratio: Floats
+    ) -> dict[str, Floats]:
+        """Draw everything else for given draws of the shape.
+
+        Parameters
+        ----------
+        rng : Generator
+        nodes : mapping
+            ``capillary_number``, ``size_ratio`` and, where they are dimensions, ``half_width`` and the further
+            coordinate of the model: (n,) arrays drawn from the integrated posterior.
+        model : ModelAtPoints
+            The model there.
+        stretch_ratio : (n,) array
+            Lambda of the model there.
+
+        Returns
+        -------
+        dict of (n,) arrays
+            All quantities by name, SI.
+        """
+        count = len(nodes["capillary_number"])
+        draws = dict(nodes)
+        width = nodes.get("half_width")
+        mean, variance = self.velocity_ratio(model, width)
+        draws["velocity_ratio"] = mean + np.sqrt(np.maximum(variance, 0.0)) * rng.standard_normal(count)
+        free = {"viscosity": self.viscosity, "capsule_velocity": self.capsule_velocity}
+        if width is None:
+            free["half_width"] = self.half_width
+        draws |= {name: masses.drawn(rng, count) for name, masses in free.items()}
+        out = np.flatnonzero(~self._in_range(draws, model))
+        for tries in 2 ** np.arange(_ROUNDS):
+            if not out.size:
+                break
+            row = np.repeat(out, tries)
+            again = {name: masses.drawn(rng, row.size) for name, masses in free.items()}
+            good = np.flatnonzero(
+                self._in_range({name: values[row] for name, values in draws.items()} | again, model.taken(row))
+            )
+            found, first = np.unique(row[good], return_index=True)
+            for name, values in again.items():
+                draws[name][found] = values[good[first]]
+            out = np.setdiff1d(out, found)
+        return _derived(draws) | {
+            "stretch_ratio": stretch_ratio,
+            "axial_extent": model.extent,
+            "axial_length": model.length,
+        }
+
+    def _in_range(self, draws: Mapping[str, Floats], model: ModelAtPoints) -> NDArray[np.bool_]:
+        """Whether G_s, by the model's mean v_o/U as in the prior, and a are within their ranges : (n,) array."""
+        modulus = draws["viscosity"] * draws["capsule_velocity"] / (draws["capillary_number"] * model.velocity_ratio)
+        radius = draws["size_ratio"] * draws["half_width"]
+        g, a = self.prior.surface_shear_modulus, self.prior.capsule_radius
+        return (modulus >= g.low) & (modulus <= g.high) & (radius >= a.low) & (radius <= a.high)
+
+
+def _derived(draws: dict[str, Floats]) -> dict[str, Floats]:
+    flow = mean_velocity(capsule_velocity=draws["capsule_velocity"], velocity_ratio=draws["velocity_ratio"])
+    modulus = surface_shear_modulus(
+        viscosity=draws["viscosity"], mean_velocity=flow, capillary_number=draws["capillary_number"]
+    )
+    radius = capsule_radius(size_ratio=draws["size_ratio"], half_width=draws["half_width"])
+    return {"surface_shear_modulus": modulus, "capsule_radius": radius, "mean_velocity": flow, **draws}
+
+
+def _log(values: Floats) -> Floats:
+    """Logarithm, NaN where a model's answer makes no sense: no answer."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.log(values)
+
+
+def _within(limits: Range, factor: LogMasses, logs: Floats) -> Floats | float:
+    """Log probability that exp(logs) times an independent factor is within limits; 0.0 if it surely is everywhere."""
+    low, high = np.log(limits.low), np.log(limits.high)
+    first, last = factor.start - factor.step, factor.end + factor.step
+    if np.fmin.reduce(logs, axis=None) + first > low and np.fmax.reduce(logs, axis=None) + last < high:
+        return 0.0
+    with np.errstate(divide="ignore"):
+        return np.log(factor.below(high - logs) - factor.below(low - logs))

@@ -1,0 +1,203 @@
+"""Lattices over (log Ca, a/l): the coarse one of a model, kept, and the fine one around a posterior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.infer.density import Target
+from capsbayes.infer.likelihood import ModelAtPoints
+from capsbayes.model import ForwardModel
+
+__all__ = ["CoarseTable", "Nodes", "Window"]
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+_COARSE = (48, 72)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Points that stand for pieces of the (log Ca, a/l) plane, and the model there.
+
+    Parameters
+    ----------
+    log_ca, size : (n,) arrays
+        Centres of the pieces.
+    side : (n,) array
+        Sides of a piece over those of a cell.
+    model : ModelAtPoints
+        Of (n,) arrays, NaN outside the model's domain.
+    stretch_ratio : (n,) array
+        Lambda.
+    """
+
+    log_ca: Floats
+    size: Floats
+    side: Floats
+    model: ModelAtPoints
+    stretch_ratio: Floats
+
+    @classmethod
+    def at(cls, forward: ForwardModel, log_ca: Floats, size: Floats, side: Floats, target: Target | None) -> Nodes:
+        """Evaluate a model at centres of pieces: what a posterior needs of it, or its lengths."""
+        ca = np.exp(log_ca)
+        if target is not None:
+            return cls(log_ca, size, side, *target.evaluated(forward, ca, size))
+        prediction = forward({"capillary_number": ca, "size_ratio": size})
+        return cls(log_ca, size, side, ModelAtPoints.of(prediction), prediction.stretch_ratio)
+
+    def taken(self, index: NDArray[np.intp] | Booleans) -> Nodes:
+        """Some of the nodes."""
+        arrays = (self.log_ca[index], self.size[index], self.side[index])
+        return Nodes(*arrays, self.model.taken(index), self.stretch_ratio[index])
+
+    def joined(self, other: Nodes) -> Nodes:
+        """These nodes and others."""
+        return Nodes(
+            np.concatenate([self.log_ca, other.log_ca]),
+            np.concatenate([self.size, other.size]),
+            np.concatenate([self.side, other.side]),
+            self.model.joined(other.model),
+            np.concatenate([self.stretch_ratio, other.stretch_ratio]),
+        )
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of (log Ca, a/l) cut into cells, with a node at the centre of each.
+
+    Parameters
+    ----------
+    low, high : tuple of float
+        Corners (log Ca, a/l).
+    shape : tuple of int
+        Number of cells along each.
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    shape: tuple[int, int]
+
+    @property
+    def step(self) -> tuple[float, float]:
+        """Size of a cell."""
+        return (
+            (self.high[0] - self.low[0]) / self.shape[0],
+            (self.high[1] - self.low[1]) / self.shape[1],
+        )
+
+    @property
+    def axes(self) -> tuple[Floats, Floats]:
+        """Centres of the cells along log Ca and along a/l."""
+        steps = self.step
+        return tuple(self.low[k] + steps[k] * (np.arange(self.shape[k]) + 0.5) for k in (0, 1))  # type: ignore[return-value]
+
+    def nodes(self, forward: ForwardModel, target: Target | None = None) -> Nodes:
+        """One node for each cell, row by row of log Ca."""
+        log_ca, size = self.axes
+        places = np.repeat(log_ca, len(size)), np.tile(size, len(log_ca))
+        return Nodes.at(forward, *places, np.ones(len(places[0])), target)
+
+    def split(
+        self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, target: Target | None = None
+    ) -> Nodes:
+        """Replace the nodes of some cells by those of smaller pieces inside the model's domain.
+
+        Parameters
+        ----------
+        nodes : Nodes
+            One for each cell.
+        cut : (i, j) bool array
+            Cells to split.
+        parts : int
+            Pieces along each side of a cell.
+        """
+        chosen = cut.ravel()
+        offsets = (np.arange(parts) + 0.5) / parts - 0.5
+        log_ca = nodes.log_ca[chosen, None, None] + self.step[0] * offsets[:, None]
+        size = nodes.size[chosen, None, None] + self.step[1] * offsets
+        log_ca, size = (grid.ravel() for grid in np.broadcast_arrays(log_ca, size))
+        pieces = Nodes.at(forward, log_ca, size, np.full(log_ca.size, 1.0 / parts), target)
+        return nodes.taken(~chosen).joined(pieces.taken(np.isfinite(pieces.model.extent)))
+
+    def around(self, likely: Booleans, shape: tuple[int, int], bounds: Window) -> Window:
+        """Rectangle around the likely cells, within bounds, cut anew.
+
+        One more cell is added on each side, or a quarter of this window where
+        the likely cells reach its edge and may go on beyond it.
+
+        Parameters
+        ----------
+        likely : (i, j) bool array
+        shape : tuple of int
+            Cells of the new window.
+        bounds : Window
+            Never left.
+        """
+        low, high = [], []
+        for k in (0, 1):
+            index, cells = np.nonzero(likely)[k], self.shape[k]
+            before = 1 if index.min() > 0 else max(1, cells // 4)
+            after = 1 if index.max() < cells - 1 else max(1, cells // 4)
+            low.append(float(max(self.low[k] + self.step[k] * (index.min() - before), bounds.low[k])))
+            high.append(float(min(self.low[k] + self.step[k] * (index.max() + 1 + after), bounds.high[k])))
+        return Window((low[0], low[1]), (high[0], high[1]), shape)
+
+    def open_ends(self, bounds: Window, axis: int) -> tuple[bool, bool]:
+        """Whether the low and the high end of an axis are no ends of `bounds`."""
+        return self.low[axis] > bounds.low[axis], self.high[axis] < bounds.high[axis]
+
+    def wider(self, bounds: Window, shape: tuple[int, int]) -> Window:
+        """Window three times as wide along both axes, within bounds, cut anew."""
+        width = [self.high[k] - self.low[k] for k in (0, 1)]
+        low = [max(self.low[k] - width[k], bounds.low[k]) for k in (0, 1)]
+        high = [min(self.high[k] + width[k], bounds.high[k]) for k in (0, 1)]
+        return Window((low[0], low[1]), (high[0], high[1]), shape)
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseTable:
+    """A model on a coarse lattice over its whole domain: where posteriors are looked for first.
+
+    Parameters
+    ----------
+    window : Window
+        Over the domain's bounds.
+    nodes : Nodes
+        One for each cell; the covariances of the lengths are widened by the change of the lengths across a cell, so
+        that no posterior falls between the nodes.
+    """
+
+    window: Window
+    nodes: Nodes
+
+    @classmethod
+    def of(cls, forward: ForwardModel) -> CoarseTable:
+        """Tabulate a model; done once for many capsules."""
+        (ca_low, ca_high), (size_low, size_high) = forward.domain.bounds
+        window = Window((float(np.log(ca_low)), size_low), (float(np.log(ca_high)), size_high), _COARSE)
+        nodes = window.nodes(forward)
+        model = nodes.model
+        (z_u, z_s), (a_u, a_s) = (_changes(one.reshape(_COARSE)) for one in (model.extent, model.length))
+        wide = replace(
+            model,
+            zz=model.zz + (z_u**2 + z_s**2).ravel(),
+            za=model.za + (z_u * a_u + z_s * a_s).ravel(),
+            aa=model.aa + (a_u**2 + a_s**2).ravel(),
+        )
+        return cls(window, replace(nodes, model=wide))
+
+
+def _changes(values: Floats) -> tuple[Floats, Floats]:
+    """Half of the larger change to a neighbour along each axis, zero where no neighbour has a value."""
+    halves = []
+    for axis in (0, 1):
+        step = np.nan_to_num(np.diff(values, axis=axis))
+        none = np.zeros_like(values[:1] if axis == 0 else values[:, :1])
+        ahead, behind = np.concatenate([step, none], axis), np.concatenate([none, step], axis)
+        halves.append(0.5 * np.where(np.abs(ahead) > np.abs(behind), ahead, behind))
+    return halves[0], halves[1]

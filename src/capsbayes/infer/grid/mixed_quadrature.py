@@ -1,0 +1,155 @@
+"""The exact engine for a model with a further coordinate: the grid of `Quadrature` at values of the coordinate.
+
+At each value the posterior over (log Ca, a/l) is narrow, but from value to value
+it moves far: a capsule may be softer, or less inflated. So each value has a grid
+of its own, and the grids are weighed by their evidence. The values are the
+middles of cells of equal prior probability, halved where the posterior is likely
+until the cells resolve it, and until the grids of neighbouring values overlap.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.coordinate import Coordinate
+from capsbayes.infer.density import Target
+from capsbayes.infer.grid.mixed_posterior import MixedPosterior
+from capsbayes.infer.grid.posterior import GridPosterior
+from capsbayes.infer.grid.quadrature import Quadrature
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.outline.table import AnyOutline
+from capsbayes.infer.prior import Prior
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+
+__all__ = ["MixedQuadrature", "exact_engine"]
+
+Floats = NDArray[np.float64]
+
+CELLS_PER_SD = 3.0  # of the coordinate's marginal
+SDS_PER_SHIFT = 1.0  # of log Ca at given coordinate over its shift to the next cell
+_FIRST, _LAST = 4, 7  # halvings of the prior
+_DROP = 14.0  # of the log probability of a cell, within which the next halving goes on
+_PILOTS = (0.5, 0.25, 0.75, 0.1, 0.9)  # shares of the prior below values whose likeliest shape may be a pilot
+_COUNTS = 1e-4  # probability of a cell whose gates count
+
+
+class MixedQuadrature:
+    """Engine for many capsules of one experiment and one model with a further coordinate.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        With the attributes `coordinate` and `coordinate_range` and the method `fixed`.
+    experiment : Experiment
+    prior : Prior, optional
+    """
+
+    def __init__(self, model: Any, experiment: Experiment, prior: Prior | None = None) -> None:
+        coordinate = Coordinate.of(model, prior or Prior())
+        assert coordinate is not None
+        self.model, self.experiment, self.coordinate = model, experiment, coordinate
+        self.prior = replace(prior or Prior(), coordinates={coordinate.name: coordinate.distribution})
+        self.inputs = Inputs.of_experiment(experiment)
+        self._engines: dict[float, Quadrature] = {}
+
+    def __call__(
+        self, measurement: Measurement, *, inputs: Inputs | None = None, error_scale: float = 1.0
+    ) -> MixedPosterior:
+        """Posterior of one capsule.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        inputs : Inputs, optional
+            In place of those of the measurement and the experiment.
+        error_scale : float
+            Factor on the model's own standard errors.
+
+        Raises
+        ------
+        InputError
+            If no case of the model has such a shape, or the prior excludes all that have it.
+        """
+        inputs = inputs or self.inputs.with_velocity_of(measurement)
+        target = Target.of(measurement, inputs, self.prior, error_scale, self.coordinate)
+        if measurement.outline is not None:  # one covariance for all values, so that they can be weighed
+            target = replace(target, outline=self._outline(measurement, target))
+        cells = np.arange(2**_FIRST)
+        for halvings in range(_FIRST, _LAST + 1):
+            posterior = self._on(cells, 0.5**halvings, measurement, target)
+            gates = _resolution(posterior)
+            if all(gate.passed for gate in gates):
+                break
+            likely = posterior.weights > np.exp(-_DROP) * posterior.weights.max()
+            kept = np.flatnonzero(likely)[[0, -1]]
+            first, last = (round(float(posterior.shares[end]) * 2**halvings - 0.5) for end in kept)
+            cells = np.arange(max(2 * first - 2, 0), min(2 * last + 4, 2 ** (halvings + 1)))
+        return replace(posterior, gates=(*_of_parts(posterior), *gates))
+
+    def _on(self, cells: NDArray[np.int64], width: float, measurement: Measurement, target: Target) -> MixedPosterior:
+        """Posterior on given cells of the prior."""
+        shares, parts, refused = [], [], None
+        for share in (cells + 0.5) * width:
+            try:
+                parts.append(self._part(float(share), measurement, target))
+                shares.append(float(share))
+            except InputError as error:  # no such shape at this value of the coordinate
+                refused = error
+        if refused is not None and not parts:
+            raise refused
+        return MixedPosterior(self.model, target, np.array(shares), width, parts)
+
+    def _outline(self, measurement: Measurement, target: Target) -> AnyOutline | None:
+        """That whose pilot is the likeliest shape at the first value near the middle that has such a shape."""
+        for share in _PILOTS:
+            with contextlib.suppress(InputError):
+                return self._part(share, measurement, target).target.outline
+        return None
+
+    def _part(self, share: float, measurement: Measurement, target: Target) -> GridPosterior:
+        if share not in self._engines:
+            value = float(self.coordinate.values(share))
+            plain = replace(self.prior, coordinates={})
+            self._engines[share] = Quadrature(self.model.fixed(value), self.experiment, plain)
+        return self._engines[share](
+            measurement, inputs=target.inputs, error_scale=target.error_scale, outline=target.outline
+        )
+
+
+def exact_engine(model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> Any:
+    """`MixedQuadrature` for a model with a further coordinate, else `Quadrature`."""
+    if Coordinate.of(model, prior or Prior()) is None:
+        return Quadrature(model, experiment, prior)
+    return MixedQuadrature(model, experiment, prior)
+
+
+def _resolution(posterior: MixedPosterior) -> tuple[Gate, Gate]:
+    """Whether the cells resolve the coordinate, and the grids of neighbours overlap."""
+    name, weights = posterior.coordinate.name, posterior.weights
+    place = np.round(posterior.shares / posterior.width)
+    spread = float(np.sqrt(weights @ (place - weights @ place) ** 2))
+    logs = [part.log_marginal("capillary_number") for part in posterior.parts]
+    means, sds = (np.array([getattr(one, what) for one in logs]) for what in ("mean", "sd"))
+    pairs = np.minimum(weights[1:], weights[:-1]) > _COUNTS
+    shift = np.abs(np.diff(means)) / np.minimum(sds[1:], sds[:-1])
+    widest = float(np.max(shift, where=pairs, initial=1e-9))
+    return (
+        Gate(f"cells in a standard deviation of {name}", spread, least=CELLS_PER_SD),
+        Gate(f"standard deviations of log Ca over its shift to the next {name}", 1.0 / widest, least=SDS_PER_SHIFT),
+    )
+
+
+def _of_parts(posterior: MixedPosterior) -> list[Gate]:
+    """The gates of the grids, each as it is at its worst."""
+    counting = [part for part, weight in zip(posterior.parts, posterior.weights, strict=True) if weight > _COUNTS]
+    together = zip(*(part.gates for part in counting), strict=True)
+    return [min(gates, key=lambda gate: gate.value) for gates in together]

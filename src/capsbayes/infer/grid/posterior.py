@@ -1,0 +1,210 @@
+"""The posterior of one capsule on a grid of (log Ca, a/l), and what follows from it for every quantity.
+
+A quantity is a function of the node times independent inputs, so its
+distribution is a product of `LogMasses`: exact, without draws.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.density import Target
+from capsbayes.infer.grid.lattice import Nodes, Window
+from capsbayes.infer.log_grid import LogMasses
+from capsbayes.infer.marginal import Marginal
+from capsbayes.model import ForwardModel
+
+__all__ = ["GridPosterior"]
+
+Floats = NDArray[np.float64]
+
+_NEGLIGIBLE = 1e-9  # of the largest probability of a node
+_CELLS = 8.0  # of a marginal's grid in a standard deviation
+_DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape
+
+
+@dataclass(frozen=True, eq=False)
+class GridPosterior:
+    """Posterior of one capsule on a grid.
+
+    Parameters
+    ----------
+    forward : ForwardModel
+    target : Target
+    window : Window
+        Cells of (log Ca, a/l).
+    nodes : Nodes
+        Of the cells and of their pieces, n of them.
+    half_width : (k,) array or None [m]
+        Nodes of l, where it is a dimension.
+    free : (k or 1, n) array
+        Probability of each node before the prior ranges of G_s and a cut, over that of the likeliest.
+    log_scale : float
+        Log density of the likeliest, so that posteriors of one measurement can be weighed against each other.
+    share : array that broadcasts with it
+        Probability that G_s and a lie within their ranges there.
+    gates : tuple of Gate
+        Whether the cells resolve the posterior.
+    """
+
+    forward: ForwardModel
+    target: Target
+    window: Window
+    nodes: Nodes
+    half_width: Floats | None
+    free: Floats
+    log_scale: float
+    share: Floats | float
+    gates: tuple[Gate, ...]
+
+    @cached_property
+    def weights(self) -> Floats:
+        """Posterior probability of each node : (k or 1, n) array."""
+        weights = self.free * self.share
+        return weights / weights.sum()
+
+    @property
+    def likeliest(self) -> tuple[float, float]:
+        """Ca and a/l of the node with the largest probability in its piece."""
+        node = int(np.argmax(self.weights.sum(axis=0) / self.nodes.side**2))
+        return float(np.exp(self.nodes.log_ca[node])), float(self.nodes.size[node])
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """Log of the integral of the posterior density over (log Ca, a/l), up to a constant of the measurement."""
+        with np.errstate(divide="ignore"):
+            return float(np.log(np.sum(self.free * self.share) * np.prod(self.window.step)) + self.log_scale)
+
+    @cached_property
+    def cut(self) -> bool:
+        """Whether a prior range of G_s or a cuts into the posterior."""
+        share = np.broadcast_to(self.share, self.free.shape)[self.free > _NEGLIGIBLE * self.free.max()]
+        return bool(share.min() < 1.0 - 1e-6)
+
+    def marginal(self, name: str) -> Marginal:
+        """Summary of one quantity, named as in `capsbayes.parameters`."""
+        if not self.has_masses(name):
+            return Marginal.of_draws(self._many_draws[name])
+        return self.masses(name).marginal()
+
+    def log_marginal(self, name: str) -> Marginal:
+        """Summary of the logarithm of one quantity."""
+        if not self.has_masses(name):
+            return Marginal.of_draws(np.log(self._many_draws[name]))
+        return self.masses(name).log_marginal()
+
+    def probability_below(self, name: str, value: float) -> float:
+        """Posterior probability that a quantity is below a value [SI]: uniform over capsules if value is the truth."""
+        if not self.has_masses(name):
+            return float(np.mean(self._many_draws[name] <= value))
+        return float(self.masses(name).below(np.array([np.log(value)]))[0])
+
+    def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+        """Independent draws of all quantities, spread within the cells of the grid.
+
+        Parameters
+        ----------
+        rng : Generator
+        count : int
+
+        Returns
+        -------
+        dict of (count,) arrays, SI
+        """
+        width, node = np.unravel_index(
+            rng.choice(self.weights.size, size=count, p=self.weights.ravel()), self.weights.shape
+        )
+        place = np.stack([self.nodes.log_ca[node], self.nodes.size[node]])
+        cell = np.array(self.window.step)[:, None] * self.nodes.side[node]
+        moved = place + cell * rng.uniform(-0.5, 0.5, place.shape)
+        change = np.ones(count)
+        if self.half_width is not None:
+            # lengths in metres fix a = l (a/l) rather than either factor: l moves within its cell at constant a
+            change = np.exp(np.log(self.half_width[1] / self.half_width[0]) * rng.uniform(-0.5, 0.5, count))
+            moved[1] /= change
+        inside = self.forward.domain.contains(np.exp(moved[0]), moved[1])
+        place = np.where(inside, moved, place)
+        nodes = {"capillary_number": np.exp(place[0]), "size_ratio": place[1]}
+        if self.half_width is not None:
+            nodes["half_width"] = self.half_width[width] * np.where(inside, change, 1.0)
+        ca, size = nodes["capillary_number"], nodes["size_ratio"]
+        at, stretch = self.target.evaluated(self.forward, ca, size, density=False)
+        return self.target.completed(rng, nodes, at, stretch)
+
+    @cached_property
+    def _many_draws(self) -> dict[str, Floats]:
+        return self.drawn(np.random.default_rng(0), _DRAWS)
+
+    @cached_property
+    def _kept(self) -> tuple[Floats, Nodes, Floats | None]:
+        """Nodes that carry the posterior: probabilities (m,), nodes and l (m,)."""
+        width, node = np.nonzero(self.weights > _NEGLIGIBLE * self.weights.max())
+        weights = self.weights[width, node]
+        return (
+            weights / weights.sum(),
+            self.nodes.taken(node),
+            None if self.half_width is None else self.half_width[width],
+        )
+
+    @cached_property
+    def _ratio(self) -> tuple[Floats, float]:
+        """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
+        weights, nodes, width = self._kept
+        mean, variance = self.target.velocity_ratio(nodes.model, width)
+        return np.log(mean), float(weights @ (np.maximum(variance, 0.0) / mean**2))
+
+    @cached_property
+    def _node_logs(self) -> dict[str, tuple[Floats, float]]:
+        """Logs of the quantities the node alone determines (m,), and the distance of their neighbours."""
+        nodes, (du, ds) = self._kept[1], self.window.step
+        return {
+            "capillary_number": (nodes.log_ca, du),
+            "size_ratio": (np.log(nodes.size), ds / self.window.low[1]),
+            "axial_extent": (np.log(nodes.model.extent), 0.0),
+            "axial_length": (np.log(nodes.model.length), 0.0),
+            "stretch_ratio": (np.log(nodes.stretch_ratio), 0.0),
+        }
+
+    def has_masses(self, name: str) -> bool:
+        """Whether the masses of a quantity are its distribution: no prior range cuts it, or the node determines it."""
+        return not self.cut or name in self._node_logs
+
+    def masses(self, name: str) -> LogMasses:
+        """Distribution of a quantity as a product of a function of the node and independent inputs."""
+        target = self.target
+        if name in self._node_logs:
+            return self._binned(*self._node_logs[name])
+        if name in ("viscosity", "capsule_velocity"):
+            return getattr(target, name)
+        if name in ("half_width", "capsule_radius"):
+            return self._length(name)
+        log_ratio, variance = self._ratio
+        if name == "velocity_ratio":
+            return self._binned(log_ratio, 0.0).times(LogMasses.normal(variance))
+        log_ca, du = self._node_logs["capillary_number"]
+        if name == "mean_velocity":
+            slower = self._binned(-log_ratio, 0.0).times(LogMasses.normal(variance))
+            return slower.times(target.capsule_velocity)
+        if name == "surface_shear_modulus":
+            divided = self._binned(-log_ca - log_ratio, du).times(LogMasses.normal(variance))
+            return divided.times(target.force_scale)
+        raise KeyError(name)
+
+    def _length(self, name: str) -> LogMasses:
+        width = self._kept[2]
+        log_size, ds = self._node_logs["size_ratio"]
+        if width is None or self.half_width is None:
+            only = self.target.half_width
+            return only if name == "half_width" else self._binned(log_size, ds).times(only)
+        gap = float(np.max(np.diff(np.log(self.half_width))))
+        return self._binned(np.log(width), gap) if name == "half_width" else self._binned(np.log(width) + log_size, 0.0)
+
+    def _binned(self, logs: Floats, least: float) -> LogMasses:
+        weights = self._kept[0]
+        sd = float(np.sqrt(max(float(weights @ (logs - weights @ logs) ** 2), 0.0)))
+        return LogMasses.of_nodes(logs, weights, max(sd / _CELLS, least, 1e-12))

@@ -1,0 +1,316 @@
+"""The exact engine: a grid over (log Ca, a/l), refined around the posterior until it is resolved.
+
+Viscosity and velocity of the capsule are integrated out exactly, and so is
+the half width where the lengths are over l; where they are in metres it is a
+third dimension of the grid. On a smooth density the sum over the centres of
+the cells converges faster than any power of their size once a standard
+deviation spans a cell, so a few cells suffice for the printed digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.errors import InputError, NoShapeError
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.density import Target
+from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
+from capsbayes.infer.grid.posterior import GridPosterior
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.outline.likelihood import outline_likelihood
+from capsbayes.infer.outline.table import AnyOutline
+from capsbayes.infer.prior import Prior
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+
+__all__ = ["Quadrature"]
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+Resolution = tuple[list[Gate], list[Gate]]  # along log Ca, along a/l
+
+FARTHEST = 5.0  # standard deviations from the nearest shape of the model, beyond which a measurement is refused
+CELLS_PER_SD = 4.0  # of both marginals
+CELLS_PER_FEATURE = 1.5  # of both marginals: each mode of several, a steep flank
+CELLS_ACROSS = 1.0  # of a/l at given Ca: across a ridge
+PARTS_AT_BORDER = 4  # along each side of a cell that the border of the domain cuts
+_FIRST, _THEN, _LARGEST = 32, 56, 512
+_COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
+_EDGE_DROP = 12.0  # at the edge of a window: what is cut off there is below 1e-5
+_ROUNDS = 12
+_FINER = 3.0  # at most from window to window with an outline, each node of which costs: most are beside the posterior
+_PILOTS = 2, 5  # shapes at which the covariance of an outline is made, one after the other: at least, at most
+_SETTLED = 1.0  # standard deviations of log Ca or a/l between the pilot and the likeliest shape, up to which it will do
+_WIDTHS = (33, 129)  # fewest and most nodes of the half width
+_WIDTH_REACH = 5.5  # standard deviations of l on either side
+
+
+class Quadrature:
+    """Engine for many capsules of one model and one experiment.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    experiment : Experiment
+    prior : Prior, optional
+
+    Examples
+    --------
+    ``Quadrature(model, experiment)(measurement).marginal("surface_shear_modulus").median``
+    """
+
+    def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
+        self.model, self.experiment, self.prior = model, experiment, prior or Prior()
+        self.table = CoarseTable.of(model)
+        self.inputs = Inputs.of_experiment(experiment)
+
+    def __call__(
+        self,
+        measurement: Measurement,
+        *,
+        inputs: Inputs | None = None,
+        error_scale: float = 1.0,
+        outline: AnyOutline | None = None,
+    ) -> GridPosterior:
+        """Posterior of one capsule.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        inputs : Inputs, optional
+            In place of those of the measurement and the experiment.
+        error_scale : float
+            Factor on the model's own standard errors.
+        outline : OutlineLikelihood, optional
+            In place of that of the measured outline with the likeliest shape as its pilot.
+
+        Raises
+        ------
+        InputError
+            If no case of the model has such a shape, or the prior excludes all that have it.
+        """
+        inputs = inputs or self.inputs.with_velocity_of(measurement)
+        target = Target.of(measurement, inputs, self.prior, error_scale)
+        self.check_shape(measurement, target)
+        window = self._first_window(measurement, target)
+        if measurement.outline is None:
+            return self._refined(window, target)
+        if outline is not None:
+            return self._refined(window, replace(target, outline=outline))
+        seen, length = measurement.outline, measurement.length_beside_outline
+        posterior = self._on(window, window.nodes(self.model, target), target, None)
+        least, most = _PILOTS
+        for number in range(1, most + 1):
+            there = posterior.likeliest
+            theta = dict(zip(("capillary_number", "size_ratio"), there, strict=True))
+            pilot = outline_likelihood(self.model, seen, theta, error_scale, length=length)
+            posterior = self._refined(posterior.window, replace(target, outline=pilot))
+            if number >= least and _farthest_off(posterior, there) <= _SETTLED:
+                break
+        return posterior
+
+    def _refined(self, window: Window, target: Target) -> GridPosterior:
+        """Posterior on a window that shows it well."""
+        widths = _half_widths(target) if target.shape_depends_on_half_width else None
+        for _ in range(_ROUNDS):
+            posterior = self._on(window, window.nodes(self.model, target), target, widths)
+            resolution = _resolution(posterior)
+            better = _better_window(posterior, resolution, self.table.window)
+            if better is None:
+                break
+            window = better
+        whole = _whole(posterior, self.table.window)
+        cut = _cut_cells(posterior)
+        if cut is not None:
+            nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, target)
+            posterior = self._on(posterior.window, nodes, target, widths)
+        return replace(posterior, gates=(*(gate for gates in resolution for gate in gates), whole))
+
+    def check_shape(self, measurement: Measurement, target: Target) -> None:
+        """Refuse lengths that lie far from every shape of the model."""
+        width = target.inputs.half_width
+        nodes = self.table.nodes
+        distance = target.likelihood.with_half_width(width.centre, width.error).distance(nodes.model)
+        nearest = int(np.nanargmin(distance))
+        if distance[nearest] <= FARTHEST:
+            return
+        scale = 1.0 if measurement.over_half_width else width.centre
+        lengths = [("L_z", measurement.axial_extent, nodes.model.extent[nearest])]
+        if measurement.axial_length is not None:
+            lengths.append(("L_a", measurement.axial_length, nodes.model.length[nearest]))
+        nearest_lengths = ", ".join(f"{symbol}/l = {of_model:.3f}" for symbol, _, of_model in lengths)
+        raise NoShapeError(
+            measurement.source or "measurement",
+            "axial_extent, axial_length" if len(lengths) > 1 else "axial_extent",
+            f"a shape that a case of {self.model.name} has (nearest: {nearest_lengths}"
+            f" at Ca = {np.exp(nodes.log_ca[nearest]):.3g}, a/l = {nodes.size[nearest]:.3g})",
+            ", ".join(f"{symbol}/l = {seen / scale:.3f}" for symbol, seen, _ in lengths)
+            + f", {distance[nearest]:.0f} standard errors away",
+        )
+
+    def _first_window(self, measurement: Measurement, target: Target) -> Window:
+        width = target.inputs.half_width
+        rough = replace(target, likelihood=target.likelihood.with_half_width(width.centre, width.error))
+        nodes = self.table.nodes
+        args = (nodes.model, nodes.log_ca, nodes.size)
+        log_density = (rough.log_density(*args) + rough.log_share(*args)).reshape(self.table.window.shape)
+        if not np.isfinite(np.nanmax(log_density)):
+            raise InputError(
+                measurement.source or "prior", "prior", "ranges that hold G_s and a of some shape", "ranges without any"
+            )
+        likely = log_density > np.nanmax(log_density) - _COARSE_DROP
+        return self.table.window.around(likely, (_FIRST, _FIRST), self.table.window)
+
+    def _on(self, window: Window, nodes: Nodes, target: Target, widths: tuple[Floats, Floats] | None) -> GridPosterior:
+        """Posterior on given nodes, of any sum."""
+        points, half_width = nodes.model, None if widths is None else widths[0][:, None]
+        log_density = target.log_density(points, nodes.log_ca, nodes.size, half_width)
+        if widths is not None:
+            log_density = log_density + np.log(widths[1])[:, None]
+        log_scale = float(np.nanmax(log_density))
+        free = np.nan_to_num(np.exp(log_density - log_scale)) * nodes.side**2
+        share = np.nan_to_num(np.exp(target.log_share(points, nodes.log_ca, nodes.size, half_width)))
+        return GridPosterior(
+            self.model,
+            target,
+            window,
+            nodes,
+            None if widths is None else widths[0],
+            free.reshape(-1, len(nodes.size)),
+            log_scale,
+            share,
+            (),
+        )
+
+
+def _half_widths(target: Target) -> tuple[Floats, Floats]:
+    """Nodes of l and their probabilities: close enough that the shape moves by less than its own error between two."""
+    masses, likelihood = target.half_width, target.likelihood
+    sd = float(np.sqrt(masses.variance))
+    relative_error = np.sqrt(likelihood.zz) / likelihood.extent
+    count = int(np.clip(np.ceil(2.0 * _WIDTH_REACH * sd / relative_error), *_WIDTHS))
+    masses = masses.resampled(2.0 * _WIDTH_REACH * sd / count)
+    kept = masses.masses > 1e-9 * masses.masses.max()
+    return np.exp(masses.logs[kept]), masses.masses[kept]
+
+
+def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Window) -> Window | None:
+    """Window that shows the posterior better, or None if this one will do."""
+    window = posterior.window
+    weights = posterior.weights.reshape(-1, *window.shape)
+    both = weights.max(axis=0)
+    likely = both > np.exp(-_DROP) * both.max()
+    peak = np.unravel_index(int(both.argmax()), both.shape)
+    if any(_at_open_end(int(peak[k]), window, bounds, k) for k in (0, 1)):
+        return window.wider(bounds, (_THEN, _THEN))
+    if all(gate.passed for gates in (*resolution, [_whole(posterior, bounds)]) for gate in gates):
+        return None
+    around = window.around(likely, (_THEN, _THEN), bounds)
+    needed = [max(gate.least / max(gate.value, 1e-3) for gate in gates) for gates in resolution]
+    # shrinking the window already makes its cells smaller; cut it finer only as far as that does not suffice
+    most = np.inf if posterior.target.outline is None else _FINER
+    shape = []
+    for k in (0, 1):
+        shrink = (around.high[k] - around.low[k]) / (window.high[k] - window.low[k])
+        cells = window.shape[k] * shrink * (min(1.15 * needed[k], most) if needed[k] > 1.0 else 1.0)
+        shape.append(int(np.clip(np.ceil(cells), _THEN, _LARGEST)))
+    better = Window(around.low, around.high, (shape[0], shape[1]))
+    return None if better == window else better
+
+
+def _resolution(posterior: GridPosterior) -> Resolution:
+    """Whether the cells are small enough, along log Ca and along a/l, on a window that is not split."""
+    weights = posterior.weights.reshape(-1, *posterior.window.shape)
+    both = weights.sum(axis=0)
+    across = weights[int(weights.sum(axis=(1, 2)).argmax())]
+    ca, size = both.sum(axis=1), both.sum(axis=0)
+    return (
+        [
+            _gate("standard deviation of log Ca", _sd_in_cells(ca), CELLS_PER_SD),
+            _gate("feature of log Ca", _feature_in_cells(ca), CELLS_PER_FEATURE),
+        ],
+        [
+            _gate("standard deviation of a/l", _sd_in_cells(size), CELLS_PER_SD),
+            _gate("feature of a/l", _feature_in_cells(size), CELLS_PER_FEATURE),
+            _gate("standard deviation of a/l at given Ca", _feature_in_cells(across), CELLS_ACROSS),
+        ],
+    )
+
+
+def _farthest_off(posterior: GridPosterior, there: tuple[float, float]) -> float:
+    """Distance of the likeliest shape from another, along log Ca or a/l, in standard deviations."""
+    weights = posterior.weights.sum(axis=0)
+    off = []
+    for values, one, other in zip(
+        (posterior.nodes.log_ca, posterior.nodes.size),
+        (np.log(posterior.likeliest[0]), posterior.likeliest[1]),
+        (np.log(there[0]), there[1]),
+        strict=True,
+    ):
+        mean = weights @ values / weights.sum()
+        off.append(abs(one - other) / np.sqrt(weights @ (values - mean) ** 2 / weights.sum()))
+    return float(max(off))
+
+
+def _gate(what: str, value: float, least: float) -> Gate:
+    return Gate(f"cells in a {what}", value, least=least)
+
+
+def _sd_in_cells(masses: Floats) -> float:
+    place = np.arange(len(masses))
+    mean = masses @ place / masses.sum()
+    return float(np.sqrt(masses @ (place - mean) ** 2 / masses.sum()))
+
+
+def _feature_in_cells(masses: Floats) -> float:
+    """Standard deviation, in cells of the last axis, that a Gaussian of the same steepness has.
+
+    For a Gaussian the sum of squares over the sum of squared differences of neighbours is twice the variance; for
+    several modes it is that of the narrow ones, however far apart they are.
+    """
+    steps = float(np.sum(np.diff(masses) ** 2))
+    return float(np.sqrt(np.sum(masses**2) / max(2.0 * steps, np.finfo(float).tiny)))
+
+
+def _cut_cells(posterior: GridPosterior) -> Booleans | None:
+    """Cells beside the border of the domain : (i, j) bool array, or None where they carry no density."""
+    shape = posterior.window.shape
+    outside = np.asarray(np.isnan(posterior.nodes.model.extent)).reshape(shape)
+    if not outside.any():
+        return None
+    cut = _spread(outside) & _spread(~outside)
+    density = posterior.weights.max(axis=0).reshape(shape)
+    return cut if np.max(density, where=cut, initial=0.0) > 1e-4 * density.max() else None
+
+
+def _spread(cells: Booleans) -> Booleans:
+    """The cells and their eight neighbours."""
+    rows = cells.copy()
+    rows[1:] |= cells[:-1]
+    rows[:-1] |= cells[1:]
+    spread = rows.copy()
+    spread[:, 1:] |= rows[:, :-1]
+    spread[:, :-1] |= rows[:, 1:]
+    return spread
+
+
+def _at_open_end(index: int, window: Window, bounds: Window, axis: int) -> bool:
+    """Whether a cell is the last but one, or the last, before an end of the window that is no end of the domain."""
+    low, high = window.open_ends(bounds, axis)
+    return (low and index <= 1) or (high and index >= window.shape[axis] - 2)
+
+
+def _whole(posterior: GridPosterior, bounds: Window) -> Gate:
+    """Whether the posterior ends within a window that is not split, but for the ends of the domain."""
+    window = posterior.window
+    both = posterior.weights.max(axis=0).reshape(window.shape)
+    found = [0.0]
+    for k in (0, 1):
+        low, high = window.open_ends(bounds, k)
+        found += [float(both.take(end, axis=k).max()) for end, is_open in ((0, low), (-1, high)) if is_open]
+    share = max(found) / float(both.max())
+    return Gate("density at an end of the grid over the largest", share, most=float(np.exp(-_EDGE_DROP)))

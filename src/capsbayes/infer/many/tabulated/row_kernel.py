@@ -1,0 +1,253 @@
+"""Compiled: what is reported of capsules whose lengths were measured, one after the other, from a pyramid.
+
+The same numbers as those of `capsbayes.infer.GridPosterior`, without an object for each capsule.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from capsbayes.infer.many.tabulated.log_grid import (
+    Masses,
+    laid,
+    moved,
+    normal,
+    product,
+    scattered,
+    share_between,
+    summarise,
+)
+from capsbayes.infer.many.tabulated.mixture import mixture
+from capsbayes.infer.many.tabulated.search import FOUND, Seen, descend, finer_than_tabulated, look_up
+from capsbayes.infer.posterior import REPORTED
+
+__all__ = ["FACTS", "QUANTITIES", "Shared", "fill_rows"]
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+QUANTITIES = REPORTED
+"""Those that are summarised, in the order of the rows."""
+
+FACTS = ("end", "level", "distance", "log_evidence", "border", "two_shapes", "wrinkles", "within")
+"""Of each row besides: how the search ended, on which lattice, how far the lengths are from those of the likeliest
+shape in standard deviations, the log evidence, the shares of the posterior beside the border of the model and where
+the model has doubts, and the probability that G_s and a lie well within the ranges of their prior."""
+
+_NEGLIGIBLE, _MOVED = 1e-7, 1e-6  # of the largest probability
+_NUDGE = 0.5  # standard deviations, as in `capsbayes.infer.checks.leaning`
+
+_compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+
+class Shared(NamedTuple):
+    """What all capsules share: distributions of mu [Pa s] and l [m], limits of the priors of log G_s and log a."""
+
+    viscosity: Masses
+    half_width: Masses
+    modulus_low: float
+    modulus_high: float
+    radius_low: float
+    radius_high: float
+    modulus_power: float
+    radius_power: float
+
+
+@_compiled
+def fill_rows(
+    lengths: Floats,
+    velocities: Floats,
+    shifts: Floats,
+    shared: Shared,
+    levels: tuple[Floats, ...],
+    low: Floats,
+    step: Floats,
+    summaries: Floats,
+    facts: Floats,
+    components: Floats,
+) -> None:
+    """Fill the rows of some capsules.
+
+    Parameters
+    ----------
+    lengths : (n, 5) array [l]
+        L_z, L_a (NaN where missing), and the covariance zz, za, aa.
+    velocities : (n, 2) array [m/s]
+        v_o and its standard error.
+    shifts : (n, 2) array
+        Logarithms of mu and l of each capsule over those that are shared.
+    shared : Shared
+    levels, low, step
+        Of a `Pyramid`.
+    summaries : (n, 7, 7) array
+        Filled with mean, sd, median and ends of the intervals of `QUANTITIES`, SI.
+    facts : (n, 8) array
+        Filled with `FACTS`.
+    components : (n, k, 6) array
+        Filled with the likelihood of (log(G_s / mu), log(a / l)), laid out by `mixture`.
+    """
+    for n in range(len(lengths)):
+        z, a, zz, za, aa = lengths[n]
+        seen = Seen(z, a, zz, za, aa, shared.modulus_power, shared.radius_power)
+        end, level, distance, scale, evidence, row, column, weights = descend(seen, levels, low, step)
+        summaries[n], facts[n], components[n] = np.nan, 0.0, 0.0
+        facts[n, 0], facts[n, 1], facts[n, 2] = end, level, distance
+        if end == FOUND:
+            kept = weights > _NEGLIGIBLE * weights.max()
+            facts[n, 3] = scale + np.log(evidence)
+            _fill_row(
+                seen,
+                velocities[n],
+                shifts[n],
+                shared,
+                levels,
+                low,
+                step,
+                level,
+                row[kept],
+                column[kept],
+                weights[kept] / weights[kept].sum(),
+                summaries[n],
+                facts[n],
+                components[n],
+            )
+
+
+@_compiled
+def _fill_row(
+    seen: Seen,
+    velocity: Floats,
+    shift: Floats,
+    shared: Shared,
+    levels: tuple[Floats, ...],
+    low: Floats,
+    step: Floats,
+    level: int,
+    row: Integers,
+    column: Integers,
+    weights: Floats,
+    summary: Floats,
+    facts: Floats,
+    components: Floats,
+) -> None:
+    lattice, finer = levels[min(level, len(levels) - 1)], finer_than_tabulated(levels, level)
+    rows, columns = lattice.shape[0] * finer, lattice.shape[1] * finer
+    cell = step * (levels[0].shape[0] / rows)
+    log_ca = low[0] + cell[0] * (row + 0.5)
+    log_size = np.log(low[1] + cell[1] * (np.arange(columns) + 0.5))[column]
+    log_stretch, log_ratio = np.empty(len(row)), np.empty(len(row))
+    room = np.empty(lattice.shape[2])
+    variance = 0.0
+    for k in range(len(row)):
+        node = look_up(lattice, row[k], column[k], finer, room)
+        mean, left = _velocity_ratio(seen, node)
+        log_ratio[k], log_stretch[k] = np.log(mean), node[9]
+        variance += weights[k] * max(left, 0.0) / mean**2
+        doubts = int(node[11])
+        facts[5] += weights[k] * (doubts & 1)
+        facts[6] += weights[k] * (doubts >> 1)
+    finest = levels[len(levels) - 1]
+    facts[4] = _beside_border(finest, low, step * (levels[0].shape[0] / finest.shape[0]), log_ca, log_size, weights)
+
+    log_modulus = -log_ca - log_ratio
+    by_size = laid(log_size, weights, cell[1] / low[1])
+    softness = laid(log_modulus, weights, cell[0])
+    by_ratio = laid(log_ratio, weights, 0.0)
+    speed = scattered(velocity[0], velocity[1], shared.modulus_power - 1.0, softness[1])
+    factor = normal(variance, softness[1])
+    modulus = moved(product(product(product(softness, factor), speed), shared.viscosity), shift[0])
+    radius = moved(product(by_size, shared.half_width), shift[1])
+    ratio = product(by_ratio, normal(variance, by_ratio[1]))
+    slowness = _inverse(ratio)
+    speed = scattered(velocity[0], velocity[1], shared.modulus_power - 1.0, slowness[1])
+    summarise(modulus, summary[0])
+    summarise(radius, summary[1])
+    summarise(product(slowness, speed), summary[2])
+    summarise(laid(log_ca, weights, cell[0]), summary[3])
+    summarise(by_size, summary[4])
+    summarise(ratio, summary[5])
+    summarise(laid(log_stretch, weights, 0.0), summary[6])
+    facts[7] = min(
+        _well_within(modulus, shared.modulus_low, shared.modulus_high),
+        _well_within(radius, shared.radius_low, shared.radius_high),
+    )
+    _fill_components(seen, velocity, variance, weights, log_modulus + shift[0], log_size + shift[1], components)
+
+
+@_compiled
+def _velocity_ratio(seen: Seen, node: Floats) -> tuple[float, float]:
+    """Mean and variance of v_o/U given the lengths, as `LengthsLikelihood.velocity_ratio`."""
+    z, zz = seen.extent - node[0], seen.zz + node[3]
+    if np.isnan(seen.length):
+        gain = node[6] / zz
+        return node[2] + gain * z, node[8] - gain * node[6]
+    a, za, aa = seen.length - node[1], seen.za + node[4], seen.aa + node[5]
+    determinant = zz * aa - za * za
+    gain_z = (aa * node[6] - za * node[7]) / determinant
+    gain_a = (zz * node[7] - za * node[6]) / determinant
+    return node[2] + gain_z * z + gain_a * a, node[8] - gain_z * node[6] - gain_a * node[7]
+
+
+@_compiled
+def _beside_border(
+    finest: Floats, low: Floats, cell: Floats, log_ca: Floats, log_size: Floats, weights: Floats
+) -> float:
+    """Share of the posterior that half a standard deviation along a principal axis takes out of the domain."""
+    mean_u, mean_s = np.sum(weights * log_ca), np.sum(weights * log_size)
+    uu = np.sum(weights * (log_ca - mean_u) ** 2)
+    us = np.sum(weights * (log_ca - mean_u) * (log_size - mean_s))
+    ss = np.sum(weights * (log_size - mean_s) ** 2)
+    angle = 0.5 * np.arctan2(2.0 * us, uu - ss)
+    steps = np.empty((4, 2))
+    for number, (x, y) in enumerate(((np.cos(angle), np.sin(angle)), (-np.sin(angle), np.cos(angle)))):
+        nudge = _NUDGE * np.sqrt(max(x * x * uu + 2.0 * x * y * us + y * y * ss, 0.0))
+        steps[2 * number] = nudge * x, nudge * y
+        steps[2 * number + 1] = -nudge * x, -nudge * y
+    rows, columns = finest.shape[:2]
+    heaviest, share = weights.max(), 0.0
+    largest_u, largest_s = np.abs(steps[:, 0]).max() / cell[0], np.expm1(np.abs(steps[:, 1]).max()) / cell[1]
+    for k in range(len(weights)):
+        if weights[k] > _MOVED * heaviest:
+            size = np.exp(log_size[k])
+            i, j = int((log_ca[k] - low[0]) / cell[0]), int((size - low[1]) / cell[1])
+            reach_i, reach_j = largest_u + 1.0, size * largest_s + 1.0
+            in_box = reach_i <= i < rows - reach_i and reach_j <= j < columns - reach_j
+            if in_box and finest[i, j, 10] > max(reach_i, reach_j):
+                continue
+            for number in range(4):
+                i = int(np.floor((log_ca[k] + steps[number, 0] - low[0]) / cell[0]))
+                j = int(np.floor((size * np.exp(steps[number, 1]) - low[1]) / cell[1]))
+                outside = i < 0 or j < 0 or i >= rows or j >= columns
+                if outside or np.isnan(finest[i, j, 0]):
+                    share += weights[k]
+                    break
+    return share
+
+
+@_compiled
+def _inverse(one: Masses) -> Masses:
+    return -(one[0] + one[1] * (len(one[4]) - 1)), one[1], -one[2], one[3], one[4][::-1].copy()
+
+
+@_compiled
+def _well_within(one: Masses, low: float, high: float) -> float:
+    """Probability that log x is farther than half a standard deviation from both limits."""
+    margin = _NUDGE * np.sqrt(one[3])
+    return share_between(one, low + margin, high - margin)
+
+
+@_compiled
+def _fill_components(
+    seen: Seen, velocity: Floats, variance: float, weights: Floats, x: Floats, y: Floats, components: Floats
+) -> None:
+    """The likelihood: the posterior without the priors of G_s and a."""
+    flat = weights * np.exp(-seen.radius_power * y - seen.modulus_power * (x - np.max(x)))
+    mixture(flat, x, y, components)
+    speed = scattered(velocity[0], velocity[1], -1.0, 1.0)
+    for one in components:
+        one[1] += speed[2]
+        one[3] += speed[3] + variance

@@ -1,0 +1,1 @@
+"""Measured outlines: their normal distances from predicted ones, and their likelihood."""

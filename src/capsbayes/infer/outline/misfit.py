@@ -1,0 +1,57 @@
+"""Whether any shape of a posterior fits the outline that was measured, as well as its stated errors promise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.outline.likelihood import aligned_with, outline_likelihood
+from capsbayes.measured_outline import MeasuredOutline
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import COORDINATES
+
+__all__ = ["drawn_outlines", "outline_misfit"]
+
+Floats = NDArray[np.float64]
+
+_LARGEST = 4.0  # over its freedom: twice the stated errors
+_TRIED = 50  # draws
+_FITTED = 5  # Ca and a/l; place and tilt
+
+
+def drawn_outlines(
+    model: ForwardModel, draws: Mapping[str, Floats], count: int
+) -> tuple[dict[str, Floats], Floats | None]:
+    """Parameters of some draws, evenly taken, and their outlines (count, p, 2) [l], if the model has them."""
+    names = [name for name in ("capillary_number", "size_ratio", *COORDINATES) if name in draws]
+    some = np.linspace(0, draws[names[0]].size - 1, count).astype(int)
+    theta = {name: np.ravel(draws[name])[some] for name in names}
+    return theta, model(theta, outline=True).outline
+
+
+def outline_misfit(measured: MeasuredOutline, model: ForwardModel, draws: Mapping[str, Floats]) -> Gate:
+    """Squared misfit of the best of some draws over its degrees of freedom: one, where the errors are as stated.
+
+    Parameters
+    ----------
+    measured : MeasuredOutline
+    model : ForwardModel
+        That predicts outlines of its view.
+    draws : mapping of arrays
+        Of a posterior, by name.
+
+    Returns
+    -------
+    Gate
+    """
+    theta, outlines = drawn_outlines(model, draws, _TRIED)
+    assert outlines is not None, "asked for"
+    off = [np.sum(aligned_with(measured.points, one)[1].distance ** 2) for one in outlines]
+    best = int(np.nanargmin(off))
+    likelihood = outline_likelihood(model, measured, {name: float(values[best]) for name, values in theta.items()})
+    square = float(np.sum(likelihood.whitened(outlines[best : best + 1]) ** 2))
+    freedom = max(len(measured.points) - _FITTED, 1)
+    return Gate("squared misfit of the outline over its freedom", square / freedom, most=_LARGEST)

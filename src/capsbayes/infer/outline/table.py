@@ -1,0 +1,70 @@
+"""The likelihood of an outline on a grid around its posterior, for an engine that asks for it very often."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import binary_erosion
+
+from capsbayes.infer.outline.likelihood import OutlineLikelihood
+from capsbayes.model import ForwardModel
+
+__all__ = ["AnyOutline", "TabulatedOutline"]
+
+Floats = NDArray[np.float64]
+
+_AROUND = 2  # nodes that must be known on every side of a point
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedOutline:
+    """Log density of a measured outline by bicubic interpolation where that is sure, else from the model's outline.
+
+    Parameters
+    ----------
+    exact : OutlineLikelihood
+    log_ca, size : (i,), (j,) arrays
+        Nodes, evenly spaced.
+    values : (i, j) array
+        Log density there, NaN outside the model's domain.
+    """
+
+    exact: OutlineLikelihood
+    log_ca: Floats
+    size: Floats
+    values: Floats
+    _spline: RectBivariateSpline = field(init=False, repr=False)
+    _sure: NDArray[np.bool_] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        known = np.isfinite(self.values)
+        filled = np.where(known, self.values, np.min(self.values, where=known, initial=0.0))
+        around = np.ones((2 * _AROUND + 1, 2 * _AROUND + 1), dtype=bool)
+        object.__setattr__(self, "_spline", RectBivariateSpline(self.log_ca, self.size, filled))
+        object.__setattr__(self, "_sure", binary_erosion(known, around))
+
+    def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
+        """Log density at a batch of points : (n,) array, NaN outside the model's domain."""
+        log_ca, size = np.log(theta["capillary_number"]), np.asarray(theta["size_ratio"])
+        rows, columns = (
+            np.round((place - nodes[0]) / (nodes[1] - nodes[0]))
+            for place, nodes in ((log_ca, self.log_ca), (size, self.size))
+        )
+        within = (rows >= 0) & (rows < len(self.log_ca)) & (columns >= 0) & (columns < len(self.size))
+        within[within] = self._sure[rows[within].astype(int), columns[within].astype(int)]
+        density = np.empty(len(log_ca))
+        density[within] = self._spline.ev(log_ca[within], size[within])
+        if not within.all():
+            density[~within] = self.exact.at(model, {name: np.asarray(one)[~within] for name, one in theta.items()})
+        return density
+
+    def error(self, model: ForwardModel, theta: Mapping[str, Floats]) -> float:
+        """Largest difference from the exact log density at a batch of points."""
+        return float(np.nanmax(np.abs(self.at(model, theta) - self.exact.at(model, theta))))
+
+
+AnyOutline = OutlineLikelihood | TabulatedOutline

@@ -1,0 +1,1 @@
+"""The sampling engine: ensembles of walkers, extended until they have converged."""

@@ -1,0 +1,104 @@
+"""Where walkers start: points of finite density, spread somewhat wider than the posterior.
+
+Points are drawn over the whole domain, weighted by a power of their density
+that keeps enough of them alive, and the cloud they describe is drawn from
+again; a few rounds lead from the domain to the posterior without knowing
+where it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.infer.sampling.log_density import LogDensity
+
+__all__ = ["starting_points"]
+
+Floats = NDArray[np.float64]
+
+_CLOUD = 4096
+_ALIVE = 1024
+_ROUNDS = 24
+_WIDENING = 1.5
+
+
+def starting_points(log_density: LogDensity, ensembles: int, walkers: int, rng: np.random.Generator) -> Floats:
+    """Draw starts for several ensembles.
+
+    Parameters
+    ----------
+    log_density : LogDensity
+    ensembles, walkers : int
+    rng : Generator
+
+    Returns
+    -------
+    (ensembles, walkers, d) array
+        All different, all of finite density.
+
+    Raises
+    ------
+    ValueError
+        If no point of finite density was found.
+    """
+    cloud = _over_domain(log_density, rng)
+    for _ in range(_ROUNDS):
+        values = log_density(cloud)
+        alive = np.isfinite(values)
+        if np.count_nonzero(alive) < 4:
+            raise ValueError("no point of the model's domain has a finite posterior density")
+        cloud, values = cloud[alive], values[alive]
+        power = _power_that_keeps(values, min(_ALIVE, len(values) // 2))
+        weights = np.exp(power * (values - values.max()))
+        weights /= weights.sum()
+        kept = cloud[rng.choice(len(cloud), size=_CLOUD, p=weights)]
+        if power == 1.0:
+            break
+        cloud = _jittered(kept, rng, 0.4)
+    return _finite(log_density, kept, (ensembles, walkers), rng)
+
+
+def _over_domain(log_density: LogDensity, rng: np.random.Generator) -> Floats:
+    (ca_low, ca_high), (size_low, size_high) = log_density.model.domain.bounds
+    columns = [rng.uniform(np.log(ca_low), np.log(ca_high), _CLOUD), rng.uniform(size_low, size_high, _CLOUD)]
+    if log_density.target.coordinate is not None:
+        columns.append(log_density.target.coordinate.values(rng.uniform(size=_CLOUD)))
+    columns += [getattr(log_density.target, name).drawn(rng, _CLOUD) for name in log_density.sampled]
+    return np.stack(columns, axis=1)
+
+
+def _power_that_keeps(values: Floats, count: int) -> float:
+    """Largest power, at most one, at which the weights are worth `count` points."""
+
+    def worth(power: float) -> float:
+        weights = np.exp(power * (values - values.max()))
+        return float(weights.sum() ** 2 / (weights @ weights))
+
+    if worth(1.0) >= count:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if worth(middle) >= count else (low, middle)
+    return low
+
+
+def _jittered(points: Floats, rng: np.random.Generator, factor: float) -> Floats:
+    """Points moved by a share of their own spread, so that no two coincide."""
+    spread = np.linalg.cholesky(np.cov(points.T) + 1e-18 * np.eye(points.shape[1]))
+    return points + factor * rng.standard_normal(points.shape) @ spread.T
+
+
+def _finite(log_density: LogDensity, points: Floats, shape: tuple[int, int], rng: np.random.Generator) -> Floats:
+    """Starts around the points, drawn again until every one has a finite density."""
+    count = shape[0] * shape[1]
+    centre = points.mean(axis=0)
+    starts = np.empty((0, points.shape[1]))
+    while len(starts) < count:
+        drawn = points[rng.choice(len(points), size=2 * count)]
+        wide = _jittered(centre + _WIDENING * (drawn - centre), rng, 0.1)
+        both = np.concatenate([wide, _jittered(drawn, rng, 1e-3)])  # the latter where the former leaves the domain
+        good = np.isfinite(log_density(both))
+        starts = np.concatenate([starts, both[: len(wide)][good[: len(wide)]], both[len(wide) :][good[len(wide) :]]])
+    return starts[:count].reshape(*shape, -1)

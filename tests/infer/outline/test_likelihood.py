@@ -1,0 +1,155 @@
+"""The likelihood of an outline: what it is blind to, and that its intervals cover."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.infer.outline.likelihood import OutlineLikelihood, aligned_with
+from capsbayes.infer.outline.normal_distance import footing, normal_distances, posed_on
+from capsbayes.measured_outline import OutlineNoise, Pose
+from capsbayes.profile import vertex_normals
+from capsbayes.surrogate import Surrogate
+
+TRUTH = np.array([0.05, 0.9])
+NOISE = OutlineNoise(0.004, 0.5, 0.1)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Surrogate.open("square-neo-hookean")
+
+
+def outlines(model, theta):
+    theta = np.atleast_2d(theta)
+    return model({"capillary_number": theta[:, 0], "size_ratio": theta[:, 1]}, outline=True).outline
+
+
+def posed(points, shift, tilt):
+    turn = np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
+    return points @ turn + shift
+
+
+def fitted(model, likelihood):
+    """Most likely (Ca, a/l) and the inverse of its covariance, by Gauss and Newton from the truth."""
+    theta, steps = TRUTH.copy(), np.diag([1e-4, 1e-4])
+    for _ in range(4):
+        white = likelihood.whitened(outlines(model, theta + np.vstack([0 * steps[:1], steps, -steps])))
+        slope = (white[1:3] - white[3:5]).T / 2e-4
+        theta = theta - np.linalg.lstsq(slope, white[0])[0]
+    return theta, slope.T @ slope
+
+
+def covered(model, rng, drawn, assumed, count=150, pose=None, offset=0.0, modes=None):
+    """Share of the 95 % regions of (Ca, a/l) that hold the truth."""
+    pilot = outlines(model, TRUTH)[0]
+    points, normal = pilot[::4], vertex_normals(pilot)[::4]
+    hits = 0
+    for errors in drawn.drawn(rng, points, count):
+        seen = posed(points + (errors + offset)[:, None] * normal, rng.uniform(-0.3, 0.3, 2), rng.normal(0, 0.02))
+        likelihood = OutlineLikelihood(seen, assumed, pilot, pose or Pose(), modes)
+        found, precision = fitted(model, likelihood)
+        hits += (found - TRUTH) @ precision @ (found - TRUTH) < 5.991
+    return hits / count
+
+
+def test_points_behind_a_gap_stand_where_they_belong():
+    """A long ellipse without its flanks, as where walls were too near: each point finds its own side."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
+    outline = np.stack([1.5 * np.cos(angle), np.sin(angle)], axis=1)
+    points = outline[1::3]
+    kept = points[np.abs(points[:, 1]) < 0.8]
+    assert np.hypot(*np.diff(kept, axis=0).T).max() > 1.5
+    assert np.abs(footing(kept, outline).distance).max() < 1e-12
+    shifted, feet = posed_on(kept + np.array([0.03, -0.02]), outline)
+    np.testing.assert_allclose(shifted, kept, atol=1e-3)
+    assert np.abs(feet.distance).max() < 1e-3
+
+
+def test_distances_from_a_circle_are_exact():
+    angle = np.linspace(0.0, 2.0 * np.pi, 2000, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = np.array([[1.2, 0.0], [0.0, 0.7], [-1.0, 0.0], [0.0, -1.1]])
+    feet = footing(points, circle)
+    np.testing.assert_allclose(feet.distance, [0.2, -0.3, 0.0, 0.1], atol=2e-6)
+    np.testing.assert_allclose(feet.normal, [[1, 0], [0, 1], [-1, 0], [0, -1]], atol=1e-3)
+    np.testing.assert_allclose((feet.place / 2000 + 0.1) % 1.0, [0.1, 0.35, 0.6, 0.85], atol=1e-3)
+    distances = normal_distances(points, np.stack([circle, np.full_like(circle, np.nan), 1.1 * circle]))
+    np.testing.assert_allclose(distances[0], feet.distance)
+    assert np.isnan(distances[1]).all()
+    assert distances[2, 0] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_points_are_shifted_and_turned_onto_each_outline_if_asked(model):
+    here, there = outlines(model, [0.03, 0.85])[0], outlines(model, [0.09, 0.9])[0]
+    angle = 0.02
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    points = there[::4] @ turn + [0.2, -0.1]
+    both = np.stack([here, there])
+    assert np.abs(normal_distances(points, both)[1]).max() > 0.05
+    distances = normal_distances(points, both, posed=True)
+    np.testing.assert_allclose(distances[1], 0.0, atol=1e-4)
+    np.testing.assert_allclose(distances[0], aligned_with(points, here)[1].distance, atol=5e-3)
+
+
+def test_a_circle_is_posed_though_nothing_tells_its_tilt():
+    angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    feet = aligned_with(0.9 * circle[::10] + [0.3, -0.2], circle)[1]
+    np.testing.assert_allclose(feet.distance, -0.1, atol=1e-4)
+    np.testing.assert_allclose(normal_distances(0.9 * circle[::10] + 0.1, circle[None], posed=True), -0.1, atol=1e-4)
+
+
+def test_points_of_the_rear_do_not_jump_across_the_rim(model):
+    """The rear rim is thinner than the step between two points."""
+    outline = outlines(model, [0.1, 0.95])[0]
+    inward = outline[::4] - 0.002 * vertex_normals(outline)[::4]
+    np.testing.assert_allclose(footing(inward, outline).distance, -0.002, atol=4e-4)
+
+
+def test_it_is_blind_to_place_and_tilt_and_sees_the_size(model):
+    pilot = outlines(model, TRUTH)[0]
+    here = OutlineLikelihood(pilot[::4], NOISE, pilot)
+    there = OutlineLikelihood(posed(pilot[::4], [0.4, -0.2], 0.03), NOISE, pilot)
+    others = outlines(model, [[0.05, 0.9], [0.05, 0.93], [0.06, 0.9], [0.05, 2.0]])
+    np.testing.assert_allclose(there.log_density(others), here.log_density(others), atol=0.3)
+    assert np.isnan(here.log_density(others)[3])
+    assert here.log_density(others)[0] > here.log_density(others)[1:3].max() + 5
+
+
+def test_the_covariance_is_that_of_the_errors_drawn(model):
+    pilot = outlines(model, TRUTH)[0][::8]
+    errors = NOISE.drawn(np.random.default_rng(0), pilot, 20000)
+    np.testing.assert_allclose(np.cov(errors.T), NOISE.covariance(pilot), atol=0.04 * NOISE.scale**2)
+
+
+@pytest.mark.slow
+def test_the_95_per_cent_region_covers(model):
+    """150 outlines each: 0.95 within three binomial standard errors, 0.05; taken as white the errors deceive."""
+    rng = np.random.default_rng(1)
+    assert covered(model, rng, NOISE, NOISE) == pytest.approx(0.95, abs=0.054)
+    assert covered(model, rng, NOISE, OutlineNoise(NOISE.scale, 0.0)) < 0.7
+
+
+@pytest.mark.slow
+def test_edges_found_too_far_out_are_borne_with_a_prior(model):
+    rng = np.random.default_rng(2)
+    halo = Pose(offset=0.01)
+    assert covered(model, rng, NOISE, NOISE, pose=halo, offset=0.01) > 0.9
+    assert covered(model, rng, NOISE, NOISE, offset=0.01, count=40) < 0.5
+
+
+def test_the_models_own_error_widens_the_posterior(model):
+    pilot = outlines(model, TRUTH)[0]
+    modes = model.outline_modes(capillary_number=TRUTH[0], size_ratio=TRUTH[1])
+    assert modes.shape[1] == len(pilot)
+    fine = OutlineNoise(5e-4, 0.5)
+    plain, wider = (fitted(model, OutlineLikelihood(pilot[::4], fine, pilot, modes=m))[1] for m in (None, 10 * modes))
+    assert np.all(np.linalg.inv(wider)[range(2), range(2)] > 1.5 * np.linalg.inv(plain)[range(2), range(2)])
+
+
+@pytest.mark.parametrize("wrong", [{"scale": 0.0}, {"correlation_length": -1.0}, {"white": 1.5}])
+def test_wrong_errors_are_refused(wrong):
+    with pytest.raises(InputError, match=f"OutlineNoise: {next(iter(wrong))}: expected"):
+        OutlineNoise(**({"scale": 0.01, "correlation_length": 0.2} | wrong))

@@ -1,0 +1,107 @@
+"""Silhouettes with L_a beside them, and models of the other view."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer import identify
+from capsbayes.infer.grid.quadrature import Quadrature
+from capsbayes.infer.outline.likelihood import LengthBeside, OutlineLikelihood
+from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
+from capsbayes.measurement import Measurement
+from capsbayes.profile import vertex_normals
+from capsbayes.surrogate import Surrogate
+
+NOISE = OutlineNoise(0.004, 0.3, 0.5)
+EXPERIMENT = Experiment(section="square", half_width=50e-6, viscosity=0.7)
+FLOW = 4e-3
+ANGLE = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+CIRCLE = np.stack([np.cos(ANGLE), np.sin(ANGLE)], axis=1)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Surrogate.open("square-neo-hookean", view="silhouette")
+
+
+@pytest.fixture(scope="module")
+def capsule(model):
+    """A parachute at Ca = 0.08, a/l = 0.95 from the side, with errors, its rear seen through the rim."""
+    there = model.at(capillary_number=0.08, size_ratio=0.95, outline=True)
+    vertices = there.outline[0][::3]
+    errors = NOISE.drawn(np.random.default_rng(4), vertices, 1)[0]
+    velocity = FLOW * float(there.velocity_ratio[0])
+    return Measurement(
+        axial_extent=float(np.ptp(vertices[:, 0])),
+        axial_extent_error=0.004,
+        axial_length=float(there.axial_length[0]) + 0.002,
+        axial_length_error=0.004,
+        capsule_velocity=velocity,
+        capsule_velocity_error=0.002 * velocity,
+        outline=MeasuredOutline(vertices + errors[:, None] * vertex_normals(vertices), NOISE, view=SILHOUETTE),
+    )
+
+
+def test_the_length_adds_its_own_number():
+    """With white errors only, nothing is shared: the density is a product."""
+    white = OutlineNoise(0.01, 0.0, 1.0)
+    alone = OutlineLikelihood(0.9 * CIRCLE, white, 0.9 * CIRCLE)
+    both = replace(alone, length=LengthBeside(1.5, 0.03, 0.04))
+    outlines = np.array([0.9, 0.905])[:, None, None] * CIRCLE
+    lengths = np.array([1.53, 1.46])
+    added = both.log_density(outlines, lengths) - alone.log_density(outlines)
+    np.testing.assert_allclose(added, scipy.stats.norm(1.5, 0.05).logpdf(lengths), atol=1e-6)
+
+
+def test_the_length_shares_the_error_of_the_nose():
+    """Where the nose was found too far out, L_a was found too long."""
+    pose = Pose(offset=0.01)
+    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, pose, length=LengthBeside(1.5, 0.02))
+    smaller = 0.89 * CIRCLE[None]  # so that all edges were found too far out
+    longer, shorter = seen.log_density(np.repeat(smaller, 2, axis=0), np.array([1.49, 1.51]))
+    assert longer > shorter + 0.1
+
+
+def test_an_error_of_the_length_below_that_of_the_nose_is_no_trouble():
+    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, length=LengthBeside(1.5, 1e-4))
+    assert np.isfinite(seen.log_density(0.9 * CIRCLE[None], np.array([1.5]))).all()
+
+
+def test_whitened_displacements_reach_the_length():
+    """A measured outline that lies farther out at the nose has a longer L_a, one that does at the rear has not."""
+    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, length=LengthBeside(1.5, 0.02))
+    nose, rear = (np.exp(-4.0 * (1.0 - side * CIRCLE[:, 0]) ** 2)[None] for side in (1.0, -1.0))
+    assert seen.whitened_displacement(nose).shape == (1, 65)
+    plain = replace(seen, noise=OutlineNoise(0.01, 0.0, 1.0))
+    assert plain.whitened_displacement(nose)[0, -1] > 1.0
+    assert abs(plain.whitened_displacement(rear)[0, -1]) < 1e-3
+
+
+def test_the_length_narrows_what_the_silhouette_says(model, capsule):
+    engine = Quadrature(model, EXPERIMENT)
+    without = replace(capsule, axial_length=None, axial_length_error=None)
+    both, alone = engine(capsule), engine(without)
+    for name, truth in (("capillary_number", 0.08), ("size_ratio", 0.95)):
+        assert abs(both.marginal(name).mean - truth) < 3.5 * both.marginal(name).sd
+        assert abs(alone.marginal(name).mean - truth) < 3.5 * alone.marginal(name).sd
+    # the shape of the rest tells the depth of the rear to 0.01 l or so: a measured one narrows that a little further
+    assert both.log_marginal("capillary_number").sd < alone.log_marginal("capillary_number").sd
+
+
+def test_a_model_of_the_other_view_is_refused(capsule, model):
+    section = Surrogate.open("square-neo-hookean")
+    message = r'outline\.view: expected "section", that of the outlines of square-neo-hookean, got "silhouette"'
+    with pytest.raises(InputError, match=message):
+        identify(capsule, section, EXPERIMENT, seed=1, engine="quadrature")
+    seen = replace(capsule, outline=replace(capsule.outline, view="section"))
+    with pytest.raises(InputError, match=r'expected "silhouette", .* open the model with view="section"'):
+        identify(seen, model, EXPERIMENT, seed=1, engine="quadrature")
+
+
+def test_a_section_needs_no_length_beside(capsule):
+    assert capsule.length_beside_outline == (capsule.axial_length, 0.004)
+    assert replace(capsule, outline=replace(capsule.outline, view="section")).length_beside_outline is None

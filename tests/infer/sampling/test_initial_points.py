@@ -1,0 +1,42 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from capsbayes.infer.density import Target
+from capsbayes.infer.grid.quadrature import Quadrature
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.prior import Prior
+from capsbayes.infer.sampling.initial_points import starting_points
+from capsbayes.infer.sampling.log_density import LogDensity
+
+
+@pytest.mark.parametrize("name", ["capsule", "capsule_in_metres", "capsule_from_the_side"])
+@pytest.mark.parametrize("sample_inputs", [False, True])
+def test_all_walkers_start_at_finite_density_and_none_twice(model, experiment, name, sample_inputs, request):
+    seen = request.getfixturevalue(name)
+    density = LogDensity(model, Target.of(seen, Inputs.of(seen, experiment), Prior()), sample_inputs=sample_inputs)
+    starts = starting_points(density, 4, 32, np.random.default_rng(18))
+    assert starts.shape == (4, 32, len(density.names))
+    flat = starts.reshape(128, -1)
+    assert np.all(np.isfinite(density(flat)))
+    assert len(np.unique(flat, axis=0)) == 128
+
+
+def test_starts_are_found_around_a_narrow_posterior_and_wider_than_it(model, experiment, capsule):
+    seen = replace(capsule, axial_extent_error=1e-3, axial_length_error=1e-3)
+    target = Target.of(seen, Inputs.of(seen, experiment), Prior())
+    starts = starting_points(LogDensity(model, target), 4, 64, np.random.default_rng(19)).reshape(-1, 2)
+    exact = Quadrature(model, experiment)(seen)
+    for k, name in enumerate(("capillary_number", "size_ratio")):
+        values = np.exp(starts[:, k]) if k == 0 else starts[:, k]
+        one = exact.marginal(name)
+        assert abs(values.mean() - one.mean) < one.sd
+        assert 1.0 < values.std() / one.sd < 4.0
+
+
+def test_a_density_that_vanishes_everywhere_is_said(model, experiment, capsule):
+    density = LogDensity(model, Target.of(capsule, Inputs.of(capsule, experiment), Prior()))
+    density.__class__ = type("Nowhere", (LogDensity,), {"__call__": lambda self, x: np.full(len(x), -np.inf)})
+    with pytest.raises(ValueError, match="no point of the model's domain"):
+        starting_points(density, 4, 32, np.random.default_rng(20))
