@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 
 from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.prior import Prior, Range
@@ -23,11 +23,11 @@ def test_integrating_the_inputs_by_hand_gives_the_factored_density(
     """The full density, prior term by term, averaged over draws of the inputs, against the factored one."""
     seen = capsule_in_metres if in_metres else capsule
     prior, inputs = Prior(modulus, radius), Inputs.of(seen, experiment)
-    target = Target.of(seen, inputs, prior)
+    density = PosteriorDensity.of(seen, inputs, prior)
     ca, size = np.array([0.075, 0.082, 0.09]), np.array([0.955, 0.96, 0.962])
     points = points_of(model, ca, size)
     width = np.full(3, 25.1e-6) if in_metres else None
-    factored = target.log_density(points, np.log(ca), size, width) + target.log_share(points, np.log(ca), size, width)
+    factored = density.log_density(points, np.log(ca), size, width) + density.log_share(points, np.log(ca), size, width)
 
     rng, count = np.random.default_rng(4), 400_000
     drawn = {
@@ -40,17 +40,17 @@ def test_integrating_the_inputs_by_hand_gives_the_factored_density(
         theta = drawn | {"capillary_number": np.full(count, ca[n]), "size_ratio": np.full(count, size[n])}
         log_prior = prior.log_density(theta, np.full(count, points.velocity_ratio[n]))
         mass = np.exp(log_prior - 10.0).mean()
-        likelihood = target.likelihood.log_density(points.taken(np.array([n])), 25.1e-6)[0]
+        likelihood = density.likelihood.log_density(points.taken(np.array([n])), 25.1e-6)[0]
         full.append(np.log(mass) + likelihood)
     np.testing.assert_allclose(np.array(full) - full[1], factored - factored[1], atol=0.02)
 
 
 def test_completed_draws_stay_in_the_ranges_and_are_consistent(model, experiment, capsule):
     prior = Prior(Range("log-uniform", 0.038, 0.041), Range("uniform", 23.9e-6, 24.1e-6))
-    target = Target.of(capsule, Inputs.of(capsule, experiment), prior)
+    density = PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), prior)
     nodes = {"capillary_number": np.full(2000, 0.082), "size_ratio": np.full(2000, 0.96)}
     points = points_of(model, nodes["capillary_number"], nodes["size_ratio"])
-    draws = target.completed(np.random.default_rng(5), nodes, points, np.ones(2000))
+    draws = density.completed(np.random.default_rng(5), nodes, points, np.ones(2000))
     assert np.all((draws["capsule_radius"] >= 23.9e-6) & (draws["capsule_radius"] <= 24.1e-6))
     by_mean_ratio = draws["viscosity"] * draws["capsule_velocity"] / (0.082 * points.velocity_ratio)
     assert np.all((by_mean_ratio >= 0.038) & (by_mean_ratio <= 0.041))
@@ -63,18 +63,18 @@ def test_completed_draws_stay_in_the_ranges_and_are_consistent(model, experiment
 def test_inputs_of_any_distribution_are_drawn_as_they_are(model, capsule):
     viscosity = stats.lognorm(0.2, scale=0.8)
     experiment = Experiment(section="square", half_width=25e-6, viscosity=viscosity)
-    target = Target.of(capsule, Inputs.of(capsule, experiment), Prior())
+    density = PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), Prior())
     nodes = {"capillary_number": np.full(5000, 0.082), "size_ratio": np.full(5000, 0.96)}
     points = points_of(model, nodes["capillary_number"], nodes["size_ratio"])
-    draws = target.completed(np.random.default_rng(6), nodes, points, np.ones(5000))
+    draws = density.completed(np.random.default_rng(6), nodes, points, np.ones(5000))
     assert stats.kstest(draws["viscosity"], viscosity.cdf).pvalue > 1e-3
     assert np.ptp(draws["half_width"]) < 1e-15
 
 
 def test_wide_ranges_cost_nothing(model, experiment, capsule):
-    target = Target.of(capsule, Inputs.of(capsule, experiment), Prior())
+    density = PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), Prior())
     points = points_of(model, [0.082], [0.96])
-    assert target.log_share(points, np.log([0.082]), np.array([0.96])) == 0.0
+    assert density.log_share(points, np.log([0.082]), np.array([0.96])) == 0.0
 
 
 def test_only_lengths_in_metres_make_the_half_width_a_dimension(capsule, capsule_in_metres, experiment):
@@ -84,11 +84,11 @@ def test_only_lengths_in_metres_make_the_half_width_a_dimension(capsule, capsule
         (capsule_in_metres, experiment, True),
         (capsule_in_metres, known, False),
     ):
-        assert Target.of(seen, Inputs.of(seen, channel), Prior()).shape_depends_on_half_width is expected
+        assert PosteriorDensity.of(seen, Inputs.of(seen, channel), Prior()).shape_depends_on_half_width is expected
 
 
 def test_a_model_without_an_answer_has_no_density(model, experiment, capsule):
-    target = Target.of(capsule, Inputs.of(capsule, experiment), Prior())
+    density = PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), Prior())
     points = points_of(model, [0.3], [0.96])
-    assert np.isnan(target.log_density(points, np.log([0.3]), np.array([0.96])))[0]
+    assert np.isnan(density.log_density(points, np.log([0.3]), np.array([0.96])))[0]
     assert isinstance(points, ModelAtPoints)

@@ -34,7 +34,7 @@ def test_masses_carry_the_power(name, power):
     frozen, _ = DISTRIBUTIONS[name]
     if name == "loose cut normal" and power < 0:
         pytest.skip("its logarithm has no distribution under 1/x")
-    masses = Input.of("viscosity", frozen).log_masses(power)
+    masses = Input.of("viscosity", frozen).on_log_grid(power)
     values = np.exp(masses.logs)
     norm = frozen.expect(lambda x: x**power, lb=max(frozen.support()[0], 1e-12))
     mean = frozen.expect(lambda x: x ** (power + 1), lb=max(frozen.support()[0], 1e-12)) / norm
@@ -43,7 +43,7 @@ def test_masses_carry_the_power(name, power):
 
 def test_a_narrowed_input_keeps_its_mean():
     for frozen in (positive_normal(2.0, 0.1), stats.uniform(1.0, 2.0)):
-        narrow = Input.of("viscosity", frozen).narrowed(0.5).log_masses(0)
+        narrow = Input.of("viscosity", frozen).narrowed(0.5).on_log_grid(0)
         values = np.exp(narrow.logs)
         mean = narrow.masses @ values
         assert mean == pytest.approx(frozen.mean(), rel=1e-3)
@@ -53,7 +53,7 @@ def test_a_narrowed_input_keeps_its_mean():
 def test_a_number_is_known():
     one = Input.of("half_width", 25e-6)
     assert one.known
-    assert one.log_masses(1).marginal().sd == 0.0
+    assert one.on_log_grid(1).marginal().sd == 0.0
 
 
 def test_a_velocity_that_is_hardly_measured_is_refused():

@@ -25,13 +25,13 @@ from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_mo
 from capsbayes.infer.coordinate import Coordinate
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
-from capsbayes.infer.log_grid import LogMasses
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.outline.table import AnyOutline
 from capsbayes.infer.prior import Prior, Range
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 
-__all__ = ["Target"]
+__all__ = ["PosteriorDensity"]
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ _ROUNDS = 13  # of redrawing inputs that leave the prior ranges, twice as many o
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class PosteriorDensity:
     """Posterior of one capsule, up to a constant.
 
     Parameters
@@ -70,7 +70,7 @@ class Target:
         prior: Prior,
         error_scale: float = 1.0,
         coordinate: Coordinate | None = None,
-    ) -> Target:
+    ) -> PosteriorDensity:
         """Posterior given a measurement."""
         return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale, coordinate)
 
@@ -81,7 +81,7 @@ class Target:
         size: Floats,
         coordinate: Mapping[str, Floats] | None = None,
         *,
-        density: bool = True,
+        outline: bool = True,
     ) -> tuple[ModelAtPoints, Floats]:
         """Evaluate a model and read Lambda too; outside its domain everything is NaN.
 
@@ -91,13 +91,13 @@ class Target:
         ca, size : (n,) arrays [-]
         coordinate : mapping of (n,) array, optional
             The further coordinate of the model by name.
-        density : bool
-            Whether what `log_density` reads is needed: that of outlines costs a hundred times as much as all else.
+        outline : bool
+            Evaluate the log density of the outline too, which costs a hundred times as much as all else.
         """
         theta = {"capillary_number": ca, "size_ratio": size, **(coordinate or {})}
         prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
-        if density and self.outline is not None:
+        if outline and self.outline is not None:
             points = replace(points, outline=self.outline.at(model, theta))
         return points, prediction.stretch_ratio
 
@@ -111,22 +111,22 @@ class Target:
         return self.inputs.half_width.centre if half_width is None else half_width
 
     @cached_property
-    def viscosity(self) -> LogMasses:
+    def viscosity(self) -> LogGrid:
         """mu, weighted as in the factored posterior."""
-        return self.inputs.viscosity.log_masses(self.prior.surface_shear_modulus.power)
+        return self.inputs.viscosity.on_log_grid(self.prior.surface_shear_modulus.power)
 
     @cached_property
-    def capsule_velocity(self) -> LogMasses:
+    def capsule_velocity(self) -> LogGrid:
         """v_o, weighted as in the factored posterior."""
-        return self.inputs.capsule_velocity.log_masses(self.prior.surface_shear_modulus.power - 1)
+        return self.inputs.capsule_velocity.on_log_grid(self.prior.surface_shear_modulus.power - 1)
 
     @cached_property
-    def half_width(self) -> LogMasses:
+    def half_width(self) -> LogGrid:
         """l, weighted as in the factored posterior."""
-        return self.inputs.half_width.log_masses(self.prior.capsule_radius.power)
+        return self.inputs.half_width.on_log_grid(self.prior.capsule_radius.power)
 
     @cached_property
-    def force_scale(self) -> LogMasses:
+    def force_scale(self) -> LogGrid:
         """Product mu v_o [N/m]."""
         return self.viscosity.times(self.capsule_velocity)
 
@@ -248,7 +248,7 @@ def _log(values: Floats) -> Floats:
         return np.log(values)
 
 
-def _within(limits: Range, factor: LogMasses, logs: Floats) -> Floats | float:
+def _within(limits: Range, factor: LogGrid, logs: Floats) -> Floats | float:
     """Log probability that exp(logs) times an independent factor is within limits; 0.0 if it surely is everywhere."""
     low, high = np.log(limits.low), np.log(limits.high)
     first, last = factor.start - factor.step, factor.end + factor.step

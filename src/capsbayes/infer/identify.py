@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Agreement, Gate, agreement, ess_gates
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.deterministic import deterministic_answer
 from capsbayes.infer.grid.mixed_posterior import MixedPosterior
 from capsbayes.infer.grid.mixed_quadrature import exact_engine
@@ -108,7 +108,7 @@ def identify(
             measurement=measurement,
             experiment=experiment,
             prior=quadrature.prior,
-            inputs=grid.target.inputs,
+            inputs=grid.density.inputs,
             model_name=model.name,
             model_sha256=model.sha256,
             engine=engine,
@@ -116,7 +116,7 @@ def identify(
             gates=(*gates, *([] if fit is None else [fit])),
             agreement=agreed,
             shares=variance_shares(quadrature, measurement, grid),
-            deterministic=deterministic_answer(measurement, model, grid.target.inputs),
+            deterministic=deterministic_answer(measurement, model, grid.density.inputs),
             leaning=leans,
             outlines=drawn_outlines(model, draws, _OUTLINES)[1],
             status=verdict(gates, agreed, leans, fit),
@@ -124,14 +124,14 @@ def identify(
 
 
 def _reported(grid: GridPosterior | MixedPosterior) -> tuple[str, ...]:
-    coordinate = grid.target.coordinate
+    coordinate = grid.density.coordinate
     return REPORTED if coordinate is None else (*REPORTED, coordinate.name)
 
 
 def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:
     """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
-    target, table_gates = _tabulated(grid)
-    log_density = LogDensity(grid.forward, target)
+    density, table_gates = _tabulated(grid)
+    log_density = LogDensity(grid.forward, density)
     shape = {name: grid.log_marginal(name) for name in log_density.names}
 
     def agrees(chains: Chains) -> bool:
@@ -141,30 +141,30 @@ def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | N
     kept = chains.thinned()
     steps, ensembles, walkers, _ = kept.coordinates.shape
     nodes = {name: np.ravel(values) for name, values in kept.named().items()}
-    coordinate = grid.target.coordinate
+    coordinate = grid.density.coordinate
     further = {} if coordinate is None else {coordinate.name: nodes[coordinate.name]}
     place = nodes["capillary_number"], nodes["size_ratio"]
-    points, stretch = grid.target.evaluated(grid.forward, *place, further, density=False)
+    points, stretch = grid.density.evaluated(grid.forward, *place, further, outline=False)
     rng = np.random.default_rng([seed, 1])
-    flat = grid.target.completed(rng, nodes, points, stretch) | {"lp": np.ravel(kept.log_density)}
+    flat = grid.density.completed(rng, nodes, points, stretch) | {"lp": np.ravel(kept.log_density)}
     draws = {name: values.reshape(steps, -1).T for name, values in flat.items()}
     gates = [*table_gates, *chains.gates, *ess_gates({name: draws[name] for name in _reported(grid)})]
     agreed = agreement(draws, {name: grid.log_marginal(name) for name in _reported(grid)})
     return _Run(draws, np.repeat(np.arange(ensembles), walkers), gates, agreed)
 
 
-def _tabulated(grid: GridPosterior | MixedPosterior) -> tuple[Target, list[Gate]]:
-    """The target with the outline's likelihood interpolated on the grid, and whether that is as good as exact."""
-    exact = grid.target.outline
+def _tabulated(grid: GridPosterior | MixedPosterior) -> tuple[PosteriorDensity, list[Gate]]:
+    """The density with the outline's likelihood interpolated on the grid, and whether that is as good as exact."""
+    exact = grid.density.outline
     if not isinstance(grid, GridPosterior) or not isinstance(exact, OutlineLikelihood):
-        return grid.target, []
+        return grid.density, []
     log_ca, size = (_spread_out(axis) for axis in grid.window.axes)
     place = {"capillary_number": np.exp(np.repeat(log_ca, len(size))), "size_ratio": np.tile(size, len(log_ca))}
     values = exact.at(grid.forward, place).reshape(len(log_ca), len(size))
     table = TabulatedOutline(exact, log_ca, size, values)
     tried = grid.drawn(np.random.default_rng(0), _TRIED)
     error = table.error(grid.forward, {name: tried[name] for name in ("capillary_number", "size_ratio")})
-    return replace(grid.target, outline=table), [Gate("error of the table of the outline", error, most=_TABLE_ERROR)]
+    return replace(grid.density, outline=table), [Gate("error of the table of the outline", error, most=_TABLE_ERROR)]
 
 
 def _spread_out(axis: Floats) -> Floats:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.log_grid import CELLS_PER_SD, LogMasses
+from capsbayes.infer.log_grid import CELLS_PER_SD, LogGrid
 from capsbayes.measurement import Measurement
 
 __all__ = ["LOOSEST_VELOCITY", "Input", "Inputs"]
@@ -79,19 +79,19 @@ class Input:
         with np.errstate(invalid="ignore"):
             return np.where(values > 0.0, -0.5 * ((values - self.centre) / self.error) ** 2, -np.inf)
 
-    def log_masses(self, power: int) -> LogMasses:
+    def on_log_grid(self, power: int) -> LogGrid:
         """Distribution with its density multiplied by x^power, on a grid of log x."""
         if power not in self._laid_out:
             self._laid_out[power] = self._lay_out(power)
         return self._laid_out[power]
 
     @cached_property
-    def _laid_out(self) -> dict[int, LogMasses]:
+    def _laid_out(self) -> dict[int, LogGrid]:
         return {}
 
-    def _lay_out(self, power: int) -> LogMasses:
+    def _lay_out(self, power: int) -> LogGrid:
         if self.known:
-            return LogMasses.known(self.centre)
+            return LogGrid.known(self.centre)
         low, high = self._range()
         wide = float(np.log(high / low))
         cells = int(np.ceil(max(wide * self.centre / self.error, 2.0 * _REACH) * CELLS_PER_SD))
@@ -102,7 +102,7 @@ class Input:
         masses = np.exp(density - density.max())
         masses /= masses.sum()
         mean = float(masses @ logs)
-        return LogMasses(float(logs[0]), step, masses, mean, float(masses @ (logs - mean) ** 2))
+        return LogGrid(float(logs[0]), step, masses, mean, float(masses @ (logs - mean) ** 2))
 
     def _range(self) -> tuple[float, float]:
         if self.table is not None:

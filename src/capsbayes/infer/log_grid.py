@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capsbayes.infer.marginal import Marginal
 
-__all__ = ["LogMasses"]
+__all__ = ["LogGrid"]
 
 Floats = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ CELLS_PER_SD = 16  # of the grid a density is laid on: the sum's error is far be
 
 
 @dataclass(frozen=True, eq=False)
-class LogMasses:
+class LogGrid:
     """Distribution of a positive quantity x.
 
     Parameters
@@ -34,7 +34,7 @@ class LogMasses:
 
     Examples
     --------
-    >>> product = LogMasses.known(2.0).times(LogMasses.known(3.0))
+    >>> product = LogGrid.known(2.0).times(LogGrid.known(3.0))
     >>> round(product.marginal().median, 9)
     6.0
     """
@@ -46,12 +46,12 @@ class LogMasses:
     variance: float
 
     @classmethod
-    def known(cls, value: float) -> LogMasses:
+    def known(cls, value: float) -> LogGrid:
         """A number without error."""
         return cls(float(np.log(value)), 1.0, np.ones(1), float(np.log(value)), 0.0)
 
     @classmethod
-    def normal(cls, variance: float) -> LogMasses:
+    def normal(cls, variance: float) -> LogGrid:
         """A factor about one whose logarithm is normal."""
         if variance <= 0.0:
             return cls.known(1.0)
@@ -61,7 +61,7 @@ class LogMasses:
         return cls(float(logs[0]), step, masses / masses.sum(), 0.0, variance)
 
     @classmethod
-    def of_nodes(cls, logs: Floats, weights: Floats, step: float) -> LogMasses:
+    def of_nodes(cls, logs: Floats, weights: Floats, step: float) -> LogGrid:
         """Weighted nodes, each shared linearly between its two grid points.
 
         Parameters
@@ -87,12 +87,12 @@ class LogMasses:
         return cls(low, step, masses / masses.sum(), mean, variance)
 
     @classmethod
-    def mixed(cls, parts: Sequence[LogMasses], weights: Floats) -> LogMasses:
+    def mixed(cls, parts: Sequence[LogGrid], weights: Floats) -> LogGrid:
         """One of several distributions, each with its probability.
 
         Parameters
         ----------
-        parts : sequence of LogMasses
+        parts : sequence of LogGrid
         weights : (n,) array
             Probabilities, summing to one.
         """
@@ -119,14 +119,14 @@ class LogMasses:
     def _edges(self) -> Floats:
         return np.concatenate([self.logs, [self.end + self.step]]) - 0.5 * self.step
 
-    def resampled(self, step: float) -> LogMasses:
+    def resampled(self, step: float) -> LogGrid:
         """The same distribution on another grid."""
         if len(self.masses) == 1 or step == self.step:
-            return self if len(self.masses) > 1 else LogMasses(self.start, step, self.masses, self.mean, self.variance)
-        other = LogMasses.of_nodes(self.logs, self.masses, step)
-        return LogMasses(other.start, step, other.masses, self.mean, self.variance)
+            return self if len(self.masses) > 1 else LogGrid(self.start, step, self.masses, self.mean, self.variance)
+        other = LogGrid.of_nodes(self.logs, self.masses, step)
+        return LogGrid(other.start, step, other.masses, self.mean, self.variance)
 
-    def times(self, other: LogMasses) -> LogMasses:
+    def times(self, other: LogGrid) -> LogGrid:
         """Product with an independent quantity."""
         if len(self.masses) == 1 or len(other.masses) == 1:
             step = other.step if len(self.masses) == 1 else self.step
@@ -134,13 +134,13 @@ class LogMasses:
             step = max(self.step, other.step)
         a, b = self.resampled(step), other.resampled(step)
         masses = np.convolve(a.masses, b.masses)
-        return LogMasses(a.start + b.start, step, masses, self.mean + other.mean, self.variance + other.variance)
+        return LogGrid(a.start + b.start, step, masses, self.mean + other.mean, self.variance + other.variance)
 
-    def inverse(self) -> LogMasses:
+    def inverse(self) -> LogGrid:
         """Distribution of 1/x."""
-        return LogMasses(-self.end, self.step, self.masses[::-1], -self.mean, self.variance)
+        return LogGrid(-self.end, self.step, self.masses[::-1], -self.mean, self.variance)
 
-    def cut(self, low: float, high: float) -> LogMasses:
+    def cut(self, low: float, high: float) -> LogGrid:
         """Distribution given low <= x <= high; unchanged if nothing lies outside."""
         kept = np.where((self.logs >= np.log(low)) & (self.logs <= np.log(high)), self.masses, 0.0)
         total = kept.sum()
@@ -148,7 +148,7 @@ class LogMasses:
             return self
         masses = kept / total
         mean = float(masses @ self.logs)
-        return LogMasses(self.start, self.step, masses, mean, float(masses @ (self.logs - mean) ** 2))
+        return LogGrid(self.start, self.step, masses, mean, float(masses @ (self.logs - mean) ** 2))
 
     def below(self, logs: Floats) -> Floats:
         """Probability that log x is below each value, linear within a cell of the grid : (n,) array."""

@@ -70,16 +70,16 @@ def shares_of_each(
 
 def _of_factors(posterior: AnyPosterior, quantity: str, total: float) -> dict[str, float]:
     """Shares of the inputs that the shape does not depend on, and of a further coordinate."""
-    target = posterior.target
+    density = posterior.density
     of_modulus = quantity == "surface_shear_modulus"
     shares = {
-        "viscosity": target.viscosity.variance / total if of_modulus else 0.0,
-        "capsule_velocity": target.capsule_velocity.variance / total if of_modulus else 0.0,
+        "viscosity": density.viscosity.variance / total if of_modulus else 0.0,
+        "capsule_velocity": density.capsule_velocity.variance / total if of_modulus else 0.0,
     }
     if isinstance(posterior, MixedPosterior):
         shares[posterior.coordinate.name] = posterior.variance_between(quantity) / total
-    if not target.shape_depends_on_half_width:
-        shares["half_width"] = 0.0 if of_modulus else target.half_width.variance / total
+    if not density.shape_depends_on_half_width:
+        shares["half_width"] = 0.0 if of_modulus else density.half_width.variance / total
     return shares
 
 
@@ -90,7 +90,7 @@ def _variance(posterior: AnyPosterior, quantity: str) -> float:
 def _each_halved(
     engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior
 ) -> Iterator[tuple[str, AnyPosterior]]:
-    inputs = posterior.target.inputs
+    inputs = posterior.density.inputs
     if measurement.outline is not None:
         noise = measurement.outline.noise
         sharper = replace(measurement.outline, noise=replace(noise, scale=0.5 * noise.scale))
@@ -105,7 +105,7 @@ def _each_halved(
     if measurement.axial_length_error is not None:
         half = replace(measurement, axial_length_error=0.5 * measurement.axial_length_error)
         yield "axial_length", engine(half, inputs=inputs)
-    if posterior.target.shape_depends_on_half_width:
+    if posterior.density.shape_depends_on_half_width:
         narrow = replace(inputs, half_width=inputs.half_width.narrowed(0.5))
         yield "half_width", engine(measurement, inputs=narrow)
     yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)

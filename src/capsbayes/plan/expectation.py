@@ -87,7 +87,7 @@ class Expectation:
         """Independent draws; one if nothing has a spread."""
         if self.known:
             return self.centre
-        return Draws(**{name: one.log_masses(0).drawn(rng, count) for name, one in self._all.items()})
+        return Draws(**{name: one.on_log_grid(0).drawn(rng, count) for name, one in self._all.items()})
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """Mean and standard deviation of each, SI."""

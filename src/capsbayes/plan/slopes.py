@@ -97,7 +97,7 @@ def log_slopes(
     for sign in (-1.0, 1.0):
         value = setting.value + sign * setting.step
         with contextlib.suppress(InputError):
-            moved = _MOVES[setting.name](measurement, posterior.target.inputs, value)
+            moved = _MOVES[setting.name](measurement, posterior.density.inputs, value)
             ends[value] = _log_medians(_again(engine, posterior, measurement, *moved))
     if len(ends) == 1:
         ends[setting.value] = _log_medians(posterior)
@@ -112,10 +112,10 @@ def _again(
     engine: Quadrature | MixedQuadrature, before: AnyPosterior, seen: Measurement, moved: Measurement, inputs: Inputs
 ) -> AnyPosterior:
     """Posterior of a measurement or of inputs that were moved, from that before."""
-    same_width = inputs.half_width is before.target.inputs.half_width
-    same_shape = moved is seen and (same_width or before.target.likelihood.over_half_width)
+    same_width = inputs.half_width is before.density.inputs.half_width
+    same_shape = moved is seen and (same_width or before.density.likelihood.over_half_width)
     if same_shape and isinstance(before, GridPosterior) and not before.cut:
-        return replace(before, target=replace(before.target, inputs=inputs))
+        return replace(before, density=replace(before.density, inputs=inputs))
     return engine(moved, inputs=inputs)
 
 

@@ -6,7 +6,7 @@ from polynomial_model import FoldedModel
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Window
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.inputs import Inputs
@@ -15,12 +15,12 @@ from capsbayes.infer.prior import Prior, Range
 
 def brute_force(quadrature, seen, experiment, shape=(1500, 1500), prior=None):
     """Weights of a far finer grid over the whole domain, and its nodes."""
-    target = Target.of(seen, Inputs.of(seen, experiment), prior or Prior())
+    density = PosteriorDensity.of(seen, Inputs.of(seen, experiment), prior or Prior())
     bounds = quadrature.table.window
     window = Window(bounds.low, bounds.high, shape)
     nodes = window.nodes(quadrature.model)
     points, log_ca, size = nodes.model, nodes.log_ca, nodes.size
-    density = target.log_density(points, log_ca, size) + target.log_share(points, log_ca, size)
+    density = density.log_density(points, log_ca, size) + density.log_share(points, log_ca, size)
     weights = np.nan_to_num(np.exp(density - np.nanmax(density)))
     return weights / weights.sum(), log_ca, size, points
 

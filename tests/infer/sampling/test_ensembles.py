@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.prior import Prior
@@ -10,7 +10,7 @@ from capsbayes.infer.sampling.log_density import LogDensity
 
 
 def density_of(model, experiment, seen, **options):
-    return LogDensity(model, Target.of(seen, Inputs.of(seen, experiment), Prior()), **options)
+    return LogDensity(model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()), **options)
 
 
 def test_a_run_that_has_every_input_as_a_coordinate_agrees_with_the_grid(model, experiment, capsule):

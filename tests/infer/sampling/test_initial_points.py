@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.prior import Prior
@@ -15,7 +15,9 @@ from capsbayes.infer.sampling.log_density import LogDensity
 @pytest.mark.parametrize("sample_inputs", [False, True])
 def test_all_walkers_start_at_finite_density_and_none_twice(model, experiment, name, sample_inputs, request):
     seen = request.getfixturevalue(name)
-    density = LogDensity(model, Target.of(seen, Inputs.of(seen, experiment), Prior()), sample_inputs=sample_inputs)
+    density = LogDensity(
+        model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()), sample_inputs=sample_inputs
+    )
     starts = starting_points(density, 4, 32, np.random.default_rng(18))
     assert starts.shape == (4, 32, len(density.names))
     flat = starts.reshape(128, -1)
@@ -25,8 +27,8 @@ def test_all_walkers_start_at_finite_density_and_none_twice(model, experiment, n
 
 def test_starts_are_found_around_a_narrow_posterior_and_wider_than_it(model, experiment, capsule):
     seen = replace(capsule, axial_extent_error=1e-3, axial_length_error=1e-3)
-    target = Target.of(seen, Inputs.of(seen, experiment), Prior())
-    starts = starting_points(LogDensity(model, target), 4, 64, np.random.default_rng(19)).reshape(-1, 2)
+    density = PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior())
+    starts = starting_points(LogDensity(model, density), 4, 64, np.random.default_rng(19)).reshape(-1, 2)
     exact = Quadrature(model, experiment)(seen)
     for k, name in enumerate(("capillary_number", "size_ratio")):
         values = np.exp(starts[:, k]) if k == 0 else starts[:, k]
@@ -36,7 +38,7 @@ def test_starts_are_found_around_a_narrow_posterior_and_wider_than_it(model, exp
 
 
 def test_a_density_that_vanishes_everywhere_is_said(model, experiment, capsule):
-    density = LogDensity(model, Target.of(capsule, Inputs.of(capsule, experiment), Prior()))
+    density = LogDensity(model, PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), Prior()))
     density.__class__ = type("Nowhere", (LogDensity,), {"__call__": lambda self, x: np.full(len(x), -np.inf)})
     with pytest.raises(ValueError, match="no point of the model's domain"):
         starting_points(density, 4, 32, np.random.default_rng(20))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.sampling.log_density import LogDensity
@@ -9,7 +9,7 @@ from capsbayes.prediction import Prediction
 
 
 def density_of(model, experiment, seen, **options):
-    return LogDensity(model, Target.of(seen, Inputs.of(seen, experiment), Prior()), **options)
+    return LogDensity(model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()), **options)
 
 
 def test_coordinates(model, experiment, capsule, capsule_in_metres):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.model import ForwardModel
 
@@ -42,11 +42,13 @@ class Nodes:
     stretch_ratio: Floats
 
     @classmethod
-    def at(cls, forward: ForwardModel, log_ca: Floats, size: Floats, side: Floats, target: Target | None) -> Nodes:
+    def at(
+        cls, forward: ForwardModel, log_ca: Floats, size: Floats, side: Floats, density: PosteriorDensity | None
+    ) -> Nodes:
         """Evaluate a model at centres of pieces: what a posterior needs of it, or its lengths."""
         ca = np.exp(log_ca)
-        if target is not None:
-            return cls(log_ca, size, side, *target.evaluated(forward, ca, size))
+        if density is not None:
+            return cls(log_ca, size, side, *density.evaluated(forward, ca, size))
         prediction = forward({"capillary_number": ca, "size_ratio": size})
         return cls(log_ca, size, side, ModelAtPoints.of(prediction), prediction.stretch_ratio)
 
@@ -96,14 +98,14 @@ class Window:
         steps = self.step
         return tuple(self.low[k] + steps[k] * (np.arange(self.shape[k]) + 0.5) for k in (0, 1))  # type: ignore[return-value]
 
-    def nodes(self, forward: ForwardModel, target: Target | None = None) -> Nodes:
+    def nodes(self, forward: ForwardModel, density: PosteriorDensity | None = None) -> Nodes:
         """One node for each cell, row by row of log Ca."""
         log_ca, size = self.axes
         places = np.repeat(log_ca, len(size)), np.tile(size, len(log_ca))
-        return Nodes.at(forward, *places, np.ones(len(places[0])), target)
+        return Nodes.at(forward, *places, np.ones(len(places[0])), density)
 
     def split(
-        self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, target: Target | None = None
+        self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, density: PosteriorDensity | None = None
     ) -> Nodes:
         """Replace the nodes of some cells by those of smaller pieces inside the model's domain.
 
@@ -121,7 +123,7 @@ class Window:
         log_ca = nodes.log_ca[chosen, None, None] + self.step[0] * offsets[:, None]
         size = nodes.size[chosen, None, None] + self.step[1] * offsets
         log_ca, size = (grid.ravel() for grid in np.broadcast_arrays(log_ca, size))
-        pieces = Nodes.at(forward, log_ca, size, np.full(log_ca.size, 1.0 / parts), target)
+        pieces = Nodes.at(forward, log_ca, size, np.full(log_ca.size, 1.0 / parts), density)
         return nodes.taken(~chosen).joined(pieces.taken(np.isfinite(pieces.model.extent)))
 
     def around(self, likely: Booleans, shape: tuple[int, int], bounds: Window) -> Window:

@@ -12,9 +12,9 @@ from scipy.interpolate import PchipInterpolator
 
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.coordinate import Coordinate
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.posterior import GridPosterior
-from capsbayes.infer.log_grid import LogMasses
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
 
@@ -37,7 +37,7 @@ class MixedPosterior:
     Parameters
     ----------
     forward : ForwardModel
-    target : Target
+    density : PosteriorDensity
         With the coordinate.
     shares : (n,) array
         Middles of n cells, as shares of the prior below.
@@ -48,7 +48,7 @@ class MixedPosterior:
     """
 
     forward: ForwardModel
-    target: Target
+    density: PosteriorDensity
     shares: Floats
     width: float
     parts: Sequence[GridPosterior]
@@ -57,8 +57,8 @@ class MixedPosterior:
     @property
     def coordinate(self) -> Coordinate:
         """The further coordinate and its prior."""
-        assert self.target.coordinate is not None
-        return self.target.coordinate
+        assert self.density.coordinate is not None
+        return self.density.coordinate
 
     @cached_property
     def weights(self) -> Floats:
@@ -116,8 +116,8 @@ class MixedPosterior:
     def _exact(self, name: str) -> bool:
         return all(part.has_masses(name) for part in self.parts)
 
-    def _masses(self, name: str) -> LogMasses:
-        return LogMasses.mixed([part.masses(name) for part in self.parts], self.weights)
+    def _masses(self, name: str) -> LogGrid:
+        return LogGrid.mixed([part.masses(name) for part in self.parts], self.weights)
 
     @cached_property
     def _many_draws(self) -> dict[str, Floats]:

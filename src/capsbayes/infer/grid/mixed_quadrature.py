@@ -20,7 +20,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.coordinate import Coordinate
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.mixed_posterior import MixedPosterior
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
@@ -80,12 +80,12 @@ class MixedQuadrature:
             If no case of the model has such a shape, or the prior excludes all that have it.
         """
         inputs = inputs or self.inputs.with_velocity_of(measurement)
-        target = Target.of(measurement, inputs, self.prior, error_scale, self.coordinate)
+        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, self.coordinate)
         if measurement.outline is not None:  # one covariance for all values, so that they can be weighed
-            target = replace(target, outline=self._outline(measurement, target))
+            density = replace(density, outline=self._outline(measurement, density))
         cells = np.arange(2**_FIRST)
         for halvings in range(_FIRST, _LAST + 1):
-            posterior = self._on(cells, 0.5**halvings, measurement, target)
+            posterior = self._on(cells, 0.5**halvings, measurement, density)
             gates = _resolution(posterior)
             if all(gate.passed for gate in gates):
                 break
@@ -95,33 +95,35 @@ class MixedQuadrature:
             cells = np.arange(max(2 * first - 2, 0), min(2 * last + 4, 2 ** (halvings + 1)))
         return replace(posterior, gates=(*_of_parts(posterior), *gates))
 
-    def _on(self, cells: NDArray[np.int64], width: float, measurement: Measurement, target: Target) -> MixedPosterior:
+    def _on(
+        self, cells: NDArray[np.int64], width: float, measurement: Measurement, density: PosteriorDensity
+    ) -> MixedPosterior:
         """Posterior on given cells of the prior."""
         shares, parts, refused = [], [], None
         for share in (cells + 0.5) * width:
             try:
-                parts.append(self._part(float(share), measurement, target))
+                parts.append(self._part(float(share), measurement, density))
                 shares.append(float(share))
             except InputError as error:  # no such shape at this value of the coordinate
                 refused = error
         if refused is not None and not parts:
             raise refused
-        return MixedPosterior(self.model, target, np.array(shares), width, parts)
+        return MixedPosterior(self.model, density, np.array(shares), width, parts)
 
-    def _outline(self, measurement: Measurement, target: Target) -> AnyOutline | None:
+    def _outline(self, measurement: Measurement, density: PosteriorDensity) -> AnyOutline | None:
         """That whose pilot is the likeliest shape at the first value near the middle that has such a shape."""
         for share in _PILOTS:
             with contextlib.suppress(InputError):
-                return self._part(share, measurement, target).target.outline
+                return self._part(share, measurement, density).density.outline
         return None
 
-    def _part(self, share: float, measurement: Measurement, target: Target) -> GridPosterior:
+    def _part(self, share: float, measurement: Measurement, density: PosteriorDensity) -> GridPosterior:
         if share not in self._engines:
             value = float(self.coordinate.values(share))
             plain = replace(self.prior, coordinates={})
             self._engines[share] = Quadrature(self.model.fixed(value), self.experiment, plain)
         return self._engines[share](
-            measurement, inputs=target.inputs, error_scale=target.error_scale, outline=target.outline
+            measurement, inputs=density.inputs, error_scale=density.error_scale, outline=density.outline
         )
 
 

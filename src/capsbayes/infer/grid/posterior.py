@@ -1,7 +1,7 @@
 """The posterior of one capsule on a grid of (log Ca, a/l), and what follows from it for every quantity.
 
 A quantity is a function of the node times independent inputs, so its
-distribution is a product of `LogMasses`: exact, without draws.
+distribution is a product of `LogGrid`: exact, without draws.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Nodes, Window
-from capsbayes.infer.log_grid import LogMasses
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
 
@@ -35,7 +35,7 @@ class GridPosterior:
     Parameters
     ----------
     forward : ForwardModel
-    target : Target
+    density : PosteriorDensity
     window : Window
         Cells of (log Ca, a/l).
     nodes : Nodes
@@ -53,7 +53,7 @@ class GridPosterior:
     """
 
     forward: ForwardModel
-    target: Target
+    density: PosteriorDensity
     window: Window
     nodes: Nodes
     half_width: Floats | None
@@ -133,8 +133,8 @@ class GridPosterior:
         if self.half_width is not None:
             nodes["half_width"] = self.half_width[width] * np.where(inside, change, 1.0)
         ca, size = nodes["capillary_number"], nodes["size_ratio"]
-        at, stretch = self.target.evaluated(self.forward, ca, size, density=False)
-        return self.target.completed(rng, nodes, at, stretch)
+        at, stretch = self.density.evaluated(self.forward, ca, size, outline=False)
+        return self.density.completed(rng, nodes, at, stretch)
 
     @cached_property
     def _many_draws(self) -> dict[str, Floats]:
@@ -155,7 +155,7 @@ class GridPosterior:
     def _ratio(self) -> tuple[Floats, float]:
         """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
         weights, nodes, width = self._kept
-        mean, variance = self.target.velocity_ratio(nodes.model, width)
+        mean, variance = self.density.velocity_ratio(nodes.model, width)
         return np.log(mean), float(weights @ (np.maximum(variance, 0.0) / mean**2))
 
     @cached_property
@@ -174,37 +174,37 @@ class GridPosterior:
         """Whether the masses of a quantity are its distribution: no prior range cuts it, or the node determines it."""
         return not self.cut or name in self._node_logs
 
-    def masses(self, name: str) -> LogMasses:
+    def masses(self, name: str) -> LogGrid:
         """Distribution of a quantity as a product of a function of the node and independent inputs."""
-        target = self.target
+        density = self.density
         if name in self._node_logs:
             return self._binned(*self._node_logs[name])
         if name in ("viscosity", "capsule_velocity"):
-            return getattr(target, name)
+            return getattr(density, name)
         if name in ("half_width", "capsule_radius"):
             return self._length(name)
         log_ratio, variance = self._ratio
         if name == "velocity_ratio":
-            return self._binned(log_ratio, 0.0).times(LogMasses.normal(variance))
+            return self._binned(log_ratio, 0.0).times(LogGrid.normal(variance))
         log_ca, du = self._node_logs["capillary_number"]
         if name == "mean_velocity":
-            slower = self._binned(-log_ratio, 0.0).times(LogMasses.normal(variance))
-            return slower.times(target.capsule_velocity)
+            slower = self._binned(-log_ratio, 0.0).times(LogGrid.normal(variance))
+            return slower.times(density.capsule_velocity)
         if name == "surface_shear_modulus":
-            divided = self._binned(-log_ca - log_ratio, du).times(LogMasses.normal(variance))
-            return divided.times(target.force_scale)
+            divided = self._binned(-log_ca - log_ratio, du).times(LogGrid.normal(variance))
+            return divided.times(density.force_scale)
         raise KeyError(name)
 
-    def _length(self, name: str) -> LogMasses:
+    def _length(self, name: str) -> LogGrid:
         width = self._kept[2]
         log_size, ds = self._node_logs["size_ratio"]
         if width is None or self.half_width is None:
-            only = self.target.half_width
+            only = self.density.half_width
             return only if name == "half_width" else self._binned(log_size, ds).times(only)
         gap = float(np.max(np.diff(np.log(self.half_width))))
         return self._binned(np.log(width), gap) if name == "half_width" else self._binned(np.log(width) + log_size, 0.0)
 
-    def _binned(self, logs: Floats, least: float) -> LogMasses:
+    def _binned(self, logs: Floats, least: float) -> LogGrid:
         weights = self._kept[0]
         sd = float(np.sqrt(max(float(weights @ (logs - weights @ logs) ** 2), 0.0)))
-        return LogMasses.of_nodes(logs, weights, max(sd / _CELLS, least, 1e-12))
+        return LogGrid.of_nodes(logs, weights, max(sd / _CELLS, least, 1e-12))

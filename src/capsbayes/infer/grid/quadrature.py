@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.inputs import Inputs
@@ -94,30 +94,30 @@ class Quadrature:
             If no case of the model has such a shape, or the prior excludes all that have it.
         """
         inputs = inputs or self.inputs.with_velocity_of(measurement)
-        target = Target.of(measurement, inputs, self.prior, error_scale)
-        self.check_shape(measurement, target)
-        window = self._first_window(measurement, target)
+        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale)
+        self.check_shape(measurement, density)
+        window = self._first_window(measurement, density)
         if measurement.outline is None:
-            return self._refined(window, target)
+            return self._refined(window, density)
         if outline is not None:
-            return self._refined(window, replace(target, outline=outline))
+            return self._refined(window, replace(density, outline=outline))
         seen, length = measurement.outline, measurement.length_beside_outline
-        posterior = self._on(window, window.nodes(self.model, target), target, None)
+        posterior = self._on(window, window.nodes(self.model, density), density, None)
         least, most = _PILOTS
         for number in range(1, most + 1):
             there = posterior.likeliest
             theta = dict(zip(("capillary_number", "size_ratio"), there, strict=True))
             pilot = outline_likelihood(self.model, seen, theta, error_scale, length=length)
-            posterior = self._refined(posterior.window, replace(target, outline=pilot))
+            posterior = self._refined(posterior.window, replace(density, outline=pilot))
             if number >= least and _farthest_off(posterior, there) <= _SETTLED:
                 break
         return posterior
 
-    def _refined(self, window: Window, target: Target) -> GridPosterior:
+    def _refined(self, window: Window, density: PosteriorDensity) -> GridPosterior:
         """Posterior on a window that shows it well."""
-        widths = _half_widths(target) if target.shape_depends_on_half_width else None
+        widths = _half_widths(density) if density.shape_depends_on_half_width else None
         for _ in range(_ROUNDS):
-            posterior = self._on(window, window.nodes(self.model, target), target, widths)
+            posterior = self._on(window, window.nodes(self.model, density), density, widths)
             resolution = _resolution(posterior)
             better = _better_window(posterior, resolution, self.table.window)
             if better is None:
@@ -126,15 +126,15 @@ class Quadrature:
         whole = _whole(posterior, self.table.window)
         cut = _cut_cells(posterior)
         if cut is not None:
-            nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, target)
-            posterior = self._on(posterior.window, nodes, target, widths)
+            nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, density)
+            posterior = self._on(posterior.window, nodes, density, widths)
         return replace(posterior, gates=(*(gate for gates in resolution for gate in gates), whole))
 
-    def check_shape(self, measurement: Measurement, target: Target) -> None:
+    def check_shape(self, measurement: Measurement, density: PosteriorDensity) -> None:
         """Refuse lengths that lie far from every shape of the model."""
-        width = target.inputs.half_width
+        width = density.inputs.half_width
         nodes = self.table.nodes
-        distance = target.likelihood.with_half_width(width.centre, width.error).distance(nodes.model)
+        distance = density.likelihood.with_half_width(width.centre, width.error).distance(nodes.model)
         nearest = int(np.nanargmin(distance))
         if distance[nearest] <= FARTHEST:
             return
@@ -152,9 +152,9 @@ class Quadrature:
             + f", {distance[nearest]:.0f} standard errors away",
         )
 
-    def _first_window(self, measurement: Measurement, target: Target) -> Window:
-        width = target.inputs.half_width
-        rough = replace(target, likelihood=target.likelihood.with_half_width(width.centre, width.error))
+    def _first_window(self, measurement: Measurement, density: PosteriorDensity) -> Window:
+        width = density.inputs.half_width
+        rough = replace(density, likelihood=density.likelihood.with_half_width(width.centre, width.error))
         nodes = self.table.nodes
         args = (nodes.model, nodes.log_ca, nodes.size)
         log_density = (rough.log_density(*args) + rough.log_share(*args)).reshape(self.table.window.shape)
@@ -165,18 +165,20 @@ class Quadrature:
         likely = log_density > np.nanmax(log_density) - _COARSE_DROP
         return self.table.window.around(likely, (_FIRST, _FIRST), self.table.window)
 
-    def _on(self, window: Window, nodes: Nodes, target: Target, widths: tuple[Floats, Floats] | None) -> GridPosterior:
+    def _on(
+        self, window: Window, nodes: Nodes, density: PosteriorDensity, widths: tuple[Floats, Floats] | None
+    ) -> GridPosterior:
         """Posterior on given nodes, of any sum."""
         points, half_width = nodes.model, None if widths is None else widths[0][:, None]
-        log_density = target.log_density(points, nodes.log_ca, nodes.size, half_width)
+        log_density = density.log_density(points, nodes.log_ca, nodes.size, half_width)
         if widths is not None:
             log_density = log_density + np.log(widths[1])[:, None]
         log_scale = float(np.nanmax(log_density))
         free = np.nan_to_num(np.exp(log_density - log_scale)) * nodes.side**2
-        share = np.nan_to_num(np.exp(target.log_share(points, nodes.log_ca, nodes.size, half_width)))
+        share = np.nan_to_num(np.exp(density.log_share(points, nodes.log_ca, nodes.size, half_width)))
         return GridPosterior(
             self.model,
-            target,
+            density,
             window,
             nodes,
             None if widths is None else widths[0],
@@ -187,9 +189,9 @@ class Quadrature:
         )
 
 
-def _half_widths(target: Target) -> tuple[Floats, Floats]:
+def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:
     """Nodes of l and their probabilities: close enough that the shape moves by less than its own error between two."""
-    masses, likelihood = target.half_width, target.likelihood
+    masses, likelihood = density.half_width, density.likelihood
     sd = float(np.sqrt(masses.variance))
     relative_error = np.sqrt(likelihood.zz) / likelihood.extent
     count = int(np.clip(np.ceil(2.0 * _WIDTH_REACH * sd / relative_error), *_WIDTHS))
@@ -212,7 +214,7 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
     around = window.around(likely, (_THEN, _THEN), bounds)
     needed = [max(gate.least / max(gate.value, 1e-3) for gate in gates) for gates in resolution]
     # shrinking the window already makes its cells smaller; cut it finer only as far as that does not suffice
-    most = np.inf if posterior.target.outline is None else _FINER
+    most = np.inf if posterior.density.outline is None else _FINER
     shape = []
     for k in (0, 1):
         shrink = (around.high[k] - around.low[k]) / (window.high[k] - window.low[k])

@@ -174,7 +174,7 @@ def hierarchy(
     parameters, gates = drawn(LogPosterior(components, selection), rng)
     plain = dict(zip(PARAMETERS, parameters.T, strict=True))
     count = len(parameters)
-    shifts = {one.name: one.log_masses(0).drawn(rng, count) / one.centre for one in (viscosity, half_width)}
+    shifts = {one.name: one.on_log_grid(0).drawn(rng, count) / one.centre for one in (viscosity, half_width)}
     scale = np.exp(shared_velocity_error * rng.standard_normal(count))
     spread, of_radius, slope = np.exp(plain["log_spread"]), np.exp(plain["log_radius_spread"]), plain["slope"]
     without = {"surface_shear_modulus": np.exp(plain["log_modulus"]), "capsule_radius": np.exp(plain["log_radius"])}

@@ -62,9 +62,9 @@ def starting_points(log_density: LogDensity, ensembles: int, walkers: int, rng: 
 def _over_domain(log_density: LogDensity, rng: np.random.Generator) -> Floats:
     (ca_low, ca_high), (size_low, size_high) = log_density.model.domain.bounds
     columns = [rng.uniform(np.log(ca_low), np.log(ca_high), _CLOUD), rng.uniform(size_low, size_high, _CLOUD)]
-    if log_density.target.coordinate is not None:
-        columns.append(log_density.target.coordinate.values(rng.uniform(size=_CLOUD)))
-    columns += [getattr(log_density.target, name).drawn(rng, _CLOUD) for name in log_density.sampled]
+    if log_density.density.coordinate is not None:
+        columns.append(log_density.density.coordinate.values(rng.uniform(size=_CLOUD)))
+    columns += [getattr(log_density.density, name).drawn(rng, _CLOUD) for name in log_density.sampled]
     return np.stack(columns, axis=1)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.density import Target
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.model import ForwardModel
 
 __all__ = ["LogDensity"]
@@ -27,7 +27,7 @@ class LogDensity:
     Parameters
     ----------
     model : ForwardModel
-    target : Target
+    density : PosteriorDensity
     sample_inputs : bool
 
     Attributes
@@ -40,13 +40,13 @@ class LogDensity:
         Points inside the model's domain whose density came out NaN; they count as impossible.
     """
 
-    def __init__(self, model: ForwardModel, target: Target, *, sample_inputs: bool = False) -> None:
-        self.model, self.target, self.sample_inputs = model, target, sample_inputs
-        sampled = [name for name in _INPUTS if sample_inputs and not getattr(target.inputs, name).known]
-        if not sample_inputs and target.shape_depends_on_half_width:
+    def __init__(self, model: ForwardModel, density: PosteriorDensity, *, sample_inputs: bool = False) -> None:
+        self.model, self.density, self.sample_inputs = model, density, sample_inputs
+        sampled = [name for name in _INPUTS if sample_inputs and not getattr(density.inputs, name).known]
+        if not sample_inputs and density.shape_depends_on_half_width:
             sampled = ["half_width"]
         self.sampled = tuple(sampled)
-        further = () if target.coordinate is None else (target.coordinate.name,)
+        further = () if density.coordinate is None else (density.coordinate.name,)
         self.names = ("capillary_number", "size_ratio", *further, *sampled)
         self.not_a_number = 0
 
@@ -56,14 +56,14 @@ class LogDensity:
         impossible = np.zeros(len(coordinates), dtype=bool)
         for name in self.sampled:
             impossible |= theta[name] <= 0.0
-            theta[name] = np.where(impossible, getattr(self.target.inputs, name).centre, theta[name])
+            theta[name] = np.where(impossible, getattr(self.density.inputs, name).centre, theta[name])
         further = {name: theta[name] for name in self.names[2 : len(self.names) - len(self.sampled)]}
         place = theta["capillary_number"], theta["size_ratio"]
-        points, _ = self.target.evaluated(self.model, *place, further)
+        points, _ = self.density.evaluated(self.model, *place, further)
         outside = np.isnan(points.extent)
         density = self._all(theta, points) if self.sample_inputs else self._integrated(theta, points, coordinates)
-        if self.target.coordinate is not None:
-            density = density + self.target.coordinate.log_density(theta[self.target.coordinate.name])
+        if self.density.coordinate is not None:
+            density = density + self.density.coordinate.log_density(theta[self.density.coordinate.name])
         wrong = np.isnan(density)
         if wrong.any():
             inside = self.model.domain.contains(*place, *further.values())
@@ -77,19 +77,19 @@ class LogDensity:
         return theta
 
     def _integrated(self, theta: dict[str, Floats], points, coordinates: Floats) -> Floats:  # type: ignore[no-untyped-def]
-        target, width = self.target, theta.get("half_width")
+        posterior, width = self.density, theta.get("half_width")
         place = (points, coordinates[:, 0], theta["size_ratio"], width)
-        density = target.log_density(*place) + target.log_share(*place)
+        density = posterior.log_density(*place) + posterior.log_share(*place)
         if width is not None:
-            power = target.prior.capsule_radius.power
-            density = density + target.inputs.half_width.log_density(width) + power * np.log(width)
+            power = posterior.prior.capsule_radius.power
+            density = density + posterior.inputs.half_width.log_density(width) + power * np.log(width)
         return density
 
     def _all(self, theta: dict[str, Floats], points) -> Floats:  # type: ignore[no-untyped-def]
-        inputs, count = self.target.inputs, len(points.extent)
+        inputs, count = self.density.inputs, len(points.extent)
         full = {name: theta.get(name, np.full(count, getattr(inputs, name).centre)) for name in _INPUTS} | theta
-        density = self.target.likelihood.log_density(points, full["half_width"])
-        density = density + self.target.prior.log_density(full, points.velocity_ratio)
+        density = self.density.likelihood.log_density(points, full["half_width"])
+        density = density + self.density.prior.log_density(full, points.velocity_ratio)
         for name in self.sampled:
             density = density + getattr(inputs, name).log_density(theta[name])
         return density

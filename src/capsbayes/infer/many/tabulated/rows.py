@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.log_grid import LogMasses
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.many.tabulated.log_grid import Masses
 from capsbayes.infer.many.tabulated.mixture import COMPONENTS, NUMBERS
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
@@ -67,8 +67,8 @@ def lengths_rows(
     """
     modulus, radius = prior.surface_shear_modulus, prior.capsule_radius
     shared = Shared(
-        viscosity=_masses(inputs.viscosity.log_masses(modulus.power)),
-        half_width=_masses(inputs.half_width.log_masses(radius.power)),
+        viscosity=_masses(inputs.viscosity.on_log_grid(modulus.power)),
+        half_width=_masses(inputs.half_width.on_log_grid(radius.power)),
         modulus_low=float(np.log(modulus.low)),
         modulus_high=float(np.log(modulus.high)),
         radius_low=float(np.log(radius.low)),
@@ -85,5 +85,5 @@ def lengths_rows(
     return Rows(summaries, dict(zip(FACTS, facts.T, strict=True)), components)
 
 
-def _masses(one: LogMasses) -> Masses:
+def _masses(one: LogGrid) -> Masses:
     return one.start, one.step, one.mean, one.variance, np.ascontiguousarray(one.masses)
