@@ -79,13 +79,6 @@ def test_exit_status_is_1_when_nothing_converged(build, tmp_path):
             "strain-hardening:strain_hardening=0.0, got 'rubber'",
         ),
         (
-            ["--grid", "default", "--section", "star"],
-            "section: expected one of square, rectangular, circular, got 'star'",
-        ),
-        (["--grid", "default", "--refinement", "1"], "build: --refinement: expected a whole number from 2 on, got 1"),
-        (["--grid", "default", "--bending", "-1"], "build: --bending: expected a number not below 0, got -1.0"),
-        (["--grid", "default", "--bending", "nan"], "build: --bending: expected a number not below 0, got nan"),
-        (
             ["--grid", "default", "--effect", "bending"],
             "build: --effect, --values: expected both or neither, got only one",
         ),
@@ -101,16 +94,39 @@ def test_exit_status_is_1_when_nothing_converged(build, tmp_path):
             ["--grid", "default", "--effect", "limit", "--values", "0.175,0.2"],
             "build: values: expected at least 3 values of limit, the simulator's own 0.175 among them, got 0.175, 0.2",
         ),
-        (["--grid", "default", "--workers", "0"], "build: --workers: expected at least 1, got 0"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_status_2(build, tmp_path, monkeypatch, capsys, arguments, message):
+    assert mistake(monkeypatch, capsys, arguments) == f"capsbayes: {message}\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cases.csv"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--section", "star"], "capsbayes: section: expected one of square, rectangular, circular, got 'star'"),
+        (["--refinement", "1"], "capsbayes: Simulator: refinement: expected at least 4, got 1"),
+        (["--bending", "-1"], "capsbayes: Simulator: bending: expected a number from 0 to 1, got -1.0"),
+        (["--bending", "nan"], "capsbayes: Simulator: bending: expected a number from 0 to 1, got nan"),
+        (["--workers", "0"], "capsbayes build: Invalid value for '--workers'"),
+        (["--speed", "1"], "capsbayes build: No such option: --speed"),
+    ],
+)
+def test_a_wrong_option_is_one_line_and_exit_status_2(tmp_path, monkeypatch, capsys, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    line = mistake(monkeypatch, capsys, ["--grid", "default", *arguments])
+    assert line.startswith(message)
+    assert line.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def mistake(monkeypatch, capsys, arguments):
+    """What the command says on the terminal when it ends with exit status 2."""
     monkeypatch.setattr(sys, "argv", ["capsbayes", "build", "--out", "shapes.nc", *arguments])
     with pytest.raises(SystemExit) as caught:
         capsbayes.cli.main()
     assert caught.value.code == 2
-    assert capsys.readouterr().err == f"capsbayes: {message}\n"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cases.csv"]
+    return capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -23,14 +23,20 @@ def invoke():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--effect", "gravity"], "hide: effect: expected one of none, pre_inflation"),
-        (["--effect", "halo", "--size", "3"], 'hide: --size: expected a text in m like "0.4 um", got no unit'),
-        (["--effect", "halo", "--size", "3 +/- 1 um"], "hide: --size: expected a number without an error"),
+        (["--effect", "gravity"], "effect: expected one of none, pre_inflation"),
+        (
+            ["--effect", "halo", "--effect-size", "3"],
+            'hide: --effect-size: expected a text in m like "0.4 um", got no unit',
+        ),
+        (
+            ["--effect", "halo", "--effect-size", "3 +/- 1 um"],
+            "hide: --effect-size: expected a number without an error",
+        ),
     ],
 )
 def test_a_mistake_is_one_line(invoke, tmp_path, options, message):
     result = hidden(invoke, *options, "--out", str(tmp_path / "set"))
-    assert str(result.exception).startswith(message)
+    assert message in str(result.exception)
     assert not (tmp_path / "set.truth").exists()
 
 
@@ -42,7 +48,7 @@ def test_a_folder_that_holds_files_is_refused(invoke, tmp_path):
 
 @pytest.mark.slow
 def test_a_set_is_blind_and_its_truth_sealed(invoke, tmp_path):
-    options = ["--effect", "halo", "--size", "0.4 um", "--capsules", "2", "--refinement", "4", "--workers", "1"]
+    options = ["--effect", "halo", "--effect-size", "0.4 um", "--capsules", "2", "--refinement", "4", "--workers", "1"]
     result = hidden(invoke, *options, "--out", str(tmp_path / "set"))
     assert result.exit_code == 0, result.output
     session = Session.read(tmp_path / "set")

@@ -26,7 +26,7 @@ def run(monkeypatch, capsys, *arguments):
 def test_simulate_states_the_section_it_was_given(monkeypatch, capsys):
     coarse = partial(Simulator, walls=Walls(spacing=0.16, far_spacing=0.3, end=2.5))
     monkeypatch.setattr(capsbayes.physics.simulation, "Simulator", coarse)
-    case = ("--ca", "0.05", "--size", "0.75", "--refinement", "4", "--pre-inflation", "0.1")
+    case = ("--ca", "0.05", "--size-ratio", "0.75", "--refinement", "4", "--pre-inflation", "0.1")
     status, out, _ = run(monkeypatch, capsys, "simulate", *case, *OPTIONS)
     assert status == 0
     assert out.splitlines()[0].endswith("pre inflation 0.1, corner radius 0.1, rest aspect 1.05")
@@ -48,7 +48,9 @@ def test_build_hands_the_section_to_the_simulator(monkeypatch, capsys, tmp_path)
     assert given["rest_aspect"] == 1.05
 
 
-@pytest.mark.parametrize("command", [("simulate", "--ca", "0.05", "--size", "0.8"), ("build", "--grid", "default")])
+@pytest.mark.parametrize(
+    "command", [("simulate", "--ca", "0.05", "--size-ratio", "0.8"), ("build", "--grid", "default")]
+)
 @pytest.mark.parametrize(
     ("options", "message"),
     [

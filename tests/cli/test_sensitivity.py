@@ -111,7 +111,10 @@ def test_the_flow_rate_for_expected_capsules(capsule, database, tmp_path):
     ("arguments", "message"),
     [
         (("map", *LAB), "map: errors: expected --like CAPSULE, or --experiment with --extent-error"),
-        (("map", "--like", "CAPSULE", *LAB), "map: --extent-error: expected no such option beside --like, got 0.01"),
+        (
+            ("map", "--like", "CAPSULE", *LAB),
+            "--extent-error: expected no such option together with --like, got 0.01",
+        ),
         (("flow", "--shear-modulus", "50", "--radius", "24 um"), "flow: --shear-modulus: expected a text in N/m"),
         (
             ("flow", "--shear-modulus", "50 mN/m", "--radius", "90 um", "--like", "CAPSULE"),

@@ -7,6 +7,7 @@ import pytest
 
 from capsbayes.cli import main
 
+CASE = ("--ca", "0.05", "--size-ratio", "0.8")
 COARSE = ["simulate", "--refinement", "4", "--bending", "1e-3"]
 
 
@@ -22,7 +23,7 @@ def run(monkeypatch, capsys, *arguments):
 def test_prints_and_writes_what_it_found(monkeypatch, capsys, tmp_path):
     vtu, png = tmp_path / "state.vtu", tmp_path / "shape.png"
     status, out, _ = run(
-        monkeypatch, capsys, *COARSE, "--ca", 0.05, "--size", 0.8, "--json", "--out", vtu, "--plot", png
+        monkeypatch, capsys, *COARSE, "--ca", 0.05, "--size-ratio", 0.8, "--json", "--paraview", vtu, "--plot", png
     )
     result = json.loads(out)
     assert status == 0
@@ -37,7 +38,7 @@ def test_prints_and_writes_what_it_found(monkeypatch, capsys, tmp_path):
 
 
 def test_text_names_every_quantity_with_its_symbol(monkeypatch, capsys):
-    status, out, _ = run(monkeypatch, capsys, *COARSE, "--ca", 0.05, "--size", 0.8)
+    status, out, _ = run(monkeypatch, capsys, *COARSE, "--ca", 0.05, "--size-ratio", 0.8)
     assert status == 0
     for symbol in ("L_z / l", "L_a / l", "L_p / l", "v_o / U", "Lambda", "dP+ l / (mu U)"):
         assert symbol in out
@@ -46,14 +47,23 @@ def test_text_names_every_quantity_with_its_symbol(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--ca", "-1", "--size", "0.8"], "capillary_number: expected a number between 0 and 10, got -1"),
-        (["--ca", "nan", "--size", "0.8"], "capillary_number: expected a number between 0 and 10, got nan"),
-        (["--ca", "0.05", "--size", "2"], "size_ratio: expected a number between 0.2 and 1.3, got 2"),
-        (["--ca", "0.05", "--size", "0.8", "--law", "rubber"], "law: expected one of neo-hookean, skalak:hardening"),
-        (["--ca", "0.05", "--size", "0.8", "--section", "oval"], "section: expected one of square, rectangular, cir"),
-        (["--ca", "0.05", "--size", "0.8", "--out", "state.stl"], "--out: expected a file name that ends in .vtu"),
-        (["--ca", "0.05", "--size", "0.8", "--plot", "no/such/s.png"], "--plot: expected a folder that exists"),
-        (["--ca", "0.05", "--size", "0.8", "--refinement", "2"], "refinement: expected at least 4, got 2"),
+        (["--ca", "-1", "--size-ratio", "0.8"], "capillary_number: expected a number between 0 and 10, got -1"),
+        (["--ca", "nan", "--size-ratio", "0.8"], "capillary_number: expected a number between 0 and 10, got nan"),
+        (["--ca", "0.05", "--size-ratio", "2"], "size_ratio: expected a number between 0.2 and 1.3, got 2"),
+        (
+            [*CASE, "--law", "rubber"],
+            "law: expected one of neo-hookean, skalak:hardening",
+        ),
+        (
+            [*CASE, "--section", "oval"],
+            "section: expected one of square, rectangular, cir",
+        ),
+        (
+            [*CASE, "--paraview", "state.stl"],
+            "--paraview: expected a file name that ends in .vtu",
+        ),
+        ([*CASE, "--plot", "no/such/s.png"], "--plot: expected a folder that exists"),
+        ([*CASE, "--refinement", "2"], "refinement: expected at least 4, got 2"),
     ],
 )
 def test_mistakes_are_one_line_and_status_2(monkeypatch, capsys, arguments, message):

@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.options import AsJson, DatabaseName
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def atlas(
-    database: Annotated[str, typer.Argument(help="Name of a shipped database, or path of a .nc file.")],
+    database: DatabaseName,
     out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("atlas"),
-    as_json: Annotated[bool, typer.Option("--json", help="Print the list of files as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Draw what a database covers: its cases and borders, velocities, lengths and shapes."""
     import json

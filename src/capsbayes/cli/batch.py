@@ -7,6 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.options import (
+    AsJson,
+    Background,
+    ExperimentFile,
+    Flow,
+    ModelName,
+    Scheduler,
+    Seed,
+    Velocity,
+    Workers,
+    named_model,
+)
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -24,19 +37,12 @@ def batch(
         ),
     ],
     out: Annotated[Path, typer.Option(help="NetCDF file to write; a .csv of the same name is written beside it.")],
-    experiment: Annotated[
-        Path | None, typer.Option(help="TOML file of the experiment; default: the one that each measurement names.")
-    ] = None,
-    database: Annotated[
-        str | None,
-        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
-    ] = None,
-    velocity: Annotated[
-        str | None, typer.Option(help="Velocity of the capsules in pictures, as '6.20 +/- 0.06 mm/s'.")
-    ] = None,
-    background: Annotated[Path | None, typer.Option(help="Picture of the empty channel.")] = None,
-    flow: Annotated[str | None, typer.Option(help="Direction of the flow in pictures, right or left.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the results.")] = 1,
+    experiment: ExperimentFile = None,
+    database: ModelName = None,
+    velocity: Velocity = None,
+    background: Background = None,
+    flow: Flow = None,
+    seed: Seed = 1,
     check: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Share of the capsules that are sampled with emcee as well.")
     ] = 0.01,
@@ -44,11 +50,9 @@ def batch(
     chains: Annotated[
         Path | None, typer.Option(help="Folder for the draws of every capsule, sampled with emcee: seconds each.")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a dask cluster that sees the same files, as tcp://host:port.")
-    ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one for each core.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+    as_json: AsJson = False,
 ) -> None:
     """Identify many capsules; started again after an interruption, it goes on where it was.
 
@@ -56,20 +60,19 @@ def batch(
     """
     import json
 
-    from capsbayes.cli.choices import check_suffix
     from capsbayes.cli.measure_picture import speed_of
+    from capsbayes.cli.paths import check_suffix
     from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
     from capsbayes.infer.many import identify_folder
     from capsbayes.infer.many.listing import section_and_view
-    from capsbayes.surrogate import Surrogate
 
     check_suffix("batch", "--out", out, (".nc",))
     known = None if experiment is None else Experiment.read(experiment)
     section, view = section_and_view(capsules, known)
     population = identify_folder(
         capsules,
-        Surrogate.open(database or f"{section}-neo-hookean", view=view),
+        named_model(database, section, view),
         known,
         out=out,
         seed=seed,

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.simulator_options import (
-    Bending,
-    CornerRadius,
-    Law,
-    PreInflation,
-    Refinement,
-    RestAspect,
-    Section,
-    SectionAspect,
-    simulator_of,
-)
+from capsbayes.cli.options import AsJson, Scheduler, Workers, with_simulator
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,16 +15,10 @@ if TYPE_CHECKING:
     from capsbayes.database import Database
 
 
+@with_simulator
 def build(
     out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
-    law: Law = "neo-hookean",
-    section: Section = "square",
-    corner_radius: CornerRadius = 0.0,
-    section_aspect: SectionAspect = 1.0,
-    refinement: Refinement = 8,
-    bending: Bending = 2e-4,
-    pre_inflation: PreInflation = 0.0,
-    rest_aspect: RestAspect = 1.0,
+    simulator: Any,
     cases: Annotated[
         Path | None, typer.Option(help="CSV file with the columns capillary_number and size_ratio.")
     ] = None,
@@ -46,14 +30,12 @@ def build(
     values: Annotated[
         str | None, typer.Option(help="Values of --effect, as 0,0.01,0.05: at least three, the usual one among them.")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a dask cluster, tcp://host:port; otherwise this machine.")
-    ] = None,
-    workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
     compare: Annotated[
         int | None, typer.Option(help="Refinement on which five cases are run again, to keep the mesh's error.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate many cases and write one database; started again, it goes on where it was.
 
@@ -61,19 +43,10 @@ def build(
     """
     from capsbayes.physics.simulation.build import build_database
     from capsbayes.physics.simulation.build_effect import build_effect_database
-    from capsbayes.physics.stokes.sections import section_named
 
     chosen, varied = _chosen_cases(cases, grid), _values(effect, values)
-    section_named(section, corner_radius, section_aspect)
-    _require("--refinement", refinement >= 2, "a whole number from 2 on", refinement)
-    _require("--bending", bending >= 0.0, "a number not below 0", bending)
-    _require("--pre-inflation", pre_inflation >= 0.0, "a number not below 0", pre_inflation)
-    _require("--compare", compare is None or compare > refinement, "more than --refinement", compare)
+    _require("--compare", compare is None or compare > simulator.refinement, "more than --refinement", compare)
     _require("--compare", compare is None or effect is None, "nothing beside --effect", compare)
-    _require("--workers", workers is None or workers >= 1, "at least 1", workers)
-    simulator = simulator_of(
-        law, section, corner_radius, section_aspect, refinement, bending, pre_inflation, rest_aspect
-    )
 
     def make() -> Database:
         if effect is None:
@@ -99,7 +72,7 @@ def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
 
 
 def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, float]]:
-    from capsbayes.cli.choices import one_of
+    from capsbayes.cli.options import choose
     from capsbayes.errors import InputError
     from capsbayes.physics.simulation.grid import default_grid, read_cases
 
@@ -107,7 +80,7 @@ def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, flo
         raise InputError("build", "--cases, --grid", "one of the two", "neither" if cases is None else "both")
     if cases is not None:
         return read_cases(cases)
-    one_of("build", "--grid", str(grid), {"default": None})
+    choose("build", "--grid", str(grid), {"default": None})
     return default_grid()
 
 

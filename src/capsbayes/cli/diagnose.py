@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, named_model
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -23,14 +25,9 @@ def diagnose(
         Path, typer.Argument(help="Folder of measurement files, .csv table of lengths, or .nc file of outlines.")
     ],
     out: Annotated[Path | None, typer.Option(help="Folder for study.html and study.json.")] = None,
-    experiment: Annotated[
-        Path | None, typer.Option(help="TOML file of the experiment; default: the one that the capsules name.")
-    ] = None,
-    database: Annotated[
-        str | None,
-        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the results.")] = 1,
+    experiment: ExperimentFile = None,
+    database: ModelName = None,
+    seed: Seed = 1,
     candidates: Annotated[
         str | None, typer.Option(help="Effects to try, as 'halo,exposure'; default: all that are known.")
     ] = None,
@@ -41,7 +38,7 @@ def diagnose(
     level: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Probability of finding a disagreement where there is none.")
     ] = 0.05,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the study as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find where capsules disagree with the model, name what would explain it, and try that on capsules laid aside.
 
@@ -51,17 +48,16 @@ def diagnose(
 
     from rich.console import Console
 
-    from capsbayes.cli.folder import check_folder
+    from capsbayes.cli.paths import check_folder
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
-    from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
     session = Session.read(capsules, experiment)
     section = session.experiment.section
     effects = _effects(candidates, section)
     elsewhere = _measured(measured or [], effects)
-    model = Surrogate.open(database or f"{section}-neo-hookean", view=_view(session))
+    model = named_model(database, section, _view(session))
     with _progress_bar() as progress:
         study = diagnosed(
             session, model, seed=seed, candidates=effects, level=level, measured=elsewhere, progress=progress
@@ -87,14 +83,14 @@ def _view(session: Session) -> str:
 
 def _effects(names: str | None, section: str) -> dict[str, Effect]:
     """The candidates that are named, by parameter or effect; by default all that hold in such a section."""
-    from capsbayes.cli.choices import one_of
+    from capsbayes.cli.options import choose
     from capsbayes.effects import catalogue
 
     effects = catalogue(section)
     if names is None:
         return effects
     known = _by_either_name(effects)
-    chosen = [one_of("diagnose", "--candidates", name.strip(), known) for name in names.split(",")]
+    chosen = [choose("diagnose", "--candidates", name.strip(), known) for name in names.split(",")]
     return {name: effects[name] for name in chosen}
 
 
@@ -105,7 +101,7 @@ def _by_either_name(effects: dict[str, Effect]) -> dict[str, str]:
 
 def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[float, float]]:
     """Size and standard error in SI of each ``NAME=VALUE +/- ERROR UNIT``."""
-    from capsbayes.cli.choices import one_of
+    from capsbayes.cli.options import choose
     from capsbayes.errors import InputError
     from capsbayes.quantity import quantity
 
@@ -113,7 +109,7 @@ def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[f
     found = {}
     for text in texts:
         label, _, stated = text.partition("=")
-        name = one_of("diagnose", "--measured", label.strip(), known)
+        name = choose("diagnose", "--measured", label.strip(), known)
         unit = effects[name].parameter.unit
         bare = "" if unit == "-" else unit
         example = f"0.3 +/- 0.1 {bare}".strip()
@@ -143,7 +139,7 @@ def _write(study: Study, out: Path) -> None:
     """Write both files, or nothing."""
     import json
 
-    from capsbayes.cli.folder import filled
+    from capsbayes.cli.paths import filled
     from capsbayes.diagnosis import summary
     from capsbayes.show import study_page
 

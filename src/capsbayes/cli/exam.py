@@ -8,13 +8,15 @@ from typing import Annotated
 
 import typer
 
+from capsbayes.cli.options import Workers
+
 
 def exam(
     out: Annotated[Path, typer.Option(help="Folder for the answers and the page exam.md.")],
     pools: Annotated[Path, typer.Option(help="Folder of the simulated shapes; those that it lacks are made.")],
     only: Annotated[str | None, typer.Option(help="Cells whose name holds this text.")] = None,
     sessions: Annotated[int | None, typer.Option(min=1, help="Of each cell, at most; all if absent.")] = None,
-    workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
+    workers: Workers = None,
 ) -> None:
     """Hide effects in many sessions, diagnose each, and write the table of the answers.
 
@@ -26,7 +28,7 @@ def exam(
 
     from rich.console import Console
 
-    from capsbayes.cli.folder import check_folder
+    from capsbayes.cli.paths import check_folder
     from capsbayes.errors import InputError
     from capsbayes.evidence.blind.pools import build_pools
     from capsbayes.evidence.exam.cells import CELLS

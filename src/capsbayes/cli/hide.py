@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.options import Seed, Workers
+
 if TYPE_CHECKING:
     from capsbayes.evidence.blind import HiddenSession, Hideable
 
@@ -14,12 +16,14 @@ if TYPE_CHECKING:
 def hide(
     effect: Annotated[str, typer.Option(help="What to hide, as pre-inflation, halo or none.")],
     out: Annotated[Path, typer.Option(help="Folder of the set; the truth goes into OUT.truth beside it.")],
-    size: Annotated[str, typer.Option(help="Its size with its unit, as '0.03', '0.4 um' or '300 us'.")] = "0",
+    effect_size: Annotated[
+        str, typer.Option(help="Size of the effect with its unit, as '0.03', '0.4 um' or '300 us'.")
+    ] = "0",
     capsules: Annotated[int, typer.Option(min=1, help="How many.")] = 40,
-    seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the truth.")] = 1,
+    seed: Seed = 1,
     lengths_only: Annotated[bool, typer.Option("--lengths-only", help="Measure lengths alone, no outlines.")] = False,
     refinement: Annotated[int, typer.Option(min=4, help="Fineness n of the mesh.")] = 12,
-    workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
+    workers: Workers = None,
 ) -> None:
     """Simulate a lab's capsules with something hidden in them, and measure them: a blind set for `diagnose`.
 
@@ -30,7 +34,7 @@ def hide(
     from capsbayes.evidence.blind.simulated import simulated_session
 
     hidden = hideable_named(effect)
-    value, truth = _size(hidden, size), out.with_name(f"{out.name}.truth")
+    value, truth = _size(hidden, effect_size), out.with_name(f"{out.name}.truth")
     _check_folders(out, truth)
     drawn = simulated_session(
         hidden,
@@ -53,15 +57,15 @@ def _size(hidden: Hideable, text: str) -> float:
     if hidden.name == "none":
         return 0.0
     example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(hidden.unit, "0.03")
-    read = quantity(text, where="hide", key="--size", units=(hidden.unit,), example=example, signed=True)
+    read = quantity(text, where="hide", key="--effect-size", units=(hidden.unit,), example=example, signed=True)
     if read.error:
-        raise InputError("hide", "--size", f'a number without an error, as "{example}"', repr(text))
+        raise InputError("hide", "--effect-size", f'a number without an error, as "{example}"', repr(text))
     return read.value
 
 
 def _check_folders(out: Path, truth: Path) -> None:
     """Refuse a folder that holds something else before any work is done."""
-    from capsbayes.cli.folder import check_folder
+    from capsbayes.cli.paths import check_folder
     from capsbayes.errors import InputError
 
     for folder in (out, truth):

@@ -7,6 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capsbayes.cli.options import (
+    AsJson,
+    Background,
+    ExperimentFile,
+    Flow,
+    ModelName,
+    Seed,
+    Velocity,
+    named_experiment,
+    named_model,
+)
+
 if TYPE_CHECKING:
     from capsbayes.infer import Posterior
     from capsbayes.measurement import Measurement
@@ -28,13 +40,8 @@ def identify(
             help="Folder for posterior.nc, summary.json, corner.png, outline.png; of a picture, measurement.toml too."
         ),
     ] = None,
-    experiment: Annotated[
-        Path | None, typer.Option(help="TOML file of the experiment; default: the one the capsule's file names.")
-    ] = None,
-    database: Annotated[
-        str | None,
-        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
-    ] = None,
+    experiment: ExperimentFile = None,
+    database: ModelName = None,
     prior: Annotated[
         list[str] | None,
         typer.Option(
@@ -42,28 +49,23 @@ def identify(
             "pre_inflation='0.03 +/- 0.01'; default: uniform over the database."
         ),
     ] = None,
-    velocity: Annotated[
-        str | None, typer.Option(help='Velocity of the capsule in a picture, as "6.20 +/- 0.06 mm/s".')
-    ] = None,
-    background: Annotated[Path | None, typer.Option(help="Picture of the empty channel, beside a picture.")] = None,
-    flow: Annotated[str | None, typer.Option(help="Of a picture: right or left; default: as the shape tells.")] = None,
+    velocity: Velocity = None,
+    background: Background = None,
+    flow: Flow = None,
     engine: Annotated[
         str | None, typer.Option(help="emcee or quadrature; default: emcee, checked by quadrature.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the results.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    seed: Seed = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
     import json
 
-    from capsbayes.cli.folder import check_folder
+    from capsbayes.cli.paths import check_folder
     from capsbayes.cli.posterior_tables import print_posterior
-    from capsbayes.experiment import Experiment
     from capsbayes.infer import Prior
     from capsbayes.infer import identify as identified
-    from capsbayes.measured_outline import SECTION
     from capsbayes.measurement import Measurement
-    from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
     if capsule.suffix.lower() in PICTURES:
@@ -73,9 +75,8 @@ def identify(
         _check_no_picture(capsule, {"--velocity": velocity, "--background": background, "--flow": flow})
         measurement, written = Measurement.read(capsule), Prior.read(capsule)
     believed = written.with_coordinates(_coordinates(prior or []), where="--prior")
-    known = Experiment.read(experiment or _named(measurement))
-    view = SECTION if measurement.outline is None else measurement.outline.view
-    model = Surrogate.open(database or f"{known.section}-neo-hookean", view=view)
+    known = named_experiment(measurement, experiment)
+    model = named_model(database, known.section, None if measurement.outline is None else measurement.outline.view)
     posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
     if out is not None:
         _write(posterior, out)
@@ -130,21 +131,11 @@ def _coordinates(priors: list[str]) -> dict[str, str]:
     return texts
 
 
-def _named(measurement: Measurement) -> Path:
-    from capsbayes.errors import InputError
-
-    if measurement.experiment_file is None:
-        raise InputError(
-            measurement.source, "experiment", "the name of a file", "nothing", "name it, or use --experiment"
-        )
-    return measurement.experiment_file
-
-
 def _write(posterior: Posterior, out: Path) -> None:
     """Write all results, or nothing."""
     import json
 
-    from capsbayes.cli.folder import filled
+    from capsbayes.cli.paths import filled
     from capsbayes.show import corner_plot, outline_figure
     from capsbayes.show.corner_plot import SHOWN
 

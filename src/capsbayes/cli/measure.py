@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.options import Background, Flow, Velocity
+
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.quantity import Quantity
@@ -30,14 +32,12 @@ def measure(
         ),
     ],
     experiment: Annotated[Path, typer.Option(help="TOML file of the experiment.")],
-    velocity: Annotated[
-        str | None, typer.Option(help='Velocity of the capsule, as "6.20 +/- 0.06 mm/s"; a film shows it.')
-    ] = None,
+    velocity: Velocity = None,
     frame_rate: Annotated[
         str | None, typer.Option(help='Of a film, as "2000 Hz"; default: frame_rate of the experiment.')
     ] = None,
-    background: Annotated[Path | None, typer.Option(help="Picture of the empty channel.")] = None,
-    flow: Annotated[str | None, typer.Option(help="right or left; default: as the shape or the film tells.")] = None,
+    background: Background = None,
+    flow: Flow = None,
     pixel_size: Annotated[
         str | None, typer.Option(help='Of a contour or an .rtdc file, as "0.340 +/- 0.003 um".')
     ] = None,
@@ -51,10 +51,10 @@ def measure(
     ] = None,
 ) -> None:
     """Measure the capsule in a picture, or all those in a film: lengths with their errors."""
-    from capsbayes.cli.folder import check_folder
     from capsbayes.cli.measure_film import measure_film
     from capsbayes.cli.measure_picture import measured_picture, pixel_size_of, speed_of
     from capsbayes.cli.measure_rtdc import measure_rtdc
+    from capsbayes.cli.paths import check_folder
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -22,18 +24,14 @@ def population(
         float | None,
         typer.Option(help="Keep capsules with a larger Lambda only, as the published 1.04, and account for it."),
     ] = None,
-    database: Annotated[
-        str | None, typer.Option(help="Beside --least-stretch: the database of the run, where it is not a shipped one.")
-    ] = None,
-    experiment: Annotated[
-        Path | None, typer.Option(help="TOML file of the experiment; default: that of the run.")
-    ] = None,
+    database: ModelName = None,
+    experiment: ExperimentFile = None,
     velocity_error: Annotated[
         str | None,
         typer.Option(help="Relative error that all velocities have in common, as '0.5 %': pixel size, frame rate."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the draws; stored in the result.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    seed: Seed = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Find mean and spread of G_s and a with the errors removed, and how G_s changes with a.
 

@@ -7,15 +7,15 @@ from typing import Annotated
 
 import typer
 
+from capsbayes.cli.options import AsJson, Scheduler, Workers
+
 
 def rebuild(
     name: Annotated[str, typer.Argument(help="Name of the database, as square-neo-hookean.")],
     out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a dask cluster, tcp://host:port; otherwise this machine.")
-    ] = None,
-    workers: Annotated[int | None, typer.Option(help="Worker processes on this machine; one a core if absent.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate every case of a shipped database; started again, it goes on where it was.
 

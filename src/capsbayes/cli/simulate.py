@@ -8,36 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.simulator_options import (
-    Bending,
-    CornerRadius,
-    Law,
-    PreInflation,
-    Refinement,
-    RestAspect,
-    Section,
-    SectionAspect,
-    simulator_of,
-)
+from capsbayes.cli.options import AsJson, CapillaryNumber, Plot, SizeRatio, with_simulator
 
 if TYPE_CHECKING:
     from capsbayes.physics.simulation import SteadyState
 
 
+@with_simulator
 def simulate(
-    ca: Annotated[float, typer.Option(help="Capillary number mu U / G_s.")],
-    size: Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over half width.")],
-    law: Law = "neo-hookean",
-    section: Section = "square",
-    corner_radius: CornerRadius = 0.0,
-    section_aspect: SectionAspect = 1.0,
-    refinement: Refinement = 8,
-    bending: Bending = 2e-4,
-    pre_inflation: PreInflation = 0.0,
-    rest_aspect: RestAspect = 1.0,
-    out: Annotated[Path | None, typer.Option(help="Write the membrane for ParaView, a .vtu file.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the shape, a .png, .pdf or .svg file.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    capillary_number: CapillaryNumber,
+    size_ratio: SizeRatio,
+    simulator: Any,
+    paraview: Annotated[Path | None, typer.Option(help="Write the membrane to a .vtu file for ParaView.")] = None,
+    plot: Plot = None,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate one capsule from its capillary number and size.
 
@@ -45,21 +29,17 @@ def simulate(
     """
     import json
 
-    from capsbayes.cli.choices import check_suffix
+    from capsbayes.cli.paths import check_suffix
 
-    check_suffix("simulate", "--out", out, (".vtu",))
+    check_suffix("simulate", "--paraview", paraview, (".vtu",))
     check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))
-
-    simulator = simulator_of(
-        law, section, corner_radius, section_aspect, refinement, bending, pre_inflation, rest_aspect
-    )
-    state = _run(simulator, ca, size)
+    state = _run(simulator, capillary_number, size_ratio)
     result = _summary(state)
     typer.echo(json.dumps(result, indent=2) if as_json else _as_text(state, result))
     if not state.status.ok:
         raise typer.Exit(1)
-    if out is not None:
-        state.save(out)
+    if paraview is not None:
+        state.save(paraview)
     if plot is not None:
         from capsbayes.show.shape_plot import write_shape_plot
 

@@ -4,21 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.simulator_options import (
-    Bending,
-    CornerRadius,
-    Law,
-    PreInflation,
-    Refinement,
-    RestAspect,
-    Section,
-    SectionAspect,
-    simulator_of,
-)
+from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, with_simulator
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,45 +16,36 @@ if TYPE_CHECKING:
     from capsbayes.physics.simulation.moment import Moment
 
 
+@with_simulator
 def transient(
-    ca: Annotated[float, typer.Option(help="Capillary number mu U / G_s.")],
-    size: Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over half width.")],
+    capillary_number: CapillaryNumber,
+    size_ratio: SizeRatio,
     until: Annotated[float, typer.Option(help="Time U t / l at which to end.")],
+    simulator: Any,
     every: Annotated[float, typer.Option(help="Time U dt / l between two rows of the table.")] = 0.2,
-    law: Law = "neo-hookean",
-    section: Section = "square",
-    corner_radius: CornerRadius = 0.0,
-    section_aspect: SectionAspect = 1.0,
-    refinement: Refinement = 8,
-    bending: Bending = 2e-4,
-    pre_inflation: PreInflation = 0.0,
-    rest_aspect: RestAspect = 1.0,
     viscosity_ratio: Annotated[float, typer.Option(help="Viscosity inside over that outside: 1.")] = 1.0,
     scheme: Annotated[str, typer.Option(help="Time steps: semi-implicit or explicit.")] = "semi-implicit",
     table: Annotated[Path | None, typer.Option(help="Write the table, a .csv file.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the membranes for ParaView, a .pvd file.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw four moments, a .png, .pdf or .svg file.")] = None,
+    paraview: Annotated[Path | None, typer.Option(help="Write the membranes to a .pvd file for ParaView.")] = None,
+    plot: Plot = None,
 ) -> None:
     """Follow one capsule from rest and print its lengths and velocity over time.
 
     It ends before `until` when the capsule has become steady. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.cli.choices import check_suffix
+    from capsbayes.cli.paths import check_suffix
 
     check_suffix("transient", "--table", table, (".csv",))
-    check_suffix("transient", "--out", out, (".pvd",))
+    check_suffix("transient", "--paraview", paraview, (".pvd",))
     check_suffix("transient", "--plot", plot, (".png", ".pdf", ".svg"))
     from capsbayes.physics.simulation.moment import save_series
 
-    simulator = simulator_of(
-        law, section, corner_radius, section_aspect, refinement, bending, pre_inflation, rest_aspect
-    )
     way = simulator.transient(
-        capillary_number=ca,
-        size_ratio=size,
+        capillary_number=capillary_number,
+        size_ratio=size_ratio,
         until=until,
         every=every,
-        scheme=scheme,  # type: ignore[arg-type]  # checked there
+        scheme=scheme,
         viscosity_ratio=viscosity_ratio,
     )
     moments = _followed(way, until)
@@ -74,8 +55,8 @@ def transient(
     if table is not None:
         lines = [",".join(_COLUMNS)] + [",".join(cell.strip() for cell in row) for row in rows]
         table.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    if out is not None:
-        save_series(moments, out)
+    if paraview is not None:
+        save_series(moments, paraview)
     if plot is not None:
         from capsbayes.show.transient_plot import write_transient_figure
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capsbayes.cli.options import AsJson, DatabaseName
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -17,11 +19,9 @@ Studies = dict[str, list["LeaveOneOut"]]
 
 
 def validate(
-    database: Annotated[
-        str, typer.Argument(help="Name of a shipped database, or path of a .nc file.")
-    ] = "square-neo-hookean",
+    database: DatabaseName = "square-neo-hookean",
     out: Annotated[Path | None, typer.Option(help="Folder for the heat maps and the table.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Leave one case out at a time, and find it again from its two lengths."""
     import json

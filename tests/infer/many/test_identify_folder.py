@@ -8,6 +8,7 @@ import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -137,7 +138,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     write_table(tmp_path / "t.csv", 300)
     whole = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "whole.nc", **HERE)
     out, parts = tmp_path / "r.nc", tmp_path / "r.nc.parts"
-    paths = os.pathsep.join(sys.path)
+    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     command = [sys.executable, "-c", SCRIPT, str(tmp_path / "t.csv"), str(out)]
     run = subprocess.Popen(command, env=os.environ | {"PYTHONPATH": paths}, stderr=subprocess.PIPE)
     while not (kept := list(parts.glob("rows-*.npz"))) and run.poll() is None:

@@ -230,7 +230,7 @@ def test_a_killed_build_goes_on_where_it_was_and_ends_with_the_same_file(tmp_pat
     whole, out, journal = tmp_path / "whole.nc", tmp_path / "shapes.nc", tmp_path / "journal"
     build_database(AnalyticSimulator(), CASES, out=whole, scheduler=HERE)
     command = [sys.executable, "-c", "import analytic_simulator as a; a.main()", str(out), str(journal)]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(command, env=environment) as killed:
         deadline = time.monotonic() + 60.0
         while len(parts(out)) < 5:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -15,17 +17,12 @@ if TYPE_CHECKING:
 
 
 def budget(
-    capsule: Annotated[Path, typer.Argument(help="TOML file of the capsule, as `identify` reads it.")],
+    capsule: CapsuleFile,
     out: Annotated[Path | None, typer.Option(help="Folder for budget.json, budget.csv, budget.png.")] = None,
-    experiment: Annotated[
-        Path | None, typer.Option(help="TOML file of the experiment; default: the one the capsule's file names.")
-    ] = None,
-    database: Annotated[
-        str | None,
-        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of all randomness; stored in the results.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the budget as JSON.")] = False,
+    experiment: ExperimentFile = None,
+    database: ModelName = None,
+    seed: Seed = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Share of the variance of G_s and a owed to each input, and how both follow a change of it.
 
@@ -33,19 +30,17 @@ def budget(
     """
     from rich.console import Console
 
-    from capsbayes.cli.folder import check_folder, filled
-    from capsbayes.cli.sensitivity.inputs import read_capsule
+    from capsbayes.cli.paths import check_folder, filled
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import write_study
     from capsbayes.infer import Prior, identify
-    from capsbayes.measured_outline import SECTION
+    from capsbayes.measurement import Measurement
     from capsbayes.plan import error_budget
-    from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
-    measurement, known = read_capsule(capsule, experiment)
-    view = SECTION if measurement.outline is None else measurement.outline.view
-    model = Surrogate.open(database or f"{known.section}-neo-hookean", view=view)
+    measurement = Measurement.read(capsule)
+    known = named_experiment(measurement, experiment)
+    model = named_model(database, known.section, None if measurement.outline is None else measurement.outline.view)
     prior = Prior.read(capsule)
     with Console(stderr=True).status("Working out the budget ..."):
         posterior = identify(measurement, model, known, engine="quadrature", seed=seed, prior=prior)

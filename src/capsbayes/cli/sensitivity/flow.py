@@ -7,6 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capsbayes.cli.options import (
+    AsJson,
+    ExperimentFile,
+    ExtentError,
+    LengthError,
+    Like,
+    ModelName,
+    Seed,
+    VelocityError,
+    named_model,
+)
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -17,19 +29,12 @@ def flow(
     shear_modulus: Annotated[str, typer.Option(help='Expected G_s, as "50 mN/m" or "50 +/- 10 mN/m".')],
     radius: Annotated[str, typer.Option(help='Expected a, as "24 um" or "24 +/- 1 um".')],
     out: Annotated[Path | None, typer.Option(help="Folder for flow.json, flow.csv, flow.png.")] = None,
-    like: Annotated[Path | None, typer.Option(help="TOML file of a capsule measured with the same errors.")] = None,
-    experiment: Annotated[
-        Path | None, typer.Option(help="TOML file of the experiment; default: the one the capsule's file names.")
-    ] = None,
-    extent_error: Annotated[float | None, typer.Option(help="Standard error of L_z, over l.")] = None,
-    length_error: Annotated[
-        float | None, typer.Option(help="Standard error of L_a, over l; leave it out where the rear is not seen.")
-    ] = None,
-    velocity_error: Annotated[float | None, typer.Option(help="Standard error of v_o, over v_o.")] = None,
-    database: Annotated[
-        str | None,
-        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
-    ] = None,
+    like: Like = None,
+    experiment: ExperimentFile = None,
+    extent_error: ExtentError = None,
+    length_error: LengthError = None,
+    velocity_error: VelocityError = None,
+    database: ModelName = None,
     margin: Annotated[
         float, typer.Option(min=0.0, max=0.99, help="Share of the limiting Ca by which to stay below it.")
     ] = 0.1,
@@ -39,25 +44,24 @@ def flow(
     simulate: Annotated[
         int, typer.Option(min=0, help="Capsules to simulate at the best flow rate, to try the predicted width.")
     ] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Of the capsules drawn; stored in the results.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the design as JSON.")] = False,
+    seed: Seed = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Choose the flow rate: the smallest expected width of G_s below the limit of existence.
 
     Exit status: 0 done, 1 no flow rate is safe or tells G_s, 2 bad input.
     """
-    from capsbayes.cli.folder import check_folder
+    from capsbayes.cli.paths import check_folder
     from capsbayes.cli.sensitivity.inputs import read_lab
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import progress
     from capsbayes.plan import flow_design, simulated_widths
-    from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
     modulus = _expected("--shear-modulus", shear_modulus, "N/m", "50 +/- 10 mN/m")
     size = _expected("--radius", radius, "m", "24 +/- 1 um")
     errors, known = read_lab("flow", like, experiment, extent_error, length_error, velocity_error)
-    lab = (modulus, size, known, errors, Surrogate.open(database or f"{known.section}-neo-hookean"))
+    lab = (modulus, size, known, errors, named_model(database, known.section))
     design = flow_design(*lab, seed=seed, margin=margin, risk=risk, progress=progress)
     tried = None
     if simulate and design.best is not None:
@@ -75,7 +79,7 @@ def flow(
 
 def _write(design: FlowDesign, everything: dict[str, Any], out: Path) -> None:
     """Write all files, or nothing."""
-    from capsbayes.cli.folder import filled
+    from capsbayes.cli.paths import filled
     from capsbayes.cli.sensitivity.output import write_study
     from capsbayes.show import flow_figure
 

@@ -7,23 +7,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from capsbayes.cli.options import named_experiment
+
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
-    from capsbayes.measurement import Measurement
     from capsbayes.plan import LabErrors
-
-
-def read_capsule(capsule: Path, experiment: Path | None) -> tuple[Measurement, Experiment]:
-    """A measured capsule and its experiment: the one that is given, or that its file names."""
-    from capsbayes.errors import InputError
-    from capsbayes.experiment import Experiment
-    from capsbayes.measurement import Measurement
-
-    measurement = Measurement.read(capsule)
-    named = experiment or measurement.experiment_file
-    if named is None:
-        raise InputError(str(capsule), "experiment", "the name of a file", "nothing", "name it, or use --experiment")
-    return measurement, Experiment.read(named)
 
 
 def read_lab(
@@ -37,19 +25,20 @@ def read_lab(
     """Errors of a lab and its experiment: those of a measured capsule, or those that are stated."""
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
+    from capsbayes.measurement import Measurement
     from capsbayes.plan import LabErrors
 
     stated = {"--extent-error": extent_error, "--length-error": length_error, "--velocity-error": velocity_error}
     if like is not None:
         for option, value in stated.items():
             if value is not None:
-                raise InputError(command, option, "no such option beside --like", f"{value:g}")
-        measurement, known = read_capsule(like, experiment)
+                raise InputError(command, option, "no such option together with --like", f"{value:g}")
+        measurement = Measurement.read(like)
         if measurement.outline is not None:
             typer.echo(
                 f"The widths are those of the lengths of {like}; its outline would make them narrower.", err=True
             )
-        return LabErrors.of(measurement), known
+        return LabErrors.of(measurement), named_experiment(measurement, experiment)
     if experiment is None or extent_error is None or velocity_error is None:
         given = ", ".join(name for name, value in stated.items() if value is not None) or "none of them"
         expected = "--like CAPSULE, or --experiment with --extent-error and --velocity-error"

@@ -7,6 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capsbayes.cli.options import (
+    AsJson,
+    ExperimentFile,
+    ExtentError,
+    LengthError,
+    Like,
+    ModelName,
+    VelocityError,
+    named_model,
+)
+
 if TYPE_CHECKING:
     import numpy as np
     import xarray as xr
@@ -17,22 +28,15 @@ if TYPE_CHECKING:
 
 def identifiability(
     out: Annotated[Path | None, typer.Option(help="Folder for map.nc, map.json, map.png, map-radius.png.")] = None,
-    like: Annotated[Path | None, typer.Option(help="TOML file of a capsule measured with the same errors.")] = None,
-    experiment: Annotated[
-        Path | None, typer.Option(help="TOML file of the experiment; default: the one the capsule's file names.")
-    ] = None,
-    extent_error: Annotated[float | None, typer.Option(help="Standard error of L_z, over l.")] = None,
-    length_error: Annotated[
-        float | None, typer.Option(help="Standard error of L_a, over l; leave it out where the rear is not seen.")
-    ] = None,
-    velocity_error: Annotated[float | None, typer.Option(help="Standard error of v_o, over v_o.")] = None,
-    database: Annotated[
-        str | None,
-        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
-    ] = None,
+    like: Like = None,
+    experiment: ExperimentFile = None,
+    extent_error: ExtentError = None,
+    length_error: LengthError = None,
+    velocity_error: VelocityError = None,
+    database: ModelName = None,
     points: Annotated[tuple[int, int], typer.Option(help="Points along log Ca and along a/l.")] = (28, 20),
     noises: Annotated[int, typer.Option(min=0, help="Measurements that each width is averaged over.")] = 13,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what the map says in short as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Map of the relative width of G_s and a that a lab would get with its own errors.
 
@@ -40,16 +44,15 @@ def identifiability(
     """
     from rich.console import Console
 
-    from capsbayes.cli.folder import check_folder, filled
+    from capsbayes.cli.paths import check_folder, filled
     from capsbayes.cli.sensitivity.inputs import read_lab
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import progress, write_study
     from capsbayes.plan import identifiability_map
-    from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
     errors, known = read_lab("map", like, experiment, extent_error, length_error, velocity_error)
-    model = Surrogate.open(database or f"{known.section}-neo-hookean")
+    model = named_model(database, known.section)
     found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=progress)
     short = _short(found)
     if out is not None:

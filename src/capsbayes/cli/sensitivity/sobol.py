@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def sobol(
-    capsule: Annotated[Path, typer.Argument(help="TOML file of the capsule, as `identify` reads it.")],
+    capsule: CapsuleFile,
     ranges: Annotated[
         list[str] | None,
         typer.Option(
@@ -25,15 +27,10 @@ def sobol(
     ] = None,
     samples: Annotated[int, typer.Option(min=8, help="Groups of samples, a power of two.")] = 1024,
     out: Annotated[Path | None, typer.Option(help="Folder for sobol.json, sobol.png.")] = None,
-    experiment: Annotated[
-        Path | None, typer.Option(help="TOML file of the experiment; default: the one the capsule's file names.")
-    ] = None,
-    database: Annotated[
-        str | None,
-        typer.Option(help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, same section."),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the samples; stored in the results.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the indices as JSON.")] = False,
+    experiment: ExperimentFile = None,
+    database: ModelName = None,
+    seed: Seed = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Sobol indices of the deterministic answer (G_s, a, Ca, a/l) over ranges of the inputs.
 
@@ -41,17 +38,17 @@ def sobol(
     """
     from rich.console import Console
 
-    from capsbayes.cli.folder import check_folder, filled
-    from capsbayes.cli.sensitivity.inputs import read_capsule
+    from capsbayes.cli.paths import check_folder, filled
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import write_study
+    from capsbayes.measurement import Measurement
     from capsbayes.plan import sobol_indices
-    from capsbayes.surrogate import Surrogate
 
     check_folder("--out", out)
     stated = _stated(ranges or [])
-    measurement, known = read_capsule(capsule, experiment)
-    model = Surrogate.open(database or f"{known.section}-neo-hookean")
+    measurement = Measurement.read(capsule)
+    known = named_experiment(measurement, experiment)
+    model = named_model(database, known.section)
     with Console(stderr=True).status("Answering the samples ..."):
         study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
     if out is not None:

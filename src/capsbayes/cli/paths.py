@@ -1,4 +1,4 @@
-"""Folders that commands write: refused before any work is done, filled whole or not at all."""
+"""Files and folders that commands write: refused before any work is done, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -25,3 +25,13 @@ def filled(out: Path) -> Iterator[Path]:
         yield Path(folder)
         for made in sorted(Path(folder).iterdir()):
             os.replace(made, out / made.name)
+
+
+def check_suffix(command: str, option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
+    """Refuse a file to write, if one is named, with another ending or in a folder that is not there."""
+    if path is None:
+        return
+    if path.suffix not in suffixes:
+        raise InputError(command, option, f"a file name that ends in {' or '.join(suffixes)}", repr(str(path)))
+    if not path.parent.is_dir():
+        raise InputError(command, option, "a folder that exists", repr(str(path.parent)))

@@ -1,0 +1,156 @@
+"""Options of the commands, each declared once."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from capsbayes.errors import InputError
+
+if TYPE_CHECKING:
+    from capsbayes.experiment import Experiment
+    from capsbayes.measurement import Measurement
+    from capsbayes.surrogate import EffectSurrogate, Surrogate
+
+# results
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers; it is stored in the results.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+# what is measured, and where
+CapsuleFile = Annotated[
+    Path, typer.Argument(help="TOML file of the capsule: lengths, velocity and the name of its experiment's file.")
+]
+ExperimentFile = Annotated[
+    Path | None, typer.Option(help="TOML file of the experiment; default: the file that the measurement names.")
+]
+Velocity = Annotated[str | None, typer.Option(help="Velocity of the capsule in a picture, as '6.20 +/- 0.06 mm/s'.")]
+Background = Annotated[Path | None, typer.Option(help="Picture of the empty channel, to go with a picture or a film.")]
+Flow = Annotated[
+    str | None, typer.Option(help="Direction of the flow in a picture, right or left; default: found from the shape.")
+]
+
+# the model
+DatabaseName = Annotated[str, typer.Argument(help="Name of a shipped database, or path of a .nc file.")]
+ModelName = Annotated[
+    str | None,
+    typer.Option(
+        "--database",
+        help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, with the experiment's channel.",
+    ),
+]
+
+# the errors of a lab
+Like = Annotated[Path | None, typer.Option(help="TOML file of a capsule that was measured with the same errors.")]
+ExtentError = Annotated[float | None, typer.Option(help="Standard error of L_z, over l.")]
+LengthError = Annotated[
+    float | None, typer.Option(help="Standard error of L_a, over l; omit it where the rear is not seen.")
+]
+VelocityError = Annotated[float | None, typer.Option(help="Standard error of v_o, over v_o.")]
+
+# long work
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="Address of a dask cluster that sees the same files, as tcp://host:port; default: this machine."),
+]
+Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes on this machine; default: one per core.")]
+
+# a simulated capsule
+CapillaryNumber = Annotated[float, typer.Option("--ca", help="Capillary number mu U / G_s.")]
+SizeRatio = Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over the half width of the channel.")]
+Plot = Annotated[Path | None, typer.Option(help="Draw the shape in a .png, .pdf or .svg file.")]
+
+
+def simulator_of(
+    law: Annotated[
+        str,
+        typer.Option(
+            help="Membrane law: neo-hookean, skalak:hardening=1, hooke:poisson_ratio=0.5 or "
+            "strain-hardening:strain_hardening=0.5."
+        ),
+    ] = "neo-hookean",
+    section: Annotated[
+        str, typer.Option(help="Cross-section of the channel: square, rectangular or circular.")
+    ] = "square",
+    corner_radius: Annotated[float, typer.Option(help="Radius of the corners of a square channel, over l.")] = 0.0,
+    section_aspect: Annotated[float, typer.Option(help="Depth of the cross-section over the width seen, b/l.")] = 1.0,
+    refinement: Annotated[
+        int, typer.Option(help="Subdivisions n of an edge of the mesh: 8 is quick, 12 is fit to publish.")
+    ] = 8,
+    bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
+    pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
+    rest_aspect: Annotated[float, typer.Option(help="Axis at rest along the flow over the axis across it.")] = 1.0,
+) -> Any:
+    """Return the simulator with these settings, each of which is an option of the commands that simulate.
+
+    Raises
+    ------
+    InputError
+        Naming the option that is wrong.
+    """
+    from capsbayes.physics.membrane import law_named
+
+    membrane = law_named(law)
+    from capsbayes.physics.simulation import Simulator  # slow to import: after the check of the law
+
+    return Simulator(
+        law=membrane,
+        section=section,
+        refinement=refinement,
+        bending=bending,
+        pre_inflation=pre_inflation,
+        corner_radius=corner_radius,
+        section_aspect=section_aspect,
+        rest_aspect=rest_aspect,
+    )
+
+
+def with_simulator(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of `simulator_of` in place of its parameter ``simulator``."""
+    settings = inspect.signature(simulator_of, eval_str=True).parameters
+    own = inspect.signature(command, eval_str=True)
+    parameters = [
+        new
+        for name, parameter in own.parameters.items()
+        for new in (settings.values() if name == "simulator" else [parameter])
+    ]
+    ordered = sorted(parameters, key=lambda parameter: parameter.default is not inspect.Parameter.empty)
+
+    @functools.wraps(command)
+    def run(**given: Any) -> None:
+        simulator = simulator_of(**{name: given.pop(name) for name in settings})
+        command(simulator=simulator, **given)
+
+    run.__signature__ = own.replace(parameters=ordered)  # type: ignore[attr-defined]
+    return run
+
+
+def choose(command: str, option: str, name: str, known: Mapping[str, Any]) -> Any:
+    """Return the entry of `known` with this name; an unknown name is refused with a list of the known ones."""
+    if name not in known:
+        raise InputError(command, option, f"one of {', '.join(known)}", repr(name))
+    return known[name]
+
+
+def named_experiment(measurement: Measurement, experiment: Path | None) -> Experiment:
+    """Return the experiment of a measurement: of the option ``--experiment``, or of the file that it names."""
+    from capsbayes.experiment import Experiment
+
+    path = experiment or measurement.experiment_file
+    if path is None:
+        raise InputError(
+            measurement.source, "experiment", "the name of a file", "nothing", "name it, or use --experiment"
+        )
+    return Experiment.read(path)
+
+
+def named_model(database: str | None, section: str, view: str | None = None) -> Surrogate | EffectSurrogate:
+    """Return the model of the option ``--database``; default: neo-Hookean, with this cross-section."""
+    from capsbayes.measured_outline import SECTION
+    from capsbayes.surrogate import Surrogate
+
+    return Surrogate.open(database or f"{section}-neo-hookean", view=view or SECTION)
