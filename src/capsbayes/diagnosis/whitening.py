@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from capsbayes.diagnosis.session import Session
+from capsbayes.infer.kernel import length_given_extent
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, outline_likelihood
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -38,26 +38,27 @@ class Whitener(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class OfLengths:
-    """Measured lengths (1,) or (2,) with the factor of their covariance, the model's own error included."""
+    """Measured lengths (1,) or (2,) and their covariance, the model's own error included."""
 
     lengths: Floats
-    factor: Floats
+    covariance: Floats
     placed: ClassVar[int] = 0
 
     @classmethod
     def of(cls, measurement: Measurement, own: Floats) -> OfLengths:
-        """Of a measurement, beside a model whose own error has the covariance (2, 2)."""
-        lengths = measurement.lengths
-        covariance = measurement.covariance + own[: len(lengths), : len(lengths)]
-        return cls(lengths, scipy.linalg.cholesky(covariance, lower=True))
+        """Whitener of a measurement, for a model whose own error has the covariance (2, 2)."""
+        count = len(measurement.lengths)
+        return cls(measurement.lengths, measurement.covariance + own[:count, :count])
 
     def __call__(self, prediction: Prediction) -> Floats:
         """See `Whitener`."""
-        away = self.lengths - prediction.values[:, : len(self.lengths)]
-        white = np.full_like(away, np.nan)
-        known = prediction.inside
-        white[known] = scipy.linalg.solve_triangular(self.factor, away[known].T, lower=True).T
-        return white
+        away = np.where(prediction.inside[:, None], self.lengths - prediction.values[:, : len(self.lengths)], np.nan)
+        extent, variance = away[:, 0], self.covariance[0, 0]
+        white = [extent / np.sqrt(variance)]
+        if len(self.lengths) == 2:
+            rest, left = length_given_extent(extent, away[:, 1], variance, *self.covariance[1])
+            white.append(rest / np.sqrt(left))
+        return np.stack(white, axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.infer.kernel import border_steps
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.sampling.convergence import autocorrelation_time, bulk_ess, split_rhat, tail_ess
 from capsbayes.parameters import COORDINATES
@@ -24,7 +25,6 @@ SMALLEST_ESS = 400.0
 ACCEPTANCE = (0.1, 0.9)
 MEANS_AGREE, SDS_AGREE = 0.1, 0.02
 _QUANTILES_AGREE = 0.1
-_NUDGE = 0.5  # posterior standard deviations
 LEANING_SHARE = 0.05
 
 
@@ -201,12 +201,9 @@ def leaning(  # type: ignore[no-untyped-def]
     logs = np.stack([np.log(np.ravel(draws[name])) for name in names])
     every = slice(None, None, max(1, logs.shape[1] // 4000))
     logs, others = logs[:, every], [np.ravel(draws[name])[every] for name in held]
-    values, axes = np.linalg.eigh(np.atleast_2d(np.cov(_given(logs, others))))
     out = np.zeros(logs.shape[1], dtype=bool)
-    for value, axis in zip(values, axes.T, strict=True):
-        for sign in (-1.0, 1.0):
-            moved = np.exp(logs + sign * _NUDGE * np.sqrt(max(value, 0.0)) * axis[:, None])
-            out |= ~contains(*moved, *others)
+    for step in border_steps(np.atleast_2d(np.cov(_given(logs, others)))):
+        out |= ~contains(*np.exp(logs + step[:, None]), *others)
     return float(out.mean())
 
 

@@ -7,11 +7,12 @@ covariance is part of the likelihood. L_a may be missing.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from capsbayes.infer.kernel import misfits, velocity_ratios
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
 
@@ -134,34 +135,20 @@ class LengthsLikelihood:
         array
             NaN where the model has no answer.
         """
-        misfit = self._misfit(model, half_width)
+        square, volume = misfits(*self._differences(model, half_width))
+        log_density = -0.5 * (square + np.log(volume))
         if self.over_half_width:
-            return -0.5 * (misfit.square + misfit.log_determinant)
-        return -0.5 * (misfit.square + misfit.log_determinant) - misfit.number * np.log(half_width)
+            return log_density
+        return log_density - (1 if self.length is None else 2) * np.log(half_width)
 
     def distance(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> Floats:
         """Mahalanobis distance of the lengths from the model, in standard deviations : array."""
-        return np.sqrt(self._misfit(model, half_width).square)
+        return np.sqrt(misfits(*self._differences(model, half_width))[0])
 
     def velocity_ratio(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> tuple[Floats, Floats]:
-        """Mean and variance of the true v_o/U given the lengths.
-
-        The model's errors in the lengths and in v_o/U go together: what the
-        lengths reveal of the former corrects the latter.
-
-        Returns
-        -------
-        mean, variance : arrays
-        """
-        m = self._misfit(model, half_width)
-        if m.a is None:
-            gain = model.zr / m.zz
-            return model.velocity_ratio + gain * m.z, model.rr - gain * model.zr
-        determinant = m.zz * m.aa - m.za * m.za
-        gain_z = (m.aa * model.zr - m.za * model.ar) / determinant
-        gain_a = (m.zz * model.ar - m.za * model.zr) / determinant
-        mean = model.velocity_ratio + gain_z * m.z + gain_a * m.a
-        return mean, model.rr - gain_z * model.zr - gain_a * model.ar
+        """Return mean and variance of the true v_o/U given the lengths : arrays, see `kernel.velocity_ratio`."""
+        differences = self._differences(model, half_width)
+        return velocity_ratios(*differences, model.velocity_ratio, model.zr, model.ar, model.rr)
 
     def with_half_width(self, centre: float, error: float) -> LengthsLikelihood:
         """The same lengths over l, the error of l put into their covariance: good enough to look for a posterior."""
@@ -172,28 +159,15 @@ class LengthsLikelihood:
         zz, za, aa = (value / centre**2 for value in (self.zz, self.za, self.aa))
         return LengthsLikelihood(z, a, zz + share * z * z, za + share * z * other, aa + share * other * other, True)
 
-    def _misfit(self, model: ModelAtPoints, half_width: ArrayLike) -> _Misfit:
+    def _differences(self, model: ModelAtPoints, half_width: ArrayLike) -> tuple[Floats, ...]:
+        """Return measured minus predicted L_z and L_a [l], and their covariance : what `kernel.misfit` takes."""
         scale = 1.0 if self.over_half_width else np.asarray(half_width)
         square = scale * scale
-        zz = model.zz + self.zz / square
-        z = self.extent / scale - model.extent
-        if self.length is None:
-            return _Misfit(z, None, zz, zz, zz, z * z / zz, np.log(2.0 * np.pi * zz), 1)
-        za, aa = model.za + self.za / square, model.aa + self.aa / square
-        a = self.length / scale - model.length
-        determinant = zz * aa - za * za
-        distance = (aa * z * z - 2.0 * za * z * a + zz * a * a) / determinant
-        return _Misfit(z, a, zz, za, aa, distance, np.log(4.0 * np.pi**2 * determinant), 2)
-
-
-class _Misfit(NamedTuple):
-    """Differences of the lengths, their covariance, and what the Gaussian makes of them."""
-
-    z: Floats
-    a: Floats | None
-    zz: Floats
-    za: Floats
-    aa: Floats
-    square: Floats
-    log_determinant: Floats
-    number: int
+        length = np.nan if self.length is None else self.length
+        return (
+            self.extent / scale - model.extent,
+            length / scale - model.length,
+            model.zz + self.zz / square,
+            model.za + self.za / square,
+            model.aa + self.aa / square,
+        )

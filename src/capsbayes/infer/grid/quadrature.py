@@ -21,6 +21,7 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.kernel import feature_in_cells, sd_in_cells
 from capsbayes.infer.outline.likelihood import outline_likelihood
 from capsbayes.infer.outline.table import AnyOutline
 from capsbayes.infer.prior import Prior
@@ -232,11 +233,11 @@ def _resolution(posterior: GridPosterior) -> Resolution:
     ca, size = both.sum(axis=1), both.sum(axis=0)
     return (
         [
-            _gate("standard deviation of log Ca", _sd_in_cells(ca), CELLS_PER_SD),
+            _gate("standard deviation of log Ca", sd_in_cells(ca), CELLS_PER_SD),
             _gate("feature of log Ca", _feature_in_cells(ca), CELLS_PER_FEATURE),
         ],
         [
-            _gate("standard deviation of a/l", _sd_in_cells(size), CELLS_PER_SD),
+            _gate("standard deviation of a/l", sd_in_cells(size), CELLS_PER_SD),
             _gate("feature of a/l", _feature_in_cells(size), CELLS_PER_FEATURE),
             _gate("standard deviation of a/l at given Ca", _feature_in_cells(across), CELLS_ACROSS),
         ],
@@ -262,20 +263,9 @@ def _gate(what: str, value: float, least: float) -> Gate:
     return Gate(f"cells in a {what}", value, least=least)
 
 
-def _sd_in_cells(masses: Floats) -> float:
-    place = np.arange(len(masses))
-    mean = masses @ place / masses.sum()
-    return float(np.sqrt(masses @ (place - mean) ** 2 / masses.sum()))
-
-
 def _feature_in_cells(masses: Floats) -> float:
-    """Standard deviation, in cells of the last axis, that a Gaussian of the same steepness has.
-
-    For a Gaussian the sum of squares over the sum of squared differences of neighbours is twice the variance; for
-    several modes it is that of the narrow ones, however far apart they are.
-    """
-    steps = float(np.sum(np.diff(masses) ** 2))
-    return float(np.sqrt(np.sum(masses**2) / max(2.0 * steps, np.finfo(float).tiny)))
+    """Return `feature_in_cells` of probabilities along their last axis."""
+    return float(feature_in_cells(np.sum(masses**2), np.sum(np.diff(masses) ** 2)))
 
 
 def _cut_cells(posterior: GridPosterior) -> Booleans | None:

@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from capsbayes.infer.kernel import NUDGE, border_steps, compiled, velocity_ratio
 from capsbayes.infer.many.tabulated.log_grid import (
     Masses,
     laid,
@@ -22,7 +22,7 @@ from capsbayes.infer.many.tabulated.log_grid import (
     summarise,
 )
 from capsbayes.infer.many.tabulated.mixture import mixture
-from capsbayes.infer.many.tabulated.search import FOUND, Seen, descend, finer_than_tabulated, look_up
+from capsbayes.infer.many.tabulated.search import FOUND, Seen, descend, differences, finer_than_tabulated, look_up
 from capsbayes.infer.posterior import REPORTED
 
 __all__ = ["FACTS", "QUANTITIES", "Shared", "fill_rows"]
@@ -39,9 +39,6 @@ shape in standard deviations, the log evidence, the shares of the posterior besi
 the model has doubts, and the probability that G_s and a lie well within the ranges of their prior."""
 
 _NEGLIGIBLE, _MOVED = 1e-7, 1e-6  # of the largest probability
-_NUDGE = 0.5  # standard deviations, as in `capsbayes.infer.checks.leaning`
-
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Shared(NamedTuple):
@@ -57,7 +54,7 @@ class Shared(NamedTuple):
     radius_power: float
 
 
-@_compiled
+@compiled
 def fill_rows(
     lengths: Floats,
     velocities: Floats,
@@ -117,7 +114,7 @@ def fill_rows(
             )
 
 
-@_compiled
+@compiled
 def _fill_row(
     seen: Seen,
     velocity: Floats,
@@ -144,7 +141,7 @@ def _fill_row(
     variance = 0.0
     for k in range(len(row)):
         node = look_up(lattice, row[k], column[k], finer, room)
-        mean, left = _velocity_ratio(seen, node)
+        mean, left = velocity_ratio(*differences(seen, node), node[2], node[6], node[7], node[8])
         log_ratio[k], log_stretch[k] = np.log(mean), node[9]
         variance += weights[k] * max(left, 0.0) / mean**2
         doubts = int(node[11])
@@ -178,21 +175,7 @@ def _fill_row(
     _fill_components(seen, velocity, variance, weights, log_modulus + shift[0], log_size + shift[1], components)
 
 
-@_compiled
-def _velocity_ratio(seen: Seen, node: Floats) -> tuple[float, float]:
-    """Mean and variance of v_o/U given the lengths, as `LengthsLikelihood.velocity_ratio`."""
-    z, zz = seen.extent - node[0], seen.zz + node[3]
-    if np.isnan(seen.length):
-        gain = node[6] / zz
-        return node[2] + gain * z, node[8] - gain * node[6]
-    a, za, aa = seen.length - node[1], seen.za + node[4], seen.aa + node[5]
-    determinant = zz * aa - za * za
-    gain_z = (aa * node[6] - za * node[7]) / determinant
-    gain_a = (zz * node[7] - za * node[6]) / determinant
-    return node[2] + gain_z * z + gain_a * a, node[8] - gain_z * node[6] - gain_a * node[7]
-
-
-@_compiled
+@compiled
 def _beside_border(
     finest: Floats, low: Floats, cell: Floats, log_ca: Floats, log_size: Floats, weights: Floats
 ) -> float:
@@ -201,12 +184,7 @@ def _beside_border(
     uu = np.sum(weights * (log_ca - mean_u) ** 2)
     us = np.sum(weights * (log_ca - mean_u) * (log_size - mean_s))
     ss = np.sum(weights * (log_size - mean_s) ** 2)
-    angle = 0.5 * np.arctan2(2.0 * us, uu - ss)
-    steps = np.empty((4, 2))
-    for number, (x, y) in enumerate(((np.cos(angle), np.sin(angle)), (-np.sin(angle), np.cos(angle)))):
-        nudge = _NUDGE * np.sqrt(max(x * x * uu + 2.0 * x * y * us + y * y * ss, 0.0))
-        steps[2 * number] = nudge * x, nudge * y
-        steps[2 * number + 1] = -nudge * x, -nudge * y
+    steps = border_steps(np.array([[uu, us], [us, ss]]))
     rows, columns = finest.shape[:2]
     heaviest, share = weights.max(), 0.0
     largest_u, largest_s = np.abs(steps[:, 0]).max() / cell[0], np.expm1(np.abs(steps[:, 1]).max()) / cell[1]
@@ -228,19 +206,19 @@ def _beside_border(
     return share
 
 
-@_compiled
+@compiled
 def _inverse(one: Masses) -> Masses:
     return -(one[0] + one[1] * (len(one[4]) - 1)), one[1], -one[2], one[3], one[4][::-1].copy()
 
 
-@_compiled
+@compiled
 def _well_within(one: Masses, low: float, high: float) -> float:
     """Probability that log x is farther than half a standard deviation from both limits."""
-    margin = _NUDGE * np.sqrt(one[3])
+    margin = NUDGE * np.sqrt(one[3])
     return share_between(one, low + margin, high - margin)
 
 
-@_compiled
+@compiled
 def _fill_components(
     seen: Seen, velocity: Floats, variance: float, weights: Floats, x: Floats, y: Floats, components: Floats
 ) -> None:

@@ -12,12 +12,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from capsbayes.infer.grid.quadrature import FARTHEST
+from capsbayes.infer.kernel import compiled, feature_in_cells, misfit, sd_in_cells
 
-__all__ = ["FAR", "FOUND", "UNRESOLVED", "Seen", "descend", "finer_than_tabulated", "look_up"]
+__all__ = ["FAR", "FOUND", "UNRESOLVED", "Seen", "descend", "differences", "finer_than_tabulated", "look_up"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -32,8 +32,6 @@ _NARROWED = 0.7  # cells across a ridge, from which on what a level shows as unl
 _HOPELESS = 100.0  # more squared distance than the nearest node so far: not worth a logarithm
 _TO_BORDER = 10  # column of the pyramid
 _INTERPOLATED = 3  # levels below the finest lattice, each twice as fine as the one before
-
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Seen(NamedTuple):
@@ -51,17 +49,17 @@ class Seen(NamedTuple):
     radius_power: float
 
 
-@_compiled
+@compiled
+def differences(seen: Seen, node: Floats) -> tuple[float, float, float, float, float]:
+    """Return measured minus tabulated L_z and L_a, and their covariance : what `kernel.misfit` takes."""
+    covariance = seen.zz + node[3], seen.za + node[4], seen.aa + node[5]
+    return seen.extent - node[0], seen.length - node[1], *covariance
+
+
+@compiled
 def _log_density(seen: Seen, node: Floats, log_ca: float, size: float, farthest: float) -> tuple[float, float]:
     """Log posterior density at a node, and the squared distance of the lengths; NaN outside the domain, -inf if far."""
-    z, zz = seen.extent - node[0], seen.zz + node[3]
-    if np.isnan(seen.length):
-        square, volume = z * z / zz, 2.0 * np.pi * zz
-    else:
-        a, za, aa = seen.length - node[1], seen.za + node[4], seen.aa + node[5]
-        determinant = zz * aa - za * za
-        square = (aa * z * z - 2.0 * za * z * a + zz * a * a) / determinant
-        volume = 4.0 * np.pi**2 * determinant
+    square, volume = misfit(*differences(seen, node))
     if square > farthest:
         return -np.inf, square
     log_density = -0.5 * (square + np.log(volume))
@@ -72,13 +70,13 @@ def _log_density(seen: Seen, node: Floats, log_ca: float, size: float, farthest:
     return log_density, square
 
 
-@_compiled
+@compiled
 def finer_than_tabulated(levels: tuple[Floats, ...], level: int) -> int:
     """Cells of a level along a side of one of the lattice in which it is looked up."""
     return 2 ** max(level - (len(levels) - 1), 0)
 
 
-@_compiled
+@compiled
 def look_up(lattice: Floats, i: int, j: int, finer: int, room: Floats) -> Floats:
     """The columns at the centre of a cell of a lattice `finer` times as fine; NaN beside a node without an answer.
 
@@ -98,7 +96,7 @@ def look_up(lattice: Floats, i: int, j: int, finer: int, room: Floats) -> Floats
     return room
 
 
-@_compiled
+@compiled
 def _widened(first: Integers, last: Integers, factor: int, columns: int) -> tuple[Integers, Integers]:
     """Spans on a lattice `factor` times finer: those given and one cell more on every side."""
     rows = len(first)
@@ -116,7 +114,7 @@ def _widened(first: Integers, last: Integers, factor: int, columns: int) -> tupl
     return finer_low, finer_high
 
 
-@_compiled
+@compiled
 def _first_spans(seen: Seen, lattice: Floats, low: Floats, step: Floats) -> tuple[float, float, Integers, Integers]:
     """Distance from the nearest shape, the largest log density, and the likely spans of the coarse lattice."""
     rows, columns = lattice.shape[:2]
@@ -140,24 +138,7 @@ def _first_spans(seen: Seen, lattice: Floats, low: Floats, step: Floats) -> tupl
     return np.sqrt(nearest), best, first, last
 
 
-@_compiled
-def _sd_in_cells(masses: Floats) -> float:
-    total, mean, square = 0.0, 0.0, 0.0
-    for k in range(len(masses)):
-        total += masses[k]
-        mean += masses[k] * k
-    mean /= total
-    for k in range(len(masses)):
-        square += masses[k] * (k - mean) ** 2
-    return np.sqrt(square / total)
-
-
-@_compiled
-def _feature_in_cells(squares: float, steps: float) -> float:
-    return np.sqrt(squares / max(2.0 * steps, 1e-300))
-
-
-@_compiled
+@compiled
 def _resolution(weights: Floats, row: Integers, column: Integers) -> tuple[bool, float]:
     """Whether the cells resolve the posterior, and the cells in a feature of a/l at given Ca."""
     first_row, first_column = row.min(), column.min()
@@ -169,15 +150,15 @@ def _resolution(weights: Floats, row: Integers, column: Integers) -> tuple[bool,
         squares += weights[k] ** 2
         if k and row[k] == row[k - 1] and column[k] == column[k - 1] + 1:
             steps += (weights[k] - weights[k - 1]) ** 2
-    across = _feature_in_cells(squares, steps)
+    across = feature_in_cells(squares, steps)
     enough = across >= _CELLS_ACROSS
     for masses in (rows, columns):
-        enough &= _sd_in_cells(masses) >= _CELLS_PER_SD
-        enough &= _feature_in_cells(np.sum(masses**2), np.sum(np.diff(masses) ** 2)) >= _CELLS_PER_FEATURE
+        enough &= sd_in_cells(masses) >= _CELLS_PER_SD
+        enough &= feature_in_cells(np.sum(masses**2), np.sum(np.diff(masses) ** 2)) >= _CELLS_PER_FEATURE
     return enough, across
 
 
-@_compiled
+@compiled
 def _visited(
     seen: Seen, lattice: Floats, finer: int, low: Floats, step: Floats, first: Integers, last: Integers
 ) -> tuple[float, float, Integers, Integers, Floats]:
@@ -202,7 +183,7 @@ def _visited(
     return best, of_best, row[:k], column[:k], log_density[:k]
 
 
-@_compiled
+@compiled
 def _likely_spans(
     row: Integers, column: Integers, log_density: Floats, least: float, shape: tuple[int, int]
 ) -> tuple[Integers, Integers]:
@@ -214,7 +195,7 @@ def _likely_spans(
     return first, last
 
 
-@_compiled
+@compiled
 def _at_border(lattice: Floats, finer: int, row: Integers, column: Integers, weights: Floats) -> bool:
     nearest = np.inf
     for k in range(len(row)):
@@ -223,7 +204,7 @@ def _at_border(lattice: Floats, finer: int, row: Integers, column: Integers, wei
     return nearest <= 1.0
 
 
-@_compiled
+@compiled
 def descend(
     seen: Seen, levels: tuple[Floats, ...], low: Floats, step: Floats
 ) -> tuple[int, int, float, float, float, Integers, Integers, Floats]:

@@ -1,0 +1,137 @@
+"""Compiled formulas of inference: the exact engine reads them for arrays, rows of many capsules for one node at a time.
+
+The lengths (L_z, L_a) are Gaussian: L_z with the variance ``zz``, and L_a given L_z. L_a is NaN where it is missing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import guvectorize, njit
+from numpy.typing import NDArray
+
+__all__ = [
+    "border_steps",
+    "compiled",
+    "feature_in_cells",
+    "length_given_extent",
+    "misfit",
+    "misfits",
+    "sd_in_cells",
+    "velocity_ratio",
+    "velocity_ratios",
+]
+
+Floats = NDArray[np.float64]
+
+NUDGE = 0.5  # posterior standard deviations: what lies within them of a border leans on it
+
+compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+
+@compiled
+def length_given_extent(z, a, zz, za, aa):  # type: ignore[no-untyped-def]
+    """Return the difference of L_a that is left once that of L_z is known, and its variance."""
+    return a - za / zz * z, aa - za * za / zz
+
+
+@compiled
+def misfit(z: float, a: float, zz: float, za: float, aa: float) -> tuple[float, float]:
+    """Return the squared Mahalanobis distance of the lengths and the determinant of 2 pi times their covariance.
+
+    Parameters
+    ----------
+    z, a : float
+        Measured minus predicted L_z and L_a; ``a`` is NaN where L_a was not measured.
+    zz, za, aa : float
+        Covariance, of the measurement and of the model together.
+    """
+    square, volume = z * z / zz, 2.0 * np.pi * zz
+    if not np.isnan(a):
+        rest, variance = length_given_extent(z, a, zz, za, aa)
+        square += rest * rest / variance
+        volume *= 2.0 * np.pi * variance
+    return square, volume
+
+
+@compiled
+def velocity_ratio(
+    z: float, a: float, zz: float, za: float, aa: float, ratio: float, zr: float, ar: float, rr: float
+) -> tuple[float, float]:
+    """Return mean and variance of v_o/U given the lengths.
+
+    The model's errors in the lengths and in v_o/U are correlated: what the lengths reveal of the former corrects the
+    latter.
+
+    Parameters
+    ----------
+    z, a, zz, za, aa : float
+        As of `misfit`.
+    ratio : float
+        v_o/U as predicted.
+    zr, ar, rr : float
+        Covariance of its error with those of L_z and L_a, and its variance.
+    """
+    mean, variance = ratio + zr / zz * z, rr - zr * zr / zz
+    if not np.isnan(a):
+        rest, left = length_given_extent(z, a, zz, za, aa)
+        shared = ar - za / zz * zr
+        mean += shared / left * rest
+        variance -= shared * shared / left
+    return mean, variance
+
+
+@guvectorize("f8,f8,f8,f8,f8,f8[:],f8[:]", "(),(),(),(),()->(),()", nopython=True, cache=True)
+def misfits(z, a, zz, za, aa, square, volume):  # type: ignore[no-untyped-def]
+    """Apply `misfit` to arrays that broadcast."""
+    square[0], volume[0] = misfit(z, a, zz, za, aa)
+
+
+@guvectorize("f8,f8,f8,f8,f8,f8,f8,f8,f8,f8[:],f8[:]", "(),(),(),(),(),(),(),(),()->(),()", nopython=True, cache=True)
+def velocity_ratios(z, a, zz, za, aa, ratio, zr, ar, rr, mean, variance):  # type: ignore[no-untyped-def]
+    """Apply `velocity_ratio` to arrays that broadcast."""
+    mean[0], variance[0] = velocity_ratio(z, a, zz, za, aa, ratio, zr, ar, rr)
+
+
+@compiled
+def sd_in_cells(masses: Floats) -> float:
+    """Return the standard deviation of probabilities (n,) of any sum, in cells."""
+    total, mean, square = 0.0, 0.0, 0.0
+    for k in range(len(masses)):
+        total += masses[k]
+        mean += masses[k] * k
+    mean /= total
+    for k in range(len(masses)):
+        square += masses[k] * (k - mean) ** 2
+    return np.sqrt(square / total)
+
+
+@compiled
+def feature_in_cells(squares: float, steps: float) -> float:
+    """Return the standard deviation, in cells, of a Gaussian of the same steepness.
+
+    For a Gaussian the sum of squares over the sum of squared differences of neighbours is twice the variance; for
+    several modes it is that of the narrow ones, however far apart they are.
+
+    Parameters
+    ----------
+    squares : float
+        Sum of the squared probabilities.
+    steps : float
+        Sum of the squared differences of neighbours.
+    """
+    return np.sqrt(squares / max(2.0 * steps, 1e-300))
+
+
+@compiled
+def border_steps(covariance: Floats) -> Floats:
+    """Return the steps that take what leans on a border beyond it : (2 d, d) array.
+
+    Half a standard deviation either way along each principal axis of a covariance (d, d).
+    """
+    values, axes = np.linalg.eigh(covariance)
+    count = len(values)
+    steps = np.empty((2 * count, count))
+    for k in range(count):
+        steps[2 * k] = NUDGE * np.sqrt(max(values[k], 0.0)) * axes[:, k]
+        steps[2 * k + 1] = -steps[2 * k]
+    return steps
