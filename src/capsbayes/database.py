@@ -185,6 +185,8 @@ class Database:
         for name in dataset.variables:
             if dataset[name].dtype.kind in "OT":  # text of variable length comes back as objects
                 dataset[name] = dataset[name].astype("U")
+            elif dataset[name].dtype == np.float32:  # as outlines are stored where that loses nothing
+                dataset[name] = dataset[name].astype(np.float64)
         _check(dataset, str(path))
         if _content_hash(dataset) != dataset.attrs.get("sha256"):
             raise DatabaseError(f"{path}: its content does not match its sha256; it was damaged or changed by hand")
@@ -232,7 +234,9 @@ class Database:
         for name, variable in VARIABLES.items():
             encoding[name] = {"_FillValue": None} if variable.kind == "f" else {}
             if len(variable.dims) > 1 and self.dataset[name].size:
-                encoding[name] |= {"zlib": True, "complevel": 6, "shuffle": True}
+                encoding[name] |= {"zlib": True, "complevel": 9, "shuffle": True}
+                if _is_single(self[name]):
+                    encoding[name]["dtype"] = "f4"
         with unfinished(target) as partial:
             dataset = self.dataset.assign_attrs(sha256=_content_hash(self.dataset))
             dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
@@ -294,19 +298,26 @@ class Database:
         """The cases that ended as they should, with the hash of the whole."""
         return Database(self.dataset.isel(case=np.flatnonzero(self["status"] == Status.DONE.name)))
 
-    def without_nodes(self) -> Database:
-        """The same without the nodes of the membrane and with outlines in single precision, a fourth of the size."""
+    def compact(self) -> Database:
+        """Return the database as it is shipped: no nodes of the membrane, outlines rounded to 1e-6 l, a fifth of the size."""
         slim = self.dataset.isel(node=slice(0))
-        return Database(slim.assign({name: slim[name].astype(np.float32).astype(np.float64) for name in _OUTLINES}))
+        return Database(
+            slim.assign({name: np.round(slim[name] * _OUTLINE_STEPS) / _OUTLINE_STEPS for name in _OUTLINES})
+        )
 
 
-_OUTLINES = ("profile", "silhouette")
+_OUTLINE_STEPS = 2.0**20  # of l; a power of two, so that rounded values are exact in single precision
 
 
 def _shipped_folders() -> tuple[Path, ...]:
     """Where shipped files lie: in the installed package, or in the source tree."""
     package = Path(__file__).resolve().parent
     return package / "databases", package.parents[1] / "data" / "databases"
+
+
+def _is_single(values: NDArray[Any]) -> bool:
+    """Return whether single precision holds every value exactly."""
+    return np.array_equal(values.astype(np.float32), values, equal_nan=True)
 
 
 def _check(dataset: xr.Dataset, where: str) -> None:

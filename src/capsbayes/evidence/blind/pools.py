@@ -75,6 +75,6 @@ def build_pools(
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             made = build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
-            made.without_nodes().write(path)
+            made.compact().write(path)
         found[effect, size] = Database.read(path)
     return found
