@@ -299,11 +299,10 @@ class Database:
         return Database(self.dataset.isel(case=np.flatnonzero(self["status"] == Status.DONE.name)))
 
     def compact(self) -> Database:
-        """Return the database as it is shipped: no nodes of the membrane, outlines rounded to 1e-6 l, a fifth of the size."""
+        """Return the database without the nodes of the membrane, outlines rounded to 1e-6 l: a fifth of the size."""
         slim = self.dataset.isel(node=slice(0))
-        return Database(
-            slim.assign({name: np.round(slim[name] * _OUTLINE_STEPS) / _OUTLINE_STEPS for name in _OUTLINES})
-        )
+        rounded = {name: np.round(slim[name] * _OUTLINE_STEPS) / _OUTLINE_STEPS for name in ("profile", "silhouette")}
+        return Database(slim.assign(rounded))
 
 
 _OUTLINE_STEPS = 2.0**20  # of l; a power of two, so that rounded values are exact in single precision
