@@ -79,6 +79,9 @@ class AnalyticSimulator:
             "pre_inflation": 0.0,
         }
 
+    def restored(self, values):
+        return AnalyticState(**values)
+
     def run(self, *, capillary_number, size_ratio, start="rest"):
         if self.journal:
             with open(self.journal, "a") as lines:

@@ -10,7 +10,7 @@ import typer
 
 
 def verify(
-    out: Annotated[Path, typer.Option(help="Folder for results.json, verification.md and its pictures.")],
+    out: Annotated[Path, typer.Option(help="Folder for results.jsonl, verification.md and its pictures.")],
     only: Annotated[str | None, typer.Option(help="Name of the one section to compute.")] = None,
 ) -> None:
     """Compute every comparison that is not in the folder yet, and write the page.

@@ -70,8 +70,9 @@ def test_only_what_is_missing_is_computed(tmp_path):
     again, told = Topic(), []
     verify([again.section], tmp_path, tell=told.append)
     assert (stopped.computed, again.computed, told) == (["one", "two"], ["two"], ["A topic: two"])
-    kept = json.loads((tmp_path / "results.json").read_text())
-    assert kept["topic"]["one"]["values"] == {"length": 1.0, "series": [1.0, 2.0]}
+    kept = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
+    assert [(record["section"], record["item"]) for record in kept] == [("topic", "one"), ("topic", "two")]
+    assert kept[0]["values"] == {"length": 1.0, "series": [1.0, 2.0]}
     verify([again.section], tmp_path)
     assert again.computed == ["two"]
     assert not list(tmp_path.glob(".*"))
@@ -96,7 +97,7 @@ def test_one_section_alone(tmp_path):
 
 
 def test_damaged_results_are_refused(tmp_path):
-    (tmp_path / "results.json").write_text('{"topic": [')
+    (tmp_path / "results.jsonl").write_text('{"topic": []}\n')
     with pytest.raises(InputError, match=r"results as written by verify, got .*remove it"):
         verify([Topic().section], tmp_path)
 

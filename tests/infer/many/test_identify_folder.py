@@ -22,13 +22,13 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, positive_normal
 from capsbayes.infer import Quadrature
 from capsbayes.infer.many import Population, identify_folder, listing
-from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.listing import section_and_view
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate
+from capsbayes.work import Store
 
 identify_folder_module = import_module("capsbayes.infer.many.identify_folder")  # whose function has its name
 
@@ -141,7 +141,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     command = [sys.executable, "-c", SCRIPT, str(tmp_path / "t.csv"), str(out)]
     run = subprocess.Popen(command, env=os.environ | {"PYTHONPATH": paths}, stderr=subprocess.PIPE)
-    while not (kept := list(parts.glob("rows-*.npz"))) and run.poll() is None:
+    while not (kept := list(parts.glob("rows-*.part"))) and run.poll() is None:
         time.sleep(0.01)
     run.send_signal(signal.SIGKILL)
     run.wait()
@@ -151,10 +151,15 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     stamps = {file: file.stat().st_mtime_ns for file in kept}
     kept[0].write_bytes(kept[0].read_bytes()[:200])  # as a full disk or a power cut leaves a file
     computed = []
-    write = CapsuleRows.write
+    save = Store.save
+
+    def noted(store, name, values):
+        computed.append(store.path(name))
+        save(store, name, values)
+
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(listing, "ROWS", 3)
-        patched.setattr(CapsuleRows, "write", lambda rows, path: (computed.append(path), write(rows, path)))
+        patched.setattr(Store, "save", noted)
         found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=out, **HERE)
     assert same(found, whole)
     assert kept[0] in computed
@@ -165,16 +170,16 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
 def test_a_full_disk_is_said_and_loses_nothing(tmp_path, monkeypatch):
     write_table(tmp_path / "t.csv", 6)
     monkeypatch.setattr(listing, "ROWS", 3)
-    write, written = CapsuleRows.write, []
+    save, written = Store.save, []
 
-    def full(rows, path):
+    def full(store, name, values):
         if written:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        written.append(path)
-        write(rows, path)
+        written.append(store.path(name))
+        save(store, name, values)
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(CapsuleRows, "write", full)
+        patched.setattr(Store, "save", full)
         with pytest.raises(InputError, match=r"room on the disk.*start again: what is finished is kept"):
             identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
     assert written[0].exists()
@@ -185,14 +190,14 @@ def test_tasks_of_killed_workers_are_tried_again(tmp_path, monkeypatch):
     write_table(tmp_path / "t.csv", 2)
     attempts = []
 
-    def killed(tasks, scheduler, workers):
+    def killed(tasks, scheduler, workers, run):
         attempts.append(len(tasks))
         raise BrokenProcessPool("a process in the pool was terminated abruptly")
 
-    once = identify_folder_module.computed
-    monkeypatch.setattr(identify_folder_module, "computed", lambda *how: once(*how) if attempts else killed(*how))
+    once = identify_folder_module.run_tasks
+    monkeypatch.setattr(identify_folder_module, "run_tasks", lambda *how: once(*how) if attempts else killed(*how))
     assert len(identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)) == 2
-    monkeypatch.setattr(identify_folder_module, "computed", killed)
+    monkeypatch.setattr(identify_folder_module, "run_tasks", killed)
     attempts.clear()
     with pytest.raises(InputError, match=r"one killed at each attempt; give it more memory"):
         identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "s.nc", **HERE)
@@ -232,7 +237,7 @@ def test_a_folder_goes_on_with_new_files_and_refuses_the_damaged_by_name(tmp_pat
     assert first["status"].tolist() == ["DONE"] * 3 + ["UNUSABLE"]
     assert "torn.toml: expected a TOML file" in first["reason"][3]
     assert len(first["sha256"][0]) == 64
-    kept = {file: file.stat().st_mtime_ns for file in (tmp_path / "r.nc.parts").glob("file-*.npz")}
+    kept = {file: file.stat().st_mtime_ns for file in (tmp_path / "r.nc.parts").glob("file-*.part")}
     Measurement(2.2, 0.01, 5e-3, 5e-5, **named).write(folder / "capsule-9.toml")
     second = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
     assert second["name"].tolist() == ["capsule-0", "capsule-1", "capsule-2", "capsule-9", "torn"]

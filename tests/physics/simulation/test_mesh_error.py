@@ -7,7 +7,7 @@ from analytic_simulator import CASES, AnalyticSimulator
 
 from capsbayes.physics.simulation.build import build_database
 from capsbayes.physics.simulation.mesh_error import chosen_cases, mesh_error
-from capsbayes.physics.simulation.parts import Outcome
+from capsbayes.physics.simulation.outcome import Outcome
 from capsbayes.status import Status
 
 

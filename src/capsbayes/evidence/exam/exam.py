@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
@@ -13,8 +12,8 @@ from capsbayes.database import Database
 from capsbayes.evidence.blind.pools import pool_name
 from capsbayes.evidence.exam.answer import Answer, answered
 from capsbayes.evidence.exam.cells import Cell
-from capsbayes.physics.simulation.workers import computed
 from capsbayes.surrogate import Surrogate
+from capsbayes.work import Records, run_tasks
 
 __all__ = ["Answers", "examine"]
 
@@ -49,20 +48,18 @@ def examine(
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    for file in folder.glob("*.jsonl"):
-        _end_the_last_line(file)
-    known = {cell.name: _read(folder / _file(cell)) for cell in cells}
+    known = {cell.name: _read(folder, cell) for cell in cells}
     for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
         tasks = [
-            partial(_one, cell, seed, os.fspath(pools), folder / _file(cell))
+            partial(_one, cell, seed, os.fspath(pools), _records(folder, cell))
             for seed in range(start, end + 1)
             for cell in cells
             if seed <= cell.sessions and seed not in known[cell.name]
         ]
         if tasks:
             tell(f"sessions {start} to {end} of each of {len(cells)} cells: {len(tasks)} to diagnose")
-            computed(tasks, None, workers)
-    return {cell.name: _read(folder / _file(cell)) for cell in cells}
+            run_tasks(tasks, None, workers)
+    return {cell.name: _read(folder, cell) for cell in cells}
 
 
 def _rounds(last: int) -> Iterator[tuple[int, int]]:
@@ -73,18 +70,9 @@ def _rounds(last: int) -> Iterator[tuple[int, int]]:
         start, end = end + 1, 2 * end
 
 
-def _one(cell: Cell, seed: int, pools: str, out: Path) -> None:
+def _one(cell: Cell, seed: int, pools: str, records: Records) -> None:
     answer = answered(cell, seed, _shapes(pools, *cell.shapes), _model())
-    line = json.dumps({"seed": seed, **asdict(answer)}) + "\n"
-    with out.open("a", encoding="utf-8") as file:  # one short write, so that workers do not mix theirs
-        file.write(line)
-
-
-def _end_the_last_line(file: Path) -> None:
-    """So that the next answer does not go on where one was cut off."""
-    if not file.read_text(encoding="utf-8").endswith("\n"):
-        with file.open("a", encoding="utf-8") as cut_off:
-            cut_off.write("\n")
+    records.add({"seed": seed, **asdict(answer)})
 
 
 @lru_cache(maxsize=4)
@@ -99,19 +87,12 @@ def _model() -> Surrogate:
     return model
 
 
-def _file(cell: Cell) -> str:
+def _records(folder: Path, cell: Cell) -> Records:
+    """Return the answers of a cell, in a file that is named by it."""
     words = "".join(letter if letter.isalnum() or letter in ".+" else "-" for letter in cell.name)
-    return f"{words}.jsonl"
+    return Records(folder / f"{words}.jsonl")
 
 
-def _read(path: Path) -> dict[int, Answer]:
-    """Answers by seed; a line that was cut off is passed over."""
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
-            values = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        seed = values.pop("seed")
-        found[seed] = Answer(**values)
-    return found
+def _read(folder: Path, cell: Cell) -> dict[int, Answer]:
+    """Return the answers of a cell by seed."""
+    return {record.pop("seed"): Answer(**record) for record in _records(folder, cell).read()}

@@ -10,8 +10,8 @@ from pathlib import Path
 import capsbayes
 from capsbayes.evidence.verification.row import Row, Verdict
 from capsbayes.evidence.verification.section import Results, Section
-from capsbayes.evidence.verification.store import Store
 from capsbayes.output_file import replaced
+from capsbayes.work import Records
 
 __all__ = ["write_page"]
 
@@ -19,16 +19,16 @@ _COLUMNS = ("quantity", "reference", "source", "ours", "difference", "target", "
 _VERDICTS: tuple[Verdict, ...] = ("met", "missed", "not computed")
 
 
-def write_page(sections: Sequence[Section], store: Store, out: Path) -> None:
+def write_page(sections: Sequence[Section], records: Records, out: Path) -> None:
     """Write ``verification.md`` and its pictures into the folder `out`."""
-    known = [(section, store.results(section.name)) for section in sections]
+    known = [(section, Results.read(records, section.name)) for section in sections]
     drawn = {section.name for section, results in known if _draw(section, results, out)}
     lines = [
         "# Verification",
         "",
         "Written by `capsbayes verify`; nothing on this page was typed. References are those of",
         "`capsbayes.evidence.verification.references`; our numbers were computed by capsbayes",
-        f"{capsbayes.__version__} and are kept in [results.json](results.json). Differences in per cent",
+        f"{capsbayes.__version__} and are kept in [results.jsonl](results.jsonl). Differences in per cent",
         "are relative. Seconds are those of one processor core.",
         "",
         *_summary(known),

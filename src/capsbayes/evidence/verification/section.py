@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.errors import InputError
 from capsbayes.evidence.verification.row import Row
+from capsbayes.work import Records
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +36,26 @@ class Results:
     """What is known of a section, by item."""
 
     outcomes: Mapping[str, Outcome]
+
+    @classmethod
+    def read(cls, records: Records, section: str) -> Results:
+        """Read what is known of a section.
+
+        Raises
+        ------
+        InputError
+            If the file holds something else.
+        """
+        outcomes = {}
+        try:
+            for record in records.read():
+                name, item = record.pop("section"), record.pop("item")
+                if name == section:
+                    outcomes[item] = Outcome(**record)
+        except (AttributeError, KeyError, TypeError) as error:
+            advice = "remove it to compute everything anew"
+            raise InputError(str(records.path), "", "results as written by verify", repr(error), advice) from error
+        return cls(outcomes)
 
     def value(self, item: str, name: str) -> float:
         """One number, NaN where the item has not been computed or failed.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -11,8 +12,8 @@ from threadpoolctl import threadpool_limits
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.evidence.verification.page import write_page
 from capsbayes.evidence.verification.row import Row
-from capsbayes.evidence.verification.section import Outcome, Section, Values
-from capsbayes.evidence.verification.store import Store
+from capsbayes.evidence.verification.section import Outcome, Results, Section, Values
+from capsbayes.work import Records
 
 __all__ = ["verify"]
 
@@ -26,7 +27,7 @@ def verify(
 ) -> dict[str, list[Row]]:
     """Compute what is missing of the sections, and write the page of all that is known.
 
-    Each finished item is kept in ``results.json`` at once. The page is written
+    Each finished item is kept in ``results.jsonl`` at once. The page is written
     anew after each section that was computed.
 
     Parameters
@@ -47,18 +48,18 @@ def verify(
     Raises
     ------
     InputError
-        If there is no such section, the folder cannot be written, or ``results.json`` is damaged.
+        If there is no such section, the folder cannot be written, or ``results.jsonl`` holds something else.
     """
     chosen = _chosen(sections, only)
-    store = Store(out / "results.json")
+    records = Records(out / "results.jsonl")
     try:
         out.mkdir(parents=True, exist_ok=True)
         for section in chosen:
-            _compute(section, store, tell)
-            write_page(sections, store, out)
+            _compute(section, records, tell)
+            write_page(sections, records, out)
     except OSError as error:
         raise InputError("verify", "out", "a folder that can be written", str(error)) from error
-    return {section.name: list(section.rows(store.results(section.name))) for section in sections}
+    return {section.name: list(section.rows(Results.read(records, section.name))) for section in sections}
 
 
 def _chosen(sections: Iterable[Section], only: str | None) -> list[Section]:
@@ -70,8 +71,8 @@ def _chosen(sections: Iterable[Section], only: str | None) -> list[Section]:
     return [by_name[only]]
 
 
-def _compute(section: Section, store: Store, tell: Callable[[str], None]) -> None:
-    for item in section.missing(store.results(section.name)):
+def _compute(section: Section, records: Records, tell: Callable[[str], None]) -> None:
+    for item in section.missing(Results.read(records, section.name)):
         tell(f"{section.title}: {item}")
         begin = time.process_time()
         values: Values = {}
@@ -81,4 +82,5 @@ def _compute(section: Section, store: Store, tell: Callable[[str], None]) -> Non
                 values = section.items[item]()
         except CapsbayesError as error:
             failed = str(error)
-        store.keep(section.name, item, Outcome(time.process_time() - begin, values, failed))
+        outcome = Outcome(time.process_time() - begin, values, failed)
+        records.add({"section": section.name, "item": item, **asdict(outcome)})

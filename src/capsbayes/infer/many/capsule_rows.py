@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,6 @@ from numpy.typing import NDArray
 from capsbayes.infer.many.tabulated.mixture import COMPONENTS
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
-from capsbayes.output_file import unfinished
 
 __all__ = ["LEANINGS", "CapsuleRows"]
 
@@ -106,18 +103,8 @@ class CapsuleRows:
             first += len(part)
         return cls(**whole)
 
-    def write(self, path: Path) -> None:
-        """Keep the rows in a file, whole or not at all."""
-        arrays = {one.name: getattr(self, one.name) for one in fields(self)}
-        texts = {name: values.astype(np.str_) for name, values in arrays.items() if values.dtype.kind in "OU"}
-        with unfinished(path) as partial, partial.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays | texts)
-
-    @classmethod
-    def read(cls, path: Path) -> CapsuleRows | None:
-        """Rows that were kept; None if there are none or the file is damaged."""
-        try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
-                return cls(*(kept[one.name] for one in fields(cls)))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            return None
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, text as numpy text."""
+        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        return arrays | {name: values.astype(np.str_) for name, values in arrays.items() if values.dtype.kind in "OU"}

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.infer import identify
-from capsbayes.infer.many.run import run_of
+from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
+from capsbayes.infer.many.tasks import StoredTask, hash_of
 from capsbayes.measurement import Measurement
-from capsbayes.output_file import unfinished
 
 __all__ = ["CheckTask", "Compared", "compared", "drawn_rows"]
 
@@ -63,47 +60,33 @@ class Compared:
 
 
 @dataclass(frozen=True)
-class CheckTask:
+class CheckTask(StoredTask):
     """One capsule, to be sampled.
 
     Parameters
     ----------
-    run : Path
-        As `Run.kept_in` says it.
+    store : Store
     measurement : Measurement
     summaries : (7, 7) array
         Of its row.
     seed : int
     """
 
-    run: Path
     measurement: Measurement
     summaries: Floats
     seed: int
 
-    @cached_property
-    def kept(self) -> Path:
-        """Where the differences are kept."""
-        digest = hashlib.sha256(f"{self.run.name} {self.seed} {self.measurement.source}".encode())
-        digest.update(self.summaries.tobytes())
-        return self.run.with_name(f"check-{digest.hexdigest()[:24]}.npy")
-
-    @property
-    def done(self) -> bool:
-        """Whether they are."""
-        return self.differences is not None
+    def _name(self) -> str:
+        return f"check-{hash_of(self.store, str(self.seed), self.measurement.source, self.summaries.tobytes())}"
 
     @property
     def differences(self) -> Floats | None:
-        """Of medians, ends of 68 % and of 95 % intervals, in standard deviations : (7, 3) array, None if not kept."""
-        try:
-            return np.asarray(np.load(self.kept, allow_pickle=False))
-        except (OSError, ValueError, EOFError):
-            return None
+        """Of medians, ends of 68 % and of 95 % intervals, in standard deviations : (7, 3) array, None if not done."""
+        values = self.store.load(self.name)
+        return None if values is None else values["differences"]
 
-    def __call__(self) -> None:
+    def __call__(self, run: Run) -> None:
         """Sample the capsule and keep the differences."""
-        run = run_of(self.run)
         experiment = run.experiment_of(self.measurement)
         sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=run.prior)
         differences = np.zeros((len(QUANTITIES), 3))
@@ -113,8 +96,7 @@ class CheckTask:
             if sd > 0.0:
                 away = np.abs(other - self.summaries[number]) / sd
                 differences[number] = away[2], away[3:5].max(), away[5:7].max()
-        with unfinished(self.kept) as partial, partial.open("wb") as file:
-            np.save(file, differences)
+        self.store.save(self.name, {"differences": differences})
 
 
 def compared(differences: Sequence[Floats]) -> Compared:

@@ -25,15 +25,14 @@ from capsbayes.infer.many.chains import ChainTask
 from capsbayes.infer.many.check import CheckTask, Compared, compared, drawn_rows
 from capsbayes.infer.many.listing import Listed, common_experiment, listed
 from capsbayes.infer.many.population import STATISTICS, Population
-from capsbayes.infer.many.progress import progress_bar
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
-from capsbayes.infer.many.tasks import Task
+from capsbayes.infer.many.tasks import RowsTask, StoredTask
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.section import check_section
 from capsbayes.model import ForwardModel
-from capsbayes.physics.simulation.workers import computed
 from capsbayes.quantity import Quantity
+from capsbayes.work import Store, progress_bar, run_tasks
 
 __all__ = ["identify_folder"]
 
@@ -116,21 +115,21 @@ def identify_folder(
     run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
     if experiment is not None:
         check_section(model, experiment)
-    pool = _Pool(scheduler, workers, progress)
+    pool = _Pool(run, scheduler, workers, progress)
+    store = Store(parts, run.fingerprint)
     with _room_on_the_disk(parts):
-        kept = run.kept_in(parts)
-        found = listed(Path(source), run, kept)
-        run.keep(kept)
+        found = listed(Path(source), run, store)
+        parts.mkdir(parents=True, exist_ok=True)
         pool.finish(found.tasks, "parts")
         rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
         population = Population.of(rows, _attributes(run, Path(source)))
         population.write(out.with_suffix(".csv"))
-        agreement = _checked(population, found, kept, check, most_checked, pool)
+        agreement = _checked(population, found, store, check, most_checked, pool)
         if agreement is not None:
             population.dataset.attrs["agreement"] = json.dumps(agreement.as_dict())
         population.write(out)
         if chains is not None:
-            tasks = [_chain(population, found, kept, Path(chains), int(row)) for row in _with_result(population)]
+            tasks = [_chain(population, found, Path(chains), int(row)) for row in _with_result(population)]
             pool.finish(tasks, "chains")
         if not Path(source).is_dir():
             shutil.rmtree(parts)
@@ -141,17 +140,23 @@ def identify_folder(
 class _Pool:
     """Where tasks are computed."""
 
+    run: Run
     scheduler: str | None
     workers: int | None
     progress: bool
 
-    def finish(self, tasks: Sequence[Task | CheckTask | ChainTask], what: str) -> None:
+    def finish(self, tasks: Sequence[StoredTask | ChainTask], what: str) -> None:
         """Do what is not done yet; after a worker was killed, what is still missing."""
-        with progress_bar([task.kept for task in tasks], what, show=self.progress):
+        files = [task.file for task in tasks]
+
+        def count() -> tuple[int, str]:
+            return sum(file.exists() for file in files), what
+
+        with progress_bar(len(files), what, show=self.progress, count=count):
             for attempt in range(_ATTEMPTS):
                 missing = [task for task in tasks if not task.done]
                 try:
-                    computed(missing, self.scheduler, self.workers)
+                    run_tasks(missing, self.scheduler, self.workers, self.run)
                     return
                 except BrokenProcessPool:
                     left = _ATTEMPTS - attempt - 1
@@ -171,7 +176,7 @@ def _room_on_the_disk(folder: Path) -> Iterator[None]:
         raise InputError(str(folder), "", "room on the disk", str(error.strerror), advice) from None
 
 
-def _read(task: Task) -> CapsuleRows:
+def _read(task: RowsTask) -> CapsuleRows:
     rows = task.rows
     assert rows is not None, "the workers see the same files"
     return rows
@@ -200,13 +205,13 @@ def _with_result(population: Population) -> NDArray[np.intp]:
     return np.flatnonzero(np.isfinite(population["surface_shear_modulus_median"]))
 
 
-def _chain(population: Population, found: Listed, kept: Path, folder: Path, row: int) -> ChainTask:
+def _chain(population: Population, found: Listed, folder: Path, row: int) -> ChainTask:
     folder.mkdir(parents=True, exist_ok=True)
-    return ChainTask.of(kept, found.measurement(row), folder, row, str(population["name"][row]))
+    return ChainTask.of(found.measurement(row), folder, row, str(population["name"][row]))
 
 
 def _checked(
-    population: Population, found: Listed, kept: Path, share: float, most: int, pool: _Pool
+    population: Population, found: Listed, store: Store, share: float, most: int, pool: _Pool
 ) -> Compared | None:
     """Agreement of the rows with sampling, None if no capsule can be compared or none is wanted."""
     rows = drawn_rows(population.usable, share, most, int(population.dataset.attrs["seed"]))
@@ -216,7 +221,7 @@ def _checked(
     summaries = np.stack([population[name][rows] for name in names], axis=1).reshape(len(rows), len(QUANTITIES), -1)
     seed = int(population.dataset.attrs["seed"])
     tasks = [
-        CheckTask(kept, found.measurement(int(row)), of_row, seed) for row, of_row in zip(rows, summaries, strict=True)
+        CheckTask(store, found.measurement(int(row)), of_row, seed) for row, of_row in zip(rows, summaries, strict=True)
     ]
     pool.finish(tasks, "capsules sampled")
     return compared([task.differences for task in tasks if task.differences is not None])

@@ -17,8 +17,8 @@ from capsbayes.infer.many.tasks import (
     PICTURES,
     FileTask,
     OutlinesTask,
+    RowsTask,
     TableTask,
-    Task,
     measured_file,
 )
 from capsbayes.input_file import InputFile
@@ -27,6 +27,7 @@ from capsbayes.measurement import Measurement
 from capsbayes.measurements import read_set
 from capsbayes.measurements.folder import measurement_files
 from capsbayes.measurements.netcdf import opened
+from capsbayes.work import Store
 
 __all__ = ["Listed", "capsule_files", "common_experiment", "listed", "section_and_view"]
 
@@ -41,17 +42,17 @@ class Listed:
 
     Parameters
     ----------
-    tasks : list of Task
+    tasks : list of RowsTask
         In the order of the rows.
     measurement : callable
         From the number of a row to what was measured.
     """
 
-    tasks: list[Task]
+    tasks: list[RowsTask]
     measurement: Callable[[int], Measurement]
 
 
-def listed(source: Path, run: Run, kept: Path) -> Listed:
+def listed(source: Path, run: Run, store: Store) -> Listed:
     """List the capsules of a run.
 
     Parameters
@@ -59,8 +60,8 @@ def listed(source: Path, run: Run, kept: Path) -> Listed:
     source : Path
         A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc).
     run : Run
-    kept : Path
-        Where it is kept for the workers.
+    store : Store
+        Where the rows are kept.
 
     Raises
     ------
@@ -73,7 +74,7 @@ def listed(source: Path, run: Run, kept: Path) -> Listed:
         if not files:
             expected = f"a folder with measurement files (.toml) or pictures ({', '.join(PICTURES)})"
             raise InputError(str(source), "", expected, "a folder without any")
-        return Listed([FileTask(kept, file) for file in files], lambda row: measured_file(files[row], run))
+        return Listed([FileTask(store, file) for file in files], lambda row: measured_file(files[row], run))
     if source.suffix not in (".csv", ".parquet", ".nc"):
         expected = "a folder, a .csv, .parquet or .nc file"
         raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
@@ -82,15 +83,15 @@ def listed(source: Path, run: Run, kept: Path) -> Listed:
         raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
     if is_table_of_lengths(source):
         measured = MeasuredLengths.read(source)
-        tasks: list[Task] = [
-            TableTask(kept, measured.taken(slice(first, first + ROWS))) for first in range(0, len(measured), ROWS)
+        tasks: list[RowsTask] = [
+            TableTask(store, measured.taken(slice(first, first + ROWS))) for first in range(0, len(measured), ROWS)
         ]
         return Listed(tasks, partial(measurement_of_row, measured))
     found = read_set(source, run.experiment)
     seen = found.measurements
-    tasks = [OutlinesTask(kept, seen[first : first + _OUTLINES]) for first in range(0, len(seen), _OUTLINES)]
+    tasks = [OutlinesTask(store, seen[first : first + _OUTLINES]) for first in range(0, len(seen), _OUTLINES)]
     if found.left_out:
-        tasks.append(OutlinesTask(kept, (), found.left_out))
+        tasks.append(OutlinesTask(store, (), found.left_out))
     return Listed(tasks, lambda row: seen[row])
 
 

@@ -1,11 +1,10 @@
-"""What all capsules of a run have in common, kept where every worker finds it."""
+"""What all capsules of a run have in common; each worker process gets it once."""
 
 from __future__ import annotations
 
 import hashlib
-import pickle
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,9 @@ from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
-from capsbayes.output_file import unfinished
 from capsbayes.quantity import Quantity
 
-__all__ = ["Run", "run_of"]
+__all__ = ["Run"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +85,6 @@ class Run:
             own[name] = positive_normal(value, error * value / centre) if error else value
         return replace(known, **own)
 
-    def kept_in(self, folder: Path) -> Path:
-        """Where workers find the run; its name is its fingerprint."""
-        return folder / f"run-{self.fingerprint[:16]}.pickle"
-
-    def keep(self, path: Path) -> None:
-        """Write the run there."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished(path) as partial:
-            partial.write_bytes(pickle.dumps(self))
-
 
 def _hash_of(background: Path) -> str:
     try:
@@ -108,11 +96,3 @@ def _hash_of(background: Path) -> str:
 def _stated(value: Any) -> object:
     """A number, or what a distribution is made of."""
     return (value.dist.name, value.args, sorted(value.kwds.items())) if hasattr(value, "dist") else float(value)
-
-
-@lru_cache(maxsize=2)
-def run_of(path: Path) -> Run:
-    """The run that was kept there; each process reads it once."""
-    run = pickle.loads(path.read_bytes())
-    assert isinstance(run, Run)
-    return run

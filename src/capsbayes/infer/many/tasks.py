@@ -1,7 +1,7 @@
-"""Pieces of a run that are computed apart: some rows of a table, or one file. Each keeps its rows in a file of its own.
+"""Independent tasks of a run, as some rows of a table or one file; the rows of each are one part of a store.
 
-The file is named by the fingerprints of the run and of what was measured, so that what is finished is found again after
-an interruption, and nothing is taken over from other settings or from a file that has changed since.
+The part is named by a hash of the run and of what was measured, so that it is found again after an interruption, and
+nothing is taken from other settings or from a file that has changed since.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
 from capsbayes.infer.many.measured_lengths import NUMBERS, MeasuredLengths
-from capsbayes.infer.many.run import Run, run_of
+from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.table_rows import rows_of_table
 from capsbayes.input_file import InputFile
 from capsbayes.measurement import Measurement
 from capsbayes.status import Status
+from capsbayes.work import Store
 
-__all__ = ["PICTURES", "FileTask", "OutlinesTask", "TableTask", "Task", "measured_file"]
+__all__ = ["PICTURES", "FileTask", "OutlinesTask", "RowsTask", "StoredTask", "TableTask", "hash_of", "measured_file"]
 
 Floats = NDArray[np.float64]
 
@@ -35,90 +36,124 @@ _LONGEST_NAME = 250
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 
 
-class Kept(abc.ABC):
-    """Work whose rows are kept in a file."""
+@dataclass(frozen=True)
+class StoredTask(abc.ABC):
+    """A task whose result is a part of a store.
+
+    Parameters
+    ----------
+    store : Store
+    """
+
+    store: Store
+
+    @abc.abstractmethod
+    def _name(self) -> str:
+        """Return the name of the part."""
+
+    @abc.abstractmethod
+    def __call__(self, run: Run) -> None:
+        """Compute the part and keep it."""
+
+    @cached_property
+    def name(self) -> str:
+        """Name of the part."""
+        return self._name()
 
     @property
-    @abc.abstractmethod
-    def kept(self) -> Path:
-        """The file."""
+    def file(self) -> Path:
+        """File of the part."""
+        return self.store.path(self.name)
 
     @property
     def done(self) -> bool:
-        """Whether they are there and whole."""
-        return self.rows is not None
+        """True if the part is there and whole."""
+        return self.store.load(self.name) is not None
+
+
+class RowsTask(StoredTask):
+    """A task that computes rows."""
+
+    @property
+    @abc.abstractmethod
+    def number(self) -> int:
+        """Number of rows."""
+
+    @abc.abstractmethod
+    def compute(self, run: Run) -> CapsuleRows:
+        """Compute the rows."""
 
     @property
     def rows(self) -> CapsuleRows | None:
-        """The rows, None if they are not there or damaged."""
-        return CapsuleRows.read(self.kept)
+        """The rows, None if they are missing or damaged."""
+        arrays = self.store.load(self.name)
+        return None if arrays is None else CapsuleRows(**arrays)
+
+    def __call__(self, run: Run) -> None:
+        """Compute the rows and keep them."""
+        self.store.save(self.name, self.compute(run).arrays)
+
+
+def hash_of(store: Store, *contents: str | bytes) -> str:
+    """Return a hash of what a part is computed from and of the settings of its store."""
+    digest = hashlib.sha256(store.fingerprint.encode())
+    for content in contents:
+        digest.update(b"\0" + (content.encode() if isinstance(content, str) else content))
+    return digest.hexdigest()[:24]
 
 
 @dataclass(frozen=True)
-class TableTask(Kept):
+class TableTask(RowsTask):
     """Some rows of a table of lengths.
 
     Parameters
     ----------
-    run : Path
-        As `Run.kept_in` says it.
+    store : Store
     measured : MeasuredLengths
     """
 
-    run: Path
     measured: MeasuredLengths = field(repr=False)
 
     @property
     def number(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self.measured)
 
-    @cached_property
-    def kept(self) -> Path:
-        """Where the rows are kept."""
-        digest = hashlib.sha256(self.run.name.encode())
-        for name in NUMBERS:
-            digest.update(np.ascontiguousarray(self.measured.numbers[name]).tobytes())
-        digest.update("\0".join([*self.measured.names, *self.measured.refusals]).encode())
-        return self.run.with_name(f"rows-{digest.hexdigest()[:24]}.npz")
+    def _name(self) -> str:
+        numbers = (np.ascontiguousarray(self.measured.numbers[name]).tobytes() for name in NUMBERS)
+        return f"rows-{hash_of(self.store, *numbers, *self.measured.names, *self.measured.refusals)}"
 
-    def __call__(self) -> None:
-        """Compute the rows and keep them."""
-        run = run_of(self.run)
+    def compute(self, run: Run) -> CapsuleRows:
+        """Compute the rows from the table of the model."""
         assert run.experiment is not None
-        rows_of_table(self.measured, run, run.experiment).write(self.kept)
+        return rows_of_table(self.measured, run, run.experiment)
 
 
 @dataclass(frozen=True)
-class FileTask(Kept):
+class FileTask(RowsTask):
     """One file of a measurement, or one picture.
 
     Parameters
     ----------
-    run : Path
-    file : Path
+    store : Store
+    measured : Path
     """
 
-    run: Path
-    file: Path
+    measured: Path
     number: ClassVar[int] = 1
 
-    @cached_property
-    def kept(self) -> Path:
-        """Where the row is kept; a file that changed since, or one that it names, has another."""
-        digest = hashlib.sha256(f"{self.run.name}\0{self.file.resolve()}".encode())
-        for file in (self.file, *_named_in(self.file)):
-            stamp = file.stat()
-            digest.update(f"\0{stamp.st_size}\0{stamp.st_mtime_ns}".encode())
-        return self.run.with_name(f"file-{digest.hexdigest()[:24]}.npz")
+    def _name(self) -> str:
+        """Return a name that changes when the file, or one that it names, changes."""
+        stamps = [file.stat() for file in (self.measured, *_named_in(self.measured))]
+        states = [f"{stamp.st_size} {stamp.st_mtime_ns}" for stamp in stamps]
+        return f"file-{hash_of(self.store, str(self.measured.resolve()), *states)}"
 
-    def __call__(self) -> None:
-        """Compute the row and keep it."""
-        run = run_of(self.run)
-        name = self.file.parent.name if self.file.name == "measurement.toml" else self.file.stem
-        rows = CapsuleRows.empty(_texts([name]), _texts([str(self.file)]), _texts([""]), _no_numbers(1))
+    def compute(self, run: Run) -> CapsuleRows:
+        """Measure the capsule if need be, and compute its row."""
+        name = self.measured.parent.name if self.measured.name == "measurement.toml" else self.measured.stem
+        rows = CapsuleRows.empty(_texts([name]), _texts([str(self.measured)]), _texts([""]), _no_numbers(1))
         try:
-            measurement = measured_file(self.file, run)
+            measurement = measured_file(self.measured, run)
             rows.sha256[0], rows.numbers[0] = measurement.sha256, numbers_of(measurement)
             if measurement.status.ok:
                 fill_exactly(rows, 0, measurement, run)
@@ -126,44 +161,40 @@ class FileTask(Kept):
                 rows.status[0] = measurement.status.name
         except CapsbayesError as error:
             rows.status[0], rows.reason[0] = Status.UNUSABLE.name, str(error)
-        rows.write(self.kept)
+        return rows
 
 
 @dataclass(frozen=True)
-class OutlinesTask(Kept):
+class OutlinesTask(RowsTask):
     """Some capsules of a file of outlines.
 
     Parameters
     ----------
-    run : Path
+    store : Store
     measurements : tuple of Measurement
     left_out : tuple of str
         One line for each capsule of the file that cannot be used.
     """
 
-    run: Path
     measurements: tuple[Measurement, ...] = field(repr=False)
     left_out: tuple[str, ...] = field(default=(), repr=False)
 
     @property
     def number(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self.measurements) + len(self.left_out)
 
-    @cached_property
-    def kept(self) -> Path:
-        """Where the rows are kept."""
-        digest = hashlib.sha256(self.run.name.encode())
-        for one in self.measurements:
-            digest.update(one.source.encode() + numbers_of(one).tobytes())
-            if one.outline is not None:
-                digest.update(np.ascontiguousarray(one.outline.points).tobytes() + repr(one.outline.noise).encode())
-        digest.update("\0".join(self.left_out).encode())
-        return self.run.with_name(f"outlines-{digest.hexdigest()[:24]}.npz")
+    def _name(self) -> str:
+        contents: list[str | bytes] = []
+        for measurement in self.measurements:
+            contents += [measurement.source, numbers_of(measurement).tobytes()]
+            if measurement.outline is not None:
+                outline = measurement.outline
+                contents += [np.ascontiguousarray(outline.points).tobytes(), repr(outline.noise)]
+        return f"outlines-{hash_of(self.store, *contents, *self.left_out)}"
 
-    def __call__(self) -> None:
-        """Compute the rows and keep them."""
-        run = run_of(self.run)
+    def compute(self, run: Run) -> CapsuleRows:
+        """Compute the rows on a grid for each outline."""
         assert run.experiment is not None
         names = [one.source.rpartition(": ")[2] for one in self.measurements]
         names += [line.partition(": expected ")[0] for line in self.left_out]
@@ -175,10 +206,7 @@ class OutlinesTask(Kept):
             fill_exactly(rows, row, one, run)
         for row, line in enumerate(self.left_out, start=len(self.measurements)):
             rows.status[row], rows.reason[row] = Status.UNUSABLE.name, line
-        rows.write(self.kept)
-
-
-Task = TableTask | FileTask | OutlinesTask
+        return rows
 
 
 def _texts(texts: list[str]) -> NDArray[Any]:

@@ -19,11 +19,10 @@ from capsbayes.errors import InputError
 from capsbayes.physics.simulation.column import Runs, SteadySimulator, walk
 from capsbayes.physics.simulation.gather import Column, gathered, pedigree
 from capsbayes.physics.simulation.mesh_error import chosen_cases, mesh_error
-from capsbayes.physics.simulation.parts import Outcome, Parts
-from capsbayes.physics.simulation.progress import progress_bar
-from capsbayes.physics.simulation.workers import computed
+from capsbayes.physics.simulation.outcome import Outcome, count_ended
+from capsbayes.work import Store, progress_bar, run_tasks
 
-__all__ = ["build_database", "checked_cases", "column_tasks", "tell_what_was_raised"]
+__all__ = ["build_database", "checked_cases", "column_tasks", "run_columns"]
 
 _logger = logging.getLogger(__name__)
 
@@ -80,13 +79,12 @@ def build_database(
         If ``<out>.parts`` was made with other settings.
     """
     ordered = checked_cases(cases)
-    parts = Parts.open(Path(f"{os.fspath(out)}.parts"), simulator.settings)
-    with progress_bar([parts], ordered, show=progress):
-        columns = computed(column_tasks(simulator, parts, ordered), scheduler, workers)
-    tell_what_was_raised(columns)
+    store = Store.open(Path(f"{os.fspath(out)}.parts"), simulator.settings)
+    tasks = column_tasks(simulator, store, ordered)
+    columns = run_columns(tasks, [store], ordered, scheduler, workers, progress=progress)
     attributes = pedigree(simulator.settings)
     if compare is not None:
-        attributes |= {"mesh_error": _compared(simulator, parts, columns, compare, scheduler, workers)}
+        attributes |= {"mesh_error": _compared(simulator, store, columns, compare, scheduler, workers)}
     database = gathered({0.0: columns}, simulator.settings, attributes)
     database.write(out)
     return database
@@ -103,24 +101,40 @@ def checked_cases(cases: Iterable[Case]) -> list[Case]:
     return [(ca, size) for size, ca in ordered]
 
 
-def column_tasks(simulator: SteadySimulator, parts: Parts, cases: list[Case]) -> list[Callable[[], Column]]:
-    """One task for each size ratio of sorted cases, which computes its column or finds it in the parts."""
+def column_tasks(simulator: SteadySimulator, store: Store, cases: list[Case]) -> list[Callable[[], Column]]:
+    """Return one task for each size ratio of sorted cases, which computes its column or finds it in the store."""
     size_ratios = sorted({size_ratio for _, size_ratio in cases})
     return [
-        partial(_run_column, simulator, parts, size, [ca for ca, other in cases if other == size])
+        partial(_run_column, simulator, store, size, [ca for ca, other in cases if other == size])
         for size in size_ratios
     ]
 
 
-def tell_what_was_raised(columns: Iterable[Column]) -> None:
-    """Log each error that broke off cases, with their number."""
+def run_columns(
+    tasks: list[Callable[[], Column]],
+    stores: list[Store],
+    cases: list[Case],
+    scheduler: str | None,
+    workers: int | None,
+    *,
+    progress: bool,
+) -> list[Column]:
+    """Run the tasks of all stores, with a bar that counts the cases, and log each error that broke off cases."""
+
+    def count() -> tuple[int, str]:
+        ended, failed = np.sum([count_ended(store, cases) for store in stores], axis=0)
+        return int(ended), f"cases, {failed} without a steady state"
+
+    with progress_bar(len(stores) * len(cases), "cases", show=progress, count=count):
+        columns = run_tasks(tasks, scheduler, workers)
     messages = Counter(outcome.message for column, _ in columns for outcome in column if outcome.message)
-    for message, count in messages.most_common():
-        _logger.warning("%d cases broke off with %s", count, message)
+    for message, number in messages.most_common():
+        _logger.warning("%d cases broke off with %s", number, message)
+    return columns
 
 
-def _run_column(simulator: SteadySimulator, parts: Parts, size_ratio: float, capillary_numbers: list[float]) -> Column:
-    run = Runs(simulator, parts, size_ratio)
+def _run_column(simulator: SteadySimulator, store: Store, size_ratio: float, capillary_numbers: list[float]) -> Column:
+    run = Runs(simulator, store, size_ratio)
     if "numba" in sys.modules:
         sys.modules["numba"].set_num_threads(1)
     with threadpool_limits(limits=1):
@@ -129,17 +143,17 @@ def _run_column(simulator: SteadySimulator, parts: Parts, size_ratio: float, cap
 
 
 def _compared(
-    simulator: Any, parts: Parts, columns: list[Column], refinement: int, scheduler: str | None, workers: int | None
+    simulator: Any, store: Store, columns: list[Column], refinement: int, scheduler: str | None, workers: int | None
 ) -> str:
-    """Mesh error of some of the cases beside a finer mesh; its runs are kept in a folder within the parts'."""
+    """Mesh error of some of the cases beside a finer mesh; its runs are kept in a folder within that of the parts."""
     finer = simulator.refined(refinement)
-    kept = Parts.open(parts.folder / f"refinement-{refinement}", finer.settings)
+    kept = Store.open(store.folder / f"refinement-{refinement}", finer.settings)
     coarse = chosen_cases([column for column, _ in columns])
-    fine = computed([partial(_run_again, finer, kept, outcome) for outcome in coarse], scheduler, workers)
+    fine = run_tasks([partial(_run_again, finer, kept, outcome) for outcome in coarse], scheduler, workers)
     return mesh_error(refinement, coarse, fine)
 
 
-def _run_again(simulator: SteadySimulator, parts: Parts, outcome: Outcome) -> Outcome:
+def _run_again(simulator: SteadySimulator, store: Store, outcome: Outcome) -> Outcome:
     """The case of `outcome` by another simulator, started from its steady state."""
     with threadpool_limits(limits=1):
-        return Runs(simulator, parts, outcome.size_ratio)(outcome.capillary_number, outcome)
+        return Runs(simulator, store, outcome.size_ratio)(outcome.capillary_number, outcome)

@@ -14,11 +14,9 @@ from typing import Any
 
 from capsbayes.database import Database
 from capsbayes.errors import InputError
-from capsbayes.physics.simulation.build import Case, checked_cases, column_tasks, tell_what_was_raised
+from capsbayes.physics.simulation.build import Case, checked_cases, column_tasks, run_columns
 from capsbayes.physics.simulation.gather import gathered, pedigree
-from capsbayes.physics.simulation.parts import Parts
-from capsbayes.physics.simulation.progress import progress_bar
-from capsbayes.physics.simulation.workers import computed
+from capsbayes.work import Store
 
 __all__ = ["build_effect_database"]
 
@@ -68,12 +66,10 @@ def build_effect_database(
     ordered, null_value = checked_cases(cases), _null_value(simulator, effect)
     varied = {value: _varied(simulator, effect, value) for value in _checked_values(values, effect, null_value)}
     folder = Path(f"{os.fspath(out)}.parts")
-    parts = {value: Parts.open(folder / f"{effect}-{value!r}", one.settings) for value, one in varied.items()}
-    tasks = {value: column_tasks(one, parts[value], ordered) for value, one in varied.items()}
-    with progress_bar(list(parts.values()), ordered, show=progress):
-        columns = computed([task for several in tasks.values() for task in several], scheduler, workers)
-    tell_what_was_raised(columns)
-    rest = iter(columns)
+    stores = {value: Store.open(folder / f"{effect}-{value!r}", each.settings) for value, each in varied.items()}
+    tasks = {value: column_tasks(each, stores[value], ordered) for value, each in varied.items()}
+    of_all = [task for several in tasks.values() for task in several]
+    rest = iter(run_columns(of_all, list(stores.values()), ordered, scheduler, workers, progress=progress))
     by_value = {value: [next(rest) for _ in several] for value, several in tasks.items()}
     database = gathered(by_value, simulator.settings, pedigree(simulator.settings, effect, null_value))
     database.write(out)

@@ -12,15 +12,17 @@ undisturbed one.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from capsbayes.physics.simulation.parts import Outcome, Parts
+from capsbayes.physics.simulation.outcome import Outcome
 from capsbayes.physics.simulation.settling import SHALLOW
 from capsbayes.status import Status
+from capsbayes.work import Store
 
 __all__ = [
     "LIMIT_OF_DATABASE",
@@ -57,7 +59,10 @@ class SteadySimulator(Protocol):
         """Everything that decides its answers."""
 
     def run(self, *, capillary_number: float, size_ratio: float, start: Any = "rest") -> Any:
-        """Steady state of one case."""
+        """Return the steady state of one case."""
+
+    def restored(self, values: Mapping[str, Any]) -> Any:
+        """Return the steady state whose fields have these values."""
 
 
 Start = Outcome | Literal["rest", "parachute"]
@@ -84,28 +89,31 @@ class Runs:
     """
 
     simulator: SteadySimulator
-    parts: Parts
+    store: Store
     size_ratio: float
     final: dict[float, Outcome] = field(default_factory=dict)
 
     def __call__(self, capillary_number: float, start: Start) -> Outcome:
         """End of one case started from another's steady state; never raises for the case's sake."""
         origin = start if isinstance(start, str) else start.capillary_number
-        outcome = self.parts.find(capillary_number, self.size_ratio, origin)
+        outcome = self._kept(capillary_number, origin)
         if outcome is None:
             outcome = self._computed(capillary_number, start, origin)
-            self.parts.save(outcome)
+            outcome.save(self.store)
         self.final[capillary_number] = outcome
         return outcome
 
     def skip(self, capillary_number: float, start: Outcome, status: Status) -> None:
         """Give a case its status without running it."""
         origin = start.capillary_number
-        outcome = self.parts.find(capillary_number, self.size_ratio, origin)
+        outcome = self._kept(capillary_number, origin)
         if outcome is None:
             outcome = Outcome(capillary_number, self.size_ratio, origin, status)
-            self.parts.save(outcome)
+            outcome.save(self.store)
         self.final[capillary_number] = outcome
+
+    def _kept(self, capillary_number: float, origin: float | str) -> Outcome | None:
+        return Outcome.find(self.store, capillary_number, self.size_ratio, origin, self.simulator.restored)
 
     def _computed(self, capillary_number: float, start: Start, origin: float | str) -> Outcome:
         try:

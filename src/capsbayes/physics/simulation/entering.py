@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -50,6 +51,10 @@ class Entering:
     def refined(self, refinement: int) -> Entering:
         """The same on another mesh."""
         return replace(self, simulator=self.simulator.refined(refinement))
+
+    def restored(self, values: Mapping[str, Any]) -> SteadyState:
+        """Return the steady state whose fields have these values."""
+        return self.simulator.restored(values)
 
     def run(self, *, capillary_number: float, size_ratio: float, start: Start = "rest") -> SteadyState:
         """Shape and velocity of one case.

@@ -13,7 +13,7 @@ import numpy as np
 import capsbayes
 from capsbayes.database import NO_EFFECT, VARIABLES, Database
 from capsbayes.physics.simulation.column import OUTLINE_POINTS, Border
-from capsbayes.physics.simulation.parts import Outcome
+from capsbayes.physics.simulation.outcome import Outcome
 
 __all__ = ["Column", "gathered", "pedigree"]
 

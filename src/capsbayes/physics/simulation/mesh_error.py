@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from capsbayes.physics.simulation.parts import Outcome
+from capsbayes.physics.simulation.outcome import Outcome
 from capsbayes.status import Status
 
 __all__ = ["chosen_cases", "mesh_error"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -207,6 +207,10 @@ class Simulator:
             find = parachute if start == "parachute" else reached_from_rest
             end = find(problem, capillary_number, size_ratio)
             return self.state(problem, end, capillary_number, size_ratio)
+
+    def restored(self, values: Mapping[str, Any]) -> SteadyState:
+        """Return the steady state whose fields have these values."""
+        return SteadyState(**values)
 
     def transient(
         self,

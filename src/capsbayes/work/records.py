@@ -1,0 +1,41 @@
+"""A file of finished results, one line of JSON each, so that an interrupted computation goes on where it was."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Records"]
+
+
+@dataclass(frozen=True)
+class Records:
+    """Results in a file of JSON lines, appended one by one; safe to append to from many processes at once.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    path: Path
+
+    def add(self, record: dict[str, Any]) -> None:
+        """Append a record, on a line of its own even if the last one was cut off."""
+        line = json.dumps(record).encode() + b"\n"
+        with self.path.open("a+b") as file:
+            if file.tell():
+                file.seek(-1, 2)
+                line = line if file.read() == b"\n" else b"\n" + line
+            file.write(line)  # one short write: lines of several processes do not mix
+
+    def read(self) -> list[dict[str, Any]]:
+        """Return the records in their order, without lines that were cut off; none if there is no file."""
+        records = []
+        for line in self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else ():
+            try:
+                records.append(json.loads(line))
+            except json.JSONDecodeError:
+                continue
+        return records

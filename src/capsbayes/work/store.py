@@ -1,0 +1,143 @@
+"""A folder of finished parts of a long computation, so that an interrupted one goes on where it was.
+
+Each part is one file: a line with the fingerprint of the settings and a hash of the content, then arrays and JSON in
+numpy's npz format, without objects. A file is written under another name and then renamed, so it is whole or absent; a
+damaged one counts as absent. Reading a part never runs code from it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capsbayes.errors import DatabaseError
+from capsbayes.output_file import replaced, unfinished
+
+__all__ = ["Store"]
+
+_MAGIC, _PICKLED = b"capsbayes part 2", b"capsbayes part 1"
+_SUFFIX = ".part"
+_JSON = "json"
+
+
+@dataclass(frozen=True)
+class Store:
+    """Folder of finished parts; safe to use from many processes at once.
+
+    Parameters
+    ----------
+    folder : Path
+    fingerprint : str
+        Hash of the settings that decide the parts.
+    """
+
+    folder: Path
+    fingerprint: str
+
+    @classmethod
+    def open(cls, folder: str | os.PathLike[str], settings: Mapping[str, Any]) -> Store:
+        """Open a folder whose parts all have the same settings; make it if it is missing.
+
+        Parameters
+        ----------
+        folder : path
+        settings : mapping
+            What decides the parts, in types that JSON has.
+
+        Raises
+        ------
+        DatabaseError
+            If the folder holds parts made with other settings.
+        """
+        path = Path(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(dict(settings), sort_keys=True, indent=1)
+        file = path / "settings.json"
+        if file.exists():
+            _check_settings(file, text)
+        else:
+            replaced(file, text)
+        return cls(path, hashlib.sha256(text.encode()).hexdigest())
+
+    def path(self, name: str) -> Path:
+        """Return the file of a part."""
+        return self.folder / f"{name}{_SUFFIX}"
+
+    def names(self, pattern: str = "*") -> Iterator[str]:
+        """Return the names of the parts that match a glob pattern, damaged ones included."""
+        return (path.name.removesuffix(_SUFFIX) for path in self.folder.glob(f"{pattern}{_SUFFIX}"))
+
+    def save(self, name: str, values: Mapping[str, Any]) -> None:
+        """Write a part.
+
+        Parameters
+        ----------
+        name : str
+        values : mapping of str to array or value
+            Arrays of numbers or text; all else in types that JSON has.
+        """
+        arrays = {key: value for key, value in values.items() if isinstance(value, np.ndarray)}
+        text = json.dumps({key: value for key, value in values.items() if key not in arrays})
+        if any(array.dtype.hasobject for array in arrays.values()):
+            raise TypeError(f"{name}: arrays of objects would be pickled")
+        content = io.BytesIO()
+        everything: dict[str, Any] = arrays | {_JSON: np.frombuffer(text.encode(), np.uint8)}
+        np.savez(content, **everything)
+        payload = content.getvalue()
+        digest = hashlib.sha256(payload).hexdigest()
+        with unfinished(self.path(name)) as partial:
+            partial.write_bytes(_MAGIC + f" {self.fingerprint} {digest}\n".encode() + payload)
+
+    def load(self, name: str) -> dict[str, Any] | None:
+        """Read a part.
+
+        Returns
+        -------
+        dict of str to array or value, or None
+            None if the part is missing or damaged.
+
+        Raises
+        ------
+        DatabaseError
+            If it was made with other settings, or by a version that wrote another format.
+        """
+        path = self.path(name)
+        try:
+            header, _, payload = path.read_bytes().partition(b"\n")
+        except FileNotFoundError:
+            return None
+        if header.startswith(_PICKLED):
+            advice = f"remove {self.folder} to start anew"
+            raise DatabaseError(f"{path} was written by an earlier version, whose parts are not read; {advice}")
+        fingerprint, _, digest = header.removeprefix(_MAGIC).decode(errors="replace").strip().partition(" ")
+        if not header.startswith(_MAGIC) or digest != hashlib.sha256(payload).hexdigest():
+            return None
+        if fingerprint != self.fingerprint:
+            raise DatabaseError(f"{path} was made with other settings; remove it, or build under another name")
+        with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
+            values = dict(arrays)
+        text: dict[str, Any] = json.loads(values.pop(_JSON).tobytes())
+        return values | text
+
+
+def _check_settings(file: Path, asked: str) -> None:
+    try:
+        there, here = json.loads(file.read_text()), json.loads(asked)
+    except ValueError as error:
+        raise DatabaseError(f"{file} is damaged; remove {file.parent} to start anew") from error
+    different = ", ".join(
+        f"{key} {there.get(key)!r} there and {here.get(key)!r} asked"
+        for key in sorted({*there, *here})
+        if there.get(key) != here.get(key)
+    )
+    if different:
+        advice = "remove it, or choose another out"
+        raise DatabaseError(f"{file.parent} holds parts made with other settings: {different}; {advice}")

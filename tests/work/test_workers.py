@@ -1,0 +1,24 @@
+"""Tasks give the same results wherever they are computed."""
+
+from functools import partial
+
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.work import run_tasks
+
+TASKS = [partial(divmod, number) for number in (7, 8, 9)]
+
+
+@pytest.mark.parametrize("scheduler", ["synchronous", None])
+def test_results_come_in_order_and_tasks_get_what_they_share(scheduler):
+    assert run_tasks(TASKS, scheduler, 2, 4) == [(1, 3), (2, 0), (2, 1)]
+
+
+def test_a_cluster_gives_the_same(tmp_path):
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        assert run_tasks(TASKS, cluster.scheduler_address, None, 4) == [(1, 3), (2, 0), (2, 1)]
+    with pytest.raises(InputError, match=r"scheduler: expected address of a running dask scheduler, got 'nowhere://x'"):
+        run_tasks(TASKS, "nowhere://x", None, 4)
