@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from capsbayes.infer.log_grid import LogGrid
+from capsbayes.infer.log_grid import LogGrid, binned, inverse
 
 
 def lognormal(median, sd):
@@ -15,7 +15,7 @@ def lognormal(median, sd):
 def test_nodes_of_a_lognormal_give_its_quantiles():
     logs, weights = lognormal(0.04, 0.2)
     exact = stats.lognorm(0.2, scale=0.04)
-    one = LogGrid.of_nodes(logs, weights, 0.25 * 0.2).marginal()
+    one = binned(logs, weights, 0.25 * 0.2).marginal()
     assert one.mean == pytest.approx(exact.mean(), rel=1e-3)
     assert one.sd == pytest.approx(exact.std(), rel=2e-3)
     for end, level in (("median", 0.5), ("lower_68", 0.16), ("upper_68", 0.84), ("lower_95", 0.025)):
@@ -25,7 +25,7 @@ def test_nodes_of_a_lognormal_give_its_quantiles():
 @pytest.mark.parametrize("other", [0.001, 0.05, 0.2])
 def test_a_product_of_lognormals_is_lognormal_whatever_their_widths(other):
     logs, weights = lognormal(0.04, 0.1)
-    product = LogGrid.of_nodes(logs, weights, 0.025).times(LogGrid.normal(other**2))
+    product = binned(logs, weights, 0.025).times(LogGrid.normal(other**2))
     sd = np.hypot(0.1, other)
     assert product.log_marginal().sd == pytest.approx(sd, rel=1e-6)
     exact = stats.norm(np.log(0.04), sd)
@@ -35,18 +35,18 @@ def test_a_product_of_lognormals_is_lognormal_whatever_their_widths(other):
 
 
 def test_known_numbers_multiply_exactly():
-    product = LogGrid.known(2.0).times(LogGrid.known(3.0)).inverse()
+    product = inverse(LogGrid.known(2.0).times(LogGrid.known(3.0)))
     assert product.marginal().median == pytest.approx(1.0 / 6.0)
     logs, weights = lognormal(1.0, 0.1)
-    one = LogGrid.of_nodes(logs, weights, 0.025)
+    one = binned(logs, weights, 0.025)
     assert one.times(LogGrid.known(5.0)).mean == pytest.approx(one.mean + np.log(5.0))
 
 
 def test_an_inverse_mirrors_the_quantiles():
     logs, weights = lognormal(4.0, 0.3)
-    one = LogGrid.of_nodes(logs, weights, 0.075)
-    assert one.inverse().marginal().median == pytest.approx(1.0 / one.marginal().median)
-    assert one.inverse().marginal().upper_95 == pytest.approx(1.0 / one.marginal().lower_95)
+    one = binned(logs, weights, 0.075)
+    assert inverse(one).marginal().median == pytest.approx(1.0 / one.marginal().median)
+    assert inverse(one).marginal().upper_95 == pytest.approx(1.0 / one.marginal().lower_95)
 
 
 def test_probability_below():
@@ -58,6 +58,6 @@ def test_probability_below():
 
 def test_draws_follow_the_distribution():
     logs, weights = lognormal(0.04, 0.2)
-    draws = LogGrid.of_nodes(logs, weights, 0.05).drawn(np.random.default_rng(2), 20_000)
+    draws = binned(logs, weights, 0.05).drawn(np.random.default_rng(2), 20_000)
     assert stats.kstest(np.log(draws), stats.norm(np.log(0.04), 0.2).cdf).pvalue > 1e-3
     assert set(LogGrid.known(3.0).drawn(np.random.default_rng(2), 4)) == {np.exp(np.log(3.0))}

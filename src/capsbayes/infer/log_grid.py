@@ -1,24 +1,43 @@
-"""A positive quantity as masses on a uniform grid of its logarithm: products become convolutions."""
+"""Positive quantities as probabilities on a uniform grid of their logarithm: products become convolutions.
+
+The functions are compiled, for loops over many capsules; the methods of `LogGrid` are their face for one.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.infer.kernel import compiled
 from capsbayes.infer.marginal import Marginal
 
-__all__ = ["LogGrid"]
+__all__ = [
+    "LogGrid",
+    "binned",
+    "inverse",
+    "laid",
+    "lognormal",
+    "positive_normal",
+    "product",
+    "resampled",
+    "scaled",
+    "share_between",
+    "summarise",
+]
 
 Floats = NDArray[np.float64]
 
 CELLS_PER_SD = 16  # of the grid a density is laid on: the sum's error is far below the printed digits
+_COARSEST = 4.0  # cells in a standard deviation of factors that many capsules have each for themselves
+_NODES = 8.0  # cells in a standard deviation of weighted nodes
+_REACH = 8.0  # standard deviations on either side
+_LEVELS = Marginal.LEVELS
 
 
-@dataclass(frozen=True, eq=False)
-class LogGrid:
+class LogGrid(NamedTuple):
     """Distribution of a positive quantity x.
 
     Parameters
@@ -47,63 +66,34 @@ class LogGrid:
 
     @classmethod
     def known(cls, value: float) -> LogGrid:
-        """A number without error."""
+        """Return a number without error."""
         return cls(float(np.log(value)), 1.0, np.ones(1), float(np.log(value)), 0.0)
 
     @classmethod
     def normal(cls, variance: float) -> LogGrid:
-        """A factor about one whose logarithm is normal."""
-        if variance <= 0.0:
-            return cls.known(1.0)
-        step = float(np.sqrt(variance)) / CELLS_PER_SD
-        logs = step * np.arange(-8 * CELLS_PER_SD, 8 * CELLS_PER_SD + 1)
-        masses = np.exp(-0.5 * logs**2 / variance)
-        return cls(float(logs[0]), step, masses / masses.sum(), 0.0, variance)
-
-    @classmethod
-    def of_nodes(cls, logs: Floats, weights: Floats, step: float) -> LogGrid:
-        """Weighted nodes, each shared linearly between its two grid points.
-
-        Parameters
-        ----------
-        logs : (n,) array
-            Logarithms of x.
-        weights : (n,) array
-            Probabilities, summing to one.
-        step : float
-            Distance of the grid points; at least the distance of the nodes,
-            or the masses come out as a comb.
-        """
-        mean = float(weights @ logs)
-        variance = float(weights @ (logs - mean) ** 2)
-        low = float(logs.min())
-        if logs.max() - low < 1e-14 * max(1.0, abs(low)):
-            return cls(mean, 1.0, np.ones(1), mean, 0.0)
-        position = (logs - low) / step
-        left = position.astype(np.int64)
-        share = position - left
-        size = int(left.max()) + 2
-        masses = np.bincount(left, weights * (1.0 - share), size) + np.bincount(left + 1, weights * share, size)
-        return cls(low, step, masses / masses.sum(), mean, variance)
+        """Return a factor about one whose logarithm is normal."""
+        return lognormal(float(variance), float(np.sqrt(max(variance, 0.0))) / CELLS_PER_SD)
 
     @classmethod
     def mixed(cls, parts: Sequence[LogGrid], weights: Floats) -> LogGrid:
-        """One of several distributions, each with its probability.
+        """Return the mixture of several distributions.
 
         Parameters
         ----------
         parts : sequence of LogGrid
         weights : (n,) array
-            Probabilities, summing to one.
+            Probability of each, summing to one.
         """
+        if len(parts) == 1:
+            return parts[0]
         means = np.array([part.mean for part in parts])
         mean = float(weights @ means)
         variance = float(weights @ (np.array([part.variance for part in parts]) + (means - mean) ** 2))
         steps = [part.step for part in parts if len(part.masses) > 1]
         logs = np.concatenate([part.logs for part in parts])
         masses = np.concatenate([weight * part.masses for weight, part in zip(weights, parts, strict=True)])
-        laid = cls.of_nodes(logs, masses, max(steps, default=np.sqrt(variance) / CELLS_PER_SD))
-        return cls(laid.start, laid.step, laid.masses, mean, variance)
+        grid = binned(logs, masses, float(max(steps, default=np.sqrt(variance) / CELLS_PER_SD)))
+        return grid._replace(mean=mean, variance=variance)
 
     @property
     def logs(self) -> Floats:
@@ -115,79 +105,246 @@ class LogGrid:
         """Logarithm of x at the last grid point."""
         return self.start + self.step * (len(self.masses) - 1)
 
-    @property
-    def _edges(self) -> Floats:
-        return np.concatenate([self.logs, [self.end + self.step]]) - 0.5 * self.step
-
-    def resampled(self, step: float) -> LogGrid:
-        """The same distribution on another grid."""
-        if len(self.masses) == 1 or step == self.step:
-            return self if len(self.masses) > 1 else LogGrid(self.start, step, self.masses, self.mean, self.variance)
-        other = LogGrid.of_nodes(self.logs, self.masses, step)
-        return LogGrid(other.start, step, other.masses, self.mean, self.variance)
-
     def times(self, other: LogGrid) -> LogGrid:
-        """Product with an independent quantity."""
-        if len(self.masses) == 1 or len(other.masses) == 1:
-            step = other.step if len(self.masses) == 1 else self.step
-        else:
-            step = max(self.step, other.step)
-        a, b = self.resampled(step), other.resampled(step)
-        masses = np.convolve(a.masses, b.masses)
-        return LogGrid(a.start + b.start, step, masses, self.mean + other.mean, self.variance + other.variance)
-
-    def inverse(self) -> LogGrid:
-        """Distribution of 1/x."""
-        return LogGrid(-self.end, self.step, self.masses[::-1], -self.mean, self.variance)
-
-    def cut(self, low: float, high: float) -> LogGrid:
-        """Distribution given low <= x <= high; unchanged if nothing lies outside."""
-        kept = np.where((self.logs >= np.log(low)) & (self.logs <= np.log(high)), self.masses, 0.0)
-        total = kept.sum()
-        if total == 1.0 or total <= 0.0 or np.array_equal(kept, self.masses):
-            return self
-        masses = kept / total
-        mean = float(masses @ self.logs)
-        return LogGrid(self.start, self.step, masses, mean, float(masses @ (self.logs - mean) ** 2))
+        """Return the product with an independent quantity."""
+        return product(self, other)
 
     def below(self, logs: Floats) -> Floats:
-        """Probability that log x is below each value, linear within a cell of the grid : (n,) array."""
+        """Return the probability that log x is below each value, linear within a cell of the grid : (n,) array."""
         if len(self.masses) == 1:
             return (logs >= self.start).astype(float)
-        edges = self._corrected(self._edges)
+        first, width = _first_edge_and_width(self)
+        edges = first + width * np.arange(len(self.masses) + 1)
         return np.interp(logs, edges, np.concatenate([[0.0], np.cumsum(self.masses)]), left=0.0, right=1.0)
 
     def drawn(self, rng: np.random.Generator, count: int) -> Floats:
-        """Independent draws of x : (count,) array, spread within the cells."""
+        """Return independent draws of x : (count,) array, spread within the cells."""
         if len(self.masses) == 1:
             return np.full(count, np.exp(self.mean))
         index = rng.choice(len(self.masses), size=count, p=self.masses)
-        return np.exp(self._corrected(self.start + self.step * (index + rng.uniform(-0.5, 0.5, count))))
+        mean, factor = _correction(self)
+        logs = self.start + self.step * (index + rng.uniform(-0.5, 0.5, count))
+        return np.exp(self.mean + (logs - mean) * factor)
 
     def marginal(self) -> Marginal:
-        """Mean, standard deviation and quantiles of x."""
-        if len(self.masses) == 1:
-            return Marginal.known(float(np.exp(self.mean)))
-        edges = self._corrected(self._edges)
-        low, middle, high = np.exp(edges[:-1]), np.exp(0.5 * (edges[1:] + edges[:-1])), np.exp(edges[1:])
-        mean = float(self.masses @ (low + 4.0 * middle + high)) / 6.0  # Simpson's rule within each cell
-        squares = (low - mean) ** 2 + 4.0 * (middle - mean) ** 2 + (high - mean) ** 2
-        sd = float(np.sqrt(self.masses @ squares / 6.0))
-        return Marginal(mean, sd, *(float(value) for value in np.exp(self._quantiles(edges))))
+        """Return mean, standard deviation and quantiles of x."""
+        numbers = np.empty(2 + len(_LEVELS))
+        summarise(self, numbers)
+        return Marginal(*numbers.tolist())
 
     def log_marginal(self) -> Marginal:
-        """Mean, standard deviation and quantiles of log x."""
-        if len(self.masses) == 1:
-            return Marginal.known(self.mean)
-        quantiles = self._quantiles(self._corrected(self._edges))
-        return Marginal(self.mean, float(np.sqrt(self.variance)), *(float(value) for value in quantiles))
+        """Return mean, standard deviation and quantiles of log x."""
+        quantiles = np.empty(len(_LEVELS))
+        _fill_quantiles(self, quantiles)
+        return Marginal(self.mean, float(np.sqrt(self.variance)), *quantiles.tolist())
 
-    def _quantiles(self, edges: Floats) -> Floats:
-        return np.interp(Marginal.LEVELS, np.concatenate([[0.0], np.cumsum(self.masses)]), edges)
 
-    def _corrected(self, logs: Floats) -> Floats:
-        """Undo the slight widening by the grid: give the grid the moments of the quantity itself."""
-        grid = self.logs
-        mean = float(self.masses @ grid)
-        spread = float(self.masses @ (grid - mean) ** 2) + self.step**2 / 12.0
-        return self.mean + (logs - mean) * np.sqrt(self.variance / spread)
+@compiled
+def binned(logs: Floats, weights: Floats, step: float) -> LogGrid:
+    """Share weighted nodes linearly between their two grid points.
+
+    Parameters
+    ----------
+    logs : (n,) array
+        Logarithms of x.
+    weights : (n,) array
+        Probabilities, summing to one.
+    step : float
+        Distance of the grid points; at least the distance of the nodes, or the masses come out as a comb.
+    """
+    return _deposited(logs, weights, step, *_moments(logs, weights))
+
+
+@compiled
+def laid(logs: Floats, weights: Floats, least: float) -> LogGrid:
+    """Share weighted nodes between the points of a grid with eight points to a standard deviation.
+
+    Parameters
+    ----------
+    logs, weights : (n,) arrays
+        As of `binned`.
+    least : float
+        Smallest step: that of the nodes themselves.
+    """
+    low, high, mean, variance = _moments(logs, weights)
+    step = max(np.sqrt(variance) / _NODES, least, 1e-12)
+    return _deposited(logs, weights, step, low, high, mean, variance)
+
+
+@compiled
+def _moments(logs: Floats, weights: Floats) -> tuple[float, float, float, float]:
+    """Return the smallest and the largest of weighted nodes, their mean and their variance."""
+    low, high, mean, variance = np.inf, -np.inf, 0.0, 0.0
+    for k in range(len(logs)):
+        low, high = min(low, logs[k]), max(high, logs[k])
+        mean += weights[k] * logs[k]
+    for k in range(len(logs)):
+        variance += weights[k] * (logs[k] - mean) ** 2
+    return low, high, mean, variance
+
+
+@compiled
+def _deposited(
+    logs: Floats, weights: Floats, step: float, low: float, high: float, mean: float, variance: float
+) -> LogGrid:
+    if high - low < 1e-14 * max(1.0, abs(low)):
+        return LogGrid(mean, 1.0, np.ones(1), mean, 0.0)
+    masses = np.zeros(int((high - low) / step) + 2)
+    for k in range(len(logs)):
+        place = (logs[k] - low) / step
+        left = int(place)
+        share = place - left
+        masses[left] += weights[k] * (1.0 - share)
+        masses[left + 1] += weights[k] * share
+    return LogGrid(low, step, masses / masses.sum(), mean, variance)
+
+
+@compiled
+def positive_normal(centre: float, error: float, power: float, step: float) -> LogGrid:
+    """Lay a normal x cut at zero, its density times x^power, on a grid of log x.
+
+    Parameters
+    ----------
+    centre, error : float
+        Of the normal; an error of zero is a known number.
+    power : float
+    step : float
+        Largest step of the grid; a narrower distribution has a smaller one.
+    """
+    if error == 0.0:
+        return LogGrid(np.log(centre), step, np.ones(1), np.log(centre), 0.0)
+    own = min(step, error / centre / _COARSEST)
+    low = np.log(max(centre - _REACH * error, 1e-4 * centre))
+    masses = np.empty(int(np.ceil((np.log(centre + _REACH * error) - low) / own)) + 1)
+    for k in range(len(masses)):
+        log = low + own * k
+        masses[k] = np.exp(-0.5 * ((np.exp(log) - centre) / error) ** 2 + (power + 1.0) * log)
+    masses /= masses.sum()
+    mean, variance = _moments_on_grid(low, own, masses)
+    return LogGrid(low, own, masses, mean, variance)
+
+
+@compiled
+def lognormal(variance: float, step: float) -> LogGrid:
+    """Lay a factor about one whose logarithm is normal on a grid of this step, or of a smaller one if it is narrow."""
+    if variance <= 0.0:
+        return LogGrid(0.0, max(step, 1e-12), np.ones(1), 0.0, 0.0)
+    own = min(step, np.sqrt(variance) / _COARSEST)
+    count = 2 * int(np.ceil(_REACH * np.sqrt(variance) / own)) + 1
+    low = -own * (count // 2)
+    masses = np.empty(count)
+    for k in range(count):
+        masses[k] = np.exp(-0.5 * (low + own * k) ** 2 / variance)
+    return LogGrid(low, own, masses / masses.sum(), 0.0, variance)
+
+
+@compiled
+def scaled(grid: LogGrid, log: float) -> LogGrid:
+    """Multiply by a known factor, whose logarithm is given."""
+    return LogGrid(grid.start + log, grid.step, grid.masses, grid.mean + log, grid.variance)
+
+
+@compiled
+def inverse(grid: LogGrid) -> LogGrid:
+    """Return the distribution of 1/x."""
+    end = grid.start + grid.step * (len(grid.masses) - 1)
+    return LogGrid(-end, grid.step, grid.masses[::-1].copy(), -grid.mean, grid.variance)
+
+
+@compiled
+def share_between(grid: LogGrid, low: float, high: float) -> float:
+    """Return the probability that log x lies between two values, by whole points of the grid."""
+    share = 0.0
+    for k in range(len(grid.masses)):
+        if low <= grid.start + grid.step * k <= high:
+            share += grid.masses[k]
+    return share
+
+
+@compiled
+def _moments_on_grid(start: float, step: float, masses: Floats) -> tuple[float, float]:
+    """Return mean and variance of log x at the points of a grid."""
+    logs = start + step * np.arange(len(masses))
+    mean = np.dot(masses, logs)
+    return mean, np.dot(masses, (logs - mean) ** 2)
+
+
+@compiled
+def resampled(grid: LogGrid, step: float) -> LogGrid:
+    """Return the same distribution on another grid."""
+    if len(grid.masses) == 1:
+        return LogGrid(grid.start, step, grid.masses, grid.mean, grid.variance)
+    if step == grid.step:
+        return grid
+    logs: Floats = grid.start + grid.step * np.arange(len(grid.masses), dtype=np.float64)
+    anew = binned(logs, grid.masses, step)
+    return LogGrid(anew.start, step, anew.masses, grid.mean, grid.variance)
+
+
+@compiled
+def product(one: LogGrid, other: LogGrid) -> LogGrid:
+    """Return the distribution of the product of two independent quantities."""
+    if len(one.masses) == 1:
+        step = other.step
+    elif len(other.masses) == 1:
+        step = one.step
+    else:
+        step = max(one.step, other.step)
+    a, b = resampled(one, step), resampled(other, step)
+    masses = np.zeros(len(a.masses) + len(b.masses) - 1)
+    for i in range(len(a.masses)):
+        for k in range(len(b.masses)):
+            masses[i + k] += a.masses[i] * b.masses[k]
+    return LogGrid(a.start + b.start, step, masses, one.mean + other.mean, one.variance + other.variance)
+
+
+@compiled
+def _correction(grid: LogGrid) -> tuple[float, float]:
+    """Return the mean at the grid points, and the factor on distances from it that undoes the widening by the grid."""
+    mean, variance = _moments_on_grid(grid.start, grid.step, grid.masses)
+    return mean, np.sqrt(grid.variance / (variance + grid.step * grid.step / 12.0))
+
+
+@compiled
+def _first_edge_and_width(grid: LogGrid) -> tuple[float, float]:
+    """Return the lower edge of the first cell and the width of the cells, corrected."""
+    mean, factor = _correction(grid)
+    return grid.mean + (grid.start - 0.5 * grid.step - mean) * factor, grid.step * factor
+
+
+@compiled
+def _fill_quantiles(grid: LogGrid, into: Floats) -> None:
+    """Fill in the values of log x below which the `Marginal.LEVELS` lie, linear within a cell."""
+    if len(grid.masses) == 1:
+        into[:] = grid.mean
+        return
+    first, width = _first_edge_and_width(grid)
+    for number in range(len(_LEVELS)):
+        below, k = 0.0, 0
+        while k < len(grid.masses) - 1 and below + grid.masses[k] < _LEVELS[number]:
+            below += grid.masses[k]
+            k += 1
+        share = (_LEVELS[number] - below) / grid.masses[k] if grid.masses[k] > 0.0 else 0.0
+        into[number] = first + width * (k + share)
+
+
+@compiled
+def summarise(grid: LogGrid, into: Floats) -> None:
+    """Fill in mean, standard deviation and quantiles of x, as the fields of `Marginal` : (7,) array."""
+    _fill_quantiles(grid, into[2:])
+    into[2:] = np.exp(into[2:])
+    if len(grid.masses) == 1:
+        into[0], into[1] = into[2], 0.0
+        return
+    first, width = _first_edge_and_width(grid)
+    mean, squares, low = 0.0, 0.0, np.exp(first)
+    middle, whole = np.exp(0.5 * width), np.exp(width)  # from the lower edge of a cell; Simpson's rule within it
+    for k in range(len(grid.masses)):
+        mean += grid.masses[k] * low * (1.0 + 4.0 * middle + whole) / 6.0
+        low *= whole
+    low = np.exp(first)
+    for k in range(len(grid.masses)):
+        ends = (low - mean) ** 2 + 4.0 * (low * middle - mean) ** 2 + (low * whole - mean) ** 2
+        squares += grid.masses[k] * ends / 6.0
+        low *= whole
+    into[0], into[1] = mean, np.sqrt(squares)

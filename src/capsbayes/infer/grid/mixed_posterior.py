@@ -71,14 +71,16 @@ class MixedPosterior:
         """Summary of one quantity, named as in `capsbayes.parameters`."""
         if name == self.coordinate.name:
             return self._of_coordinate
-        return self._masses(name).marginal() if self._exact(name) else Marginal.of_draws(self._many_draws[name])
+        return (
+            self._distribution_of(name).marginal() if self._exact(name) else Marginal.of_draws(self._many_draws[name])
+        )
 
     def log_marginal(self, name: str) -> Marginal:
         """Summary of the logarithm of one quantity; of the coordinate, which may vanish, of itself."""
         if name == self.coordinate.name:
             return self._of_coordinate
         if self._exact(name):
-            return self._masses(name).log_marginal()
+            return self._distribution_of(name).log_marginal()
         return Marginal.of_draws(np.log(self._many_draws[name]))
 
     def probability_below(self, name: str, value: float) -> float:
@@ -114,10 +116,10 @@ class MixedPosterior:
         return {name: values[order] for name, values in draws.items()}
 
     def _exact(self, name: str) -> bool:
-        return all(part.has_masses(name) for part in self.parts)
+        return all(part.is_exact(name) for part in self.parts)
 
-    def _masses(self, name: str) -> LogGrid:
-        return LogGrid.mixed([part.masses(name) for part in self.parts], self.weights)
+    def _distribution_of(self, name: str) -> LogGrid:
+        return LogGrid.mixed([part.distribution(name) for part in self.parts], self.weights)
 
     @cached_property
     def _many_draws(self) -> dict[str, Floats]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Nodes, Window
-from capsbayes.infer.log_grid import LogGrid
+from capsbayes.infer.log_grid import LogGrid, laid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
 
@@ -24,7 +24,6 @@ __all__ = ["GridPosterior"]
 Floats = NDArray[np.float64]
 
 _NEGLIGIBLE = 1e-9  # of the largest probability of a node
-_CELLS = 8.0  # of a marginal's grid in a standard deviation
 _DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape
 
 
@@ -88,21 +87,21 @@ class GridPosterior:
 
     def marginal(self, name: str) -> Marginal:
         """Summary of one quantity, named as in `capsbayes.parameters`."""
-        if not self.has_masses(name):
+        if not self.is_exact(name):
             return Marginal.of_draws(self._many_draws[name])
-        return self.masses(name).marginal()
+        return self.distribution(name).marginal()
 
     def log_marginal(self, name: str) -> Marginal:
         """Summary of the logarithm of one quantity."""
-        if not self.has_masses(name):
+        if not self.is_exact(name):
             return Marginal.of_draws(np.log(self._many_draws[name]))
-        return self.masses(name).log_marginal()
+        return self.distribution(name).log_marginal()
 
     def probability_below(self, name: str, value: float) -> float:
         """Posterior probability that a quantity is below a value [SI]: uniform over capsules if value is the truth."""
-        if not self.has_masses(name):
+        if not self.is_exact(name):
             return float(np.mean(self._many_draws[name] <= value))
-        return float(self.masses(name).below(np.array([np.log(value)]))[0])
+        return float(self.distribution(name).below(np.array([np.log(value)]))[0])
 
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
         """Independent draws of all quantities, spread within the cells of the grid.
@@ -170,11 +169,11 @@ class GridPosterior:
             "stretch_ratio": (np.log(nodes.stretch_ratio), 0.0),
         }
 
-    def has_masses(self, name: str) -> bool:
+    def is_exact(self, name: str) -> bool:
         """Whether the masses of a quantity are its distribution: no prior range cuts it, or the node determines it."""
         return not self.cut or name in self._node_logs
 
-    def masses(self, name: str) -> LogGrid:
+    def distribution(self, name: str) -> LogGrid:
         """Distribution of a quantity as a product of a function of the node and independent inputs."""
         density = self.density
         if name in self._node_logs:
@@ -205,6 +204,4 @@ class GridPosterior:
         return self._binned(np.log(width), gap) if name == "half_width" else self._binned(np.log(width) + log_size, 0.0)
 
     def _binned(self, logs: Floats, least: float) -> LogGrid:
-        weights = self._kept[0]
-        sd = float(np.sqrt(max(float(weights @ (logs - weights @ logs) ** 2), 0.0)))
-        return LogGrid.of_nodes(logs, weights, max(sd / _CELLS, least, 1e-12))
+        return laid(logs, self._kept[0], least)

@@ -22,6 +22,7 @@ from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.kernel import feature_in_cells, sd_in_cells
+from capsbayes.infer.log_grid import resampled
 from capsbayes.infer.outline.likelihood import outline_likelihood
 from capsbayes.infer.outline.table import AnyOutline
 from capsbayes.infer.prior import Prior
@@ -196,7 +197,7 @@ def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:
     sd = float(np.sqrt(masses.variance))
     relative_error = np.sqrt(likelihood.zz) / likelihood.extent
     count = int(np.clip(np.ceil(2.0 * _WIDTH_REACH * sd / relative_error), *_WIDTHS))
-    masses = masses.resampled(2.0 * _WIDTH_REACH * sd / count)
+    masses = resampled(masses, 2.0 * _WIDTH_REACH * sd / count)
     kept = masses.masses > 1e-9 * masses.masses.max()
     return np.exp(masses.logs[kept]), masses.masses[kept]
 

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.infer.kernel import NUDGE, border_steps, compiled, velocity_ratio
-from capsbayes.infer.many.tabulated.log_grid import (
-    Masses,
+from capsbayes.infer.log_grid import (
+    LogGrid,
+    inverse,
     laid,
-    moved,
-    normal,
+    lognormal,
+    positive_normal,
     product,
-    scattered,
+    scaled,
     share_between,
     summarise,
 )
@@ -44,8 +45,8 @@ _NEGLIGIBLE, _MOVED = 1e-7, 1e-6  # of the largest probability
 class Shared(NamedTuple):
     """What all capsules share: distributions of mu [Pa s] and l [m], limits of the priors of log G_s and log a."""
 
-    viscosity: Masses
-    half_width: Masses
+    viscosity: LogGrid
+    half_width: LogGrid
     modulus_low: float
     modulus_high: float
     radius_low: float
@@ -154,13 +155,13 @@ def _fill_row(
     by_size = laid(log_size, weights, cell[1] / low[1])
     softness = laid(log_modulus, weights, cell[0])
     by_ratio = laid(log_ratio, weights, 0.0)
-    speed = scattered(velocity[0], velocity[1], shared.modulus_power - 1.0, softness[1])
-    factor = normal(variance, softness[1])
-    modulus = moved(product(product(product(softness, factor), speed), shared.viscosity), shift[0])
-    radius = moved(product(by_size, shared.half_width), shift[1])
-    ratio = product(by_ratio, normal(variance, by_ratio[1]))
-    slowness = _inverse(ratio)
-    speed = scattered(velocity[0], velocity[1], shared.modulus_power - 1.0, slowness[1])
+    speed = positive_normal(velocity[0], velocity[1], shared.modulus_power - 1.0, softness.step)
+    factor = lognormal(variance, softness.step)
+    modulus = scaled(product(product(product(softness, factor), speed), shared.viscosity), shift[0])
+    radius = scaled(product(by_size, shared.half_width), shift[1])
+    ratio = product(by_ratio, lognormal(variance, by_ratio.step))
+    slowness = inverse(ratio)
+    speed = positive_normal(velocity[0], velocity[1], shared.modulus_power - 1.0, slowness.step)
     summarise(modulus, summary[0])
     summarise(radius, summary[1])
     summarise(product(slowness, speed), summary[2])
@@ -207,14 +208,9 @@ def _beside_border(
 
 
 @compiled
-def _inverse(one: Masses) -> Masses:
-    return -(one[0] + one[1] * (len(one[4]) - 1)), one[1], -one[2], one[3], one[4][::-1].copy()
-
-
-@compiled
-def _well_within(one: Masses, low: float, high: float) -> float:
+def _well_within(one: LogGrid, low: float, high: float) -> float:
     """Probability that log x is farther than half a standard deviation from both limits."""
-    margin = NUDGE * np.sqrt(one[3])
+    margin = NUDGE * np.sqrt(one.variance)
     return share_between(one, low + margin, high - margin)
 
 
@@ -225,7 +221,7 @@ def _fill_components(
     """The likelihood: the posterior without the priors of G_s and a."""
     flat = weights * np.exp(-seen.radius_power * y - seen.modulus_power * (x - np.max(x)))
     mixture(flat, x, y, components)
-    speed = scattered(velocity[0], velocity[1], -1.0, 1.0)
+    speed = positive_normal(velocity[0], velocity[1], -1.0, 1.0)
     for one in components:
-        one[1] += speed[2]
-        one[3] += speed[3] + variance
+        one[1] += speed.mean
+        one[3] += speed.variance + variance

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.log_grid import LogGrid
-from capsbayes.infer.many.tabulated.log_grid import Masses
 from capsbayes.infer.many.tabulated.mixture import COMPONENTS, NUMBERS
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.many.tabulated.row_kernel import FACTS, QUANTITIES, Shared, fill_rows
@@ -67,8 +65,8 @@ def lengths_rows(
     """
     modulus, radius = prior.surface_shear_modulus, prior.capsule_radius
     shared = Shared(
-        viscosity=_masses(inputs.viscosity.on_log_grid(modulus.power)),
-        half_width=_masses(inputs.half_width.on_log_grid(radius.power)),
+        viscosity=inputs.viscosity.on_log_grid(modulus.power),
+        half_width=inputs.half_width.on_log_grid(radius.power),
         modulus_low=float(np.log(modulus.low)),
         modulus_high=float(np.log(modulus.high)),
         radius_low=float(np.log(radius.low)),
@@ -83,7 +81,3 @@ def lengths_rows(
     into = summaries, facts, components
     fill_rows(lengths, velocities, shifts, shared, pyramid.levels, pyramid.low, pyramid.step, *into)
     return Rows(summaries, dict(zip(FACTS, facts.T, strict=True)), components)
-
-
-def _masses(one: LogGrid) -> Masses:
-    return one.start, one.step, one.mean, one.variance, np.ascontiguousarray(one.masses)
