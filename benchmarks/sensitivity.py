@@ -18,10 +18,11 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import LEANING_SHARE
 from capsbayes.model import TWO_SHAPES
 from capsbayes.plan import FlowDesign, FlowPoint, LabErrors, SimulatedWidths, flow_design, simulated_widths
+from capsbayes.quantity import Quantity
 from capsbayes.surrogate import Surrogate
 
 MODULUS = 0.05  # N/m
@@ -43,20 +44,20 @@ class Lab:
 
 
 def labs() -> Iterator[Lab]:
-    half_width = positive_normal(25e-6, 0.2e-6)
-    experiment = Experiment(section="square", half_width=half_width, viscosity=positive_normal(0.85, 0.02))
+    half_width = Quantity(25e-6, 0.2e-6)
+    experiment = Experiment(section="square", half_width=half_width, viscosity=Quantity(0.85, 0.02))
     for error in ERRORS:
         errors = LabErrors(axial_extent=error, axial_length=error, capsule_velocity=0.01)
         for size in SIZES:
             yield Lab(f"a/l = {size}, L +/- {error:g} l", experiment, MODULUS, size * 25e-6, errors)
-    spread = positive_normal(MODULUS, 0.2 * MODULUS), positive_normal(24e-6, 0.5e-6)
+    spread = Quantity(MODULUS, 0.2 * MODULUS), Quantity(24e-6, 0.5e-6)
     errors = LabErrors(axial_extent=0.02, axial_length=0.02, capsule_velocity=0.01)
     yield Lab("G_s +/- 20 %, a +/- 2 %, L +/- 0.02 l", experiment, *spread, errors)
     metres = LabErrors(
         axial_extent=0.5e-6, axial_length=0.5e-6, capsule_velocity=0.01, length_correlation=0.5, over_half_width=False
     )
     yield Lab("a/l = 0.96, L +/- 0.5 um, correlated 0.5", experiment, MODULUS, 24e-6, metres)
-    tube = Experiment(section="circular", half_width=half_width, viscosity=positive_normal(0.85, 0.02))
+    tube = Experiment(section="circular", half_width=half_width, viscosity=Quantity(0.85, 0.02))
     yield Lab("tube, a/l = 0.9, L +/- 0.02 l", tube, MODULUS, 0.9 * 25e-6, errors)
 
 

@@ -1,4 +1,5 @@
 import numpy as np
+import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -6,7 +7,8 @@ from scipy import stats
 
 from capsbayes import experiment as physics
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
+from capsbayes.quantity import Quantity
 
 GOOD = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 Pa s"\n'
 
@@ -20,9 +22,9 @@ def written(tmp_path, text):
 def test_an_error_makes_a_distribution_and_no_error_a_number(tmp_path):
     experiment = Experiment.read(written(tmp_path, GOOD))
     assert experiment.section == "square"
-    assert experiment.half_width.mean() == pytest.approx(25e-6)
-    assert experiment.half_width.std() == pytest.approx(0.2e-6)
-    assert experiment.viscosity == pytest.approx(0.85)
+    assert experiment.half_width.mean == pytest.approx(25e-6)
+    assert experiment.half_width.sd == pytest.approx(0.2e-6)
+    assert experiment.viscosity.value == pytest.approx(0.85)
     assert experiment.source.endswith("experiment.toml")
     assert len(experiment.sha256) == 64
     assert experiment.frame_rate is None
@@ -57,22 +59,57 @@ def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, "25 um", None, stats.norm(1.0, 1.0), stats.cauchy(9.0)])
+@pytest.mark.parametrize(
+    "value", [0.0, -1.0, np.nan, np.inf, "-25 um", None, True, stats.norm(1.0, 1.0), stats.cauchy(9.0)]
+)
 def test_values_that_are_not_positive_are_refused(value):
-    with pytest.raises(InputError, match=r"experiment: half_width: expected a (positive|distribution)"):
+    with pytest.raises(InputError, match="experiment: half_width: expected a positive"):
         Experiment(section="square", half_width=value, viscosity=1.0)
 
 
 def test_any_positive_frozen_distribution_will_do():
-    for value in (stats.lognorm(0.1, scale=1e-5), stats.uniform(1e-5, 2e-5), stats.norm(1e-5, 1e-7), np.float32(1e-5)):
-        assert Experiment(section="circular", half_width=value, viscosity=1.0).half_width is value
+    for value in (stats.lognorm(0.1, scale=1e-5), stats.uniform(1e-5, 2e-5), stats.norm(1e-5, 1e-7)):
+        width = Experiment(section="circular", half_width=value, viscosity=1.0).half_width
+        assert (width.mean, width.sd) == pytest.approx((value.mean(), value.std()))
+        np.testing.assert_allclose(width.ppf([0.1, 0.9]), value.ppf([0.1, 0.9]))
+        np.testing.assert_allclose(width.logpdf(width.mean), value.logpdf(width.mean))
+
+
+MICRO = pint.UnitRegistry()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [25e-6, np.float32(25e-6), "25 um", "0.025 mm", 25.0 * MICRO.um, 0.025 * MICRO.mm, Quantity(25e-6, unit="m")],
+)
+def test_every_form_of_a_number_is_read(value):
+    width = Experiment(section="square", half_width=value, viscosity="0.85 +/- 0.02 Pa s").half_width
+    assert (width.value, width.error, width.unit) == (pytest.approx(25e-6), 0.0, "m")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("half_width", 25, 'half_width: expected a value from 1e-07 to 0.1 m, got 25 m (read in m); did you mean "25 um"?'),  # noqa: E501
+        ("half_width", "25 m", 'got 25 m; did you mean "25 um"?'),
+        ("viscosity", 1e9, "viscosity: expected a value from 1e-06 to 1000 Pa s, got 1e+09 Pa s (read in Pa s); check"),
+        ("half_width", 0.85 * MICRO.pascal, "half_width: expected a quantity in m, got 0.85 pascal"),
+        ("half_width", Quantity(0.85, unit="Pa s"), "half_width: expected a quantity in m, got one in Pa s"),
+    ],
+)  # fmt: skip
+def test_a_number_that_no_experiment_has_names_the_unit_it_was_read_in(key, value, message):
+    given = {"half_width": 25e-6, "viscosity": 0.85} | {key: value}
+    with pytest.raises(InputError) as caught:
+        Experiment(section="square", **given)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @given(st.floats(1e-3, 1e3), st.floats(1e-2, 2.0))
 def test_a_normal_cut_at_zero_has_no_negative_part(mean, share):
-    frozen = positive_normal(mean, share * mean)
+    frozen = Quantity(mean, share * mean)
     assert frozen.cdf(0.0) == 0.0
-    assert frozen.pdf(mean) >= stats.norm(mean, share * mean).pdf(mean)
+    assert frozen.pdf(mean) >= stats.norm(mean, share * mean).pdf(mean) * (1.0 - 1e-14)
 
 
 @given(

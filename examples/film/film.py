@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from capsbayes import Experiment, Surrogate, identify
-from capsbayes.experiment import capillary_number, positive_normal
+from capsbayes.experiment import capillary_number
 from capsbayes.image.measure_film import measure_film
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.quantity import Quantity
@@ -23,8 +23,8 @@ RADII = (22.5e-6, 23.5e-6, 24.5e-6)  # m
 FLOW = 3.75e-3  # m/s, mean velocity of the liquid
 EXPERIMENT = Experiment(
     section="square",
-    half_width=positive_normal(25e-6, 0.2e-6),
-    viscosity=positive_normal(0.80, 0.02),
+    half_width=Quantity(25e-6, 0.2e-6),
+    viscosity=Quantity(0.80, 0.02),
     frame_rate=Quantity(500.0, 0.0, "1/s"),
 )
 HALF_WIDTH, SHAPE = 60.0, (160, 460)  # px

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
-from capsbayes.quantity import Quantity, quantity
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 __all__ = ["CONDITIONS", "Measurement"]
@@ -171,7 +171,7 @@ class Measurement:
         flow_rate = None
         if "flow_rate" in table:
             key, example = "measurement.flow_rate", "0.60 uL/min"
-            flow_rate = quantity(table["flow_rate"], where=where, key=key, units=("m^3/s",), example=example).value
+            flow_rate = Quantity.read(table["flow_rate"], where=where, key=key, units=("m^3/s",), example=example).value
         return cls(
             axial_extent=extent.value,
             axial_extent_error=extent.error,
@@ -253,7 +253,7 @@ def _length(text: object, where: str, key: str, units: tuple[str, ...]) -> Quant
 
 def _measured(text: object, where: str, key: str, units: tuple[str, ...], example: str) -> Quantity:
     """Read a measured quantity: one without an error is refused, as nothing would follow from it."""
-    read = quantity(text, where=where, key=f"measurement.{key}", units=units, example=example)
+    read = Quantity.read(text, where=where, key=f"measurement.{key}", units=units, example=example)
     if read.error == 0.0:
         raise InputError(where, f"measurement.{key}", f'a standard error, as in "{example}"', repr(text))
     return read

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
-__all__ = ["COORDINATES", "PARAMETERS", "Parameter"]
+__all__ = ["COORDINATES", "PARAMETERS", "SI_UNITS", "STATED", "Parameter", "Stated"]
+
+SI_UNITS = ("", "m", "Pa s", "m/s", "N/m", "m^3/s", "1/s", "s", "s/m")
+"""Units in which numbers are held at the public doors, with that of a ratio; others are scales of the flow problem."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,11 @@ class Parameter:
     meaning: str
 
     @property
+    def si(self) -> str:
+        """Its SI unit, empty for a ratio and for what is over a scale of the flow problem."""
+        return self.unit if self.unit in SI_UNITS else ""
+
+    @property
     def label(self) -> str:
         """Symbol with the unit people read; a bare symbol for a ratio."""
         return f"{self.symbol} [{self.shown_unit}]" if self.shown_unit not in ("", "-") else self.symbol
@@ -84,6 +93,7 @@ _TABLE = (
     Parameter("mean_velocity", "U", "U", "m/s", "mm/s", 1e3, "mean velocity of the undisturbed flow"),
     Parameter("flow_rate", "Q", "Q", "m^3/s", "uL/min", 6e10, "volume of the liquid that flows through in a time"),
     Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
+    Parameter("frame_rate", "f", "f", "1/s", "1/s", 1.0, "pictures per second of a film"),
     # of the flow problem
     _ratio("capillary_number", "Ca", r"\mathrm{Ca}", "viscous over elastic forces, mu U / G_s"),
     _ratio("size_ratio", "a/l", r"a/\ell", "radius of the capsule over the half width of the channel"),
@@ -129,6 +139,36 @@ _TABLE = (
 
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _TABLE})
 """Every quantity by name."""
+
+
+class Stated(NamedTuple):
+    """How a user states a quantity, and what is plausible.
+
+    Parameters
+    ----------
+    example : str
+        Text that can be read.
+    least, most : float
+        Of any experiment, SI; a number beyond them was most likely meant in another unit.
+    """
+
+    example: str
+    least: float
+    most: float
+
+
+STATED: Mapping[str, Stated] = MappingProxyType(
+    {
+        "surface_shear_modulus": Stated("10 mN/m", 1e-8, 1e3),
+        "capsule_radius": Stated("25 um", 1e-8, 0.1),
+        "half_width": Stated("25.0 +/- 0.2 um", 1e-7, 0.1),
+        "viscosity": Stated("0.85 +/- 0.02 Pa s", 1e-6, 1e3),
+        "flow_rate": Stated("0.60 uL/min", 1e-18, 1e-3),
+        "capsule_velocity": Stated("5.00 +/- 0.05 mm/s", 1e-9, 2.0),
+        "frame_rate": Stated("2000 Hz", 1e-3, 1e9),
+    }
+)
+"""The quantities that a user states, by name."""
 
 COORDINATES = (
     "pre_inflation",

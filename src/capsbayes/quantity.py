@@ -1,16 +1,28 @@
-"""Numbers in text with units and errors: ``"50.0 +/- 0.5 um"`` becomes SI."""
+"""One uncertain number: known, normal, uniform, log-uniform or of any distribution, with its unit and its text form."""
 
 from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+from functools import cached_property
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from capsbayes.errors import InputError
+from capsbayes.parameters import PARAMETERS, SI_UNITS, STATED
 
-__all__ = ["Quantity", "quantity"]
+__all__ = ["Quantity"]
 
+Floats = NDArray[np.float64]
+
+# The whole registry of pint takes a fifth of a second more to build, and knows units that nobody means here: "a" would
+# be a year, and "l", which is the half width of the channel, a litre.
 _UNITS = """
 nano- = 1e-9 = n-
 micro- = 1e-6 = µ- = μ- = u-
@@ -34,33 +46,374 @@ poise = 0.1 * pascal * second = P
 percent = 0.01 = %
 """
 
+# Nothing of a text is evaluated: numbers are matched by these patterns, and a unit is names with one-digit powers.
+_NUMBER = r"[-+]?(?:(?:\d+(?:\.(?!\.)\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
+_TEXT = re.compile(
+    rf"(?P<shape>log-uniform\s+)?(?P<first>{_NUMBER})"
+    rf"(?:\s*(?P<between>\+/-|±|\.\.)\s*(?P<second>{_NUMBER})|\((?P<digits>\d+)\))?\s*(?P<unit>.*)"
+)
+_PARENTHESES = re.compile(r"\(([^()]*)\)(.*)")
+_FACTOR = re.compile(r"\s*(?P<sign>[*·/]?)\s*(?P<name>[A-Za-zµμ]+|%)\s*(?:(?:\^|\*\*)\s*(?P<power>[-+]?\d))?")
 
-@dataclass(frozen=True)
+_NEGATIVE_SHARE = 1e-6  # of a distribution's mass that may lie below zero before it is refused
+_FAR = 10.0  # standard deviations beyond which a cut changes neither mean nor deviation
+
+
+@dataclass(frozen=True, repr=False)
 class Quantity:
-    """A number with its standard error.
+    """A number that may be uncertain.
+
+    ``Quantity(0.85)`` is known; ``Quantity(0.85, 0.02, "Pa s")`` is a normal distribution cut at zero; `uniform`,
+    `log_uniform` and `of` make the others.
 
     Parameters
     ----------
     value : float
-        In SI, or a ratio when `unit` is empty.
+        The number if it is known, the centre of a normal distribution before it is cut, the mean of any other.
     error : float
-        Standard error in the same unit; zero if the number is known.
+        Standard deviation about `value`; zero if the number is known.
     unit : str
-        SI unit, empty for a ratio.
+        SI unit; empty for a ratio, or where it goes without saying.
+    shape : str
+        ``"normal"``, ``"uniform"``, ``"log-uniform"``, or the name of a distribution of `scipy.stats`.
+    low, high : float
+        Ends of the support.
+    family : distribution of scipy.stats, optional
+        Of any other shape.
+    arguments : tuple of float
+        Its parameters, location and scale last.
+
+    Raises
+    ------
+    InputError
+        On a negative error, or limits of a range that do not rise.
+
+    Examples
+    --------
+    >>> Quantity.of("24.0 +/- 0.2 um")
+    Quantity.of('2.4e-05 +/- 2e-07 m')
+    >>> Quantity.of("0.80 .. 0.90 Pa s").ppf(0.0).item()
+    0.8
     """
 
     value: float
-    error: float
-    unit: str
+    error: float = 0.0
+    unit: str = ""
+    shape: str = "normal"
+    low: float = 0.0
+    high: float = math.inf
+    family: Any = field(default=None, compare=False)
+    arguments: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.error < 0.0:
+            raise InputError("quantity", "error", "a standard error that is not negative", f"{self.error:g}")
+        if self.shape in ("uniform", "log-uniform"):
+            least = 0.0 if self.shape == "log-uniform" else -math.inf
+            if not least < self.low < self.high < math.inf:
+                expected = "0 < low < high" if self.shape == "log-uniform" else "low < high"
+                raise InputError("quantity", "low, high", expected, f"{self.low:g}, {self.high:g}")
+
+    @classmethod
+    def uniform(cls, low: float, high: float, unit: str = "") -> Quantity:
+        """Return a quantity that is as likely anywhere between two limits."""
+        return cls(0.5 * (low + high), abs(high - low) / math.sqrt(12.0), unit, "uniform", low, high)
+
+    @classmethod
+    def log_uniform(cls, low: float, high: float, unit: str = "") -> Quantity:
+        """Return a quantity whose logarithm is as likely anywhere between those of two positive limits."""
+        mean = error = math.nan
+        if 0.0 < low < high < math.inf:
+            decades = math.log(high / low)
+            mean = (high - low) / decades
+            error = math.sqrt(max(0.5 * (high**2 - low**2) / decades - mean**2, 0.0))
+        return cls(mean, error, unit, "log-uniform", low, high)
+
+    @classmethod
+    def of(
+        cls,
+        given: object,
+        name: str = "",
+        *,
+        where: str = "quantity",
+        key: str | None = None,
+        units: Sequence[str] = (),
+        signed: bool = False,
+    ) -> Quantity:
+        """Return the quantity that a user gave in any of its forms.
+
+        Parameters
+        ----------
+        given : Quantity, text, number, pint quantity, or frozen distribution of scipy.stats
+            A text as `read` reads it; a number or a distribution is in the first unit.
+        name : str
+            As in `capsbayes.parameters`, which knows its unit and what is plausible.
+        where, key : str
+            File or argument, for the message of an error; the key is the name by default.
+        units : sequence of str
+            SI units allowed, by default that of the parameter.
+        signed : bool
+            Whether it may be zero or negative.
+
+        Raises
+        ------
+        InputError
+            If it cannot be used: not a quantity, of another unit, not positive, or beyond what is plausible.
+        """
+        key = name if key is None else key
+        units = tuple(units) or ((PARAMETERS[name].si,) if name in PARAMETERS else SI_UNITS)
+        example = STATED[name if name in STATED else "half_width"].example
+        if isinstance(given, Quantity):
+            made = given if given.unit else replace(given, unit=units[0])
+            if made.unit not in units:
+                raise InputError(where, key, f"a quantity in {' or '.join(units)}", f"one in {made.unit}")
+        elif isinstance(given, str):
+            made = cls.read(given, where=where, key=key, units=units, example=example, signed=signed)
+        elif hasattr(given, "dimensionality"):
+            made = _of_pint(given, where, key, units)
+        elif hasattr(given, "cdf"):
+            made = _of_frozen(given, units[0])
+        elif isinstance(given, (int, float, np.floating, np.integer)) and not isinstance(given, bool):
+            made = cls(float(given), unit=units[0])
+        else:
+            expected = f'a positive number, a text like "{example}" or a frozen distribution of scipy.stats'
+            raise InputError(where, key, expected, repr(given))
+        if not signed:
+            made.check_positive(where, key)
+            made = replace(made, low=0.0) if made.shape == "normal" else made
+        if name in STATED and made.unit == PARAMETERS[name].si:
+            made._check_plausible(where, key, name, bare=not isinstance(given, str))
+        return made
+
+    @classmethod
+    def of_text(cls, text: object, name: str, *, where: str, key: str | None = None) -> Quantity:
+        """Return the parameter of a name from a file, which holds text alone; see `of` and `read`."""
+        if isinstance(text, str) and text.strip():
+            return cls.of(text, name, where=where, key=key)
+        return cls.read(text, where=where, key=key or name, units=(PARAMETERS[name].si,), example=STATED[name].example)
+
+    @classmethod
+    def read(
+        cls, text: object, *, where: str, key: str, units: Sequence[str], example: str, signed: bool = False
+    ) -> Quantity:
+        """Read a text: a number, optionally with its error or a second limit, and a unit.
+
+        Parameters
+        ----------
+        text : object
+            What a file holds; only text can be read. ``"0.85 Pa s"`` is known; ``"0.85 +/- 0.02 Pa s"`` is normal, cut
+            at zero unless signed; ``"0.80 .. 0.90 Pa s"`` is uniform, ``"log-uniform 1 .. 100 mN/m"`` log-uniform.
+        where, key : str
+            File and key, for the message.
+        units : sequence of str
+            SI units to convert to, one for each dimension allowed; an empty string allows a bare number (a ratio, never
+            a percentage).
+        example : str
+            A value that would have been right, for the message.
+        signed : bool
+            Whether zero and negative numbers are allowed.
+
+        Raises
+        ------
+        InputError
+            If the text is no such quantity, or is negative, zero or not finite.
+
+        Examples
+        --------
+        >>> Quantity.read("50.0 +/- 0.5 um", where="x.toml", key="half_width", units=("m",), example="50 um").unit
+        'm'
+        """
+        names = " or ".join(f"in {unit}" if unit else "without unit" for unit in units)
+        wanted = f'a text {names} like "{example}"'
+        if not isinstance(text, str) or not text.strip():
+            raise InputError(where, key, wanted, "nothing" if text in (None, "") else repr(text))
+        found = _TEXT.fullmatch(_PARENTHESES.sub(r"\1 \2", text.strip()) if text.strip()[0] == "(" else text.strip())
+        if found is None:
+            raise InputError(where, key, wanted, repr(text))
+        first, second = float(found["first"]), float(found["second"] or 0.0)
+        if found["digits"]:  # 50.0(5) is 50.0 +/- 0.5
+            second = float(found["digits"]) * 10.0 ** int(Decimal(found["first"]).as_tuple().exponent)
+        unit, (first, second) = _converted((first, second), found["unit"], units, text, where, key, wanted)
+        if not (math.isfinite(first) and (signed or first > 0.0)):
+            raise InputError(where, key, f"a {'' if signed else 'positive '}finite number, {wanted}", repr(text))
+        if found["between"] == "..":
+            if not (first < second < math.inf) or (found["shape"] and first <= 0.0):
+                raise InputError(where, key, "low < high", repr(text))
+            return (cls.log_uniform if found["shape"] else cls.uniform)(first, second, unit)
+        if found["shape"] or not (math.isfinite(second) and second >= 0.0):
+            expected = "a range after log-uniform" if found["shape"] else f"a finite error, {wanted}"
+            raise InputError(where, key, expected, repr(text))
+        return cls(first, second, unit, low=-math.inf if signed else 0.0)
+
+    @property
+    def known(self) -> bool:
+        """True for a number without error."""
+        return self.error == 0.0
+
+    @cached_property
+    def distribution(self) -> Any:
+        """The frozen distribution of `scipy.stats`; of an uncertain quantity only."""
+        import scipy.stats  # half a second to import
+
+        if self.family is not None:
+            return self.family(*self.arguments)
+        if self.shape == "uniform":
+            return scipy.stats.uniform(self.low, self.high - self.low)
+        if self.shape == "log-uniform":
+            return scipy.stats.loguniform(self.low, self.high)
+        if self.low == -math.inf:
+            return scipy.stats.norm(self.value, self.error)
+        cut = (self.low - self.value) / self.error
+        return scipy.stats.truncnorm(cut, np.inf, loc=self.value, scale=self.error)
+
+    @property
+    def mean(self) -> float:
+        """Mean, of a normal distribution after the cut."""
+        return self.value if self._as_stated else float(self.distribution.mean())
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation, of a normal distribution after the cut."""
+        return self.error if self._as_stated else float(self.distribution.std())
+
+    @property
+    def _as_stated(self) -> bool:
+        """Whether value and error are mean and standard deviation: no cut is near."""
+        return self.known or self.shape != "normal" or self.value - self.low > _FAR * self.error
+
+    @property
+    def power(self) -> int:
+        """The k of the density of log x of a range, proportional to x^k."""
+        return 1 if self.shape == "uniform" else 0
+
+    def logpdf(self, values: ArrayLike) -> Floats:
+        """Return the log of the density, -inf where it vanishes.
+
+        Parameters
+        ----------
+        values : array
+            In `unit`.
+
+        Returns
+        -------
+        array of the same shape
+        """
+        from scipy.special import log_ndtr
+
+        values = np.asarray(values, dtype=np.float64)
+        if self.shape == "normal":  # scipy's cut normal takes a hundred times as long
+            norm = math.log(self.error * math.sqrt(2.0 * math.pi)) + log_ndtr((self.value - self.low) / self.error)
+            with np.errstate(invalid="ignore"):
+                return np.where(values > self.low, -0.5 * ((values - self.value) / self.error) ** 2 - norm, -np.inf)
+        if self.shape in ("uniform", "log-uniform"):
+            within = (values >= self.low) & (values <= self.high)
+            if self.power:
+                return np.where(within, -math.log(self.high - self.low), -np.inf)
+            return np.where(within, -np.log(np.where(within, values, 1.0) * math.log(self.high / self.low)), -np.inf)
+        return np.asarray(self.distribution.logpdf(values), dtype=np.float64)
+
+    def pdf(self, values: ArrayLike) -> Floats:
+        """Return the density : array of the shape of `values`."""
+        return np.exp(self.logpdf(values))
+
+    def cdf(self, values: ArrayLike) -> Floats:
+        """Return the probability below each value : array of the shape of `values`."""
+        return np.asarray(self.distribution.cdf(values), dtype=np.float64)
+
+    def ppf(self, shares: ArrayLike) -> Floats:
+        """Return the values below which given shares of the probability lie : array of the shape of `shares`."""
+        return np.asarray(self.distribution.ppf(shares), dtype=np.float64)
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Floats:
+        """Return independent draws : (count,) array."""
+        if self.known:
+            return np.full(count, self.value)
+        return np.asarray(self.distribution.rvs(size=count, random_state=rng), dtype=np.float64)
+
+    def rescaled(self, value: float, factor: float = 1.0) -> Quantity:
+        """Return the same shape about another value, with its error multiplied by a factor."""
+        if self.shape == "uniform":
+            low, high = (value + factor * (end - self.value) for end in (self.low, self.high))
+            return Quantity.uniform(low, high, self.unit)
+        if self.shape == "normal":
+            return replace(self, value=value, error=factor * self.error)
+        made = self if self.family is not None else _of_frozen(self.distribution, self.unit)
+        *shapes, place, scale = made.arguments
+        return _of_family(made.family, (*shapes, value + factor * (place - self.value), factor * scale), self.unit)
+
+    def check_positive(self, where: str, key: str) -> None:
+        """Refuse a quantity that is not positive and finite.
+
+        Raises
+        ------
+        InputError
+        """
+        if not (self.value > 0.0 and math.isfinite(self.value) and math.isfinite(self.error)):
+            got = f"{self.value:g}" + ("" if self.known else f" with a standard deviation of {self.error:g}")
+            raise InputError(where, key, "a positive finite number or a distribution of finite variance", got)
+        below = 0.0 if self.known or self.low >= 0.0 else float(self.cdf(0.0))
+        if below > _NEGATIVE_SHARE:
+            raise InputError(where, key, "a positive distribution", f"{below:.2g} of it below zero", "cut it at zero")
+
+    def _check_plausible(self, where: str, key: str, name: str, *, bare: bool) -> None:
+        """Refuse what no experiment has: usually a number in another unit than that in which it was read."""
+        known, (_, least, most) = PARAMETERS[name], STATED[name]
+        if least <= self.value <= most:
+            return
+        likely = least <= self.value / known.scale <= most
+        advice = f'did you mean "{self.value:g} {known.shown_unit}"?' if likely else "check the unit"
+        read = f" (read in {self.unit})" if bare else ""
+        expected = f"a value from {least:g} to {most:g} {self.unit}"
+        raise InputError(where, key, expected, f"{self.value:g} {self.unit}{read}", advice)
+
+    def as_record(self) -> Any:
+        """Return a number, or the name and the parameters of a distribution of scipy.stats, ready for JSON."""
+        if self.known:
+            return self.value
+        frozen = self.distribution
+        keywords = {name: _json(one) for name, one in frozen.kwds.items()}
+        return {
+            "distribution": frozen.dist.name,
+            "arguments": [_json(one) for one in frozen.args],
+            "keywords": keywords,
+        }
+
+    @classmethod
+    def of_record(cls, stated: Any, unit: str = "") -> Quantity:
+        """Return the quantity of which `as_record` gave the record.
+
+        Raises
+        ------
+        ValueError
+            If scipy.stats has no such distribution.
+        """
+        if not isinstance(stated, dict):
+            return cls(float(stated), unit=unit)
+        import scipy.stats  # half a second to import
+
+        family = getattr(scipy.stats, stated["distribution"], None)
+        if family is None:
+            raise ValueError(f"a distribution of scipy.stats named {stated['distribution']!r}")
+        keywords = {name: float(one) for name, one in stated["keywords"].items()}
+        return _of_frozen(family(*map(float, stated["arguments"]), **keywords), unit)
+
+    def __str__(self) -> str:
+        if self.shape == "normal":
+            number = repr(float(self.value)) + (f" +/- {float(self.error)!r}" if self.error else "")
+        elif self.family is None:
+            start = "log-uniform " if self.shape == "log-uniform" else ""
+            number = f"{start}{float(self.low)!r} .. {float(self.high)!r}"
+        else:
+            number = f"{self.shape} of mean {self.value!r} and standard deviation {self.error!r}"
+        return f"{number} {self.unit}".rstrip()
+
+    def __repr__(self) -> str:
+        return f"Quantity.of({str(self)!r})"
 
 
 @functools.cache
 def _registry() -> Any:
-    """Return the registry of the units an experiment needs, built when a text is first read.
-
-    The whole registry of pint takes a fifth of a second more, and knows units
-    that nobody means: "a" would be a year and "l", which is the half width here, a litre.
-    """
+    """Return the registry of the units an experiment needs, built when a unit is first read."""
     import pint
 
     registry: Any = pint.UnitRegistry(None)
@@ -68,74 +421,72 @@ def _registry() -> Any:
     return registry
 
 
-def quantity(
-    text: object, *, where: str, key: str, units: tuple[str, ...], example: str, signed: bool = False
-) -> Quantity:
-    """Read one quantity.
-
-    Parameters
-    ----------
-    text : object
-        What the file holds; only text can be read. ``+/-`` or ``±`` announces
-        the standard error.
-    where, key : str
-        File and key, for the message.
-    units : tuple of str
-        SI units to convert to, one for each dimension allowed; an empty
-        string allows a bare number (a ratio, never a percentage).
-    example : str
-        A value that would have been right, for the message.
-    signed : bool
-        Whether zero and negative numbers are allowed.
-
-    Returns
-    -------
-    Quantity
-
-    Raises
-    ------
-    InputError
-        If the text is no such quantity, or is negative, zero or not finite.
-
-    Examples
-    --------
-    >>> quantity("50.0 +/- 0.5 um", where="x.toml", key="half_width", units=("m",), example="50 um").unit
-    'm'
-    """
-    names = " or ".join(f"in {unit}" if unit else "without unit" for unit in units)
-    wanted = f'a text {names} like "{example}"'
-    if not isinstance(text, str) or not text.strip():
-        raise InputError(where, key, wanted, "nothing" if text in (None, "") else repr(text))
-    parsed = _parsed(text, where, key, wanted)
-    unit = next((unit for unit in units if _fits(parsed, unit)), None)
-    if unit is None:
-        raise InputError(where, key, wanted, f"{'no unit' if _bare(parsed) else parsed.units} in {text!r}")
-    magnitude = parsed.to(unit or "dimensionless").magnitude
-    value = float(getattr(magnitude, "nominal_value", magnitude))
-    error = float(getattr(magnitude, "std_dev", 0.0))
-    if not (math.isfinite(value) and (signed or value > 0.0)):
-        raise InputError(where, key, f"a {'' if signed else 'positive '}finite number, {wanted}", repr(text))
-    if not (math.isfinite(error) and error >= 0.0):
-        raise InputError(where, key, f"a finite error, {wanted}", repr(text))
-    return Quantity(value, error, unit)
+def _unit(text: str) -> Any:
+    """Return the pint unit of a text: names with powers, multiplied or divided; None if the text is no such thing."""
+    rest, inverse = re.subn(r"^1\s*(?=/)", "", text.strip())
+    unit, place, allowed = _registry().dimensionless, 0, "/" if inverse else ""
+    while place < len(rest):
+        found = _FACTOR.match(rest, place)
+        if found is None or (place == 0 and found["sign"] != allowed):
+            return None
+        power = int(found["power"] or 1)
+        unit = unit * _registry().Unit(found["name"]) ** (-power if found["sign"] == "/" else power)
+        place = found.end()
+    return unit
 
 
-def _parsed(text: str, where: str, key: str, wanted: str) -> Any:
+def _converted(
+    numbers: tuple[float, float], unit: str, units: Sequence[str], text: str, where: str, key: str, wanted: str
+) -> tuple[str, tuple[float, float]]:
+    """Return the first of the SI units that fits, and the numbers in it."""
+    if not unit:
+        if "" not in units:
+            raise InputError(where, key, wanted, f"no unit in {text!r}")
+        return "", numbers
     import pint
 
     try:
-        return _registry().Quantity(_registry().parse_expression(text))
+        stated = _unit(unit)
     except pint.UndefinedUnitError:
         raise InputError(where, key, wanted, f"an unknown unit in {text!r}") from None
-    except Exception:  # the parser has an exception of its own for each way to be wrong
-        raise InputError(where, key, wanted, repr(text)) from None
+    if stated is None:
+        raise InputError(where, key, wanted, repr(text))
+    for target in units:
+        if target and stated.dimensionality == _registry().Unit(target).dimensionality:
+            first, second = (float(_registry().Quantity(one, stated).to(target).magnitude) for one in numbers)
+            return target, (first, second)
+    raise InputError(where, key, wanted, f"{stated} in {text!r}")
 
 
-def _bare(parsed: Any) -> bool:
-    return bool(parsed.units == _registry().dimensionless)
+def _of_pint(given: Any, where: str, key: str, units: Sequence[str]) -> Quantity:
+    """Return a quantity of pint, whose magnitude may be a number with an error of `uncertainties`, in SI."""
+    for unit in units:
+        if given.is_compatible_with(unit or "dimensionless"):
+            magnitude = given.to(unit or "dimensionless").magnitude
+            value = float(getattr(magnitude, "nominal_value", magnitude))
+            return Quantity(value, float(getattr(magnitude, "std_dev", 0.0)), unit)
+    raise InputError(where, key, f"a quantity in {' or '.join(units)}", str(given))
 
 
-def _fits(parsed: Any, unit: str) -> bool:
-    if not unit:
-        return _bare(parsed)
-    return bool(parsed.dimensionality == _registry().Unit(unit).dimensionality)
+def _of_frozen(given: Any, unit: str) -> Quantity:
+    """Return the quantity of a frozen distribution of scipy.stats."""
+    shapes, place, scale = given.dist._parse_args(*given.args, **given.kwds)
+    return _of_family(given.dist, tuple(map(float, (*shapes, place, scale))), unit)
+
+
+def _of_family(family: Any, arguments: tuple[float, ...], unit: str) -> Quantity:
+    name, (place, scale) = family.name, arguments[-2:]
+    if name == "norm":
+        return Quantity(place, scale, unit, low=-math.inf)
+    if name == "uniform":
+        return Quantity.uniform(place, place + scale, unit)
+    if name == "truncnorm" and arguments[1] == math.inf and abs(place + arguments[0] * scale) <= 1e-9 * abs(place):
+        return Quantity(place, scale, unit)
+    frozen = family(*arguments)
+    low, high = map(float, frozen.support())
+    return Quantity(float(frozen.mean()), float(frozen.std()), unit, name, low, high, family, arguments)
+
+
+def _json(value: float) -> float | str:
+    """Return a number that JSON knows; an infinite one or NaN as text."""
+    return float(value) if math.isfinite(value) else repr(float(value))

@@ -14,6 +14,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
 
 NUMBERS = (
     "axial_extent",
@@ -57,7 +58,7 @@ def test_a_folder_is_read_back_with_its_experiment(tmp_path, outline):
     assert_same(found, wanted)
     assert found.left_out == ()
     for name in ("half_width", "viscosity"):
-        assert getattr(found.experiment, name).kwds == getattr(EXPERIMENT, name).kwds
+        assert getattr(found.experiment, name) == getattr(EXPERIMENT, name)
     assert found.experiment.section == "square"
 
 
@@ -146,7 +147,7 @@ def test_each_capsule_of_a_folder_may_name_its_own_experiment(tmp_path):
     folder = tmp_path / "set"
     second = named_by_the_second(folder, replace(EXPERIMENT, viscosity=0.5, half_width=30e-6))
     found = Session.read(folder)
-    usual = float(EXPERIMENT.viscosity.mean())
+    usual = EXPERIMENT.viscosity.mean
     np.testing.assert_allclose(found.circumstances["viscosity"], [usual, 0.5, usual])
     np.testing.assert_allclose(found.circumstances["half_width"], [25e-6, 30e-6, 25e-6], rtol=1e-6)
     assert Session.read(folder, folder / "other.toml").mean("viscosity") == 0.5
@@ -285,9 +286,7 @@ def test_an_experiment_is_read_back(tmp_path):
     known = Experiment(section="circular", half_width=30e-6, viscosity=EXPERIMENT.viscosity)
     known.write(tmp_path / "experiment.toml")
     found = Experiment.read(tmp_path / "experiment.toml")
-    assert (found.section, found.half_width) == ("circular", 30e-6)
-    assert found.viscosity.kwds == EXPERIMENT.viscosity.kwds
-    with pytest.raises(
-        InputError, match=r"viscosity: expected a number or a distribution .*, got one of the kind gamma"
-    ):
+    assert (found.section, found.half_width) == ("circular", Quantity(30e-6, unit="m"))
+    assert found.viscosity == EXPERIMENT.viscosity
+    with pytest.raises(InputError, match=r"viscosity: expected a number, .*, got a distribution of the kind gamma"):
         replace(known, viscosity=stats.gamma(4.0)).write(tmp_path / "experiment.toml")

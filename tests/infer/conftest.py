@@ -1,8 +1,9 @@
 import pytest
 from polynomial_model import PolynomialModel
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
 
 
 @pytest.fixture(scope="session")
@@ -12,9 +13,7 @@ def model():
 
 @pytest.fixture(scope="session")
 def experiment():
-    return Experiment(
-        section="square", half_width=positive_normal(25e-6, 0.2e-6), viscosity=positive_normal(0.85, 0.02)
-    )
+    return Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 
 
 @pytest.fixture(scope="session")

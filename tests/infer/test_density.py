@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.prior import Prior, Range
+from capsbayes.quantity import Quantity
 
 
 def points_of(model, ca, size):
@@ -31,9 +32,9 @@ def test_integrating_the_inputs_by_hand_gives_the_factored_density(
 
     rng, count = np.random.default_rng(4), 400_000
     drawn = {
-        "viscosity": experiment.viscosity.rvs(count, random_state=rng),
+        "viscosity": experiment.viscosity.drawn(rng, count),
         "capsule_velocity": rng.normal(seen.capsule_velocity, seen.capsule_velocity_error, count),
-        "half_width": np.full(count, 25.1e-6) if in_metres else experiment.half_width.rvs(count, random_state=rng),
+        "half_width": np.full(count, 25.1e-6) if in_metres else experiment.half_width.drawn(rng, count),
     }
     full = []
     for n in range(3):
@@ -78,7 +79,7 @@ def test_wide_ranges_cost_nothing(model, experiment, capsule):
 
 
 def test_only_lengths_in_metres_make_the_half_width_a_dimension(capsule, capsule_in_metres, experiment):
-    known = Experiment(section="square", half_width=25e-6, viscosity=positive_normal(0.85, 0.02))
+    known = Experiment(section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
     for seen, channel, expected in (
         (capsule, experiment, False),
         (capsule_in_metres, experiment, True),

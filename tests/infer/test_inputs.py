@@ -3,14 +3,16 @@ import pytest
 from scipy import stats
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, positive_normal
-from capsbayes.infer.inputs import Input, Inputs
+from capsbayes.experiment import Experiment
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 DISTRIBUTIONS = {
-    "cut normal": (positive_normal(2.0, 0.1), 1e-9),
-    "loose cut normal": (positive_normal(1.0, 0.5), 1e-9),
+    "cut normal": (Quantity(2.0, 0.1).distribution, 1e-9),
+    "loose cut normal": (Quantity(1.0, 0.5).distribution, 1e-9),
     "normal": (stats.norm(2.0, 0.1), 1e-4),
     "lognormal": (stats.lognorm(0.4, scale=2.0), 1e-3),
     "uniform": (stats.uniform(1.0, 2.0), 1e-3),
@@ -21,11 +23,11 @@ DISTRIBUTIONS = {
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
 def test_the_log_density_is_that_of_the_distribution(name):
     frozen, tolerance = DISTRIBUTIONS[name]
-    one = Input.of("viscosity", frozen)
+    one = Quantity.of(frozen)
     values = frozen.ppf(np.linspace(0.01, 0.99, 51))
-    difference = one.log_density(values) - frozen.logpdf(values)
+    difference = one.logpdf(values) - frozen.logpdf(values)
     assert np.ptp(difference) < 1e3 * tolerance * 1e-2
-    assert one.log_density(np.array([-1.0]))[0] == -np.inf
+    assert one.logpdf(np.array([-1.0]))[0] == -np.inf
 
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
@@ -34,7 +36,7 @@ def test_masses_carry_the_power(name, power):
     frozen, _ = DISTRIBUTIONS[name]
     if name == "loose cut normal" and power < 0:
         pytest.skip("its logarithm has no distribution under 1/x")
-    masses = Input.of("viscosity", frozen).on_log_grid(power)
+    masses = LogGrid.of(Quantity.of(frozen), power)
     values = np.exp(masses.logs)
     norm = frozen.expect(lambda x: x**power, lb=max(frozen.support()[0], 1e-12))
     mean = frozen.expect(lambda x: x ** (power + 1), lb=max(frozen.support()[0], 1e-12)) / norm
@@ -42,8 +44,9 @@ def test_masses_carry_the_power(name, power):
 
 
 def test_a_narrowed_input_keeps_its_mean():
-    for frozen in (positive_normal(2.0, 0.1), stats.uniform(1.0, 2.0)):
-        narrow = Input.of("viscosity", frozen).narrowed(0.5).on_log_grid(0)
+    for frozen in (Quantity(2.0, 0.1).distribution, stats.uniform(1.0, 2.0), stats.gamma(9.0, scale=0.2)):
+        wide = Quantity.of(frozen)
+        narrow = LogGrid.of(wide.rescaled(wide.value, 0.5))
         values = np.exp(narrow.logs)
         mean = narrow.masses @ values
         assert mean == pytest.approx(frozen.mean(), rel=1e-3)
@@ -51,9 +54,9 @@ def test_a_narrowed_input_keeps_its_mean():
 
 
 def test_a_number_is_known():
-    one = Input.of("half_width", 25e-6)
+    one = Quantity.of(25e-6)
     assert one.known
-    assert one.on_log_grid(1).marginal().sd == 0.0
+    assert LogGrid.of(one, 1).marginal().sd == 0.0
 
 
 def test_a_velocity_that_is_hardly_measured_is_refused():

@@ -46,8 +46,7 @@ def test_a_posterior_comes_back_whole(posterior, tmp_path):
     check_same(posterior, found)
     assert found.measurement.outline is None
     for name in ("viscosity", "half_width", "capsule_velocity"):
-        one, other = getattr(posterior.inputs, name), getattr(found.inputs, name)
-        assert (one.name, one.centre, one.error, one.table) == (other.name, other.centre, other.error, other.table)
+        assert getattr(posterior.inputs, name) == getattr(found.inputs, name)
     check_same(found, again(found, tmp_path))
 
 
@@ -99,7 +98,7 @@ def test_everything_that_may_be_missing_comes_back_too(posterior, tmp_path):
     assert found.experiment.viscosity.ppf(0.3) == experiment.viscosity.ppf(0.3)
     assert found.prior.surface_shear_modulus == whole.prior.surface_shear_modulus
     assert found.prior.coordinates["pre_inflation"].ppf(0.9) == whole.prior.coordinates["pre_inflation"].ppf(0.9)
-    np.testing.assert_array_equal(found.inputs.viscosity.table[1], whole.inputs.viscosity.table[1])
+    assert found.inputs.viscosity == whole.inputs.viscosity
 
 
 def test_a_distribution_without_a_name_is_said(posterior, tmp_path):

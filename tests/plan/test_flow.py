@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.plan import LabErrors, flow_design, simulated_widths
 from capsbayes.plan.flow import flow_rate
 from capsbayes.plan.widths import WidthPredictor
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 
@@ -62,13 +63,13 @@ def test_a_capsule_moves_as_the_model_says(design, shipped):
 
 
 def test_a_spread_of_the_modulus_asks_for_a_slower_flow(design, known, errors, shipped):
-    soft = flow_design(positive_normal(0.05, 0.015), 24e-6, known, errors, shipped, seed=1, noises=3)
+    soft = flow_design(Quantity(0.05, 0.015), 24e-6, known, errors, shipped, seed=1, noises=3)
     assert soft.best.mean_velocity < 0.8 * design.best.mean_velocity
     assert 0.02 < soft.best.beyond_margin <= 0.05
     beyond = [point.beyond_limit for point in soft.points]
     assert all(np.diff(beyond) >= 0.0)
     assert beyond[-1] == pytest.approx(0.5, abs=0.03)
-    again = flow_design(positive_normal(0.05, 0.015), 24e-6, known, errors, shipped, seed=1, noises=3)
+    again = flow_design(Quantity(0.05, 0.015), 24e-6, known, errors, shipped, seed=1, noises=3)
     assert json.dumps(again.as_dict()) == json.dumps(soft.as_dict())
 
 
@@ -80,7 +81,7 @@ def test_lengths_in_metres_are_predicted_as_well(experiment, model):
 
 
 def test_no_flow_rate_is_safe_if_none_is(known, errors, shipped):
-    design = flow_design(positive_normal(0.05, 0.01), 24e-6, known, errors, shipped, seed=1, noises=0, margin=0.99)
+    design = flow_design(Quantity(0.05, 0.01), 24e-6, known, errors, shipped, seed=1, noises=0, margin=0.99)
     assert design.status is Status.NO_FLOW_RATE
     assert design.best is None
     assert design.good is None

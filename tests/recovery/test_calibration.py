@@ -6,12 +6,11 @@ from polynomial_model import PolynomialDomain, PolynomialModel
 from scipy.special import ndtr, ndtri
 from simulated_capsules import mistakes, simulated_capsules
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature
+from capsbayes.quantity import Quantity
 
-EXPERIMENT = Experiment(
-    section="square", half_width=positive_normal(25e-6, 0.25e-6), viscosity=positive_normal(0.85, 0.03)
-)
+EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))
 MODEL = PolynomialModel(domain=PolynomialDomain(lowest=0.02))
 CAPSULES = 2000
 TRUTHS = ("surface_shear_modulus", "capsule_radius")

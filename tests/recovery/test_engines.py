@@ -7,13 +7,12 @@ import pytest
 from polynomial_model import PolynomialDomain, PolynomialModel
 from simulated_capsules import simulated_capsules
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
-EXPERIMENT = Experiment(
-    section="square", half_width=positive_normal(25e-6, 0.25e-6), viscosity=positive_normal(0.85, 0.03)
-)
+EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))
 MODEL = PolynomialModel(domain=PolynomialDomain(lowest=0.02))
 SEEN = [capsule.seen for capsule in simulated_capsules(MODEL, EXPERIMENT, 3, np.random.default_rng(5))]
 

@@ -9,13 +9,12 @@ from scipy import stats
 from simulated_capsules import measured_capsule
 
 from capsbayes.database import Database
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature
+from capsbayes.quantity import Quantity
 from capsbayes.surrogate import Surrogate
 
-EXPERIMENT = Experiment(
-    section="square", half_width=positive_normal(25e-6, 0.25e-6), viscosity=positive_normal(0.85, 0.02)
-)
+EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.02))
 EVERY = 6
 TIMES = 10
 TRUTHS = ("surface_shear_modulus", "capsule_radius")

@@ -6,19 +6,18 @@ import pytest
 from polynomial_model import PolynomialModel
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
 from capsbayes.show import corner_plot, outline_figure, outline_plot
 from capsbayes.show.outline_plot import band
 
 
 @pytest.fixture(scope="module")
 def posterior():
-    experiment = Experiment(
-        section="square", half_width=positive_normal(25e-6, 0.2e-6), viscosity=positive_normal(0.85, 0.02)
-    )
+    experiment = Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
     seen = Measurement(
         axial_extent=2.14,
         axial_extent_error=0.01,

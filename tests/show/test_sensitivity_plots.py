@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from polynomial_model import PolynomialModel
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
 from capsbayes.measurement import Measurement
 from capsbayes.plan import (
@@ -14,10 +14,11 @@ from capsbayes.plan import (
     flow_design,
     identifiability_map,
 )
+from capsbayes.quantity import Quantity
 from capsbayes.show import budget_figure, flow_figure, identifiability_figure, sobol_figure
 from capsbayes.status import Status
 
-LAB = Experiment(section="square", half_width=25e-6, viscosity=positive_normal(0.85, 0.02))
+LAB = Experiment(section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
 ERRORS = LabErrors(axial_extent=0.01, axial_length=0.01, capsule_velocity=0.01)
 
 

@@ -6,13 +6,14 @@ import json
 
 import numpy as np
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import Prior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.measured_lengths import NUMBERS
 from capsbayes.infer.many.tabulated.rows import lengths_rows
+from capsbayes.quantity import Quantity
 
 VISCOSITY, HALF_WIDTH = (0.85, 0.0425), (25e-6, 0.25e-6)
 TRUTH = {
@@ -22,9 +23,7 @@ TRUTH = {
     "radius_spread": 0.04,
     "modulus_slope": 0.8,
 }
-EXPERIMENT = Experiment(
-    section="square", half_width=positive_normal(*HALF_WIDTH), viscosity=positive_normal(*VISCOSITY)
-)
+EXPERIMENT = Experiment(section="square", half_width=Quantity(*HALF_WIDTH), viscosity=Quantity(*VISCOSITY))
 FLOWS = (2.5e-3, 3.5e-3, 4.5e-3, 5.5e-3)
 ERROR, VELOCITY_ERROR = 0.01, 0.01
 

@@ -6,15 +6,14 @@ import numpy as np
 import xarray as xr
 from polynomial_model import PolynomialModel
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature, identify
 from capsbayes.infer.posterior import REPORTED
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
 
 MODEL = PolynomialModel()
-EXPERIMENT = Experiment(
-    section="square", half_width=positive_normal(25e-6, 0.2e-6), viscosity=positive_normal(0.85, 0.02)
-)
+EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 KINDS = ("median", "lower_68", "upper_68", "lower_95", "upper_95", "mean", "sd")
 
 

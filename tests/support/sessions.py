@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from capsbayes.diagnosis.session import Session
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 from capsbayes.profile import vertex_normals
+from capsbayes.quantity import Quantity
 
-EXPERIMENT = Experiment(
-    section="square", half_width=positive_normal(25e-6, 0.25e-6), viscosity=positive_normal(0.8, 0.02)
-)
+EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.8, 0.02))
 POINTS = 48
 MODULUS, SPREAD = 0.05, 0.1  # N/m, and standard deviation of its logarithm
 

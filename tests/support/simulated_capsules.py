@@ -65,7 +65,7 @@ def _half_width(experiment, rng) -> float:
     """Half width of the channel a capsule is found in: a uniform in a leaves more room for a/l in a wide one."""
     while True:
         width = float(experiment.half_width.rvs(random_state=rng))
-        if rng.uniform() < width / (1.2 * experiment.half_width.mean()):
+        if rng.uniform() < width / (1.2 * experiment.half_width.mean):
             return width
 
 

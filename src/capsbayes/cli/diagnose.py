@@ -103,7 +103,7 @@ def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[f
     """Size and standard error in SI of each ``NAME=VALUE +/- ERROR UNIT``."""
     from capsbayes.cli.options import choose
     from capsbayes.errors import InputError
-    from capsbayes.quantity import quantity
+    from capsbayes.quantity import Quantity
 
     known = _by_either_name(effects)
     found = {}
@@ -113,7 +113,7 @@ def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[f
         unit = effects[name].parameter.unit
         bare = "" if unit == "-" else unit
         example = f"0.3 +/- 0.1 {bare}".strip()
-        read = quantity(stated, where="--measured", key=name, units=(bare,), example=example, signed=True)
+        read = Quantity.read(stated, where="--measured", key=name, units=(bare,), example=example, signed=True)
         if not read.error:
             raise InputError("--measured", name, f'a standard error, as in "{example}"', repr(stated))
         found[name] = read.value, read.error

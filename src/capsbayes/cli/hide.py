@@ -52,12 +52,12 @@ def hide(
 
 def _size(hidden: Hideable, text: str) -> float:
     from capsbayes.errors import InputError
-    from capsbayes.quantity import quantity
+    from capsbayes.quantity import Quantity
 
     if hidden.name == "none":
         return 0.0
     example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(hidden.unit, "0.03")
-    read = quantity(text, where="hide", key="--effect-size", units=(hidden.unit,), example=example, signed=True)
+    read = Quantity.read(text, where="hide", key="--effect-size", units=(hidden.unit,), example=example, signed=True)
     if read.error:
         raise InputError("hide", "--effect-size", f'a number without an error, as "{example}"', repr(text))
     return read.value

@@ -112,11 +112,11 @@ def _measure_contour(
     from capsbayes.cli.measure_picture import pair, pixel_size_of
     from capsbayes.errors import InputError
     from capsbayes.image.contour_file import ContourFile, measure_contour
-    from capsbayes.quantity import quantity
+    from capsbayes.quantity import Quantity
 
     if flow is None:
         raise InputError("measure", "--flow", "right or left", "nothing", "a contour does not say")
-    edge = quantity(edge_error, where="measure", key="--edge-error", units=("m",), example="0.10 um")
+    edge = Quantity.read(edge_error, where="measure", key="--edge-error", units=("m",), example="0.10 um")
     measured = measure_contour(
         ContourFile.read(path, unit),
         experiment,

@@ -50,10 +50,10 @@ def measure_film(
 
 def _rate(text: str | None, experiment: Experiment) -> Quantity:
     from capsbayes.errors import InputError
-    from capsbayes.quantity import quantity
+    from capsbayes.quantity import Quantity
 
     if text is not None:
-        return quantity(text, where="--frame-rate", key="", units=("1/s",), example="2000 Hz")
+        return Quantity.read(text, where="--frame-rate", key="", units=("1/s",), example="2000 Hz")
     if experiment.frame_rate is None:
         advice = "give --frame-rate, or frame_rate in the experiment's file; that of a video is the one it is shown at"
         raise InputError("measure", "--frame-rate", "the rate at which the film was taken", "nothing", advice)

@@ -81,9 +81,7 @@ def _print(sighting: Sighting, experiment: Experiment) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from capsbayes.experiment import centre_and_error
-
-    centre, error = centre_and_error(experiment.half_width)
+    centre, error = experiment.half_width.mean, experiment.half_width.sd
     micrometres, spread = 1e6 * centre, error / centre
     lengths, errors = sighting.lengths, np.sqrt(np.diag(sighting.covariance))
     l_px, l_error = lengths[3], errors[3]
@@ -159,9 +157,9 @@ def pixel_size_of(text: str | None) -> Quantity:
 
 def _with_error(option: str, text: str | None, unit: str, example: str) -> Quantity:
     from capsbayes.errors import InputError
-    from capsbayes.quantity import quantity
+    from capsbayes.quantity import Quantity
 
-    read = quantity(text, where=option, key="", units=(unit,), example=example)
+    read = Quantity.read(text, where=option, key="", units=(unit,), example=example)
     if read.error == 0.0:
         raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
     return read

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.experiment import Experiment
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements import check_comparable, read_set, write_set
 
@@ -96,7 +96,7 @@ class Session:
         velocity = np.array([one.capsule_velocity for one in self.measurements])
         found = {"capsule_velocity": velocity}
         for name in CONDITIONS:
-            usual = centre_and_error(getattr(self.experiment, name))[0]
+            usual = getattr(self.experiment, name).mean
             found[name] = np.array([one.conditions.get(name, usual) for one in self.measurements])
         return found
 

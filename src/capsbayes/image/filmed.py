@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.experiment import Experiment
 from capsbayes.image.frames import Picture
 from capsbayes.image.integrals import centroid, centroid_variance
 from capsbayes.image.measure import measurement_of_lengths
@@ -217,7 +217,7 @@ def _unnoticed(one: Drift | None) -> float:
 
 def _in_si(speed: Velocity, l_px: float, l_variance: float, experiment: Experiment, frame_rate: Quantity) -> Quantity:
     """Velocity in metres a second, with the errors of the length of a pixel and of the frame rate."""
-    metres, spread = centre_and_error(experiment.half_width)
+    metres, spread = experiment.half_width.mean, experiment.half_width.sd
     value = abs(speed.value) * metres / l_px * frame_rate.value
     change = 0.0 if speed.drift is None else _unnoticed(speed.drift)
     shares = (

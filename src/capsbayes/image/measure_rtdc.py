@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.experiment import Experiment
 from capsbayes.image.background import temporal_median, transmission
 from capsbayes.image.contour import pixel_noise
 from capsbayes.image.frames import Picture
@@ -137,7 +137,7 @@ def spot_of(mask: NDArray[np.bool_], walls: Walls) -> Spot:
 
 
 def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity) -> None:
-    wide = 2.0 * centre_and_error(experiment.half_width)[0]
+    wide = 2.0 * experiment.half_width.mean
     where = experiment.source or "experiment"
     if abs(wide / file.channel_width - 1.0) > _WIDTHS:
         expected = f"half of the {1e6 * file.channel_width:g} um of the channel in {file.path}"

@@ -108,22 +108,22 @@ class PosteriorDensity:
 
     def width_at(self, half_width: Floats | None) -> Floats | float:
         """Half width to use with a node: its own where l is a dimension, else the centre."""
-        return self.inputs.half_width.centre if half_width is None else half_width
+        return self.inputs.half_width.value if half_width is None else half_width
 
     @cached_property
     def viscosity(self) -> LogGrid:
         """mu, weighted as in the factored posterior."""
-        return self.inputs.viscosity.on_log_grid(self.prior.surface_shear_modulus.power)
+        return LogGrid.of(self.inputs.viscosity, self.prior.surface_shear_modulus.power)
 
     @cached_property
     def capsule_velocity(self) -> LogGrid:
         """v_o, weighted as in the factored posterior."""
-        return self.inputs.capsule_velocity.on_log_grid(self.prior.surface_shear_modulus.power - 1)
+        return LogGrid.of(self.inputs.capsule_velocity, self.prior.surface_shear_modulus.power - 1)
 
     @cached_property
     def half_width(self) -> LogGrid:
         """l, weighted as in the factored posterior."""
-        return self.inputs.half_width.on_log_grid(self.prior.capsule_radius.power)
+        return LogGrid.of(self.inputs.half_width, self.prior.capsule_radius.power)
 
     @cached_property
     def force_scale(self) -> LogGrid:

@@ -47,15 +47,15 @@ def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: 
         return None
     from capsbayes.surrogate import inverse
 
-    scale = 1.0 if measurement.over_half_width else inputs.half_width.centre
+    scale = 1.0 if measurement.over_half_width else inputs.half_width.value
     found = inverse(database)(
         axial_extent=measurement.axial_extent / scale, axial_length=measurement.axial_length / scale
     )
     flow = mean_velocity(capsule_velocity=measurement.capsule_velocity, velocity_ratio=found.velocity_ratio)
     modulus = surface_shear_modulus(
-        viscosity=inputs.viscosity.centre, mean_velocity=flow, capillary_number=found.capillary_number
+        viscosity=inputs.viscosity.value, mean_velocity=flow, capillary_number=found.capillary_number
     )
-    radius = capsule_radius(size_ratio=found.size_ratio, half_width=inputs.half_width.centre)
+    radius = capsule_radius(size_ratio=found.size_ratio, half_width=inputs.half_width.value)
     coordinate = getattr(model, "coordinate", None)
     assumed = {} if coordinate is None else {coordinate: model.domain.null_value}  # type: ignore[attr-defined]
     shape = found.capillary_number, found.size_ratio, found.velocity_ratio

@@ -5,6 +5,7 @@ The functions are compiled, for loops over many capsules; the methods of `LogGri
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from capsbayes.infer.kernel import compiled
 from capsbayes.infer.marginal import Marginal
+from capsbayes.quantity import Quantity
 
 __all__ = [
     "LogGrid",
@@ -35,6 +37,7 @@ _COARSEST = 4.0  # cells in a standard deviation of factors that many capsules h
 _NODES = 8.0  # cells in a standard deviation of weighted nodes
 _REACH = 8.0  # standard deviations on either side
 _LEVELS = Marginal.LEVELS
+_TAIL = 1e-9  # probability beyond either end of the grid of another distribution
 
 
 class LogGrid(NamedTuple):
@@ -68,6 +71,27 @@ class LogGrid(NamedTuple):
     def known(cls, value: float) -> LogGrid:
         """Return a number without error."""
         return cls(float(np.log(value)), 1.0, np.ones(1), float(np.log(value)), 0.0)
+
+    @classmethod
+    @functools.lru_cache(maxsize=64)  # capsules of a session share their viscosity and half width
+    def of(cls, quantity: Quantity, power: int = 0) -> LogGrid:
+        """Lay out a positive quantity with its density multiplied by x^power."""
+        if quantity.known:
+            return cls.known(quantity.value)
+        if quantity.shape == "normal":
+            reach = _REACH * quantity.error
+            low, high = max(quantity.value - reach, 1e-4 * quantity.value), quantity.value + reach
+        else:
+            low, high = max(float(quantity.ppf(_TAIL)), np.finfo(float).tiny), float(quantity.distribution.isf(_TAIL))
+        wide = float(np.log(high / low))
+        cells = int(np.ceil(max(wide * quantity.value / quantity.error, 2.0 * _REACH) * CELLS_PER_SD))
+        step = wide / cells
+        logs = np.log(low) + step * (np.arange(cells) + 0.5)
+        density = quantity.logpdf(np.exp(logs)) + (power + 1.0) * logs  # one power more from dx = x dlog x
+        masses = np.exp(density - density.max())
+        masses /= masses.sum()
+        mean = float(masses @ logs)
+        return cls(float(logs[0]), step, masses, mean, float(masses @ (logs - mean) ** 2))
 
     @classmethod
     def normal(cls, variance: float) -> LogGrid:

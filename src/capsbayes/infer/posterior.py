@@ -178,8 +178,8 @@ class Posterior:
             "axial_extent": (seen.axial_extent, seen.axial_extent_error, lengths),
             "axial_length": (seen.axial_length, seen.axial_length_error, lengths),
             "capsule_velocity": (seen.capsule_velocity, seen.capsule_velocity_error, "m/s"),
-            "half_width": (self.inputs.half_width.centre, self.inputs.half_width.error, "m"),
-            "viscosity": (self.inputs.viscosity.centre, self.inputs.viscosity.error, "Pa s"),
+            "half_width": (self.inputs.half_width.value, self.inputs.half_width.error, "m"),
+            "viscosity": (self.inputs.viscosity.value, self.inputs.viscosity.error, "Pa s"),
         }
         return {
             **{name: dict(zip(("value", "error", "unit"), pair, strict=True)) for name, pair in pairs.items()},

@@ -64,11 +64,11 @@ def recorded(posterior: Posterior) -> dict[str, Any]:
         "measurement": measured,
         "experiment": {
             "section": known.section,
-            "half_width": _stated(known.half_width),
-            "viscosity": _stated(known.viscosity),
+            "half_width": known.half_width.as_record(),
+            "viscosity": known.viscosity.as_record(),
             "source": known.source,
             "sha256": known.sha256,
-            "frame_rate": None if rate is None else vars(rate),
+            "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: _stated(one) for name, one in posterior.prior.coordinates.items()},
         "gates": [[one.name, *map(_number, (one.value, one.least, one.most))] for one in posterior.gates],
@@ -171,8 +171,8 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
     rate = table["frame_rate"]
     return Experiment(
         section=table["section"],
-        half_width=_read_back(table["half_width"]),
-        viscosity=_read_back(table["viscosity"]),
+        half_width=Quantity.of_record(table["half_width"], "m"),
+        viscosity=Quantity.of_record(table["viscosity"], "Pa s"),
         source=table["source"],
         sha256=table["sha256"],
         frame_rate=None if rate is None else Quantity(**rate),

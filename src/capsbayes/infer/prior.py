@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
 from capsbayes.parameters import COORDINATES
-from capsbayes.quantity import quantity
+from capsbayes.quantity import Quantity
 
 __all__ = ["Prior", "Range", "coordinate_prior", "log_jacobian"]
 
@@ -207,7 +207,7 @@ def _range(where: str, key: str, stated: object) -> Range:
     if stated["distribution"] not in _SHAPES:
         raise InputError(where, f"prior.{key}.distribution", " or ".join(_SHAPES), repr(stated["distribution"]))
     limits = [
-        quantity(stated[end], where=where, key=f"prior.{key}.{end}", units=(unit,), example=example).value
+        Quantity.read(stated[end], where=where, key=f"prior.{key}.{end}", units=(unit,), example=example).value
         for end in ("low", "high")
     ]
     if not limits[0] < limits[1]:

@@ -106,6 +106,6 @@ def _each_halved(
         half = replace(measurement, axial_length_error=0.5 * measurement.axial_length_error)
         yield "axial_length", engine(half, inputs=inputs)
     if posterior.density.shape_depends_on_half_width:
-        narrow = replace(inputs, half_width=inputs.half_width.narrowed(0.5))
+        narrow = replace(inputs, half_width=inputs.half_width.rescaled(inputs.half_width.value, 0.5))
         yield "half_width", engine(measurement, inputs=narrow)
     yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.experiment import Experiment
 from capsbayes.input_file import InputFile
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
@@ -90,8 +90,7 @@ def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Me
     if len(known) == 1:
         return measurements, first
     conditions = {
-        file: {name: centre_and_error(getattr(experiment, name))[0] for name in CONDITIONS}
-        for file, experiment in known.items()
+        file: {name: getattr(experiment, name).mean for name in CONDITIONS} for file, experiment in known.items()
     }
     own = [replace(one, conditions=conditions[file]) for one, file in zip(measurements, files, strict=True)]
     return tuple(own), first

@@ -98,7 +98,7 @@ class Answerer:
         """
         if getattr(model, "database", None) is None or getattr(model, "coordinate", None) is not None:
             raise InputError("sobol", "model", "a database of (Ca, a/l), as the paper's procedure needs", model.name)
-        centre = {name: getattr(inputs, name).centre for name in ("viscosity", "half_width", "capsule_velocity")}
+        centre = {name: getattr(inputs, name).value for name in ("viscosity", "half_width", "capsule_velocity")}
         lengths = {name: float(getattr(measurement, name)) for name in ("axial_extent", "axial_length")}
         scale = 1.0 if measurement.over_half_width else centre["half_width"]
         relative = 0.0 if measurement.over_half_width else sds.get("half_width", 0.0) / centre["half_width"]

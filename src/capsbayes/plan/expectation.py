@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.experiment import Experiment, Uncertain, check_positive, size_ratio
-from capsbayes.infer.inputs import Input
+from capsbayes.experiment import Experiment, Given, size_ratio
+from capsbayes.infer.log_grid import LogGrid
+from capsbayes.quantity import Quantity
 
 __all__ = ["Draws", "Expectation"]
 
@@ -40,26 +41,31 @@ class Expectation:
 
     Parameters
     ----------
-    surface_shear_modulus, capsule_radius, viscosity, half_width : Input
+    surface_shear_modulus, capsule_radius, viscosity, half_width : Quantity
         Each known, or with a distribution.
 
     Examples
     --------
-    >>> from capsbayes.experiment import positive_normal
     >>> lab = Experiment(section="square", half_width=25e-6, viscosity=0.8)
-    >>> soon = Expectation.of(positive_normal(0.05, 0.01), 24e-6, lab)
+    >>> soon = Expectation.of("50 +/- 10 mN/m", 24e-6, lab)
     >>> soon.known, round(soon.centre.size_ratio.item(), 3)
     (False, 0.96)
     """
 
-    surface_shear_modulus: Input
-    capsule_radius: Input
-    viscosity: Input
-    half_width: Input
+    surface_shear_modulus: Quantity
+    capsule_radius: Quantity
+    viscosity: Quantity
+    half_width: Quantity
 
     @classmethod
-    def of(cls, surface_shear_modulus: Uncertain, capsule_radius: Uncertain, experiment: Experiment) -> Expectation:
-        """Of numbers or frozen distributions of `scipy.stats`, and of an experiment.
+    def of(cls, surface_shear_modulus: Given, capsule_radius: Given, experiment: Experiment) -> Expectation:
+        """Return what is expected under the conditions of an experiment.
+
+        Parameters
+        ----------
+        surface_shear_modulus, capsule_radius
+            In any form that `Quantity.of` reads.
+        experiment : Experiment
 
         Raises
         ------
@@ -67,10 +73,10 @@ class Expectation:
             If the expected G_s or a is not positive.
         """
         return cls(
-            _positive("surface_shear_modulus", surface_shear_modulus),
-            _positive("capsule_radius", capsule_radius),
-            Input.of("viscosity", experiment.viscosity),
-            Input.of("half_width", experiment.half_width),
+            Quantity.of(surface_shear_modulus, "surface_shear_modulus", where="expected"),
+            Quantity.of(capsule_radius, "capsule_radius", where="expected"),
+            experiment.viscosity,
+            experiment.half_width,
         )
 
     @property
@@ -81,23 +87,18 @@ class Expectation:
     @property
     def centre(self) -> Draws:
         """The one capsule in the middle."""
-        return Draws(**{name: np.array([one.centre]) for name, one in self._all.items()})
+        return Draws(**{name: np.array([one.value]) for name, one in self._all.items()})
 
     def drawn(self, rng: np.random.Generator, count: int) -> Draws:
         """Independent draws; one if nothing has a spread."""
         if self.known:
             return self.centre
-        return Draws(**{name: one.on_log_grid(0).drawn(rng, count) for name, one in self._all.items()})
+        return Draws(**{name: LogGrid.of(one).drawn(rng, count) for name, one in self._all.items()})
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """Mean and standard deviation of each, SI."""
-        return {name: {"value": one.centre, "error": one.error} for name, one in self._all.items()}
+        return {name: {"value": one.value, "error": one.error} for name, one in self._all.items()}
 
     @property
-    def _all(self) -> dict[str, Input]:
+    def _all(self) -> dict[str, Quantity]:
         return {name: getattr(self, name) for name in Draws.__dataclass_fields__}
-
-
-def _positive(name: str, value: Uncertain) -> Input:
-    check_positive(value, "expected", name)
-    return Input.of(name, value)

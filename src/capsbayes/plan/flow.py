@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, Uncertain
+from capsbayes.experiment import Experiment, Given
 from capsbayes.infer.checks import LEANING_SHARE
 from capsbayes.infer.prior import Prior
 from capsbayes.model import ForwardModel
@@ -51,8 +51,8 @@ def flow_rate(mean_velocity: float, half_width: float, section: str) -> float:
 
 
 def flow_design(
-    surface_shear_modulus: Uncertain,
-    capsule_radius: Uncertain,
+    surface_shear_modulus: Given,
+    capsule_radius: Given,
     experiment: Experiment,
     errors: LabErrors,
     model: ForwardModel,
@@ -68,8 +68,8 @@ def flow_design(
 
     Parameters
     ----------
-    surface_shear_modulus, capsule_radius : float or frozen distribution [N/m], [m]
-        Expected G_s and a; a distribution, as `capsbayes.experiment.positive_normal`, for a spread.
+    surface_shear_modulus, capsule_radius : Quantity [N/m], [m]
+        Expected G_s and a; `Quantity.of` says in which forms.
     experiment : Experiment
         Channel and liquid, with their errors.
     errors : LabErrors

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.experiment import Experiment
 from capsbayes.model import TWO_SHAPES, Doubting, ForwardModel
 from capsbayes.plan.borders import range_at
 from capsbayes.plan.lab_errors import LabErrors
@@ -100,9 +100,8 @@ def identifiability_map(
 
 def lab_attributes(model: ForwardModel, experiment: Experiment, errors: LabErrors) -> dict[str, str]:
     """Model, experiment and errors, as attributes of a file."""
-    known = {name: centre_and_error(getattr(experiment, name)) for name in ("half_width", "viscosity")}
-    units = {"half_width": "m", "viscosity": "Pa s"}
-    lab = {name: {"value": v, "error": e, "unit": units[name]} for name, (v, e) in known.items()}
+    known = {"half_width": experiment.half_width, "viscosity": experiment.viscosity}
+    lab = {name: {"value": one.mean, "error": one.sd, "unit": one.unit} for name, one in known.items()}
     return {
         "model": model.name,
         "model_sha256": model.sha256,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, Uncertain
+from capsbayes.experiment import Experiment, Given
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
 from capsbayes.model import ForwardModel
@@ -76,8 +76,8 @@ class SimulatedWidths:
 
 
 def simulated_widths(
-    surface_shear_modulus: Uncertain,
-    capsule_radius: Uncertain,
+    surface_shear_modulus: Given,
+    capsule_radius: Given,
     experiment: Experiment,
     errors: LabErrors,
     model: ForwardModel,

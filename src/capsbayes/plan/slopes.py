@@ -21,7 +21,7 @@ from capsbayes.infer.grid.mixed_posterior import MixedPosterior
 from capsbayes.infer.grid.mixed_quadrature import MixedQuadrature
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.infer.inputs import Input, Inputs
+from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.shares import QUANTITIES
 from capsbayes.measurement import Measurement
 
@@ -62,7 +62,7 @@ def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
     """The inputs of a measurement that are numbers: of an outline, neither of the lengths that it replaces."""
     known = {"viscosity": (inputs.viscosity, "Pa s"), "capsule_velocity": (inputs.capsule_velocity, "m/s")}
     known["half_width"] = (inputs.half_width, "m")
-    found = {name: Setting(name, one.centre, one.error, unit) for name, (one, unit) in known.items()}
+    found = {name: Setting(name, one.value, one.error, unit) for name, (one, unit) in known.items()}
     unit = "l" if measurement.over_half_width else "m"
     if measurement.outline is None:
         pair = measurement.axial_extent, measurement.axial_extent_error
@@ -123,15 +123,9 @@ def _log_medians(posterior: AnyPosterior) -> dict[str, float]:
     return {name: posterior.log_marginal(name).median for name in QUANTITIES}
 
 
-def _moved(one: Input, value: float) -> Input:
-    """The input about another centre, with the same error."""
-    table = None if one.table is None else (one.table[0] + value - one.centre, one.table[1])
-    return replace(one, centre=value, table=table)
-
-
 def _of_input(name: str) -> Callable[[Measurement, Inputs, float], _Case]:
     def move(measurement: Measurement, inputs: Inputs, value: float) -> _Case:
-        return measurement, replace(inputs, **{name: _moved(getattr(inputs, name), value)})
+        return measurement, replace(inputs, **{name: getattr(inputs, name).rescaled(value)})
 
     return move
 

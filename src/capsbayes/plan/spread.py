@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.quantity import quantity
+from capsbayes.quantity import Quantity
 
 __all__ = ["Spread"]
 
@@ -76,12 +76,12 @@ class Spread:
         units, example = _UNITS[name]
         found = _RANGE.fullmatch(text)
         if found is None:
-            one = quantity(text, where=where, key=name, units=units, example=example)
+            one = Quantity.read(text, where=where, key=name, units=units, example=example)
             if one.error == 0.0:
                 raise InputError(where, name, f'a range like "{example}" or a value with "+/-"', repr(text))
             return cls("normal", one.value, one.error)
         ends = [
-            quantity(f"{found[k]} {found[3]}".strip(), where=where, key=name, units=units, example=example).value
+            Quantity.read(f"{found[k]} {found[3]}".strip(), where=where, key=name, units=units, example=example).value
             for k in (1, 2)
         ]
         if not ends[0] < ends[1]:

@@ -111,7 +111,7 @@ class WidthPredictor:
         if not there.inside[0]:
             return Width()
         inputs = self.engine.inputs
-        velocity = float(there.velocity_ratio[0]) * self.modulus * capillary_number / inputs.viscosity.centre
+        velocity = float(there.velocity_ratio[0]) * self.modulus * capillary_number / inputs.viscosity.value
         lengths, root = self._lengths(there.values[0, :2], there.covariance[0, :2, :2])
         plain = self._posterior(lengths, velocity)
         if plain is None:
@@ -134,7 +134,7 @@ class WidthPredictor:
         seen[: len(stated), : len(stated)] = stated
         if self.errors.over_half_width:
             return mean, _root(own + seen)
-        return mean * width.centre, _root(own * width.centre**2 + seen + width.error**2 * np.outer(mean, mean))
+        return mean * width.value, _root(own * width.value**2 + seen + width.error**2 * np.outer(mean, mean))
 
     def _noisy(self, lengths: Floats, velocity: float) -> list[GridPosterior]:
         found = (self._posterior(one, velocity) for one in lengths)

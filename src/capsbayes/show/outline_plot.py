@@ -125,7 +125,7 @@ def _draw_walls(ax: Axes, ends: tuple[float, float]) -> None:
 
 def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
     seen = posterior.measurement
-    scale = 1.0 if seen.over_half_width else posterior.inputs.half_width.centre
+    scale = 1.0 if seen.over_half_width else posterior.inputs.half_width.value
     lines = [("L_z", seen.axial_extent, seen.axial_extent_error, _DIMENSION_LINE)]
     if seen.axial_length is not None and seen.axial_length_error is not None:
         lines.append(("L_a", seen.axial_length, seen.axial_length_error, 0.0))
@@ -168,7 +168,7 @@ def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
 
 
 def _finish(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
-    micrometres = 1e6 * posterior.inputs.half_width.centre
+    micrometres = 1e6 * posterior.inputs.half_width.value
     ax.annotate(
         "flow",
         (ends[1] - 0.1, -0.72),

@@ -66,7 +66,7 @@ def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 
     predicted = on_picture(band(posterior.outlines)[0], sighting)
     ax.plot(*_closed(predicted).T, color=_PREDICTED, linewidth=3.2, alpha=0.75, label="predicted outline")
     ax.plot(*_closed(sighting.outline.points).T, color=_MEASURED, linewidth=0.9, label="measured edge")
-    _draw_bar(ax, walls.half_width / posterior.inputs.half_width.centre, columns, bottom)
+    _draw_bar(ax, walls.half_width / posterior.inputs.half_width.value, columns, bottom)
     ax.set(xlim=(-0.5, columns - 0.5), ylim=(bottom, top))
     ax.set_axis_off()
     figure.legend(loc="lower center", ncols=2, frameon=False, fontsize=10)

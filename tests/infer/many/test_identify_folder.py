@@ -19,7 +19,7 @@ from drawn import drawn
 from polynomial_model import PolynomialModel
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature
 from capsbayes.infer.many import Population, identify_folder, listing
 from capsbayes.infer.many.listing import section_and_view
@@ -33,9 +33,7 @@ from capsbayes.work import Store
 identify_folder_module = import_module("capsbayes.infer.many.identify_folder")  # whose function has its name
 
 MODEL = PolynomialModel()
-EXPERIMENT = Experiment(
-    section="square", half_width=positive_normal(25e-6, 0.2e-6), viscosity=positive_normal(0.85, 0.02)
-)
+EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 HERE = {"scheduler": "synchronous", "check": 0.0, "progress": False, "seed": 1}
 SCRIPT = """
 import sys

@@ -56,10 +56,11 @@ def flow(
     from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.cli.sensitivity.output import progress
     from capsbayes.plan import flow_design, simulated_widths
+    from capsbayes.quantity import Quantity
 
     check_folder("--out", out)
-    modulus = _expected("--shear-modulus", shear_modulus, "N/m", "50 +/- 10 mN/m")
-    size = _expected("--radius", radius, "m", "24 +/- 1 um")
+    modulus = Quantity.of_text(shear_modulus, "surface_shear_modulus", where="flow", key="--shear-modulus")
+    size = Quantity.of_text(radius, "capsule_radius", where="flow", key="--radius")
     errors, known = read_lab("flow", like, experiment, extent_error, length_error, velocity_error)
     lab = (modulus, size, known, errors, named_model(database, known.section))
     design = flow_design(*lab, seed=seed, margin=margin, risk=risk, progress=progress)
@@ -98,15 +99,6 @@ def _print(design: FlowDesign, tried: SimulatedWidths | None, out: Path | None) 
     if out is not None:
         console.print(f"Written to {out}: flow.json, flow.csv, flow.png.", markup=False)
     console.print(f"Status: {design.status}", style="green" if design.status.ok else "bold red")
-
-
-def _expected(option: str, text: str, unit: str, example: str) -> Any:
-    """A number, or a normal distribution cut at zero."""
-    from capsbayes.experiment import positive_normal
-    from capsbayes.quantity import quantity
-
-    one = quantity(text, where="flow", key=option, units=(unit,), example=example)
-    return positive_normal(one.value, one.error) if one.error else one.value
 
 
 def _table(design: FlowDesign) -> Table:

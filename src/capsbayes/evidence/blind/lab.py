@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
+from capsbayes.quantity import Quantity
 
 __all__ = ["Lab", "Noise"]
 
@@ -79,8 +80,8 @@ class Lab:
         """What the lab knows of its channel and its liquid."""
         return Experiment(
             section="square",
-            half_width=positive_normal(self.half_width, self.half_width_error),
-            viscosity=positive_normal(self.viscosity, self.viscosity_error),
+            half_width=Quantity(self.half_width, self.half_width_error),
+            viscosity=Quantity(self.viscosity, self.viscosity_error),
         )
 
     def log_density(self, surface_shear_modulus: Floats, size_ratio: Floats) -> Floats:

@@ -136,11 +136,11 @@ class Quadrature:
         """Refuse lengths that lie far from every shape of the model."""
         width = density.inputs.half_width
         nodes = self.table.nodes
-        distance = density.likelihood.with_half_width(width.centre, width.error).distance(nodes.model)
+        distance = density.likelihood.with_half_width(width.value, width.error).distance(nodes.model)
         nearest = int(np.nanargmin(distance))
         if distance[nearest] <= FARTHEST:
             return
-        scale = 1.0 if measurement.over_half_width else width.centre
+        scale = 1.0 if measurement.over_half_width else width.value
         lengths = [("L_z", measurement.axial_extent, nodes.model.extent[nearest])]
         if measurement.axial_length is not None:
             lengths.append(("L_a", measurement.axial_length, nodes.model.length[nearest]))
@@ -156,7 +156,7 @@ class Quadrature:
 
     def _first_window(self, measurement: Measurement, density: PosteriorDensity) -> Window:
         width = density.inputs.half_width
-        rough = replace(density, likelihood=density.likelihood.with_half_width(width.centre, width.error))
+        rough = replace(density, likelihood=density.likelihood.with_half_width(width.value, width.error))
         nodes = self.table.nodes
         args = (nodes.model, nodes.log_ca, nodes.size)
         log_density = (rough.log_density(*args) + rough.log_share(*args)).reshape(self.table.window.shape)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError, NoShapeError
-from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.mixed_quadrature import exact_engine
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.measured_lengths import NUMBERS
@@ -81,7 +81,7 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
 
 
 def _centre(experiment: Experiment, name: str) -> float:
-    return centre_and_error(getattr(experiment, name))[0]
+    return getattr(experiment, name).mean
 
 
 def numbers_of(measurement: Measurement) -> Floats:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.inputs import Input
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.many.hyper_likelihood import PARAMETERS
 from capsbayes.infer.many.importance import drawn
 from capsbayes.infer.many.log_posterior import LogPosterior
@@ -27,6 +27,7 @@ from capsbayes.infer.many.selection import Selection, kept_rows
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 __all__ = ["Hierarchy", "hierarchy"]
@@ -163,18 +164,21 @@ def hierarchy(
             raise InputError("hierarchy", "model", "the model of the population, beside least_stretch", "nothing")
         kept &= kept_rows(population, least_stretch)
         pyramid = Pyramid.of(model)
-        selection = Selection.of(population, least_stretch, pyramid, viscosity.centre, half_width.centre)
+        selection = Selection.of(population, least_stretch, pyramid, viscosity.value, half_width.value)
     if np.count_nonzero(kept) < FEWEST:
         expected = f"at least {FEWEST} capsules with a result"
         raise InputError("hierarchy", "population", expected, str(np.count_nonzero(kept)))
     components = np.ascontiguousarray(population["likelihood"][kept])
-    components[:, :, 1] += np.float32(np.log(viscosity.centre))
-    components[:, :, 2] += np.float32(np.log(half_width.centre))
+    components[:, :, 1] += np.float32(np.log(viscosity.value))
+    components[:, :, 2] += np.float32(np.log(half_width.value))
     rng = np.random.default_rng([seed, 3])
     parameters, gates = drawn(LogPosterior(components, selection), rng)
     plain = dict(zip(PARAMETERS, parameters.T, strict=True))
     count = len(parameters)
-    shifts = {one.name: one.on_log_grid(0).drawn(rng, count) / one.centre for one in (viscosity, half_width)}
+    shifts = {
+        name: LogGrid.of(one).drawn(rng, count) / one.value
+        for name, one in (("viscosity", viscosity), ("half_width", half_width))
+    }
     scale = np.exp(shared_velocity_error * rng.standard_normal(count))
     spread, of_radius, slope = np.exp(plain["log_spread"]), np.exp(plain["log_radius_spread"]), plain["slope"]
     without = {"surface_shear_modulus": np.exp(plain["log_modulus"]), "capsule_radius": np.exp(plain["log_radius"])}
@@ -190,13 +194,13 @@ def hierarchy(
     return Hierarchy(draws, without, int(kept.sum()), least_stretch, leaning, tuple(gates), seed)
 
 
-def _shared(population: Population, experiment: Experiment | None) -> tuple[Input, Input]:
+def _shared(population: Population, experiment: Experiment | None) -> tuple[Quantity, Quantity]:
     """Viscosity and half width of all capsules."""
     if experiment is not None:
-        return Input.of("viscosity", experiment.viscosity), Input.of("half_width", experiment.half_width)
+        return experiment.viscosity, experiment.half_width
     stated = population.attributes.get("experiment") or {}
     if "viscosity" not in stated:
         advice = "give it: experiment=..."
         raise InputError("hierarchy", "experiment", "one experiment for all capsules", "a population without", advice)
-    known = {name: Input(name, stated[name]["value"], stated[name]["error"]) for name in ("viscosity", "half_width")}
+    known = {name: Quantity(stated[name]["value"], stated[name]["error"]) for name in ("viscosity", "half_width")}
     return known["viscosity"], known["half_width"]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.experiment import Experiment
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.chains import ChainTask
 from capsbayes.infer.many.check import CheckTask, Compared, compared, drawn_rows
@@ -186,8 +186,9 @@ def _attributes(run: Run, source: Path) -> dict[str, Any]:
     known = run.experiment
     stated: dict[str, Any] = {}
     if known is not None:
-        pairs = {name: centre_and_error(getattr(known, name)) for name in ("half_width", "viscosity")}
-        stated = {"section": known.section, **{name: {"value": c, "error": e} for name, (c, e) in pairs.items()}}
+        inputs = {"half_width": known.half_width, "viscosity": known.viscosity}
+        pairs = {name: {"value": one.mean, "error": one.sd} for name, one in inputs.items()}
+        stated = {"section": known.section, **pairs}
     return {
         "title": "posteriors of capsules",
         "source": str(source),

@@ -10,7 +10,7 @@ from typing import Any
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, centre_and_error, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
@@ -57,9 +57,11 @@ class Run:
         """Hash of everything that decides the results beside the capsules themselves."""
         known = self.experiment
         parts: list[object] = [__version__, self.model.name, self.model.sha256, self.seed, self.prior.described()]
-        parts += [(name, _stated(one)) for name, one in sorted(self.prior.coordinates.items())]
+        parts += [
+            (name, Quantity.of(one, signed=True).as_record()) for name, one in sorted(self.prior.coordinates.items())
+        ]
         if known is not None:
-            parts += [known.section, _stated(known.half_width), _stated(known.viscosity)]
+            parts += [known.section, known.half_width.as_record(), known.viscosity.as_record()]
         parts += [self.capsule_velocity, self.flow]
         if self.background is not None:
             parts.append(_hash_of(self.background))
@@ -81,8 +83,8 @@ class Run:
             known = Experiment.read(measurement.experiment_file)
         own: dict[str, Any] = {}
         for name, value in measurement.conditions.items():
-            centre, error = centre_and_error(getattr(known, name))
-            own[name] = positive_normal(value, error * value / centre) if error else value
+            usual = getattr(known, name)
+            own[name] = Quantity(value, usual.sd * value / usual.mean)
         return replace(known, **own)
 
 
@@ -91,8 +93,3 @@ def _hash_of(background: Path) -> str:
         return hashlib.sha256(background.read_bytes()).hexdigest()
     except OSError as error:
         raise InputError(str(background), "", "a picture of the empty channel", str(error.strerror)) from None
-
-
-def _stated(value: Any) -> object:
-    """A number, or what a distribution is made of."""
-    return (value.dist.name, value.args, sorted(value.kwds.items())) if hasattr(value, "dist") else float(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.experiment import Experiment, centre_and_error
+from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import LEANING_SHARE
 from capsbayes.infer.grid.quadrature import FARTHEST
 from capsbayes.infer.inputs import Inputs
@@ -76,7 +76,7 @@ def _refuse(rows: CapsuleRows, measured: MeasuredLengths) -> None:
 
 def _own(measured: MeasuredLengths, name: str, experiment: Experiment) -> Floats:
     """Logarithm of a condition of each capsule over that of the experiment, zero where it is the same."""
-    usual = centre_and_error(getattr(experiment, name))[0]
+    usual = getattr(experiment, name).mean
     return np.nan_to_num(np.log(measured.numbers[name] / usual))
 
 

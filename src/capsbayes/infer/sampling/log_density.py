@@ -56,7 +56,7 @@ class LogDensity:
         impossible = np.zeros(len(coordinates), dtype=bool)
         for name in self.sampled:
             impossible |= theta[name] <= 0.0
-            theta[name] = np.where(impossible, getattr(self.density.inputs, name).centre, theta[name])
+            theta[name] = np.where(impossible, getattr(self.density.inputs, name).value, theta[name])
         further = {name: theta[name] for name in self.names[2 : len(self.names) - len(self.sampled)]}
         place = theta["capillary_number"], theta["size_ratio"]
         points, _ = self.density.evaluated(self.model, *place, further)
@@ -82,14 +82,14 @@ class LogDensity:
         density = posterior.log_density(*place) + posterior.log_share(*place)
         if width is not None:
             power = posterior.prior.capsule_radius.power
-            density = density + posterior.inputs.half_width.log_density(width) + power * np.log(width)
+            density = density + posterior.inputs.half_width.logpdf(width) + power * np.log(width)
         return density
 
     def _all(self, theta: dict[str, Floats], points) -> Floats:  # type: ignore[no-untyped-def]
         inputs, count = self.density.inputs, len(points.extent)
-        full = {name: theta.get(name, np.full(count, getattr(inputs, name).centre)) for name in _INPUTS} | theta
+        full = {name: theta.get(name, np.full(count, getattr(inputs, name).value)) for name in _INPUTS} | theta
         density = self.density.likelihood.log_density(points, full["half_width"])
         density = density + self.density.prior.log_density(full, points.velocity_ratio)
         for name in self.sampled:
-            density = density + getattr(inputs, name).log_density(theta[name])
+            density = density + getattr(inputs, name).logpdf(theta[name])
         return density

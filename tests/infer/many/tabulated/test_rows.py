@@ -5,7 +5,7 @@ import pytest
 from polynomial_model import PolynomialModel
 from scipy import stats
 
-from capsbayes.experiment import Experiment, positive_normal
+from capsbayes.experiment import Experiment
 from capsbayes.infer import Prior, Quadrature, Range
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
@@ -14,11 +14,10 @@ from capsbayes.infer.many.tabulated.rows import lengths_rows
 from capsbayes.infer.many.tabulated.search import FAR, FOUND, UNRESOLVED
 from capsbayes.infer.verdict import leanings
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
 
 MODEL = PolynomialModel()
-EXPERIMENT = Experiment(
-    section="square", half_width=positive_normal(25e-6, 0.2e-6), viscosity=positive_normal(0.85, 0.02)
-)
+EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 TYPICAL = Measurement(2.14, 0.01, 5e-3, 5e-5, axial_length=1.81, axial_length_error=0.01)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.many.tabulated.mixture import COMPONENTS, NUMBERS
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.many.tabulated.row_kernel import FACTS, QUANTITIES, Shared, fill_rows
@@ -65,8 +66,8 @@ def lengths_rows(
     """
     modulus, radius = prior.surface_shear_modulus, prior.capsule_radius
     shared = Shared(
-        viscosity=inputs.viscosity.on_log_grid(modulus.power),
-        half_width=inputs.half_width.on_log_grid(radius.power),
+        viscosity=LogGrid.of(inputs.viscosity, modulus.power),
+        half_width=LogGrid.of(inputs.half_width, radius.power),
         modulus_low=float(np.log(modulus.low)),
         modulus_high=float(np.log(modulus.high)),
         radius_low=float(np.log(radius.low)),
