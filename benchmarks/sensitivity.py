@@ -112,7 +112,7 @@ def kinds(point: FlowPoint, model: Surrogate, design: FlowDesign) -> list[str]:
     place = {"capillary_number": [point.capillary_number], "size_ratio": [design.limit.size_ratio]}
     there = model({name: np.array(value) for name, value in place.items()})
     marks = {
-        "two shapes": model.doubts(place).get(TWO_SHAPES, np.zeros(1, dtype=bool))[0],
+        "two shapes": model.caveats(place).get(TWO_SHAPES, np.zeros(1, dtype=bool))[0],
         "L_p = 0": there.parachute_depth[0] < 1e-4,
         "leans": point.leaning > LEANING_SHARE,
     }

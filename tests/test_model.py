@@ -1,24 +1,30 @@
+from types import MappingProxyType
+
 import numpy as np
+import pytest
 
-from capsbayes.model import Domain, ForwardModel
+from capsbayes.errors import BrokenPromiseError, InputError
+from capsbayes.model import CoordinateRange, Domain, ForwardModel
 from capsbayes.prediction import Prediction
+from capsbayes.testing import check_model
 
 
-class Box:
+class Box(Domain):
     bounds = ((0.01, 0.1), (0.7, 1.1))
 
-    def contains(self, capillary_number, size_ratio):
+    def contains(self, capillary_number, size_ratio, *coordinates):
         (ca_min, ca_max), (size_min, size_max) = self.bounds
         ca, size = np.asarray(capillary_number), np.asarray(size_ratio)
         return (ca >= ca_min) & (ca <= ca_max) & (size >= size_min) & (size <= size_max)
 
 
-class Sphere:
+class Sphere(ForwardModel):
     """The rigid limit: every length is the diameter."""
 
     name, sha256, domain = "sphere", "0" * 64, Box()
 
     def __call__(self, theta, *, outline=False):
+        self.check_names(theta)
         size = np.asarray(theta["size_ratio"])
         inside = self.domain.contains(theta["capillary_number"], size)
         length = np.where(inside, 2 * size, np.nan)
@@ -26,13 +32,85 @@ class Sphere:
         return Prediction(length, length, one, one, np.zeros((len(size), 3, 3)), inside)
 
 
-def test_a_class_with_the_promised_members_is_a_forward_model():
-    assert isinstance(Sphere(), ForwardModel)
-    assert isinstance(Box(), Domain)
+def test_a_model_that_keeps_the_promises_passes():
+    check_model(Sphere())
     assert not isinstance(Box(), ForwardModel)
+
+
+def test_the_declarations_have_defaults():
+    assert (Sphere().cross_section, Sphere().view, Sphere().database) == (None, "section", None)
+    assert (dict(Sphere().coordinates), Sphere().effects, Sphere().circumstances) == ({}, (), ())
+    assert Sphere().names == ("capillary_number", "size_ratio")
+    assert Sphere().outline_modes(capillary_number=0.05, size_ratio=0.9) is None
+    assert Sphere().caveats({}) == {}
+
+
+def test_an_unknown_name_is_refused_with_the_known_ones():
+    theta = {"capillary_number": np.array([0.05]), "size_ratio": np.array([0.9]), "pre_inflaton": np.array([0.01])}
+    with pytest.raises(InputError, match="theta: expected names among capillary_number, size_ratio, got 'pre_inf"):
+        Sphere()(theta)
 
 
 def test_a_batch_goes_through_with_its_mask():
     prediction = Sphere()({"capillary_number": np.array([0.05, 0.5]), "size_ratio": np.array([0.9, 0.9])})
     np.testing.assert_array_equal(prediction.inside, [True, False])
     np.testing.assert_allclose(prediction.axial_extent, [1.8, np.nan])
+
+
+class Careless(Sphere):
+    def check_names(self, given):
+        pass
+
+
+class Nameless(Sphere):
+    name = ""
+
+
+class Sideways(Sphere):
+    view = "shadow"
+
+
+class Shifted(Sphere):
+    coordinates = MappingProxyType({"pre_inflation": CoordinateRange(0.01, 0.1, 0.0)})
+
+
+class Endless(Sphere):
+    def __call__(self, theta, *, outline=False):
+        found = super().__call__(theta)
+        return Prediction(
+            *(np.nan_to_num(x) for x in (found.values.T[0], *found.values.T[1:], found.stretch_ratio)),
+            found.covariance,
+            np.ones(len(found), dtype=bool),
+        )
+
+
+class Narrower(Sphere):
+    def __call__(self, theta, *, outline=False):
+        found = super().__call__(theta)
+        hidden = np.where(np.arange(len(found)) % 2, np.nan, 1.0)
+        rows = [values * hidden for values in (*found.values.T, found.stretch_ratio)]
+        return Prediction(*rows, found.covariance, found.inside & np.isfinite(hidden))
+
+
+class Contradictory(Sphere):
+    def caveats(self, theta):
+        return {"wrinkles": np.array([True])}
+
+
+@pytest.mark.parametrize(
+    ("model", "promise"),
+    [
+        (Box(), "it is a ForwardModel"),
+        (Nameless(), "name is '', not a text"),
+        (Sideways(), "view is 'shadow'"),
+        (Shifted(), "null value of pre_inflation is not within its range"),
+        (Careless(), "no_such_parameter, is ignored"),
+        (Endless(), "outside the model's domain is not NaN"),
+        (Narrower(), "it takes each capsule for itself"),
+        (Contradictory(), "caveats have the shapes"),
+    ],
+    ids=lambda one: type(one).__name__,
+)
+def test_the_broken_promise_is_named(model, promise):
+    with pytest.raises(BrokenPromiseError, match=promise):
+        check_model(model)

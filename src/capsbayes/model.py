@@ -1,87 +1,376 @@
-"""What every forward model promises: parameters in, a `Prediction` out, and a domain it stands for."""
+"""The one contract of forward models, and the models made from others by adding an effect or fixing parameters.
+
+A forward model maps parameters to a `Prediction` and declares what it stands
+for: the cross-section of the channel, the view of its outlines, its further
+coordinates, what it must know of each capsule, and its domain. Every part of
+the library reads these declarations and nothing else of a model.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from capsbayes.effect import Effect, HasOutlineModes, Theta
+from capsbayes.errors import InputError, OutsideDatabaseError
 from capsbayes.measured_outline import SECTION
 from capsbayes.prediction import Prediction
 
-__all__ = ["TWO_SHAPES", "WRINKLES", "Domain", "Doubting", "ForwardModel", "outline_modes_of", "view_of"]
+if TYPE_CHECKING:
+    from capsbayes.database import Database
+
+__all__ = ["CIRCUMSTANCES", "TWO_SHAPES", "WRINKLES"]
+__all__ += ["CoordinateRange", "Domain", "Extended", "FixedParameters", "ForwardModel"]
+
+Floats = NDArray[np.float64]
 
 TWO_SHAPES = "two shapes"
-"""Doubt of a model that answers for capsules started from rest, where another shape is stable too."""
+"""Caveat where another shape than that of a capsule started from rest is stable too."""
 
 WRINKLES = "wrinkles"
-"""Doubt of a model that answers with a smooth shape, where the membrane wrinkles."""
+"""Caveat where the membrane wrinkles and the model answers with a smooth shape."""
+
+CIRCUMSTANCES = ("half_width", "capsule_velocity", "mean_velocity", "viscosity")
+"""What an effect may need to know of each capsule [SI]; every model accepts these names in ``theta``."""
 
 
-@runtime_checkable
-class Domain(Protocol):
-    """The set of (Ca, a/l) for which a model has an answer."""
+class CoordinateRange(NamedTuple):
+    """Lowest and highest value of a further coordinate, and the value meant where none is given."""
 
-    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each point lies in the domain : (n,) bool array; NaN is outside."""
-        ...
+    low: float
+    high: float
+    null_value: float
+
+
+class Domain(ABC):
+    """The set of points for which a model has an answer."""
 
     @property
+    @abstractmethod
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Smallest box that holds the domain, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
-        ...
+
+    @abstractmethod
+    def contains(
+        self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike
+    ) -> NDArray[np.bool_]:
+        """Return whether each point lies in the domain : (n,) bool array; NaN is outside.
+
+        The further coordinates follow in the order of `ForwardModel.coordinates`; without them, their null values are
+        meant.
+        """
+
+    def at(self, values: Mapping[str, float]) -> Domain:
+        """Return the domain over (Ca, a/l) at given values of further coordinates."""
+        del values
+        return self
+
+    def is_limit_of_existence(self, size_ratio: float) -> bool:
+        """Return whether no steady shape exists above the highest Ca at this a/l, as opposed to none computed."""
+        del size_ratio
+        return False
+
+    def reason(self, capillary_number: float, size_ratio: float, **coordinates: float) -> str:
+        """Say why a point lies outside the domain."""
+        del capillary_number, size_ratio, coordinates
+        return "the model has no steady shape there"
 
 
-@runtime_checkable
-class ForwardModel(Protocol):
+class ForwardModel(ABC):
     """A map ``theta -> Prediction``.
 
-    ``theta`` maps names to arrays (n,); the names every model reads are
-    ``"capillary_number"`` and ``"size_ratio"`` [-]. Points outside the domain
-    come back with ``inside`` False and NaN, never extrapolated and never an
-    exception, so that a batch does not stop.
+    ``theta`` maps names to arrays (n,): ``"capillary_number"`` and ``"size_ratio"`` [-], and the others of `names`.
+    Points outside the domain come back with ``inside`` False and NaN, never extrapolated and never an exception, so
+    that a batch does not stop. A subclass sets `name`, `sha256` and `domain`, and those of the other declarations
+    that differ from the defaults; `capsbayes.testing.check_model` names the promise that it breaks.
+
+    Attributes
+    ----------
+    name : str
+        What the model is called in results.
+    sha256 : str
+        Fingerprint of the data behind the model, stored with every result.
+    domain : Domain
+        Where the model has an answer.
+    cross_section : str or None
+        Cross-section of the channel, as that of an `Experiment`; None if the model holds for any.
+    view : str
+        Which outlines it predicts, one of `capsbayes.measured_outline.VIEWS`.
+    coordinates : mapping of str to CoordinateRange
+        Further coordinates beside (Ca, a/l), by name; optional in ``theta``.
+    effects : tuple of str
+        Names of the parameters of effects added to it; optional in ``theta``.
+    circumstances : tuple of str
+        Which of `CIRCUMSTANCES` its effects must know of each capsule.
+    database : Database or None
+        The cases that the paper's inverse procedure uses in the model's place, if there are such.
     """
 
-    @property
-    def name(self) -> str:
-        """What the model is called in results."""
-        ...
+    name: str
+    sha256: str
+    domain: Domain
+    cross_section: str | None = None
+    view: str = SECTION
+    coordinates: Mapping[str, CoordinateRange] = MappingProxyType({})
+    effects: tuple[str, ...] = ()
+    circumstances: tuple[str, ...] = ()
+    database: Database | None = None
+
+    @abstractmethod
+    def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Predict a batch.
+
+        Parameters
+        ----------
+        theta : mapping
+            Arrays (n,) by name.
+        outline : bool
+            Whether to predict the outlines too, which cost more than the lengths.
+
+        Raises
+        ------
+        InputError
+            On a name in ``theta`` that the model does not know, see `check_names`.
+        """
+
+    def __add__(self, effect: Effect) -> Extended:
+        """Return the model with an effect, which acts on what it predicts."""
+        return Extended(self, effect)
+
+    def fixed(self, **values: float) -> FixedParameters:
+        """Return the model with known values of further coordinates, or known sizes of effects, by name."""
+        return FixedParameters(self, values)
 
     @property
-    def sha256(self) -> str:
-        """Fingerprint of the data behind the model, stored with every result."""
-        ...
+    def names(self) -> tuple[str, ...]:
+        """Names that ``theta`` may hold besides `CIRCUMSTANCES`."""
+        return ("capillary_number", "size_ratio", *self.coordinates, *self.effects)
 
-    @property
-    def domain(self) -> Domain:
-        """Where the model has an answer."""
-        ...
+    def check_names(self, given: Iterable[str]) -> None:
+        """Refuse names that the model does not know.
 
-    def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outlines only on request, as they cost more than the lengths."""
-        ...
+        Raises
+        ------
+        InputError
+            Naming the known ones.
+        """
+        known = self.names
+        unknown = [name for name in given if name not in known and name not in CIRCUMSTANCES]
+        if unknown:
+            raise InputError(self.name, "theta", f"names among {', '.join(known)}", ", ".join(map(repr, unknown)))
+
+    def at(self, *, outline: bool = False, **theta: float) -> Prediction:
+        """Predict one point, as ``at(capillary_number=0.05, size_ratio=0.9)``.
+
+        Raises
+        ------
+        OutsideDatabaseError
+            When the point lies outside the domain, with the reason.
+        """
+        prediction = self({name: np.array([value]) for name, value in theta.items()}, outline=outline)
+        if not prediction.inside[0]:
+            raise self._outside(theta)
+        return prediction
+
+    def outline_modes(self, **theta: float) -> Floats | None:
+        """Return the model's own error of the outline at one point, as displacements along its normals.
+
+        Returns
+        -------
+        (k, p) array [l] or None
+            Independent of each other, each one standard deviation; None if the model does not state its error.
+
+        Raises
+        ------
+        OutsideDatabaseError
+            When the point lies outside the domain.
+        """
+        del theta
+        return None
+
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """Return by kind (`TWO_SHAPES`, `WRINKLES`) whether a caveat concerns each point of a batch : (n,) arrays."""
+        del theta
+        return {}
+
+    def joined(self, effect_database: str) -> ForwardModel | None:
+        """Return the model with a shipped effect database as a further coordinate; None if it cannot be the base."""
+        del effect_database
+        return None
+
+    def _outside(self, theta: Mapping[str, float]) -> OutsideDatabaseError:
+        known = {name: theta[name] for name in self.names if name in theta and name not in self.effects}
+        return OutsideDatabaseError(theta["capillary_number"], theta["size_ratio"], self.domain.reason(**known))
 
 
-@runtime_checkable
-class Doubting(Protocol):
-    """A forward model that says where its answer does not hold for every capsule."""
+@dataclass(frozen=True, eq=False)
+class _Derived(ForwardModel):
+    """A model made from another one, whose declarations it keeps but for those that it states itself."""
 
-    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """By kind of doubt (TWO_SHAPES, WRINKLES), whether it concerns each point of a batch : (n,) arrays."""
-        ...
+    model: ForwardModel
+
+    _KEPT: ClassVar = (
+        *("name", "sha256", "domain", "cross_section", "view"),
+        *("coordinates", "effects", "circumstances", "database"),
+    )
+
+    def _declare(self, **own: Any) -> None:
+        own.setdefault("coordinates", dict(self.model.coordinates))  # the default mapping cannot be pickled
+        for name in self._KEPT:
+            object.__setattr__(self, name, own[name] if name in own else getattr(self.model, name))
+
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """Return those of the model."""
+        return self.model.caveats(theta)
 
 
-def view_of(model: ForwardModel) -> str:
-    """Which outlines a model predicts, one of `capsbayes.measured_outline.VIEWS`; sections if it does not say."""
-    return str(getattr(model, "view", SECTION))
+@dataclass(frozen=True, eq=False)
+class Extended(_Derived):
+    """A forward model with an effect.
 
+    Parameters
+    ----------
+    model : ForwardModel
+    effect : Effect
 
-def outline_modes_of(model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64] | None:
-    """A model's own error of the outline at one point, as independent displacements along its normals.
-
-    Each is one standard deviation : (k, p) array [l]; None if the model does not say.
+    Examples
+    --------
+    >>> from capsbayes import Surrogate
+    >>> from capsbayes.effects import Halo
+    >>> model = Surrogate.open("square-neo-hookean") + Halo()
+    >>> capsule = {"capillary_number": np.array([0.05]), "size_ratio": np.array([0.9])}
+    >>> seen = model(capsule | {"halo": np.array([0.5e-6]), "half_width": np.array([25e-6])})
+    >>> float((seen.axial_extent - model(capsule).axial_extent).round(6)[0])
+    0.04
     """
-    modes = getattr(model, "outline_modes", None)
-    return None if modes is None else modes(**theta)
+
+    effect: Effect
+    _inner: ForwardModel = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        model, effect = self.model, self.effect
+        parameter = effect.parameter.name
+        self._declare(
+            name=f"{model.name} + {effect.name}",
+            sha256=hashlib.sha256(f"{model.sha256} {effect!r}".encode()).hexdigest(),
+            effects=(*model.effects, parameter),
+            circumstances=(*model.circumstances, *effect.circumstances),
+            database=None,
+        )
+        object.__setattr__(self, "_inner", model if parameter in model.names else _WithinEffect(model, parameter))
+
+    def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Predict a batch.
+
+        Parameters
+        ----------
+        theta : mapping
+            What the model reads; the effect's parameter, without which it has its null value; and its circumstances.
+        outline : bool
+            Whether to predict the outlines too.
+
+        Raises
+        ------
+        InputError
+            On an unknown name.
+        KeyError
+            If the effect is at work and a circumstance is missing.
+        """
+        self.check_names(theta)
+        if self.effect.parameter.name not in theta:
+            return self.model(theta, outline=outline)
+        missing = [key for key in self.effect.circumstances if key not in theta]
+        if missing:
+            raise KeyError(f"{self.effect.name}: theta lacks {', '.join(missing)}")
+        return self.effect(self._inner, theta, outline=outline)
+
+    def outline_modes(self, **theta: float) -> Floats | None:
+        """Return the effect's own error of the outline if it states one, or that of the model."""
+        self.check_names(theta)
+        if isinstance(self.effect, HasOutlineModes) and self.effect.parameter.name in theta:
+            return self.effect.outline_modes(self._inner, theta)
+        try:
+            return self._inner.outline_modes(**theta)
+        except OutsideDatabaseError:  # the effect asks the model elsewhere, just within its border
+            return None
+
+
+@dataclass(frozen=True, eq=False)
+class FixedParameters(_Derived):
+    """A forward model with known values of further coordinates, or known sizes of effects.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    values : mapping of str to float
+        By name.
+
+    Raises
+    ------
+    InputError
+        On a name that is neither a coordinate nor the parameter of an effect of the model.
+    """
+
+    values: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        model, values = self.model, self.values
+        known = (*model.coordinates, *model.effects)
+        unknown = [repr(name) for name in values if name not in known]
+        if unknown:
+            expected = f"names among {', '.join(known)}" if known else "no names, as it has no parameters to fix"
+            raise InputError(model.name, "fixed parameters", expected, ", ".join(unknown))
+        places = [f"{name} = {value:g}" for name, value in values.items() if name in model.coordinates]
+        self._declare(
+            name=" at ".join([model.name, *([", ".join(places)] if places else [])]),
+            sha256=hashlib.sha256(f"{model.sha256} {sorted(values.items())}".encode()).hexdigest(),
+            domain=model.domain.at(values),
+            coordinates={name: ends for name, ends in model.coordinates.items() if name not in values},
+            effects=tuple(name for name in model.effects if name not in values),
+        )
+
+    def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Predict a batch."""
+        self.check_names(theta)
+        return self.model(self._completed(theta), outline=outline)
+
+    def outline_modes(self, **theta: float) -> Floats | None:
+        """Return those of the model."""
+        return self.model.outline_modes(**{**theta, **self.values})
+
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """Return those of the model."""
+        return self.model.caveats(self._completed(theta))
+
+    def _completed(self, theta: Mapping[str, Any]) -> dict[str, Any]:
+        count = np.shape(theta["capillary_number"])
+        return {**theta, **{name: np.full(count, value) for name, value in self.values.items()}}
+
+
+@dataclass(frozen=True, eq=False)
+class _WithinEffect(_Derived):
+    """A model as an effect sees it, which may pass on its own parameter with everything else."""
+
+    parameter: str
+
+    def __post_init__(self) -> None:
+        self._declare()
+
+    def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
+        return self.model(self._without_parameter(theta), outline=outline)
+
+    def outline_modes(self, **theta: float) -> Floats | None:
+        return self.model.outline_modes(**self._without_parameter(theta))
+
+    def joined(self, effect_database: str) -> ForwardModel | None:
+        return self.model.joined(effect_database)
+
+    def _without_parameter(self, theta: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in theta.items() if name != self.parameter}

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.errors import BrokenPromiseError
+from capsbayes.errors import BrokenPromiseError, InputError
+from capsbayes.measured_outline import VIEWS
+from capsbayes.model import CIRCUMSTANCES, Domain, ForwardModel
 
 if TYPE_CHECKING:
     from capsbayes.effect import Effect
-    from capsbayes.model import ForwardModel
     from capsbayes.physics.membrane import MembraneLaw
     from capsbayes.prediction import Prediction
 
-__all__ = ["check_effect", "check_law"]
+__all__ = ["check_effect", "check_law", "check_model"]
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,28 @@ def check_effect(effect: Effect, model: ForwardModel) -> None:
     """
     promises = {promise: partial(deviation, effect, model) for promise, deviation in _EFFECT_PROMISES.items()}
     _keep(type(effect).__name__, promises)
+
+
+def check_model(model: ForwardModel) -> None:
+    """Check that a forward model keeps every promise of its kind.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        The model, one's own, the library's, or one made from these by effects and fixed parameters.
+
+    Raises
+    ------
+    BrokenPromiseError
+        Naming the first promise that does not hold, and where.
+
+    Examples
+    --------
+    >>> from capsbayes import Surrogate
+    >>> check_model(Surrogate.open("square-neo-hookean"))
+    """
+    promises = {promise: partial(deviation, model) for promise, deviation in _MODEL_PROMISES.items()}
+    _keep(type(model).__name__, promises)
 
 
 def _keep(name: str, promises: Mapping[str, Callable[[], str]]) -> None:
@@ -209,21 +232,26 @@ _LAW_PROMISES: dict[str, Callable[[MembraneLaw], str]] = {
 }
 
 
-_CIRCUMSTANCES = {"half_width": 25e-6, "capsule_velocity": 5e-3, "mean_velocity": 4e-3, "viscosity": 0.8}
+_SI = {"half_width": 25e-6, "capsule_velocity": 5e-3, "mean_velocity": 4e-3, "viscosity": 0.8}
 _OUTLINE = 0.01  # l by which the outline may differ from the lengths, beside the error that the prediction states
 
 
 def _batch(effect: Effect, size: float, model: ForwardModel) -> dict[str, Array]:
-    """Five capsules of the model's domain, one outside, and what the effect asks for."""
+    """Return `_capsules` with one size of the effect."""
+    capsules = _capsules(model)
+    return capsules | {effect.parameter.name: np.full(len(capsules["size_ratio"]), size)}
+
+
+def _capsules(model: ForwardModel) -> dict[str, Array]:
+    """Return five capsules of the model's domain and one outside, with every circumstance."""
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
     ca, ratio = np.random.default_rng(0).uniform([ca_low, size_low], [ca_high, size_high], (400, 2)).T
     inner = np.flatnonzero(model.domain.contains(ca, ratio))[:5]
-    batch = {
+    shapes = {
         "capillary_number": np.append(ca[inner], 1e3 * ca_high),
         "size_ratio": np.append(ratio[inner], size_high),
-        effect.parameter.name: np.full(len(inner) + 1, size),
     }
-    return batch | {name: np.full(len(inner) + 1, _CIRCUMSTANCES[name]) for name in effect.circumstances}
+    return shapes | {name: np.full(len(inner) + 1, value) for name, value in _SI.items()}
 
 
 def _table(prediction: Prediction) -> Array:
@@ -232,6 +260,11 @@ def _table(prediction: Prediction) -> Array:
     outline = np.zeros((count, 0)) if prediction.outline is None else prediction.outline.reshape(count, -1)
     lengths = prediction.values, prediction.stretch_ratio[:, None], prediction.covariance.reshape(count, -1)
     return np.concatenate([*lengths, outline], axis=1)
+
+
+def _with_and_without(effect: Effect, model: ForwardModel, theta: dict[str, Array]) -> tuple[Prediction, Prediction]:
+    without = {name: values for name, values in theta.items() if name != effect.parameter.name or name in model.names}
+    return (model + effect)(theta, outline=True), model(without, outline=True)
 
 
 def _typical(effect: Effect) -> float:
@@ -244,9 +277,9 @@ def _is_one_effect(effect: Effect, model: ForwardModel) -> str:
     for name in ("name", "changes", "separated_by"):
         if not (isinstance(getattr(effect, name), str) and getattr(effect, name)):
             return f"{name} is {getattr(effect, name)!r}, not a text"
-    unknown = [name for name in effect.circumstances if name not in _CIRCUMSTANCES]
+    unknown = [name for name in effect.circumstances if name not in CIRCUMSTANCES]
     if unknown:
-        return f"circumstances are among {', '.join(_CIRCUMSTANCES)}, got {', '.join(unknown)}"
+        return f"circumstances are among {', '.join(CIRCUMSTANCES)}, got {', '.join(unknown)}"
     if not np.isfinite(effect.prior.logpdf(_typical(effect))):
         return f"the prior has no density at its own quantile {_typical(effect):g}"
     return "" if pickle.loads(pickle.dumps(effect)) == effect else "it is another one after pickling"
@@ -254,7 +287,7 @@ def _is_one_effect(effect: Effect, model: ForwardModel) -> str:
 
 def _does_nothing_at_null(effect: Effect, model: ForwardModel) -> str:
     theta = _batch(effect, effect.null_value, model)
-    there, here = (one(theta, outline=True) for one in (partial(effect, model), model))
+    there, here = _with_and_without(effect, model, theta)
     both = there.inside & here.inside
     if not both.any():
         return "it has an answer for none of five capsules"
@@ -263,7 +296,7 @@ def _does_nothing_at_null(effect: Effect, model: ForwardModel) -> str:
 
 def _does_something(effect: Effect, model: ForwardModel) -> str:
     theta = _batch(effect, _typical(effect), model)
-    there, here = (one(theta, outline=True) for one in (partial(effect, model), model))
+    there, here = _with_and_without(effect, model, theta)
     both = there.inside & here.inside
     if not both.any():
         return f"at {effect.parameter.name} = {_typical(effect):g} it has an answer for none of five capsules"
@@ -274,15 +307,20 @@ def _does_something(effect: Effect, model: ForwardModel) -> str:
 def _takes_each_for_itself(effect: Effect, model: ForwardModel) -> str:
     theta = _batch(effect, _typical(effect), model)
     kept = {name: values.copy() for name, values in theta.items()}
-    forth = _table(effect(model, theta, outline=True))
-    back = _table(effect(model, {name: values[::-1] for name, values in theta.items()}, outline=True))
+    extended = model + effect
+    forth = _table(extended(theta, outline=True))
+    back = _table(extended({name: values[::-1] for name, values in theta.items()}, outline=True))
     if any(not np.array_equal(kept[name], values) for name, values in theta.items()):
         return "it changes the arrays that it is given"
     return _apart("the batch in reverse order", np.nan_to_num(back[::-1]), np.nan_to_num(forth), 1e-12)
 
 
 def _stays_outside(effect: Effect, model: ForwardModel) -> str:
-    found = effect(model, _batch(effect, _typical(effect), model), outline=True)
+    return _leaves_the_domain((model + effect)(_batch(effect, _typical(effect), model), outline=True))
+
+
+def _leaves_the_domain(found: Prediction) -> str:
+    """Sentence about a prediction of which the last point, and no other, lies outside the domain."""
     if found.inside[-1] or not np.isnan(found.values[-1]).all():
         return "a point outside the model's domain is not NaN with inside False"
     return _apart("a prediction inside", np.isfinite(_table(found)[found.inside]), np.ones(()))
@@ -290,7 +328,7 @@ def _stays_outside(effect: Effect, model: ForwardModel) -> str:
 
 def _moves_outline_and_lengths(effect: Effect, model: ForwardModel) -> str:
     theta = _batch(effect, _typical(effect), model)
-    there, here = (one(theta, outline=True) for one in (partial(effect, model), model))
+    there, here = _with_and_without(effect, model, theta)
     both = there.inside & here.inside
     if there.outline is None or here.outline is None:
         return "it loses the outline"
@@ -308,4 +346,79 @@ _EFFECT_PROMISES: dict[str, Callable[[Effect, ForwardModel], str]] = {
     "it takes each capsule of a batch for itself, and leaves what it is given as it is": _takes_each_for_itself,
     "outside the model's domain it has no answer, inside a finite one": _stays_outside,
     "it moves the outline as it moves the lengths": _moves_outline_and_lengths,
+}
+
+
+def _declares_what_it_is(model: ForwardModel) -> str:
+    if not isinstance(model, ForwardModel):
+        return "that it is no subclass of capsbayes.model.ForwardModel"
+    for name in ("name", "sha256"):
+        if not (isinstance(getattr(model, name, None), str) and getattr(model, name)):
+            return f"{name} is {getattr(model, name, None)!r}, not a text"
+    if not isinstance(getattr(model, "domain", None), Domain):
+        return "domain is no subclass of capsbayes.model.Domain"
+    if model.view not in VIEWS:
+        return f"view is {model.view!r}, not one of {', '.join(VIEWS)}"
+    wrong = [name for name, ends in model.coordinates.items() if not ends.low <= ends.null_value <= ends.high]
+    if wrong:
+        return f"the null value of {', '.join(wrong)} is not within its range"
+    unknown = [name for name in model.circumstances if name not in CIRCUMSTANCES]
+    return f"circumstances are among {', '.join(CIRCUMSTANCES)}, got {', '.join(unknown)}" if unknown else ""
+
+
+def _knows_its_names(model: ForwardModel) -> str:
+    capsules = _capsules(model)
+    count = len(capsules["size_ratio"])
+    null = {name: np.full(count, ends.null_value) for name, ends in model.coordinates.items()}
+    stated, meant = (np.nan_to_num(_table(model(capsules | more))) for more in (null, {}))
+    differ = _apart("the prediction at the null values", stated, meant, 1e-12)
+    if differ:
+        return differ
+    try:
+        model(capsules | {"no_such_parameter": np.zeros(count)})
+    except InputError:
+        return ""
+    return "that a name it does not know, no_such_parameter, is ignored; call check_names"
+
+
+def _predicts_a_batch(model: ForwardModel) -> str:
+    capsules = _capsules(model)
+    forth, back = model(capsules), model({name: values[::-1] for name, values in capsules.items()})
+    tables = np.nan_to_num(_table(back)[::-1]), np.nan_to_num(_table(forth))
+    return _leaves_the_domain(forth) or _apart("the batch in reverse order", tables[0], tables[1], 1e-12)
+
+
+def _agrees_with_its_domain(model: ForwardModel) -> str:
+    capsules = _capsules(model)
+    inside = model.domain.contains(capsules["capillary_number"], capsules["size_ratio"])
+    return _apart("inside", model(capsules).inside.astype(float), inside.astype(float))
+
+
+def _states_errors_and_caveats(model: ForwardModel) -> str:
+    capsules = {name: values[:-1] for name, values in _capsules(model).items()}
+    found = model(capsules)
+    if np.linalg.eigvalsh(found.covariance).min() < -1e-12:
+        return "a covariance with a negative eigenvalue"
+    modes = model.outline_modes(**{name: float(values[0]) for name, values in capsules.items()})
+    outline = model(capsules, outline=True).outline
+    if modes is not None and (outline is None or modes.ndim != 2 or modes.shape[1] != outline.shape[1]):
+        return (
+            f"outline modes of shape {modes.shape} for outlines of shape {None if outline is None else outline.shape}"
+        )
+    for kind, concerned in model.caveats(capsules).items():
+        if np.shape(concerned) != (len(found),):
+            return f"the caveat {kind!r} of shape {np.shape(concerned)} for {len(found)} points"
+    return ""
+
+
+_MODEL_PROMISES: dict[str, Callable[[ForwardModel], str]] = {
+    "it is a ForwardModel that declares its name, fingerprint, domain, view, coordinates and circumstances": (
+        _declares_what_it_is
+    ),
+    "it refuses names that it does not know, and a coordinate that is not given has its null value": _knows_its_names,
+    "it takes each capsule for itself, without an answer outside its domain and with a finite one inside": (
+        _predicts_a_batch
+    ),
+    "its domain is where it has an answer": _agrees_with_its_domain,
+    "its covariances, outline modes and caveats have the shapes of its predictions": _states_errors_and_caveats,
 }

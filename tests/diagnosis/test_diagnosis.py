@@ -16,8 +16,8 @@ from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import _about_the_best, log_likelihood, population
 from capsbayes.diagnosis.summary import summary
 from capsbayes.diagnosis.verification import Gain
-from capsbayes.effect import Held
 from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
+from capsbayes.model import FixedParameters
 from capsbayes.show import verdict_sentence
 
 CAPSULES = 40
@@ -166,10 +166,10 @@ def test_next_sizes_are_the_top_of_a_parabola_and_two_standard_errors_beside():
 
 def test_a_model_with_held_sizes_is_that_at_these_sizes(model):
     theta = {"capillary_number": np.array([0.03, 0.07]), "size_ratio": np.array([0.85, 0.9])}
-    held = Held(model + PixelScale(), {"pixel_scale": 0.02})
+    held = FixedParameters(model + PixelScale(), {"pixel_scale": 0.02})
     due = (model + PixelScale())(theta | {"pixel_scale": np.full(2, 0.02)})
     np.testing.assert_array_equal(held(theta).values, due.values)
-    assert held.sha256 != Held(model + PixelScale(), {"pixel_scale": 0.01}).sha256
+    assert held.sha256 != FixedParameters(model + PixelScale(), {"pixel_scale": 0.01}).sha256
     assert (held + Halo()).name == "square-neo-hookean + pixel scale + halo"
 
 

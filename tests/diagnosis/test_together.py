@@ -8,8 +8,8 @@ from capsbayes import Surrogate
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import Trial, log_likelihood
 from capsbayes.diagnosis.together import _DESIGN, _parabola, together
-from capsbayes.effect import Held
 from capsbayes.effects import Halo, MotionBlur
+from capsbayes.model import FixedParameters
 
 TRUTH = {"halo": 0.5e-6, "exposure": 5e-4}
 
@@ -28,7 +28,7 @@ def scene():
     session, _ = drawn_session(model + Halo() + MotionBlur(), 30, seed=5, outline=True, sizes=TRUTH)
     white = whitening(model, session)
     first = Trial(model, Halo(), session, white, fitted(model, session, white)).scores
-    held = Held(model + Halo(), {"halo": first.size})
+    held = FixedParameters(model + Halo(), {"halo": first.size})
     alone = fitted(held, session, white)
     second = Trial(held, MotionBlur(), session, white, alone).scores
     return model, session, white, first, second, alone
@@ -55,7 +55,7 @@ def test_no_sizes_around_are_likelier(scene, both):
     errors = np.array([0.5 * np.ptp(one.interval()) for one in both])
 
     def total(sizes):
-        held = Held(model + Halo() + MotionBlur(), dict(zip(TRUTH, sizes, strict=True)))
+        held = FixedParameters(model + Halo() + MotionBlur(), dict(zip(TRUTH, sizes, strict=True)))
         return log_likelihood(fitted(held, session, white)).sum()
 
     around = [total(top + errors * np.array(one)) for one in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1))]

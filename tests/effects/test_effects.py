@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from capsbayes import Surrogate
-from capsbayes.effect import Effect, Extended
+from capsbayes.effect import Effect
 from capsbayes.effects import (
     ChannelSwelling,
     Halo,
@@ -15,7 +15,9 @@ from capsbayes.effects import (
     catalogue,
 )
 from capsbayes.effects.simulated import SIMULATED
-from capsbayes.testing import check_effect
+from capsbayes.errors import InputError
+from capsbayes.model import Extended
+from capsbayes.testing import check_effect, check_model
 
 CAPSULES = {"capillary_number": np.array([0.03, 0.06, 0.09]), "size_ratio": np.array([0.8, 0.9, 1.0])}
 WIDTH = {"half_width": np.full(3, 25e-6)}
@@ -40,14 +42,12 @@ def test_effects_keep_their_promises(name, model):
 
 
 def test_halo_moves_all_edges_out(model):
-    seen, without = (model + Halo())(CAPSULES | WIDTH | {"halo": three(0.5e-6)}, outline=True), model(CAPSULES)
+    theta = CAPSULES | WIDTH | {"halo": three(0.5e-6)}
+    seen, without = (model + Halo())(theta, outline=True), model(CAPSULES, outline=True)
     np.testing.assert_allclose(seen.axial_extent - without.axial_extent, 0.04, atol=1e-12)
     np.testing.assert_allclose(seen.parachute_depth, without.parachute_depth, atol=1e-12)
-    width = [
-        np.ptp(one(CAPSULES | WIDTH | {"halo": three(0.5e-6)}, outline=True).outline[..., 1], axis=1)
-        for one in (model + Halo(), model)
-    ]
-    np.testing.assert_allclose(width[0] - width[1], 0.04, atol=2e-3)
+    wider = np.ptp(seen.outline[..., 1], axis=1) - np.ptp(without.outline[..., 1], axis=1)
+    np.testing.assert_allclose(wider, 0.04, atol=2e-3)
     np.testing.assert_array_equal(seen.velocity_ratio, without.velocity_ratio)
 
 
@@ -120,7 +120,28 @@ def test_the_own_error_of_outlines_is_unknown_where_an_effect_reaches_beyond_the
     swollen = model + catalogue()["swelling"]
     theta = {"capillary_number": 0.04, "size_ratio": 1.16, "swelling": 6.0, "capsule_velocity": 5e-3}
     batch = {name: np.array([value]) for name, value in theta.items()}
-    assert not model(batch).inside[0]
+    assert not model({name: batch[name] for name in model.names}).inside[0]
     assert swollen(batch).inside[0]
     assert swollen.outline_modes(**theta) is None
     assert swollen.outline_modes(**{**theta, "size_ratio": 0.9}).shape[1] > 0
+
+
+def test_a_model_with_an_effect_keeps_the_contract(model):
+    both = model + Halo() + SIMULATED["pre_inflation"]
+    check_model(both)
+    check_model(both.fixed(halo=0.2e-6))
+    assert (both.cross_section, both.view, both.effects) == ("square", "section", ("halo", "pre_inflation"))
+    assert both.circumstances == ("half_width",)
+    assert both.fixed(halo=0.2e-6).names == ("capillary_number", "size_ratio", "pre_inflation")
+
+
+def test_an_unknown_name_is_refused_by_every_kind_of_model(model):
+    theta = CAPSULES | {"pre_inflaton": three(0.02)}
+    joint = Surrogate.open("square-pre-inflation")
+    for one in (model, model + Halo(), (model + Halo()).fixed(halo=0.0), joint, joint.fixed(pre_inflation=0.02)):
+        with pytest.raises(InputError, match=r"theta: expected names among capillary_number, .*'pre_inflaton'"):
+            one(theta)
+    with pytest.raises(InputError, match="fixed parameters: expected names among pre_inflation, got 'pre_inflaton'"):
+        joint.fixed(pre_inflaton=0.02)
+    with pytest.raises(InputError, match="expected no names, as it has no parameters to fix, got 'halo'"):
+        model.fixed(halo=0.0)

@@ -7,8 +7,9 @@ from scipy import stats
 from capsbayes.errors import InputError
 from capsbayes.infer.coordinate import Coordinate
 from capsbayes.infer.prior import Prior, coordinate_prior
+from capsbayes.model import CoordinateRange
 
-MODEL = SimpleNamespace(name="square with pre_inflation", coordinate="pre_inflation", coordinate_range=(0.0, 0.1))
+MODEL = SimpleNamespace(name="square with pre_inflation", coordinates={"pre_inflation": CoordinateRange(0.0, 0.1, 0.0)})
 
 
 def of(distribution):

@@ -1,11 +1,12 @@
 import importlib
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from polynomial_model import FoldedModel, PolynomialModel
+from scipy.stats import uniform
 
+from capsbayes.effects import Halo
 from capsbayes.errors import InputError
 from capsbayes.infer import Prior, Range, identify
 from capsbayes.infer.sampling.ensembles import Effort
@@ -70,7 +71,7 @@ class Doubtful(PolynomialModel):
         super().__init__()
         self.kind = kind
 
-    def doubts(self, theta):
+    def caveats(self, theta):
         return {self.kind: theta["capillary_number"] < 0.1}
 
 
@@ -81,7 +82,7 @@ class Doubtful(PolynomialModel):
         ("wrinkles", Status.LEANS_ON_WRINKLES, "wrinkles about the axis"),
     ],
 )
-def test_a_posterior_where_the_model_doubts_its_shape_says_so(experiment, capsule, kind, status, words):
+def test_a_posterior_where_the_model_has_a_caveat_says_so(experiment, capsule, kind, status, words):
     found = identify(capsule, Doubtful(kind), experiment, seed=1, engine="quadrature")
     assert found.status is status
     assert words in str(found.status)
@@ -124,10 +125,14 @@ def test_wrong_arguments_are_refused(model, experiment, capsule):
         identify(capsule, model, experiment, seed=1, engine="gibbs")
 
     class Tube(type(model)):
-        database = SimpleNamespace(dataset=SimpleNamespace(attrs={"section": "circular"}))
+        cross_section = "circular"
 
-    with pytest.raises(InputError, match='experiment: section: expected "circular", that of the model, got "square"'):
-        identify(capsule, Tube(), experiment, seed=1)
+    for tube in (Tube(), Tube() + Halo(), (Tube() + Halo()).fixed(halo=0.0)):
+        expected = 'experiment: section: expected "circular", that of the model, got "square"'
+        with pytest.raises(InputError, match=expected):
+            identify(capsule, tube, experiment, seed=1)
+    with pytest.raises(InputError, match="prior: pre_inflaton: expected a coordinate of manufactured polynomial"):
+        identify(capsule, model, experiment, seed=1, prior=Prior(coordinates={"pre_inflaton": uniform(0.0, 0.1)}))
     with pytest.raises(InputError, match="expected a shape that a case of"):
         identify(replace(capsule, axial_extent=4.0), model, experiment, seed=1)
 

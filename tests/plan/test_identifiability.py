@@ -1,10 +1,13 @@
 import json
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
+from polynomial_model import PolynomialModel
 
 from capsbayes.errors import InputError
+from capsbayes.model import CoordinateRange
 from capsbayes.plan import identifiability_map
 from capsbayes.plan.widths import WidthPredictor, noise_lattice
 
@@ -59,11 +62,8 @@ def test_what_is_no_plane_is_refused(model, experiment, errors):
     with pytest.raises(InputError, match="two points along each axis"):
         identifiability_map(model, experiment, errors, grid=(1, 5))
     with pytest.raises(InputError, match=r"a model of \(Ca, a/l\), got one of pre_inflation too; fix it"):
-        identifiability_map(_Inflated(model), experiment, errors)
+        identifiability_map(_Inflated(), experiment, errors)
 
 
-class _Inflated:
-    coordinate = "pre_inflation"
-
-    def __init__(self, model):
-        self.domain, self.name, self.sha256 = model.domain, model.name, model.sha256
+class _Inflated(PolynomialModel):
+    coordinates = MappingProxyType({"pre_inflation": CoordinateRange(0.0, 0.1, 0.0)})

@@ -32,7 +32,7 @@ def ranks(inflated):
     while len(found) < CAPSULES:
         ca, size = np.exp(rng.uniform(np.log(ca_low), np.log(ca_high))), rng.uniform(size_low, size_high)
         theta = {"capillary_number": np.array([ca]), "size_ratio": np.array([size])}
-        prediction = model(theta | {"pre_inflation": rng.uniform(*model.coordinate_range, 1)})
+        prediction = model(theta | {"pre_inflation": rng.uniform(*model.coordinates["pre_inflation"][:2], 1)})
         if not prediction.inside[0]:
             continue
         shape = rng.multivariate_normal(prediction.values[0], prediction.covariance[0])

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from capsbayes.model import Domain, ForwardModel
 from capsbayes.prediction import Prediction
 
 
 @dataclass(frozen=True)
-class PolynomialDomain:
+class PolynomialDomain(Domain):
     """Ca from 0.005 to 0.15, less above a/l = 0.9; a/l from 0.70 to 1.15."""
 
     lowest: float = 0.005
@@ -23,14 +24,14 @@ class PolynomialDomain:
     def limit(self, size_ratio):
         return self.highest - 0.2 * np.maximum(np.asarray(size_ratio) - 0.9, 0.0)
 
-    def contains(self, capillary_number, size_ratio):
+    def contains(self, capillary_number, size_ratio, *coordinates):
         ca, size = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio))
         with np.errstate(invalid="ignore"):
             return (ca >= self.lowest) & (ca <= self.limit(size)) & (size >= 0.70) & (size <= 1.15)
 
 
 @dataclass(frozen=True)
-class PolynomialModel:
+class PolynomialModel(ForwardModel):
     """Polynomials in x = log(Ca / 0.082) and y = a/l - 0.96; at x = y = 0 the lengths of the paper's capsule."""
 
     error: float = 0.003
@@ -39,6 +40,7 @@ class PolynomialModel:
     sha256: str = "0" * 64
 
     def __call__(self, theta, *, outline=False):
+        self.check_names(theta)
         ca, size = np.asarray(theta["capillary_number"]), np.asarray(theta["size_ratio"])
         inside = self.domain.contains(ca, size)
         x, y = np.log(np.where(inside, ca, 0.082) / 0.082), np.where(inside, size, 0.96) - 0.96
@@ -78,6 +80,7 @@ class FoldedModel(PolynomialModel):
     name: str = "manufactured fold"
 
     def __call__(self, theta, *, outline=False):
+        self.check_names(theta)
         ca, size = np.asarray(theta["capillary_number"]), np.asarray(theta["size_ratio"])
         inside = self.domain.contains(ca, size)
         x, y = np.log(np.where(inside, ca, 0.03) / 0.03), np.where(inside, size, 0.96) - 0.96

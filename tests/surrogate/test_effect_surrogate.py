@@ -34,7 +34,7 @@ def test_at_the_null_value_it_is_the_base(model):
     np.testing.assert_allclose(found.values[both], base.values[both], atol=1e-10)
     np.testing.assert_allclose(found.outline[both], base.outline[both], atol=1e-10)
     np.testing.assert_array_equal(
-        model(where | {model.coordinate: np.full(len(both), model.domain.null_value)}).inside, found.inside
+        model(where | {model.coordinate: np.full(len(both), model.domain.ends.null_value)}).inside, found.inside
     )
 
 
@@ -75,25 +75,26 @@ def test_its_error_grows_away_from_the_stored_values(model):
         found = model(one | {model.coordinate: np.full(50, value)})
         return np.sqrt(np.nanmean(found.covariance[:, 2, 2]))
 
-    assert error(0.5 * (values[0] + values[1])) > error(model.domain.null_value)
+    assert error(0.5 * (values[0] + values[1])) > error(model.domain.ends.null_value)
 
 
 def test_a_value_outside_is_refused_with_the_range(model):
-    low, high = model.coordinate_range
+    low, high, _ = model.coordinates[model.coordinate]
     with pytest.raises(OutsideDatabaseError, match=f"at {model.coordinate} = "):
         model.at(capillary_number=0.06, size_ratio=0.9, **{model.coordinate: high + 0.1 * (high - low)})
 
 
 def test_a_fixed_value_is_a_plain_model(model):
     where, value = points(model, 50), float(model.effect_database.values[-1])
-    held = model(where | {model.coordinate: np.full(50, value)})
-    plain = model.fixed(value)
-    np.testing.assert_array_equal(plain(where).values, held.values)
-    np.testing.assert_array_equal(plain.domain.contains(**where), held.inside)
-    there = model.doubts(where | {model.coordinate: np.full(50, value)})
-    assert plain.doubts(where).keys() == there.keys()
-    for kind, concerned in plain.doubts(where).items():
-        np.testing.assert_array_equal(concerned, there[kind])
+    there = model(where | {model.coordinate: np.full(50, value)})
+    plain = model.fixed(**{model.coordinate: value})
+    np.testing.assert_array_equal(plain(where).values, there.values)
+    np.testing.assert_array_equal(plain.domain.contains(where["capillary_number"], where["size_ratio"]), there.inside)
+    assert (dict(plain.coordinates), plain.cross_section, plain.view) == ({}, model.cross_section, model.view)
+    caveats = model.caveats(where | {model.coordinate: np.full(50, value)})
+    assert plain.caveats(where).keys() == caveats.keys()
+    for kind, concerned in plain.caveats(where).items():
+        np.testing.assert_array_equal(concerned, caveats[kind])
 
 
 def test_modes_of_the_outline_at_the_null_value_are_those_of_the_base(model):
@@ -107,9 +108,9 @@ def test_modes_of_the_outline_at_the_null_value_are_those_of_the_base(model):
 def test_modes_of_the_outline_say_what_the_covariance_of_the_lengths_says(model):
     """The length on the axis is the place of the nose less that of the rear."""
     one, (first, second) = {"capillary_number": 0.06, "size_ratio": 0.9}, model.effect_database.values[:2]
-    held = model.fixed(0.6 * first + 0.4 * second)
+    held = model.fixed(**{model.coordinate: 0.6 * first + 0.4 * second})
     modes = held.outline_modes(**one)
-    outline = model.at(**one, **{model.coordinate: held.value}, outline=True).outline[0]
+    outline = model.at(**one, **held.values, outline=True).outline[0]
     on_axis = np.abs(outline[:, 1]) < 0.02
     nose, rear = (np.flatnonzero(on_axis & (sign * outline[:, 0] > 0.0)) for sign in (1.0, -1.0))
     change = modes[:, nose].mean(axis=1) + modes[:, rear].mean(axis=1)

@@ -78,7 +78,7 @@ def test_the_own_error_covers_columns_never_seen(database, kept):
     model = Surrogate(Database(cases.dataset.isel(case=np.flatnonzero(known))))
     unseen = ~known & (cases["parachute_depth"] > 0.02)
     places = {name: cases[name] for name in ("capillary_number", "size_ratio")}
-    unseen &= ~model.doubts(places).get(TWO_SHAPES, np.zeros(len(unseen), dtype=bool))
+    unseen &= ~model.caveats(places).get(TWO_SHAPES, np.zeros(len(unseen), dtype=bool))
     prediction = model({name: cases[name][unseen] for name in ("capillary_number", "size_ratio")})
     errors = prediction.values - np.stack([cases[name][unseen] for name in QUANTITIES], axis=1)
     scores = (errors**2 / prediction.covariance[:, range(3), range(3)])[prediction.inside]

@@ -9,7 +9,6 @@ import pytest
 from capsbayes.database import Database
 from capsbayes.effects import Halo
 from capsbayes.errors import InputError
-from capsbayes.model import view_of
 from capsbayes.surrogate import Surrogate
 from capsbayes.surrogate.branches import branches_of
 from capsbayes.surrogate.chart import Chart
@@ -51,8 +50,8 @@ def test_own_errors_are_those_of_the_view_and_the_rear_on_the_axis_is_hidden(bot
 
 
 def test_effects_keep_the_view(both):
-    assert view_of(both[1] + Halo()) == "silhouette"
-    assert view_of(both[0] + Halo()) == "section"
+    assert (both[1] + Halo()).view == "silhouette"
+    assert (both[0] + Halo()).view == "section"
 
 
 def test_another_word_is_refused(both):
@@ -67,7 +66,7 @@ def test_an_effect_database_predicts_silhouettes_too():
     database = Database.open("square-rest-aspect")
     base = Surrogate.open("square-neo-hookean", view="silhouette")
     model = Surrogate.from_database(database, base=base)
-    assert model.view == model.fixed(1.02).view == "silhouette"
+    assert model.view == model.fixed(rest_aspect=1.02).view == "silhouette"
     null = {**PLACE, "rest_aspect": np.array([1.0])}
     np.testing.assert_allclose(model(null, outline=True).outline, base(PLACE, outline=True).outline, atol=1e-9)
     assert np.isfinite(model.outline_modes(**POINT, rest_aspect=1.03)).all()

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import OfLengths, Whitening
-from capsbayes.effect import circumstances_of
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 
@@ -172,7 +171,7 @@ def scouts(
     ca, size = (one.ravel() for one in np.meshgrid(np.geomspace(ca_low, ca_high, _SCOUTS[0] + 2)[1:-1], columns))
     band = np.digitize(ca, np.geomspace(ca_low, ca_high, bands + 1)[1:-1])
     found = np.empty((bands, len(rows), 2))
-    acting = [name for name in rest if name not in session.circumstances or name in circumstances_of(model)]
+    acting = [name for name in rest if name not in session.circumstances or name in model.circumstances]
     alike: dict[tuple[float, ...], Prediction] = {}
     for k, row in enumerate(rows):
         here = tuple(float(rest[name][row]) for name in acting)

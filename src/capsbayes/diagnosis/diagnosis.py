@@ -22,7 +22,7 @@ from capsbayes.diagnosis.scoring import Measured, Scores, Trial
 from capsbayes.diagnosis.search import LEAST_GAIN, Search, Step, searched
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.verification import Verification, verified
-from capsbayes.effect import Effect, ExtendableModel
+from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
 from capsbayes.model import ForwardModel
 
@@ -119,7 +119,7 @@ class Study:
 @threadpool_limits.wrap(limits=1)  # the matrices are tiny: threads would only wait for each other
 def diagnose(
     session: Session,
-    model: ExtendableModel,
+    model: ForwardModel,
     *,
     seed: int,
     candidates: Mapping[str, Effect] | None = None,
@@ -195,7 +195,7 @@ def diagnose(
     made = partial(made, steps=steps, verification=verification)
     if any(len(step.alike) > 1 for step in steps):
         return made(Verdict.AMBIGUOUS)
-    extended: ExtendableModel = model
+    extended: ForwardModel = model
     for step in steps:
         extended = extended + step.best.effect
     return made(Verdict.NAMED, model=extended, sizes={step.alike[0]: step.best.size for step in steps})

@@ -24,7 +24,8 @@ from scipy.optimize import minimize_scalar
 from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
-from capsbayes.effect import Effect, ExtendableModel
+from capsbayes.effect import Effect
+from capsbayes.model import ForwardModel
 
 __all__ = [
     "Measured",
@@ -167,7 +168,7 @@ class Trial:
 
     def __init__(
         self,
-        model: ExtendableModel,
+        model: ForwardModel,
         effect: Effect,
         session: Session,
         white: Whitening,

@@ -14,7 +14,8 @@ from capsbayes.diagnosis.scoring import Measured, Scores, Trial
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.together import together
 from capsbayes.diagnosis.whitening import Whitening
-from capsbayes.effect import Effect, ExtendableModel, Held
+from capsbayes.effect import Effect
+from capsbayes.model import FixedParameters, ForwardModel
 
 __all__ = ["LEAST_GAIN", "LEFT", "Search", "Step", "not_told_apart", "searched"]
 
@@ -51,7 +52,7 @@ class Step:
 
     scores: Mapping[str, Scores]
     alike: tuple[str, ...]
-    models: Mapping[str, ExtendableModel] = field(repr=False)
+    models: Mapping[str, ForwardModel] = field(repr=False)
     left: Mapping[str, Finding] = field(repr=False)
     before: Mapping[str, Scores] = field(default_factory=dict, repr=False)
 
@@ -61,11 +62,11 @@ class Step:
         return self.scores[self.alike[0]]
 
     @property
-    def after(self) -> Held:
+    def after(self) -> FixedParameters:
         """The model with the effect at its size."""
         return self.with_effect(self.alike[0])
 
-    def with_effect(self, name: str) -> Held:
+    def with_effect(self, name: str) -> FixedParameters:
         """The model with one of the candidates at its size."""
         return _with(self.models[name], self.scores[name])
 
@@ -112,7 +113,7 @@ class Search:
         Of each effect alone, on the same session.
     """
 
-    model: ExtendableModel
+    model: ForwardModel
     candidates: Mapping[str, Effect]
     session: Session
     white: Whitening
@@ -121,7 +122,7 @@ class Search:
     tell: Callable[[str], None]
     earlier: Mapping[str, Trial] = field(default_factory=dict)
 
-    def trials(self, here: ExtendableModel, beside: Fits, names: Iterable[str]) -> dict[str, Trial]:
+    def trials(self, here: ForwardModel, beside: Fits, names: Iterable[str]) -> dict[str, Trial]:
         """Of effects beside a model, of which the fits are given."""
         found = {}
         for name in names:
@@ -135,7 +136,7 @@ class Search:
         return found
 
     def judged(
-        self, scores: Mapping[str, Scores], models: Mapping[str, ExtendableModel], before: Mapping[str, Scores]
+        self, scores: Mapping[str, Scores], models: Mapping[str, ForwardModel], before: Mapping[str, Scores]
     ) -> tuple[Step, bool]:
         """The effects that are not told apart; if any leave nothing over, those."""
         alike = _not_told_apart(scores)
@@ -210,8 +211,8 @@ def _by_gain(scores: Mapping[str, Scores]) -> dict[str, Scores]:
     return dict(sorted(scores.items(), key=lambda item: -item[1].gain))
 
 
-def _with(model: ExtendableModel, scores: Scores) -> Held:
-    return Held(model + scores.effect, {scores.effect.parameter.name: scores.size})
+def _with(model: ForwardModel, scores: Scores) -> FixedParameters:
+    return FixedParameters(model + scores.effect, {scores.effect.parameter.name: scores.size})
 
 
 def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.scoring import Measured, Scores, Tried, log_of_measured
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
-from capsbayes.effect import ExtendableModel, Held
+from capsbayes.model import FixedParameters, ForwardModel
 
 __all__ = ["together"]
 
@@ -37,7 +37,7 @@ class _Top(NamedTuple):
 
 
 def together(
-    model: ExtendableModel,
+    model: ForwardModel,
     first: Scores,
     second: Scores,
     session: Session,
@@ -70,7 +70,7 @@ def together(
     pair = _Pair(model, (first, second), session, white, alone, measured)
     top = pair.climbed()
     without_second = Tried.of(alone), first.size
-    held = Held(model + second.effect, {second.effect.parameter.name: float(top.sizes[1])})
+    held = FixedParameters(model + second.effect, {second.effect.parameter.name: float(top.sizes[1])})
     without_first = Tried.of(fitted(held, session, white)), float(top.sizes[1])
     return pair.along(0, top, *without_first), pair.along(1, top, *without_second)
 
@@ -80,7 +80,7 @@ class _Pair:
 
     def __init__(
         self,
-        model: ExtendableModel,
+        model: ForwardModel,
         scores: tuple[Scores, Scores],
         session: Session,
         white: Whitening,

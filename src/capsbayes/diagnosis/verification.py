@@ -16,7 +16,8 @@ from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import Measured, log_likelihood
 from capsbayes.diagnosis.search import LEAST_GAIN, LEFT, Step, not_told_apart
 from capsbayes.diagnosis.session import Session
-from capsbayes.effect import Effect, ExtendableModel
+from capsbayes.effect import Effect
+from capsbayes.model import ForwardModel
 
 __all__ = ["Gain", "Verification", "verified"]
 
@@ -96,7 +97,7 @@ class Verification:
 
 
 def verified(
-    model: ExtendableModel, steps: tuple[Step, ...], *, confirm: Session, seed: int, measured: Measured, found: float
+    model: ForwardModel, steps: tuple[Step, ...], *, confirm: Session, seed: int, measured: Measured, found: float
 ) -> tuple[tuple[Step, ...], Verification]:
     """The second half beside the model, and beside it with each effect more.
 
@@ -117,7 +118,7 @@ def verified(
     """
     white = whitening(model, confirm)
     *before, last = (step for step in steps if step.alike)
-    models: list[ExtendableModel] = [model, *(step.after for step in before)]
+    models: list[ForwardModel] = [model, *(step.after for step in before)]
     fits = [fitted(one, confirm, white) for one in models]
     chain = [log_likelihood(one) for one in fits]
     shown = find(model, confirm, seed=seed, white=white, fits=fits[0]), Compared(confirm, model, fits[0])

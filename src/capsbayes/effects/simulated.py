@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.database import Database
 from capsbayes.effect import Kind, Theta
 from capsbayes.effects.ranges import log_uniform, uniform
-from capsbayes.model import ForwardModel, outline_modes_of, view_of
+from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
-from capsbayes.surrogate import Surrogate
-from capsbayes.surrogate.effect_surrogate import EffectSurrogate
+from capsbayes.surrogate.surrogate import joint_surrogate
 
 __all__ = ["SIMULATED", "Simulated"]
 
@@ -73,12 +70,14 @@ class Simulated:
         A plain surrogate takes the place of the base of the effect's own, so that the limits of existence move with
         the effect as well; any other model is left to say where it has an answer.
         """
-        if isinstance(model, Surrogate):
-            return _on(self.database, model, model.view)(theta, outline=outline)
-        simulated = _on(self.database, None, view_of(model))
+        joint = model.joined(self.database)
+        if joint is not None:
+            return joint(theta, outline=outline)
+        simulated = joint_surrogate(self.database, None, model.view)
         here = model(theta, outline=outline)
-        there = simulated(theta, outline=outline)
-        null = simulated({**theta, self.coordinate: np.full(len(here), self.null_value)}, outline=outline)
+        known = {name: theta[name] for name in simulated.names if name in theta}
+        there = simulated(known, outline=outline)
+        null = simulated({**known, self.coordinate: np.full(len(here), self.null_value)}, outline=outline)
         both = here.inside & there.inside & null.inside
         unknown = np.where(both, 0.0, np.nan)
         changed = theta[self.coordinate] != self.null_value
@@ -93,28 +92,19 @@ class Simulated:
             outline=_changed(here.outline, there.outline, null.outline),
         )
 
-    def outline_modes(self, model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64]:
-        """Own error of the outline at one point, see `outline_modes_of`: of the model and of the slices."""
-        if isinstance(model, Surrogate):
-            return _on(self.database, model, model.view).outline_modes(**theta)
-        own = _on(self.database, None, view_of(model)).outline_modes(**theta)
-        inner = outline_modes_of(model, theta)
+    def outline_modes(self, model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64] | None:
+        """Return the own error of the outline at one point: that of the model and that of the slices."""
+        joint = model.joined(self.database)
+        if joint is not None:
+            return joint.outline_modes(**theta)
+        simulated = joint_surrogate(self.database, None, model.view)
+        own = simulated.outline_modes(**{name: theta[name] for name in simulated.names if name in theta})
+        inner = model.outline_modes(**theta)
         return own if inner is None else np.concatenate([inner, own])
 
 
 def _changed(here: Outlines, there: Outlines, null: Outlines) -> Outlines:
     return None if here is None or there is None or null is None else here + (there - null)
-
-
-@lru_cache(maxsize=16)
-def _on(database: str, base: Surrogate | None, view: str) -> EffectSurrogate:
-    """The effect's surrogate over a base, its own if None."""
-    if base is None:
-        found = Surrogate.open(database, view=view)
-    else:
-        found = Surrogate.from_database(Database.open(database), base=base, view=view)
-    assert isinstance(found, EffectSurrogate), "an effect database"
-    return found
 
 
 def _described(

@@ -53,15 +53,21 @@ class Coordinate:
         Raises
         ------
         InputError
-            If the prior is one of another coordinate, or reaches far beyond the range of the model.
+            If the prior is of a name that is no coordinate of the model or reaches far beyond the range of the model,
+            or if the model has several further coordinates.
         """
-        name = getattr(model, "coordinate", None)
+        names = tuple(model.coordinates)
         for other in prior.coordinates:
-            if other != name:
-                raise InputError("prior", other, f"a coordinate of {model.name}", f"a model of (Ca, a/l{_and(name)})")
-        if name is None:
+            if other not in names:
+                known = f"a coordinate of {model.name}" + (f" ({', '.join(names)})" if names else "")
+                raise InputError("prior", other, known, f"a model of ({', '.join(('Ca', 'a/l', *names))})")
+        if len(names) > 1:
+            advice = "fix the others: model.fixed(name=value)"
+            raise InputError("identify", "model", "one further coordinate at most", ", ".join(names), advice)
+        if not names:
             return None
-        low, high = model.coordinate_range  # type: ignore[attr-defined]
+        name = names[0]
+        low, high, _ = model.coordinates[name]
         if name not in prior.coordinates:
             from scipy.stats import uniform  # half a second to import
 
@@ -87,7 +93,3 @@ class Coordinate:
         values = np.asarray(values, dtype=np.float64)
         within = (values >= self.low) & (values <= self.high)
         return np.where(within, self.distribution.logpdf(values) - np.log(self.covered), -np.inf)
-
-
-def _and(name: str | None) -> str:
-    return f", {name}" if name else ""

@@ -42,7 +42,7 @@ def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: 
     DeterministicAnswer or None
         None where the procedure does not apply: L_a missing, or a model without database.
     """
-    database = getattr(model, "database", None)
+    database = model.database
     if database is None or measurement.axial_length is None:
         return None
     from capsbayes.surrogate import inverse
@@ -56,7 +56,6 @@ def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: 
         viscosity=inputs.viscosity.value, mean_velocity=flow, capillary_number=found.capillary_number
     )
     radius = capsule_radius(size_ratio=found.size_ratio, half_width=inputs.half_width.value)
-    coordinate = getattr(model, "coordinate", None)
-    assumed = {} if coordinate is None else {coordinate: model.domain.null_value}  # type: ignore[attr-defined]
+    assumed = {name: ends.null_value for name, ends in model.coordinates.items()}
     shape = found.capillary_number, found.size_ratio, found.velocity_ratio
     return DeterministicAnswer(float(modulus), float(radius), float(flow), *shape, assumed)

@@ -10,9 +10,8 @@ __all__ = ["check_section"]
 
 
 def check_section(model: ForwardModel, experiment: Experiment) -> None:
-    """Refuse a model of another section than that of the experiment; one without a database does not say."""
-    database = getattr(model, "database", None)
-    section = None if database is None else database.dataset.attrs.get("section")
+    """Refuse a model of another cross-section than that of the experiment."""
+    section = model.cross_section
     if section is not None and section != experiment.section:
         where = experiment.source or "experiment"
         raise InputError(where, "section", f'"{section}", that of the model', f'"{experiment.section}"')

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from capsbayes.infer.checks import LEANING_SHARE, Agreement, Gate, leaning
 from capsbayes.infer.prior import Prior
-from capsbayes.model import TWO_SHAPES, WRINKLES, Doubting, ForwardModel
-from capsbayes.parameters import COORDINATES
+from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
 from capsbayes.status import Status
 
 __all__ = ["leanings", "verdict"]
@@ -31,10 +30,9 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
     prior : Prior
     """
     place = ("capillary_number", "size_ratio")
-    shares = {"model": leaning(draws, place, model.domain.contains, tuple(prior.coordinates))}
-    if isinstance(model, Doubting):
-        drawn = {name: np.ravel(values) for name, values in draws.items() if name in (*place, *COORDINATES)}
-        shares |= {kind: float(np.mean(concerned)) for kind, concerned in model.doubts(drawn).items()}
+    shares = {"model": leaning(draws, place, model.domain.contains, tuple(model.coordinates))}
+    drawn = {name: np.ravel(draws[name]) for name in (*place, *model.coordinates)}
+    shares |= {kind: float(np.mean(concerned)) for kind, concerned in model.caveats(drawn).items()}
     for name, one in (
         ("surface_shear_modulus", prior.surface_shear_modulus),
         ("capsule_radius", prior.capsule_radius),

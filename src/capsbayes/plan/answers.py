@@ -96,7 +96,7 @@ class Answerer:
         InputError
             If the model has no database, or a further coordinate.
         """
-        if getattr(model, "database", None) is None or getattr(model, "coordinate", None) is not None:
+        if model.database is None or model.coordinates:
             raise InputError("sobol", "model", "a database of (Ca, a/l), as the paper's procedure needs", model.name)
         centre = {name: getattr(inputs, name).value for name in ("viscosity", "half_width", "capsule_velocity")}
         lengths = {name: float(getattr(measurement, name)) for name in ("axial_extent", "axial_length")}
@@ -138,7 +138,8 @@ class Answerer:
         """Ca, a/l and v_o/U (n, 3) of lengths (n, 2), and which of them are those of the nearest shape."""
         from capsbayes.surrogate import inverse
 
-        procedure = inverse(self.model.database)  # type: ignore[attr-defined]
+        assert self.model.database is not None
+        procedure = inverse(self.model.database)
         places = np.full((len(lengths), 3), np.nan)
         for row in np.flatnonzero((lengths[:, 1] > 0.0) & (lengths[:, 1] <= lengths[:, 0])):
             found = procedure(axial_extent=float(lengths[row, 0]), axial_length=float(lengths[row, 1]))

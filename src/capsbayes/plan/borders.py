@@ -52,14 +52,4 @@ def range_at(model: ForwardModel, size_ratio: float) -> CaRange:
     if not within.size:
         return CaRange(size_ratio, np.nan, np.nan, False)
     highest = float(ca[within[-1]])
-    return CaRange(size_ratio, float(ca[within[0]]), highest, _is_limit(model, highest, size_ratio))
-
-
-def _is_limit(model: ForwardModel, highest: float, size_ratio: float) -> bool:
-    """What the region that reaches highest says of its upper border; a model without regions says nothing."""
-    regions = getattr(model.domain, "regions", ())
-    here = [one for one in regions if one.size_ratio[0] <= size_ratio <= one.size_ratio[-1]]
-    if not here:
-        return False
-    top = max(here, key=lambda one: one.borders(size_ratio)[1])
-    return bool(top.limit[int(np.argmin(np.abs(top.size_ratio - size_ratio)))])
+    return CaRange(size_ratio, float(ca[within[0]]), highest, model.domain.is_limit_of_existence(size_ratio))

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.model import TWO_SHAPES, Doubting, ForwardModel
+from capsbayes.model import TWO_SHAPES, ForwardModel
 from capsbayes.plan.borders import range_at
 from capsbayes.plan.lab_errors import LabErrors
 from capsbayes.plan.widths import NOISES, Width, WidthPredictor
@@ -137,10 +137,9 @@ def _dataset(
         for end in ("lowest", "highest")
     }
     two = np.zeros(inside.shape, dtype=np.int8)
-    if isinstance(model, Doubting):
-        row, column = np.nonzero(inside)
-        doubts = model.doubts({"capillary_number": ca[column], "size_ratio": size[row]})
-        two[row, column] = doubts.get(TWO_SHAPES, np.zeros(len(row), dtype=bool))
+    row, column = np.nonzero(inside)
+    caveats = model.caveats({"capillary_number": ca[column], "size_ratio": size[row]})
+    two[row, column] = caveats.get(TWO_SHAPES, np.zeros(len(row), dtype=bool))
     found["two_shapes"] = (plane, two, {"units": "-", "long_name": "1 where two steady shapes are stable"})
     places = {
         "capillary_number": ("capillary_number", ca, {"units": "-", "long_name": "Ca, mu U / G_s"}),

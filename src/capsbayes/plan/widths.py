@@ -179,11 +179,10 @@ def noise_lattice(count: int) -> Floats:
 
 def check_model(model: ForwardModel, experiment: Experiment) -> None:
     """Refuse a model that is of another section, or for which a point (Ca, a/l) is not a shape."""
-    coordinate = getattr(model, "coordinate", None)
-    if coordinate is not None:
-        raise InputError(
-            "sensitivity", "model", "a model of (Ca, a/l)", f"one of {coordinate} too", "fix it: model.fixed(value)"
-        )
+    if model.coordinates:
+        name = ", ".join(model.coordinates)
+        advice = f"fix it: model.fixed({name}=value)"
+        raise InputError("sensitivity", "model", "a model of (Ca, a/l)", f"one of {name} too", advice)
     check_section(model, experiment)
 
 

@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from capsbayes.model import Domain
+
 __all__ = ["DomainOfExistence", "Region", "inside_borders"]
 
 Floats = NDArray[np.float64]
@@ -50,7 +52,7 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False)
-class DomainOfExistence:
+class DomainOfExistence(Domain):
     """Union of regions.
 
     Parameters
@@ -76,8 +78,11 @@ class DomainOfExistence:
         last = max(float(region.size_ratio[-1]) for region in self.regions)
         return (lowest, highest), (first, last)
 
-    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
+    def contains(
+        self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike
+    ) -> NDArray[np.bool_]:
+        """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
+        del coordinates
         ca, size = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio))
         ca, size = np.ascontiguousarray(ca, np.float64), np.ascontiguousarray(size, np.float64)
         inside = np.zeros(len(ca), dtype=np.bool_)
@@ -85,24 +90,30 @@ class DomainOfExistence:
             inside |= region.contains(ca, size)
         return inside
 
-    def reason(self, capillary_number: float, size_ratio: float) -> str:
+    def is_limit_of_existence(self, size_ratio: float) -> bool:
+        """Return whether no steady shape exists above the highest Ca at this a/l, as opposed to none computed."""
+        top = max(self._at(size_ratio), key=lambda region: region.borders(size_ratio)[1], default=None)
+        return top is not None and bool(top.limit[int(np.argmin(np.abs(top.size_ratio - size_ratio)))])
+
+    def reason(self, capillary_number: float, size_ratio: float, **coordinates: float) -> str:
         """Say on which side of the domain a point outside it lies."""
+        del coordinates
         first, last = self.bounds[1]
         if not (np.isfinite(capillary_number) and np.isfinite(size_ratio)):
             return "expected finite numbers"
         if not first <= size_ratio <= last:
             return f"a/l runs from {first:.4g} to {last:.4g}"
-        here = [region for region in self.regions if region.size_ratio[0] <= size_ratio <= region.size_ratio[-1]]
-        lowest = min(region.borders(size_ratio)[0] for region in here)
-        top = max(here, key=lambda region: region.borders(size_ratio)[1])
+        lowest = min(region.borders(size_ratio)[0] for region in self._at(size_ratio))
         if capillary_number < lowest:
             return f"the lowest Ca computed at this a/l is {lowest:.4g}"
-        highest = top.borders(size_ratio)[1]
+        highest = max(region.borders(size_ratio)[1] for region in self._at(size_ratio))
         if capillary_number <= highest:
             return "it lies between two branches of steady shapes"
-        nearest = int(np.argmin(np.abs(top.size_ratio - size_ratio)))
-        what = "no steady shape is known above" if top.limit[nearest] else "the database ends at"
-        return f"at this a/l {what} Ca = {highest:.4g}"
+        end = "no steady shape is known above" if self.is_limit_of_existence(size_ratio) else "the database ends at"
+        return f"at this a/l {end} Ca = {highest:.4g}"
+
+    def _at(self, size_ratio: float) -> list[Region]:
+        return [region for region in self.regions if region.size_ratio[0] <= size_ratio <= region.size_ratio[-1]]
 
 
 @njit(cache=True, nogil=True)

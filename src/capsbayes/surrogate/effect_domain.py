@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from capsbayes.model import CoordinateRange, Domain
 from capsbayes.surrogate.effect_kernel import Weighing, covered
 
 __all__ = ["EffectDomain", "FixedDomain"]
@@ -15,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class EffectDomain:
+class EffectDomain(Domain):
     """Points (Ca, a/l) of each value of the effect.
 
     Parameters
@@ -24,13 +26,16 @@ class EffectDomain:
         Its borders bound the domain.
     logarithmic : bool
         Whether the places of the slices are logarithms of the effect.
-    null_value : float
-        Value of the effect where none is given.
+    coordinate : str
+        Name of the effect's parameter.
+    ends : CoordinateRange
+        Range of its values.
     """
 
     weighing: Weighing
     logarithmic: bool
-    null_value: float
+    coordinate: str
+    ends: CoordinateRange
 
     def place(self, value: ArrayLike) -> Floats:
         """Places along the effect of given values : array, NaN for one that has none."""
@@ -38,10 +43,10 @@ class EffectDomain:
             return np.log(value) if self.logarithmic else np.asarray(value, dtype=np.float64)
 
     def contains(
-        self, capillary_number: ArrayLike, size_ratio: ArrayLike, value: ArrayLike | None = None
+        self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike
     ) -> NDArray[np.bool_]:
-        """Whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
-        effect = self.place(self.null_value if value is None else value)
+        """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
+        effect = self.place(coordinates[0] if coordinates else self.ends.null_value)
         arrays = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio), effect)
         ca, size, place = (np.ascontiguousarray(array, np.float64) for array in arrays)
         return np.asarray(covered(ca, size, place, self.weighing), dtype=np.bool_)
@@ -50,12 +55,19 @@ class EffectDomain:
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Smallest box around the domains of all slices, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         knots = np.exp(self.weighing.knots) if self.logarithmic else self.weighing.knots
-        boxes = [self.at(value).bounds for value in knots]
+        boxes = [FixedDomain(self, value).bounds for value in knots]
         return (min(box[0][0] for box in boxes), max(box[0][1] for box in boxes)), boxes[0][1]
 
-    def at(self, value: float) -> FixedDomain:
-        """The part of the plane at one value."""
-        return FixedDomain(self, value)
+    def at(self, values: Mapping[str, float]) -> Domain:
+        """Return the part of the plane at one value of the effect."""
+        return FixedDomain(self, values[self.coordinate]) if self.coordinate in values else self
+
+    def reason(self, capillary_number: float, size_ratio: float, **coordinates: float) -> str:
+        """Say why a point lies outside the domain."""
+        del capillary_number, size_ratio
+        low, high, null_value = self.ends
+        value = coordinates.get(self.coordinate, null_value)
+        return f"at {self.coordinate} = {value:.4g}, of {low:.4g} to {high:.4g}, no steady shape is stored there"
 
     def borders(self, value: float) -> Floats:
         """Lowest Ca, division of the sheets and highest Ca in each column at one value : (3, c) array."""
@@ -66,7 +78,7 @@ class EffectDomain:
 
 
 @dataclass(frozen=True, eq=False)
-class FixedDomain:
+class FixedDomain(Domain):
     """The domain at one value of the effect.
 
     Parameters
@@ -78,8 +90,11 @@ class FixedDomain:
     whole: EffectDomain
     value: float
 
-    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
+    def contains(
+        self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike
+    ) -> NDArray[np.bool_]:
+        """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
+        del coordinates
         return self.whole.contains(capillary_number, size_ratio, self.value)
 
     @property

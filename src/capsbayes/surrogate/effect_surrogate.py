@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import Database
-from capsbayes.effect import Extendable
-from capsbayes.errors import CapsbayesError, DatabaseError, OutsideDatabaseError
+from capsbayes.errors import DatabaseError
+from capsbayes.model import CoordinateRange, ForwardModel
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.cardinal import FEWEST_KNOTS, CardinalCubics
 from capsbayes.surrogate.effect_domain import EffectDomain
 from capsbayes.surrogate.effect_kernel import Stack, Weighing, corresponding, evaluate, located
-from capsbayes.surrogate.fixed_effect import FixedEffect
 from capsbayes.surrogate.registration import SHEETS, Borders, common_folds, matched, moving_borders
 from capsbayes.surrogate.sheet import COLUMNS
 
@@ -40,7 +39,7 @@ LOGARITHMIC = ("hardening",)  # shapes are smooth functions of its logarithm: it
 
 
 @dataclass(frozen=True, eq=False)
-class EffectSurrogate(Extendable):
+class EffectSurrogate(ForwardModel):
     """Forward model (Ca, a/l, effect) -> (L_z, L_a, v_o/U, Lambda, outline).
 
     Parameters
@@ -79,8 +78,16 @@ class EffectSurrogate(Extendable):
         moving = moving_borders(knots, borders, null, base_borders)
         folds = common_folds(borders, base_borders)
         weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(knots, borders))
+        coordinate = database.effect
+        ends = CoordinateRange(float(values[0]), float(values[-1]), database.null_value)
         made = {
-            "domain": EffectDomain(weighing, logarithmic, database.null_value),
+            "name": f"{base.name} with {coordinate}",
+            "sha256": hashlib.sha256(f"{base.sha256} {database.sha256}".encode()).hexdigest(),
+            "domain": EffectDomain(weighing, logarithmic, coordinate, ends),
+            "cross_section": base.cross_section,
+            "view": base.view,
+            "coordinates": {coordinate: ends},
+            "database": base.database,
             "_stack": _stacked(slices, borders),
             "_base_stack": _stacked([base], [base_borders]),
         }
@@ -91,32 +98,6 @@ class EffectSurrogate(Extendable):
     def coordinate(self) -> str:
         """Name of the coordinate that is added to (Ca, a/l), as in `capsbayes.parameters`."""
         return self.effect_database.effect
-
-    @property
-    def coordinate_range(self) -> tuple[float, float]:
-        """Lowest and highest value of the coordinate."""
-        values = self.effect_database.values
-        return float(values[0]), float(values[-1])
-
-    @property
-    def database(self) -> Database:
-        """The cases of the base."""
-        return self.base.database
-
-    @property
-    def view(self) -> str:
-        """Which outlines it predicts, as its base and its slices do."""
-        return self.base.view
-
-    @property
-    def name(self) -> str:
-        """Section, law and coordinate, for results."""
-        return f"{self.base.name} with {self.coordinate}"
-
-    @property
-    def sha256(self) -> str:
-        """Fingerprint of both databases."""
-        return hashlib.sha256(f"{self.base.sha256} {self.effect_database.sha256}".encode()).hexdigest()
 
     def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
         """Predict a batch; outside the domain NaN, with ``inside`` False.
@@ -129,6 +110,7 @@ class EffectSurrogate(Extendable):
         outline : bool
             Whether to predict the outlines of its view too.
         """
+        self.check_names(theta)
         ca, size, place = self._points(theta)
         values, covariance = np.full((len(ca), len(COLUMNS)), np.nan), np.full((len(ca), 3, 3), np.nan)
         inside = np.zeros(len(ca), dtype=np.bool_)
@@ -138,24 +120,8 @@ class EffectSurrogate(Extendable):
         columns = values.T.copy()
         return Prediction(columns[0], columns[1], columns[2], columns[3], covariance, inside, shapes)
 
-    def at(
-        self, *, capillary_number: float, size_ratio: float, outline: bool = False, **coordinate: float
-    ) -> Prediction:
-        """Predict one point, as ``at(capillary_number=0.05, size_ratio=0.9, pre_inflation=0.02)``.
-
-        Raises
-        ------
-        OutsideDatabaseError
-            When the point lies outside the domain.
-        """
-        theta = {"capillary_number": capillary_number, "size_ratio": size_ratio, **coordinate}
-        prediction = self({name: np.array([value]) for name, value in theta.items()}, outline=outline)
-        if not prediction.inside[0]:
-            raise self._outside(capillary_number, size_ratio, coordinate)
-        return prediction
-
-    def outline_modes(self, *, capillary_number: float, size_ratio: float, **coordinate: float) -> Floats:
-        """Own error of the outline at one point, as independent displacements along its normals.
+    def outline_modes(self, **theta: float) -> Floats:
+        """Return the own error of the outline at one point, as independent displacements along its normals.
 
         Those of the base and, as they are weighed, of the slices; of the interpolation between the slices; and the
         mesh's, as far as it may change with the effect: what makes up the covariance of a prediction.
@@ -170,12 +136,12 @@ class EffectSurrogate(Extendable):
         OutsideDatabaseError
             When the point lies outside the domain.
         """
-        theta = {"capillary_number": capillary_number, "size_ratio": size_ratio, **coordinate}
-        ca, size, effect = self._points({name: np.array([value]) for name, value in theta.items()})
+        self.check_names(theta)
+        ca, size, effect = self._points(theta)
         weighing = self.domain.weighing
         interval, _, _, row = located(ca[0], size[0], effect[0], weighing, np.empty(4))
         if row < 0:
-            raise self._outside(capillary_number, size_ratio, coordinate)
+            raise self._outside(theta)
         sheets, places, weights = self._corresponding(ca, size, effect)
         normal = vertex_normals(self._outlines(ca, size, effect)[0])
         left_out, (first, last) = weighing.left_out[row, interval], weighing.ends[row, interval]
@@ -193,11 +159,11 @@ class EffectSurrogate(Extendable):
         far = (effect[0] - weighing.knots[weighing.null]) / np.ptp(weighing.knots)
         return np.concatenate([*modes, bump * left_out @ along[:-2], far * (along[-1] - along[-2])[None]])
 
-    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """See `Doubting.doubts`; those of the two slices beside each point."""
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """Return the caveats of the two slices next to each point."""
         ca, size, place = self._points(theta)
         cases = {"capillary_number": ca, "size_ratio": size}
-        each = [one.doubts(cases) for one in self.slices]
+        each = [one.caveats(cases) for one in self.slices]
         knots = self.domain.weighing.knots
         below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
         points = np.arange(len(ca))
@@ -207,19 +173,10 @@ class EffectSurrogate(Extendable):
             found[kind] = of_slice[below, points] | (of_slice[below + 1, points] & (place > knots[below]))
         return found
 
-    def fixed(self, value: float) -> FixedEffect:
-        """The forward model (Ca, a/l) at one value of the coordinate."""
-        return FixedEffect(self, value)
-
     def _points(self, theta: Mapping[str, ArrayLike]) -> list[Floats]:
-        effect = self.domain.place(theta.get(self.coordinate, self.domain.null_value))
+        effect = self.domain.place(theta.get(self.coordinate, self.domain.ends.null_value))
         arrays = (np.atleast_1d(theta["capillary_number"]), np.atleast_1d(theta["size_ratio"]), effect)
         return [np.array(array, np.float64) for array in np.broadcast_arrays(*arrays)]
-
-    def _outside(self, capillary_number: float, size_ratio: float, coordinate: Mapping[str, float]) -> CapsbayesError:
-        value, (low, high) = coordinate.get(self.coordinate, self.domain.null_value), self.coordinate_range
-        reason = f"at {self.coordinate} = {value:.4g}, of {low:.4g} to {high:.4g}, no steady shape is stored there"
-        return OutsideDatabaseError(capillary_number, size_ratio, reason)
 
     @property
     def _surrogates(self) -> list[Surrogate]:

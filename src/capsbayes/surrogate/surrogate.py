@@ -10,15 +10,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import NO_EFFECT, Database
-from capsbayes.effect import Extendable
-from capsbayes.errors import InputError, OutsideDatabaseError
+from capsbayes.errors import InputError
 from capsbayes.measured_outline import SECTION, check_view
+from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.branches import branches_of
 from capsbayes.surrogate.chart import Chart
@@ -27,13 +28,13 @@ from capsbayes.surrogate.doubts import Doubts
 from capsbayes.surrogate.effect_surrogate import SLICE_CELLS, EffectSurrogate, check_values
 from capsbayes.surrogate.sheet import CELLS, COLUMNS, Sheet, approximation_of
 
-__all__ = ["Surrogate"]
+__all__ = ["Surrogate", "joint_surrogate"]
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Surrogate(Extendable):
+class Surrogate(ForwardModel):
     """Forward model (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline) over a database.
 
     Parameters
@@ -62,7 +63,7 @@ class Surrogate(Extendable):
     1
     """
 
-    database: Database
+    database: Database = field()
     cells: tuple[int, int] = CELLS
     view: str = SECTION
     domain: DomainOfExistence = field(init=False, repr=False)
@@ -81,6 +82,11 @@ class Surrogate(Extendable):
         sheets = tuple(Sheet(cases, branch, chart, rival, self.cells, self.view) for branch, rival in pairs)
         object.__setattr__(self, "sheets", sheets)
         object.__setattr__(self, "_doubts", Doubts.of(cases, chart))
+        attributes = self.database.dataset.attrs
+        name = re.sub(r"[^a-z0-9]+", "-", f"{attributes['section']}-{attributes['law']}".lower())
+        object.__setattr__(self, "name", name + ("" if self.view == SECTION else f" ({self.view}s)"))
+        object.__setattr__(self, "sha256", self.database.sha256)
+        object.__setattr__(self, "cross_section", attributes["section"])
 
     @classmethod
     def open(cls, source: str | Path, *, view: str = SECTION) -> Surrogate | EffectSurrogate:
@@ -141,16 +147,6 @@ class Surrogate(Extendable):
             database, tuple(slices.values()), slices[database.null_value] if plain is None else plain
         )
 
-    @property
-    def name(self) -> str:
-        """Section and law, and which outlines if not those of the plane x = 0, for results."""
-        return _name(self.database) + ("" if self.view == SECTION else f" ({self.view}s)")
-
-    @property
-    def sha256(self) -> str:
-        """Fingerprint of the database."""
-        return self.database.sha256
-
     def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
         """Predict a batch; outside the domain NaN, with ``inside`` False.
 
@@ -161,6 +157,7 @@ class Surrogate(Extendable):
         outline : bool
             Whether to predict the outlines of its view too.
         """
+        self.check_names(theta)
         ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
         values, covariance = np.full((len(COLUMNS), len(ca)), np.nan), np.full((len(ca), 3, 3), np.nan)
         inside = np.zeros(len(ca), dtype=np.bool_)
@@ -169,33 +166,12 @@ class Surrogate(Extendable):
         shapes = self._outlines(ca, size) if outline else None
         return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
 
-    def doubts(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """See `Doubting.doubts`."""
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+        """Return by kind whether a caveat concerns each point of a batch : (n,) arrays."""
         return self._doubts(*_pair(theta["capillary_number"], theta["size_ratio"]))
 
-    def at(self, *, capillary_number: float, size_ratio: float, outline: bool = False) -> Prediction:
-        """Predict one point.
-
-        Raises
-        ------
-        OutsideDatabaseError
-            When the point lies outside the domain, saying on which side.
-        """
-        theta = {"capillary_number": np.array([capillary_number]), "size_ratio": np.array([size_ratio])}
-        prediction = self(theta, outline=outline)
-        if not prediction.inside[0]:
-            reason = self.domain.reason(capillary_number, size_ratio)
-            raise OutsideDatabaseError(capillary_number, size_ratio, reason)
-        return prediction
-
-    def outline_modes(self, *, capillary_number: float, size_ratio: float, **rest: float) -> Floats:
-        """Own error of the outline at one point, as independent displacements along its normals.
-
-        Parameters
-        ----------
-        capillary_number, size_ratio : float
-        rest : float
-            Passed over.
+    def outline_modes(self, **theta: float) -> Floats:
+        """Return the own error of the outline at one point, as independent displacements along its normals.
 
         Returns
         -------
@@ -207,12 +183,16 @@ class Surrogate(Extendable):
         OutsideDatabaseError
             When the point lies outside the domain.
         """
-        ca, size = np.array([capillary_number]), np.array([size_ratio])
+        self.check_names(theta)
+        point = theta["capillary_number"], theta["size_ratio"]
         for sheet in self.sheets:
-            if sheet.branch.region.contains(ca, size)[0]:
-                return sheet.outline_modes(capillary_number, size_ratio)
-        reason = self.domain.reason(capillary_number, size_ratio)
-        raise OutsideDatabaseError(capillary_number, size_ratio, reason)
+            if sheet.branch.region.contains(np.array(point[:1]), np.array(point[1:]))[0]:
+                return sheet.outline_modes(*point)
+        raise self._outside(theta)
+
+    def joined(self, effect_database: str) -> EffectSurrogate:
+        """Return the model with a shipped effect database as a further coordinate, and this one as its base."""
+        return joint_surrogate(effect_database, self, self.view)
 
     def gradient(self, *, capillary_number: ArrayLike, size_ratio: ArrayLike) -> Floats:
         """Derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) : (n, 3, 2) array, NaN outside the domain."""
@@ -231,9 +211,23 @@ class Surrogate(Extendable):
         return outlines
 
 
-def _name(database: Database) -> str:
-    attributes = database.dataset.attrs
-    return re.sub(r"[^a-z0-9]+", "-", f"{attributes['section']}-{attributes['law']}".lower())
+@lru_cache(maxsize=16)
+def joint_surrogate(effect_database: str, base: Surrogate | None, view: str) -> EffectSurrogate:
+    """Return the surrogate of a shipped effect database over a base, by default the shipped one; kept for later calls.
+
+    Parameters
+    ----------
+    effect_database : str
+        Name.
+    base : Surrogate or None
+    view : str
+    """
+    if base is None:
+        found = Surrogate.open(effect_database, view=view)
+    else:
+        found = Surrogate.from_database(Database.open(effect_database), base=base, view=view)
+    assert isinstance(found, EffectSurrogate), "an effect database"
+    return found
 
 
 def _pair(capillary_number: ArrayLike, size_ratio: ArrayLike) -> tuple[Floats, Floats]:

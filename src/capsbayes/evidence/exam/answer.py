@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from capsbayes.database import Database
 from capsbayes.diagnosis import Compared, Study, Verdict, diagnose
-from capsbayes.effect import Effect, ExtendableModel
+from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
 from capsbayes.evidence.blind.decoy import Decoy
 from capsbayes.evidence.blind.session import HiddenSession, drawn_session
 from capsbayes.evidence.exam.cells import Cell
+from capsbayes.model import ForwardModel
 
 __all__ = ["Answer", "answered"]
 
@@ -76,7 +77,7 @@ _TWO_SIGMA = 1.92  # fall of the log likelihood at the ends of a 95 % interval
 _ACCURACY = 0.1  # of the standard deviation of an effect's prior: error of what is measured apart from the capsules
 
 
-def answered(cell: Cell, seed: int, shapes: Database, model: ExtendableModel) -> Answer:
+def answered(cell: Cell, seed: int, shapes: Database, model: ForwardModel) -> Answer:
     """Draw one session of a cell and diagnose it.
 
     Parameters
@@ -121,7 +122,7 @@ def _told_apart(
     cell: Cell,
     seed: int,
     drawn: HiddenSession,
-    model: ExtendableModel,
+    model: ForwardModel,
     study: Study,
     candidates: Mapping[str, Effect],
 ) -> tuple[str, int]:

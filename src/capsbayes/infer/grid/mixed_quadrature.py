@@ -48,12 +48,12 @@ class MixedQuadrature:
     Parameters
     ----------
     model : ForwardModel
-        With the attributes `coordinate` and `coordinate_range` and the method `fixed`.
+        With one further coordinate.
     experiment : Experiment
     prior : Prior, optional
     """
 
-    def __init__(self, model: Any, experiment: Experiment, prior: Prior | None = None) -> None:
+    def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         coordinate = Coordinate.of(model, prior or Prior())
         assert coordinate is not None
         self.model, self.experiment, self.coordinate = model, experiment, coordinate
@@ -121,7 +121,7 @@ class MixedQuadrature:
         if share not in self._engines:
             value = float(self.coordinate.values(share))
             plain = replace(self.prior, coordinates={})
-            self._engines[share] = Quadrature(self.model.fixed(value), self.experiment, plain)
+            self._engines[share] = Quadrature(self.model.fixed(**{self.coordinate.name: value}), self.experiment, plain)
         return self._engines[share](
             measurement, inputs=density.inputs, error_scale=density.error_scale, outline=density.outline
         )

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError
 from capsbayes.infer.outline.normal_distance import Footing, normal_distances, posed_on
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
-from capsbayes.model import ForwardModel, outline_modes_of, view_of
+from capsbayes.model import ForwardModel
 
 __all__ = ["LengthBeside", "OutlineLikelihood", "aligned_with", "check_view_of", "outline_likelihood"]
 
@@ -177,8 +177,8 @@ def check_view_of(model: ForwardModel, measured: MeasuredOutline, where: str = "
     ------
     InputError
     """
-    if view_of(model) != measured.view:
-        expected = f'"{view_of(model)}", that of the outlines of {model.name}'
+    if model.view != measured.view:
+        expected = f'"{model.view}", that of the outlines of {model.name}'
         advice = f'open the model with view="{measured.view}"'
         raise InputError(where, "outline.view", expected, f'"{measured.view}"', advice)
 
@@ -212,7 +212,7 @@ def outline_likelihood(
     check_view_of(model, measured)
     there = model({name: np.array([value]) for name, value in theta.items()}, outline=True)
     assert there.outline is not None, "asked for"
-    pilot, modes = there.outline[0], outline_modes_of(model, theta)
+    pilot, modes = there.outline[0], model.outline_modes(**theta)
     if modes is not None:
         modes = error_scale * modes
     beside = None

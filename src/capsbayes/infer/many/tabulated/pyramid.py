@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
-from capsbayes.model import TWO_SHAPES, WRINKLES, Doubting, ForwardModel
+from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
 
 __all__ = ["COLUMNS", "DOUBTS", "Pyramid"]
 
@@ -90,8 +90,7 @@ def _columns(model: ForwardModel, nodes: Nodes, shape: tuple[int, int]) -> Float
 
 def _doubts(model: ForwardModel, nodes: Nodes) -> Floats:
     doubts = np.zeros(len(nodes.size))
-    if isinstance(model, Doubting):
-        theta = {"capillary_number": np.exp(nodes.log_ca), "size_ratio": nodes.size}
-        for kind, concerned in model.doubts(theta).items():
-            doubts += DOUBTS[kind] * concerned
+    theta = {"capillary_number": np.exp(nodes.log_ca), "size_ratio": nodes.size}
+    for kind, concerned in model.caveats(theta).items():
+        doubts += DOUBTS[kind] * concerned
     return doubts
