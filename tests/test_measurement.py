@@ -193,6 +193,8 @@ def test_a_file_says_what_its_outline_shows(tmp_path):
     assert "view" not in path.read_text()
     replace(seen, outline=replace(seen.outline, view="silhouette")).write(path)
     assert Measurement.read(path).outline.view == "silhouette"
-    path.write_text(path.read_text().replace('"silhouette"', '"shadow"'))
-    with pytest.raises(InputError, match=r'outline\.view: expected "section" or "silhouette", got \'shadow\''):
+    path.write_text(path.read_text().replace('"silhouette"', '"section"'))  # the word of older files
+    assert Measurement.read(path).outline.view == "mid-plane"
+    path.write_text(path.read_text().replace('"section"', '"shadow"'))
+    with pytest.raises(InputError, match=r'outline\.view: expected "mid-plane" or "silhouette", got \'shadow\''):
         Measurement.read(path)

@@ -38,7 +38,7 @@ def test_a_model_that_keeps_the_promises_passes():
 
 
 def test_the_declarations_have_defaults():
-    assert (Sphere().cross_section, Sphere().view, Sphere().database) == (None, "section", None)
+    assert (Sphere().cross_section, Sphere().view, Sphere().database) == (None, "mid-plane", None)
     assert (dict(Sphere().coordinates), Sphere().effects, Sphere().circumstances) == ({}, (), ())
     assert Sphere().names == ("capillary_number", "size_ratio")
     assert Sphere().outline_modes(capillary_number=0.05, size_ratio=0.9) is None

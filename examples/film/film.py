@@ -62,14 +62,14 @@ def passing(radius):
         view: Surrogate.open("square-neo-hookean", view=view).at(
             capillary_number=ca, size_ratio=radius / width, outline=True
         )
-        for view in ("section", "silhouette")
+        for view in ("mid-plane", "silhouette")
     }
-    velocity = FLOW * seen["section"].velocity_ratio[0]
+    velocity = FLOW * seen["mid-plane"].velocity_ratio[0]
     step = velocity / EXPERIMENT.frame_rate.value / width * HALF_WIDTH
     print(f"drawn: a = {1e6 * radius:.1f} um, v_o = {1e3 * velocity:.3f} mm/s, {step:.1f} px a frame")
     for x in np.arange(REACH, SHAPE[1] - REACH, step):
         scene = Scene(
-            seen["section"].outline[0], seen["silhouette"].outline[0], HALF_WIDTH, SHAPE, (float(x), SHAPE[0] / 2)
+            seen["mid-plane"].outline[0], seen["silhouette"].outline[0], HALF_WIDTH, SHAPE, (float(x), SHAPE[0] / 2)
         )
         yield draw(scene, OPTICS, seed=int(1e9 * radius) + int(x))
 

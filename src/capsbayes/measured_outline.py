@@ -15,17 +15,17 @@ from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
 from capsbayes.profile import edge_lengths, signed_area
 
-__all__ = ["FEWEST_POINTS", "SECTION", "SILHOUETTE", "VIEWS", "MeasuredOutline", "OutlineNoise", "Pose", "check_view"]
+__all__ = ["FEWEST_POINTS", "MID_PLANE", "SILHOUETTE", "VIEWS", "MeasuredOutline", "OutlineNoise", "Pose", "check_view"]
 
 Floats = NDArray[np.float64]
 
-SECTION = "section"
-"""View of an outline in the plane of the axis."""
+MID_PLANE = "mid-plane"
+"""View of an outline in the plane x = 0."""
 
 SILHOUETTE = "silhouette"
 """View of an outline as a photograph shows it: the farthest edge of the capsule, which hides a concave rear."""
 
-VIEWS = (SECTION, SILHOUETTE)
+VIEWS = (MID_PLANE, SILHOUETTE)
 
 FEWEST_POINTS = 16
 _COLUMNS = ("z_over_l", "y_over_l")
@@ -121,7 +121,7 @@ class MeasuredOutline:
     pose : Pose
         What it may have besides the capsule's shape.
     view : str
-        ``"section"`` in the plane of the axis, ``"silhouette"`` as seen from the side.
+        ``"mid-plane"`` in the plane x = 0, ``"silhouette"`` as seen from the side.
 
     Raises
     ------
@@ -132,7 +132,7 @@ class MeasuredOutline:
     points: Floats
     noise: OutlineNoise
     pose: Pose = field(default_factory=Pose)
-    view: str = SECTION
+    view: str = MID_PLANE
 
     @classmethod
     def read(cls, file: InputFile) -> MeasuredOutline:
@@ -165,7 +165,7 @@ class MeasuredOutline:
             if isinstance(number, bool) or not isinstance(number, (int, float)):
                 raise InputError(where, f"outline.{key}", "a number", repr(number))
         pose = _pose(table.get("pose", {}), where)
-        view = check_view(table.get("view", SECTION), where, "outline.view")
+        view = check_view(table.get("view", MID_PLANE), where, "outline.view")
         return cls(_points(file.path.parent / table["file"]), OutlineNoise(*numbers), pose, view)
 
     def write(self, path: Path) -> list[str]:
@@ -190,11 +190,11 @@ class MeasuredOutline:
             f"correlation = {float(noise.correlation_length)!r}",
             f"white = {float(noise.white)!r}",
             *(posed if self.pose != Pose() else []),
-            *([f"view = {json.dumps(self.view)}"] if self.view != SECTION else []),
+            *([f"view = {json.dumps(self.view)}"] if self.view != MID_PLANE else []),
         ]
 
     def __post_init__(self) -> None:
-        check_view(self.view, "measurement", "outline.view")
+        object.__setattr__(self, "view", check_view(self.view, "measurement", "outline.view"))
         points = np.array(self.points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < FEWEST_POINTS:
             expected = f"an array (m, 2) with m >= {FEWEST_POINTS}"
@@ -211,7 +211,8 @@ class MeasuredOutline:
 
 
 def check_view(view: object, where: str, key: str) -> str:
-    """The name of a view; another word is refused."""
+    """Return the name of a view, "mid-plane" for the "section" of older files; refuse another word."""
+    view = MID_PLANE if view == "section" else view
     if view not in VIEWS:
         raise InputError(where, key, " or ".join(f'"{one}"' for one in VIEWS), repr(view))
     return str(view)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.effect import Effect, HasOutlineModes, Theta
 from capsbayes.errors import InputError, OutsideDatabaseError
-from capsbayes.measured_outline import SECTION
+from capsbayes.measured_outline import MID_PLANE
 from capsbayes.prediction import Prediction
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class ForwardModel(ABC):
     sha256: str
     domain: Domain
     cross_section: str | None = None
-    view: str = SECTION
+    view: str = MID_PLANE
     coordinates: Mapping[str, CoordinateRange] = MappingProxyType({})
     effects: tuple[str, ...] = ()
     circumstances: tuple[str, ...] = ()

@@ -33,8 +33,8 @@ def test_a_file_keeps_the_view(session, tmp_path):
 
 def test_a_file_holds_one_view(session, tmp_path):
     first, *others = session.measurements
-    mixed = [replace(first, outline=replace(first.outline, view="section")), *others]
-    with pytest.raises(InputError, match=r"outline\.view: expected outlines of one view, got section, silhouette"):
+    mixed = [replace(first, outline=replace(first.outline, view="mid-plane")), *others]
+    with pytest.raises(InputError, match=r"outline\.view: expected outlines of one view, got mid-plane, silhouette"):
         write_netcdf(tmp_path / "set.nc", mixed)
 
 

@@ -130,7 +130,7 @@ def test_a_model_with_an_effect_keeps_the_contract(model):
     both = model + Halo() + SIMULATED["pre_inflation"]
     check_model(both)
     check_model(both.fixed(halo=0.2e-6))
-    assert (both.cross_section, both.view, both.effects) == ("square", "section", ("halo", "pre_inflation"))
+    assert (both.cross_section, both.view, both.effects) == ("square", "mid-plane", ("halo", "pre_inflation"))
     assert both.circumstances == ("half_width",)
     assert both.fixed(halo=0.2e-6).names == ("capillary_number", "size_ratio", "pre_inflation")
 

@@ -22,7 +22,7 @@ POINT = {"capillary_number": 0.05, "size_ratio": 0.9}
 
 @pytest.fixture(scope="module")
 def both():
-    """The manufactured map with silhouettes that are larger than the sections, in both views."""
+    """The manufactured map with silhouettes that are larger than the mid-plane outlines, in both views."""
     dataset = manufactured.database(mesh_error=manufactured.MESH_ERROR).dataset.copy(deep=True)
     dataset["silhouette"].values[:] *= LARGER
     database = Database(dataset)
@@ -30,34 +30,34 @@ def both():
 
 
 def test_only_the_outlines_differ(both):
-    section, silhouette = (model(PLACE, outline=True) for model in both)
-    np.testing.assert_allclose(silhouette.outline, LARGER * section.outline, rtol=1e-9)
-    np.testing.assert_array_equal(silhouette.values, section.values)
-    np.testing.assert_array_equal(silhouette.covariance, section.covariance)
+    mid_plane, silhouette = (model(PLACE, outline=True) for model in both)
+    np.testing.assert_allclose(silhouette.outline, LARGER * mid_plane.outline, rtol=1e-9)
+    np.testing.assert_array_equal(silhouette.values, mid_plane.values)
+    np.testing.assert_array_equal(silhouette.covariance, mid_plane.covariance)
 
 
-def test_the_view_is_in_the_name_and_sections_are_the_default(both):
-    section, silhouette = both
-    assert (section.view, silhouette.view) == ("section", "silhouette")
-    assert silhouette.name == f"{section.name} (silhouettes)"
-    assert silhouette.sha256 == section.sha256
+def test_the_view_is_in_the_name_and_the_mid_plane_is_the_default(both):
+    mid_plane, silhouette = both
+    assert (mid_plane.view, silhouette.view) == ("mid-plane", "silhouette")
+    assert silhouette.name == f"{mid_plane.name} (silhouettes)"
+    assert silhouette.sha256 == mid_plane.sha256
 
 
 def test_own_errors_are_those_of_the_view_and_the_rear_on_the_axis_is_hidden(both):
-    section, silhouette = (model.outline_modes(**POINT) for model in both)
-    assert len(silhouette) == len(section) - 1
-    np.testing.assert_allclose(silhouette, LARGER * section[:-1], rtol=1e-6, atol=1e-12)
+    mid_plane, silhouette = (model.outline_modes(**POINT) for model in both)
+    assert len(silhouette) == len(mid_plane) - 1
+    np.testing.assert_allclose(silhouette, LARGER * mid_plane[:-1], rtol=1e-6, atol=1e-12)
 
 
 def test_effects_keep_the_view(both):
     assert (both[1] + Halo()).view == "silhouette"
-    assert (both[0] + Halo()).view == "section"
+    assert (both[0] + Halo()).view == "mid-plane"
 
 
 def test_another_word_is_refused(both):
-    with pytest.raises(InputError, match='Surrogate: view: expected "section" or "silhouette", got \'shadow\''):
+    with pytest.raises(InputError, match='Surrogate: view: expected "mid-plane" or "silhouette", got \'shadow\''):
         replace(both[0], view="shadow")
-    with pytest.raises(InputError, match='view: expected "section" or "silhouette"'):
+    with pytest.raises(InputError, match='view: expected "mid-plane" or "silhouette"'):
         Surrogate.open("square-neo-hookean", view="shadow")
 
 
@@ -71,10 +71,10 @@ def test_an_effect_database_predicts_silhouettes_too():
     np.testing.assert_allclose(model(null, outline=True).outline, base(PLACE, outline=True).outline, atol=1e-9)
     assert np.isfinite(model.outline_modes(**POINT, rest_aspect=1.03)).all()
     with pytest.raises(InputError, match='view: expected "silhouette", that of the base'):
-        Surrogate.from_database(database, base=base, view="section")
+        Surrogate.from_database(database, base=base, view="mid-plane")
 
 
-def test_shipped_silhouettes_are_approximated_as_well_as_sections():
+def test_shipped_silhouettes_are_approximated_as_well_as_mid_plane_outlines():
     """Median and largest root mean square of a case left out, over all branches [l]."""
     database = Database.open("square-neo-hookean")
     cases = database.converged
@@ -86,7 +86,7 @@ def test_shipped_silhouettes_are_approximated_as_well_as_sections():
             values = cases[name][branch.rows].reshape(len(branch.rows), -1)
             left_out = leave_one_out(replace(smooth, values=values)) - values
             errors[view].extend(np.sqrt(np.mean(left_out**2, axis=1)))
-    section, silhouette = (np.array(errors[view]) for view in ("section", "silhouette"))
-    assert np.nanmedian(silhouette) < 2.0 * np.nanmedian(section)
-    assert np.nanmax(silhouette) < 1.2 * np.nanmax(section)
+    mid_plane, silhouette = (np.array(errors[view]) for view in ("mid-plane", "silhouette"))
+    assert np.nanmedian(silhouette) < 2.0 * np.nanmedian(mid_plane)
+    assert np.nanmax(silhouette) < 1.2 * np.nanmax(mid_plane)
     assert np.nanmedian(silhouette) < 1e-3

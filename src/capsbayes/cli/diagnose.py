@@ -71,14 +71,14 @@ def diagnose(
 
 
 def _view(session: Session) -> str:
-    """What the outlines of a session show, sections if there are none."""
+    """Return the view of the outlines of a session, the mid-plane if there are none."""
     from capsbayes.errors import InputError
-    from capsbayes.measured_outline import SECTION
+    from capsbayes.measured_outline import MID_PLANE
 
     views = sorted({one.outline.view for one in session.measurements if one.outline is not None})
     if len(views) > 1:
         raise InputError("capsules", "outline.view", "outlines of one view", ", ".join(views))
-    return views[0] if views else SECTION
+    return views[0] if views else MID_PLANE
 
 
 def _effects(names: str | None, section: str) -> dict[str, Effect]:

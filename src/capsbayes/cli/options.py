@@ -150,7 +150,7 @@ def named_experiment(measurement: Measurement, experiment: Path | None) -> Exper
 
 def named_model(database: str | None, section: str, view: str | None = None) -> Surrogate | EffectSurrogate:
     """Return the model of the option ``--database``; default: neo-Hookean, with this cross-section."""
-    from capsbayes.measured_outline import SECTION
+    from capsbayes.measured_outline import MID_PLANE
     from capsbayes.surrogate import Surrogate
 
-    return Surrogate.open(database or f"{section}-neo-hookean", view=view or SECTION)
+    return Surrogate.open(database or f"{section}-neo-hookean", view=view or MID_PLANE)

@@ -11,7 +11,7 @@ import xarray as xr
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.measured_outline import SECTION, MeasuredOutline, OutlineNoise, Pose, check_view
+from capsbayes.measured_outline import MID_PLANE, MeasuredOutline, OutlineNoise, Pose, check_view
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 
@@ -44,7 +44,7 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
         ``noise_white``, ``axial_length``, ``axial_length_error`` [l], ``flow_rate`` [m^3/s] where it is known,
         ``half_width`` [m] and ``viscosity`` [Pa s] where they are not those of the experiment (else NaN), and ``name``.
         A variable's attribute ``units``, if it has one, must be the unit here. The attribute ``view`` says
-        what all outlines show, ``"section"`` by default.
+        what all outlines show, ``"mid-plane"`` by default.
     experiment : Experiment or path
         By default the file that the attribute ``experiment`` names, relative to this one.
 
@@ -91,7 +91,7 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     units = _NUMBERS | _LENGTH | _NOISE | _WHITE | _FLOW | _CONDITIONS
     variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
     dataset = xr.Dataset({**variables, "outline": (_OUTLINE, outlines, {"units": "l"})}, coords={"axis": ["z", "y"]})
-    dataset.attrs["view"] = (views or [SECTION])[0]
+    dataset.attrs["view"] = (views or [MID_PLANE])[0]
     dataset.to_netcdf(path, engine="h5netcdf")
 
 
@@ -136,7 +136,7 @@ def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
     numbers = {name: float(one[name]) for name in (*_NUMBERS, *_LENGTH, *_FLOW) if name in one.variables}
     seen = {name: value for name, value in numbers.items() if name in _NUMBERS or np.isfinite(value)}
     points = np.asarray(one["outline"].values, np.float64)
-    view = check_view(one.attrs.get("view", SECTION), str(path), "view")
+    view = check_view(one.attrs.get("view", MID_PLANE), str(path), "view")
     white = float(one["noise_white"]) if "noise_white" in one.variables else 0.0
     try:
         noise = OutlineNoise(float(one["noise_scale"]), float(one["noise_correlation"]), white)

@@ -14,7 +14,7 @@ from capsbayes.errors import InputError
 from capsbayes.infer.grid.mixed_quadrature import exact_engine
 from capsbayes.infer.posterior import Posterior
 from capsbayes.infer.shares import QUANTITIES, REST, shares_of_each
-from capsbayes.measured_outline import SECTION
+from capsbayes.measured_outline import MID_PLANE
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
@@ -208,7 +208,7 @@ def _model_of(posterior: Posterior, model: ForwardModel | None) -> ForwardModel:
         from capsbayes.surrogate import Surrogate
 
         outline = posterior.measurement.outline
-        model = Surrogate.open(name, view=SECTION if outline is None else outline.view)
+        model = Surrogate.open(name, view=MID_PLANE if outline is None else outline.view)
     if model.sha256 != posterior.model_sha256:
         expected = f"the model of the posterior, {posterior.model_name}, sha256 {posterior.model_sha256[:12]}"
         got = f"{model.name}, sha256 {model.sha256[:12]}"

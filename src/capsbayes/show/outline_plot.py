@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError
 from capsbayes.infer import Posterior
 from capsbayes.infer.outline.likelihood import aligned_with
-from capsbayes.measured_outline import SECTION
+from capsbayes.measured_outline import MID_PLANE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +85,7 @@ def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
     ax.fill(*closed[2].T, color=_BAND, linewidth=0, label="95 % of the posterior", zorder=2)
     ax.fill(*closed[1].T, color=_INSIDE, linewidth=0, zorder=2.1)
     seen = posterior.measurement.outline
-    shown = "outline" if seen is None or seen.view == SECTION else seen.view
+    shown = "outline" if seen is None or seen.view == MID_PLANE else seen.view
     ax.plot(*closed[0].T, color=_INK, linewidth=1.6, label=f"predicted {shown}", zorder=3)
     if seen is not None:
         measured, _ = aligned_with(seen.points, middle)

@@ -17,7 +17,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
-from capsbayes.measured_outline import SECTION, SILHOUETTE
+from capsbayes.measured_outline import MID_PLANE, SILHOUETTE
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.branches import Branch
 from capsbayes.surrogate.chart import Chart
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 COLUMNS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 CELLS = (160, 120)
-OUTLINES = {SECTION: "profile", SILHOUETTE: "silhouette"}  # variable of the database, by view
+OUTLINES = {MID_PLANE: "profile", SILHOUETTE: "silhouette"}  # variable of the database, by view
 FLOOR = 1e-5  # of each standard deviation: several times the table's own error
 BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases on (in more columns than), degree, k
 
@@ -62,7 +62,7 @@ class Sheet:
     chart: Chart
     rival: DiffuseApproximation | None = None
     cells: tuple[int, int] = CELLS
-    view: str = SECTION
+    view: str = MID_PLANE
     approximation: DiffuseApproximation = field(init=False, repr=False)
     table: HermiteTable = field(init=False, repr=False)
     lattice_covariance: Floats = field(init=False, repr=False)
@@ -129,7 +129,7 @@ class Sheet:
         """Own error of the outline at one point, as displacements along its normals : (k, p) array.
 
         Independent of each other, each one standard deviation: those of left-out cases around, as far as they count
-        there, and the mesh's, as a stretch along the flow and, of a section, of the rear on the axis.
+        there, and the mesh's, as a stretch along the flow and, in the mid-plane, of the rear on the axis.
         """
         place = self.chart.to_plane(np.array([ca]), np.array([size]))
         outline = self.outlines(np.array([ca]), np.array([size]))[0]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.errors import InputError
-from capsbayes.measured_outline import SECTION, check_view
+from capsbayes.measured_outline import MID_PLANE, check_view
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.branches import branches_of
@@ -44,7 +44,7 @@ class Surrogate(ForwardModel):
     cells : tuple of int
         Of the tables of its sheets, along sqrt(Ca) and a/l.
     view : str
-        Which outlines it predicts: ``"section"`` in the plane x = 0, or ``"silhouette"``, as a photograph shows them.
+        Outlines that it predicts: ``"mid-plane"``, in the plane x = 0, or ``"silhouette"``, as in a photograph.
 
     Attributes
     ----------
@@ -65,13 +65,13 @@ class Surrogate(ForwardModel):
 
     database: Database = field()
     cells: tuple[int, int] = CELLS
-    view: str = SECTION
+    view: str = MID_PLANE
     domain: DomainOfExistence = field(init=False, repr=False)
     sheets: tuple[Sheet, ...] = field(init=False, repr=False)
     _doubts: Doubts = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_view(self.view, "Surrogate", "view")
+        object.__setattr__(self, "view", check_view(self.view, "Surrogate", "view"))
         cases = self.database.converged
         branches = branches_of(self.database)
         chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
@@ -84,12 +84,12 @@ class Surrogate(ForwardModel):
         object.__setattr__(self, "_doubts", Doubts.of(cases, chart))
         attributes = self.database.dataset.attrs
         name = re.sub(r"[^a-z0-9]+", "-", f"{attributes['section']}-{attributes['law']}".lower())
-        object.__setattr__(self, "name", name + ("" if self.view == SECTION else f" ({self.view}s)"))
+        object.__setattr__(self, "name", name + ("" if self.view == MID_PLANE else f" ({self.view}s)"))
         object.__setattr__(self, "sha256", self.database.sha256)
         object.__setattr__(self, "cross_section", attributes["section"])
 
     @classmethod
-    def open(cls, source: str | Path, *, view: str = SECTION) -> Surrogate | EffectSurrogate:
+    def open(cls, source: str | Path, *, view: str = MID_PLANE) -> Surrogate | EffectSurrogate:
         """Make a surrogate of a shipped database (by name) or of a file (by path, with its ending .nc).
 
         The base of an effect database is the shipped one of its section and law, if there is one.
@@ -98,7 +98,7 @@ class Surrogate(ForwardModel):
         ----------
         source : str or path
         view : str
-            Which outlines it predicts: ``"section"`` or ``"silhouette"``.
+            View of the outlines that it predicts: ``"mid-plane"`` or ``"silhouette"``.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class Surrogate(ForwardModel):
         InputError
             On another word for the view.
         """
-        check_view(view, "Surrogate", "view")
+        view = check_view(view, "Surrogate", "view")
         is_file = isinstance(source, Path) or str(source).endswith(".nc")
         database = Database.read(source) if is_file else Database.open(str(source))
         base = database.plain_relative() if database.effect != NO_EFFECT else None
@@ -125,7 +125,7 @@ class Surrogate(ForwardModel):
         base : Database or Surrogate, optional
             For an effect database, a plain one of a finer mesh at the null value; by default the null slice itself.
         view : str, optional
-            Which outlines it predicts: ``"section"`` or ``"silhouette"``; by default those of the base, or sections.
+            View of the outlines: ``"mid-plane"`` or ``"silhouette"``; by default that of the base, or the mid-plane.
 
         Raises
         ------
@@ -134,8 +134,8 @@ class Surrogate(ForwardModel):
         InputError
             On another word for the view, or if it is not that of the base.
         """
-        if view is None:
-            view = base.view if isinstance(base, Surrogate) else SECTION
+        of_base = base.view if isinstance(base, Surrogate) else MID_PLANE
+        view = of_base if view is None else check_view(view, "Surrogate", "view")
         if database.effect == NO_EFFECT:
             return cls(database, view=view)
         check_values(database)

@@ -93,15 +93,15 @@ def test_the_length_narrows_what_the_silhouette_says(model, capsule):
 
 
 def test_a_model_of_the_other_view_is_refused(capsule, model):
-    section = Surrogate.open("square-neo-hookean")
-    message = r'outline\.view: expected "section", that of the outlines of square-neo-hookean, got "silhouette"'
+    mid_plane = Surrogate.open("square-neo-hookean")
+    message = r'outline\.view: expected "mid-plane", that of the outlines of square-neo-hookean, got "silhouette"'
     with pytest.raises(InputError, match=message):
-        identify(capsule, section, EXPERIMENT, seed=1, engine="quadrature")
-    seen = replace(capsule, outline=replace(capsule.outline, view="section"))
-    with pytest.raises(InputError, match=r'expected "silhouette", .* open the model with view="section"'):
+        identify(capsule, mid_plane, EXPERIMENT, seed=1, engine="quadrature")
+    seen = replace(capsule, outline=replace(capsule.outline, view="mid-plane"))
+    with pytest.raises(InputError, match=r'expected "silhouette", .* open the model with view="mid-plane"'):
         identify(seen, model, EXPERIMENT, seed=1, engine="quadrature")
 
 
-def test_a_section_needs_no_length_beside(capsule):
+def test_a_mid_plane_outline_needs_no_length_beside(capsule):
     assert capsule.length_beside_outline == (capsule.axial_length, 0.004)
-    assert replace(capsule, outline=replace(capsule.outline, view="section")).length_beside_outline is None
+    assert replace(capsule, outline=replace(capsule.outline, view="mid-plane")).length_beside_outline is None

@@ -22,7 +22,7 @@ from capsbayes.infer.many.tasks import (
     measured_file,
 )
 from capsbayes.input_file import InputFile
-from capsbayes.measured_outline import SECTION, SILHOUETTE
+from capsbayes.measured_outline import MID_PLANE, SILHOUETTE, check_view
 from capsbayes.measurement import Measurement
 from capsbayes.measurements import read_set
 from capsbayes.measurements.folder import measurement_files
@@ -130,7 +130,7 @@ def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, 
         If nothing is there, or nothing says what the section is.
     """
     _check_there(source)
-    view = SECTION
+    view = MID_PLANE
     if source.is_dir():
         files = capsule_files(source)
         for file in files:
@@ -144,7 +144,7 @@ def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, 
                     view = one.outline.view
                     break
     elif source.suffix == ".nc" and not is_table_of_lengths(source):
-        view = str(opened(source).attrs.get("view", SECTION))
+        view = check_view(opened(source).attrs.get("view", MID_PLANE), str(source), "view")
     if experiment is None:
         advice = "say which with --experiment"
         raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
