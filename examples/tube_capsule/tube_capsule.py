@@ -17,7 +17,7 @@ from capsbayes import Experiment, Surrogate, identify
 from capsbayes.image import Picture, sight
 from capsbayes.image.measure import measurement_of
 from capsbayes.image.overlay import write_overlay
-from capsbayes.infer import Prior, Range
+from capsbayes.infer import Prior
 from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.quantity import Quantity
 from capsbayes.show import write_report
@@ -28,7 +28,7 @@ EXPERIMENT = Experiment(section="circular", half_width=2e-3, viscosity=VISCOSITY
 VELOCITY = Quantity(RATIO * STRESS / VISCOSITY, 0.01 * RATIO * STRESS / VISCOSITY, "m/s")
 # of the order that compression tells: without it, the wide errors of the shapes beside the snap-through leave 3 % to
 # capsules that are fifteen times as stiff
-PRIOR = Prior(surface_shear_modulus=Range("log-uniform", 0.01, 1.0), capsule_radius=Range("uniform", 1e-3, 2e-3))
+PRIOR = Prior(surface_shear_modulus=Quantity.log_uniform(0.01, 1.0), capsule_radius=Quantity.uniform(1e-3, 2e-3))
 LAWS = {
     "neo-Hookean": "circular-neo-hookean",
     "Skalak, C = 1": "circular-skalak",

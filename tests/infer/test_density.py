@@ -6,7 +6,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import ModelAtPoints
-from capsbayes.infer.prior import Prior, Range
+from capsbayes.infer.prior import Prior
 from capsbayes.quantity import Quantity
 
 
@@ -15,8 +15,8 @@ def points_of(model, ca, size):
     return ModelAtPoints.of(prediction)
 
 
-@pytest.mark.parametrize("modulus", [Range("log-uniform", 0.03, 0.045), Range("uniform", 1e-3, 1.0)])
-@pytest.mark.parametrize("radius", [Range("uniform", 23.8e-6, 30e-6), Range("log-uniform", 1e-6, 1e-3)])
+@pytest.mark.parametrize("modulus", [Quantity.log_uniform(0.03, 0.045), Quantity.uniform(1e-3, 1.0)])
+@pytest.mark.parametrize("radius", [Quantity.uniform(23.8e-6, 30e-6), Quantity.log_uniform(1e-6, 1e-3)])
 @pytest.mark.parametrize("in_metres", [False, True])
 def test_integrating_the_inputs_by_hand_gives_the_factored_density(
     model, experiment, capsule, capsule_in_metres, modulus, radius, in_metres
@@ -47,7 +47,7 @@ def test_integrating_the_inputs_by_hand_gives_the_factored_density(
 
 
 def test_completed_draws_stay_in_the_ranges_and_are_consistent(model, experiment, capsule):
-    prior = Prior(Range("log-uniform", 0.038, 0.041), Range("uniform", 23.9e-6, 24.1e-6))
+    prior = Prior(Quantity.log_uniform(0.038, 0.041), Quantity.uniform(23.9e-6, 24.1e-6))
     density = PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), prior)
     nodes = {"capillary_number": np.full(2000, 0.082), "size_ratio": np.full(2000, 0.96)}
     points = points_of(model, nodes["capillary_number"], nodes["size_ratio"])

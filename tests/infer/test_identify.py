@@ -8,8 +8,9 @@ from scipy.stats import uniform
 
 from capsbayes.effects import Halo
 from capsbayes.errors import InputError
-from capsbayes.infer import Prior, Range, identify
+from capsbayes.infer import Prior, identify
 from capsbayes.infer.sampling.ensembles import Effort
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 
@@ -97,7 +98,7 @@ def test_a_posterior_cut_by_the_domain_leans_on_it(model, experiment, capsule_fr
 
 
 def test_a_posterior_cut_by_its_prior_leans_on_it(model, experiment, capsule):
-    prior = Prior(surface_shear_modulus=Range("log-uniform", 1e-4, 0.041))
+    prior = Prior(surface_shear_modulus=Quantity.log_uniform(1e-4, 0.041))
     found = identify(capsule, model, experiment, seed=1, prior=prior)
     assert found.status is Status.LEANS_ON_PRIOR
     assert found.agreement.passed

@@ -15,7 +15,7 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.posterior_file import RECORD
-from capsbayes.infer.prior import Prior, Range
+from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
@@ -74,7 +74,7 @@ def test_everything_that_may_be_missing_comes_back_too(posterior, tmp_path):
         measurement=measurement,
         experiment=experiment,
         inputs=Inputs.of(measurement, experiment),
-        prior=Prior(Range("uniform", 1e-3, 1.0), coordinates={"pre_inflation": scipy.stats.norm(0.03, 0.01)}),
+        prior=Prior(Quantity.uniform(1e-3, 1.0), coordinates={"pre_inflation": scipy.stats.norm(0.03, 0.01)}),
         draws=posterior.draws | {"lp": posterior.draws["size_ratio"] - 1.0},
         reference=posterior.marginals,
         gates=(Gate("cells", 5.0, least=4.0), Gate("stuck", float("nan"), most=0.0)),

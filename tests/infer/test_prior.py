@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.infer.prior import Prior, Range, log_jacobian
+from capsbayes.infer.prior import Prior, log_jacobian
+from capsbayes.quantity import Quantity
 
 WIDTH, VISCOSITY = 25e-6, 0.85
 
@@ -32,17 +33,17 @@ def test_the_jacobian_is_that_of_the_map_to_physical_quantities(model, ca, size,
 
 @pytest.mark.parametrize("shape", ["uniform", "log-uniform"])
 def test_a_range_is_normalised_and_ends_where_it_says(shape):
-    one = Range(shape, 0.5, 3.0)
-    logs = np.linspace(np.log(0.5), np.log(3.0), 20_001)
-    density = np.exp(one.log_density_of_log(logs))
-    assert np.trapezoid(density, logs) == pytest.approx(1.0, rel=1e-4)
-    assert np.all(np.isneginf(one.log_density_of_log(np.log([0.49, 3.01]))))
+    one = {"uniform": Quantity.uniform, "log-uniform": Quantity.log_uniform}[shape](0.5, 3.0)
+    values = np.linspace(0.5, 3.0, 20_001)
+    assert np.trapezoid(one.pdf(values), values) == pytest.approx(1.0, rel=1e-4)
+    np.testing.assert_allclose(np.ptp(values ** (1 - one.power) * one.pdf(values)), 0.0, atol=1e-12)
+    assert np.all(np.isneginf(one.logpdf([0.49, 3.01])))
 
 
 def test_draws_from_the_prior_are_distributed_as_its_density_says(model):
     """Push draws of (G_s, a, U) through the model and compare with the density in (log Ca, a/l)."""
     rng = np.random.default_rng(3)
-    prior = Prior(Range("uniform", 0.01, 0.3), Range("log-uniform", 10e-6, 40e-6))
+    prior = Prior(Quantity.uniform(0.01, 0.3), Quantity.log_uniform(10e-6, 40e-6))
     count = 400_000
     modulus, radius = rng.uniform(0.01, 0.3, count), np.exp(rng.uniform(np.log(10e-6), np.log(40e-6), count))
     flow = np.exp(rng.uniform(np.log(1e-4), np.log(0.1), count))
@@ -116,5 +117,23 @@ def test_mistakes_in_a_prior_are_named(tmp_path, line, message):
 
 @pytest.mark.parametrize("limits", [(0.0, 1.0), (2.0, 1.0), (1.0, np.inf), (np.nan, 1.0)])
 def test_a_range_needs_positive_rising_limits(limits):
-    with pytest.raises(InputError, match="0 < low < high"):
-        Range("uniform", *limits)
+    with pytest.raises(InputError, match="low < high"):
+        Prior(surface_shear_modulus=Quantity.uniform(*limits))
+
+
+@pytest.mark.parametrize(
+    ("stated", "shape"), [("10 .. 100 mN/m", "uniform"), ("log-uniform 10 .. 100 mN/m", "log-uniform")]
+)
+def test_ranges_are_given_as_text(tmp_path, stated, shape):
+    prior = Prior(surface_shear_modulus=stated, coordinates={"pre_inflation": "0 .. 0.1"})
+    found = prior.surface_shear_modulus
+    assert (found.shape, found.low, found.high) == (shape, pytest.approx(0.01), pytest.approx(0.1))
+    assert prior.coordinates["pre_inflation"] == Quantity.uniform(0.0, 0.1)
+    path = tmp_path / "capsule.toml"
+    path.write_text(f'[prior]\nsurface_shear_modulus = "{stated}"\n')
+    assert Prior.read(path).surface_shear_modulus == found
+
+
+def test_a_prior_of_another_shape_is_refused():
+    with pytest.raises(InputError, match="surface_shear_modulus: expected a uniform or log-uniform range"):
+        Prior(surface_shear_modulus="50 +/- 10 mN/m")

@@ -46,7 +46,7 @@ def _as_text(coordinate: tuple[str, Any]) -> str:
 
     name, distribution = coordinate
     low, high = distribution.ppf([0.025, 0.975])
-    return f", {PARAMETERS[name].symbol} {distribution.dist.name}, 95 % from {low:.3g} to {high:.3g}"
+    return f", {PARAMETERS[name].symbol} {distribution.shape}, 95 % from {low:.3g} to {high:.3g}"
 
 
 def _quantities(posterior: Posterior) -> Table:

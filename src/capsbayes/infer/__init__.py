@@ -4,6 +4,6 @@ from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.identify import ENGINES, identify
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.posterior import Posterior
-from capsbayes.infer.prior import Prior, Range
+from capsbayes.infer.prior import Prior
 
-__all__ = ["ENGINES", "Marginal", "Posterior", "Prior", "Quadrature", "Range", "identify"]
+__all__ = ["ENGINES", "Marginal", "Posterior", "Prior", "Quadrature", "identify"]

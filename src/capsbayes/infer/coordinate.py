@@ -1,10 +1,9 @@
-"""One more coordinate of a forward model: a nuisance with a prior of its own."""
+"""The further coordinate of a forward model: a nuisance parameter with a prior of its own."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from capsbayes.errors import InputError
 from capsbayes.infer.prior import Prior
 from capsbayes.model import ForwardModel
+from capsbayes.quantity import Quantity
 
 __all__ = ["Coordinate"]
 
@@ -28,27 +28,26 @@ class Coordinate:
     ----------
     name : str
         As in `capsbayes.parameters`.
-    distribution : frozen distribution of scipy.stats
+    distribution : Quantity
         Before the cut.
     low, high : float
         Range of the model.
 
     Examples
     --------
-    >>> from scipy.stats import uniform
-    >>> alpha = Coordinate("pre_inflation", uniform(0.0, 0.1), 0.0, 0.1)
+    >>> alpha = Coordinate("pre_inflation", Quantity.uniform(0.0, 0.1), 0.0, 0.1)
     >>> alpha.values([0.25, 0.5]).round(6).tolist(), alpha.log_density(0.2).item()
     ([0.025, 0.05], -inf)
     """
 
     name: str
-    distribution: Any
+    distribution: Quantity
     low: float
     high: float
 
     @classmethod
     def of(cls, model: ForwardModel, prior: Prior) -> Coordinate | None:
-        """The coordinate of a model, None if it has none; its prior is uniform over the model's range by default.
+        """Return the coordinate of a model, None if it has none; its prior is by default uniform over the whole range.
 
         Raises
         ------
@@ -69,9 +68,7 @@ class Coordinate:
         name = names[0]
         low, high, _ = model.coordinates[name]
         if name not in prior.coordinates:
-            from scipy.stats import uniform  # half a second to import
-
-            return cls(name, uniform(low, high - low), low, high)
+            return cls(name, Quantity.uniform(low, high), low, high)
         made = cls(name, prior.coordinates[name], low, high)
         if made.covered < _LEAST_COVERED:
             expected = f"a distribution within the range of the model, {low:g} to {high:g}"
@@ -80,16 +77,16 @@ class Coordinate:
 
     @cached_property
     def covered(self) -> float:
-        """Share of the distribution within the range."""
+        """Probability of the range under the distribution."""
         return float(self.distribution.cdf(self.high) - self.distribution.cdf(self.low))
 
     def values(self, shares: ArrayLike) -> Floats:
-        """Values below which given shares of the prior lie."""
+        """Return the values below which given shares of the prior lie."""
         shares = self.distribution.cdf(self.low) + np.asarray(shares) * self.covered
         return np.clip(self.distribution.ppf(shares), self.low, self.high)
 
     def log_density(self, values: ArrayLike) -> Floats:
-        """Log of the prior density, -inf beyond the range."""
+        """Return the log of the prior density, -inf beyond the range."""
         values = np.asarray(values, dtype=np.float64)
         within = (values >= self.low) & (values <= self.high)
         return np.where(within, self.distribution.logpdf(values) - np.log(self.covered), -np.inf)

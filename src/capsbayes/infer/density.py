@@ -27,9 +27,10 @@ from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.outline.table import AnyOutline
-from capsbayes.infer.prior import Prior, Range
+from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
+from capsbayes.quantity import Quantity
 
 __all__ = ["PosteriorDensity"]
 
@@ -248,7 +249,7 @@ def _log(values: Floats) -> Floats:
         return np.log(values)
 
 
-def _within(limits: Range, factor: LogGrid, logs: Floats) -> Floats | float:
+def _within(limits: Quantity, factor: LogGrid, logs: Floats) -> Floats | float:
     """Log probability that exp(logs) times an independent factor is within limits; 0.0 if it surely is everywhere."""
     low, high = np.log(limits.low), np.log(limits.high)
     first, last = factor.start - factor.step, factor.end + factor.step

@@ -164,11 +164,9 @@ class Posterior:
 
     def _priors(self) -> dict[str, Any]:
         described = self.prior.described()
-        for name, distribution in self.prior.coordinates.items():
-            low, high = distribution.support()
-            parameters = {"mean": float(distribution.mean()), "sd": float(distribution.std())}
-            described[name] = {"distribution": distribution.dist.name, "low": float(low), "high": float(high)}
-            described[name] |= {**parameters, "unit": PARAMETERS[name].unit}
+        for name, one in self.prior.coordinates.items():
+            described[name] = {"distribution": one.shape, "low": one.low, "high": one.high}
+            described[name] |= {"mean": one.mean, "sd": one.sd, "unit": PARAMETERS[name].unit}
         return described
 
     def _inputs(self) -> dict[str, Any]:

@@ -9,15 +9,13 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.prior import Prior, Range
+from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
@@ -70,7 +68,7 @@ def recorded(posterior: Posterior) -> dict[str, Any]:
             "sha256": known.sha256,
             "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
-        "coordinates": {name: _stated(one) for name, one in posterior.prior.coordinates.items()},
+        "coordinates": {name: one.as_record() for name, one in posterior.prior.coordinates.items()},
         "gates": [[one.name, *map(_number, (one.value, one.least, one.most))] for one in posterior.gates],
     }
 
@@ -120,7 +118,7 @@ def _parts(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]
         "reference": {name: _marginal(one) for name, one in tables["quadrature"].items()},
         "measurement": measurement,
         "experiment": experiment,
-        "prior": _prior(tables["prior"], record["coordinates"]),
+        "prior": Prior.of_record(tables["prior"], record["coordinates"]),
         "inputs": Inputs.of(measurement, experiment),
         "model_name": tables["model"]["name"],
         "model_sha256": tables["model"]["sha256"],
@@ -179,35 +177,6 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
     )
 
 
-def _prior(ranges: Mapping[str, Any], coordinates: Mapping[str, Any]) -> Prior:
-    own = {
-        name: Range(one["distribution"], one["low"], one["high"])
-        for name, one in ranges.items()
-        if name not in coordinates
-    }
-    return Prior(**own, coordinates={name: _read_back(one) for name, one in coordinates.items()})
-
-
-def _stated(value: Any) -> Any:
-    """A number, or the name and the parameters of a frozen distribution of scipy.stats."""
-    if not hasattr(value, "dist"):
-        return float(value)
-    keywords = {name: _number(one) for name, one in value.kwds.items()}
-    return {"distribution": value.dist.name, "arguments": [_number(one) for one in value.args], "keywords": keywords}
-
-
 def _number(value: float) -> float | str:
     """A number that JSON knows; an infinite one or NaN as text."""
     return float(value) if math.isfinite(value) else repr(float(value))
-
-
-def _read_back(stated: Any) -> Any:
-    if not isinstance(stated, Mapping):
-        return float(stated)
-    import scipy.stats  # half a second to import
-
-    named = getattr(scipy.stats, stated["distribution"], None)
-    if named is None:
-        raise ValueError(f"a distribution of scipy.stats named {stated['distribution']!r}")
-    keywords = {name: np.float64(one) for name, one in stated["keywords"].items()}
-    return named(*map(float, stated["arguments"]), **keywords)

@@ -1,13 +1,13 @@
-"""What is believed before the capsule is seen, stated on physical quantities.
+"""Prior distributions, stated on physical quantities.
 
 G_s is log-uniform and a uniform by default, each over a range the user can
 change; the mean velocity U of the flow is log-uniform without limits. They
 are independent of each other, of the inputs (viscosity, half width) and of a
-further coordinate of the model, which has any distribution and leaves the
-following as it is.
+further coordinate of the model, which has any distribution and does not
+change what follows.
 
-The posterior is worked out in (log Ca, a/l, v_o), where the model and the
-measured velocity live. At given viscosity mu and half width l
+The posterior is computed in (log Ca, a/l, v_o), the variables of the model and
+of the measured velocity. At given viscosity mu and half width l
 
     log G_s = log mu + log U - log Ca,    a = l (a/l),    log U = log v_o - log r(Ca, a/l)
 
@@ -25,7 +25,6 @@ the model.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -35,85 +34,68 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
+from capsbayes.experiment import Given
 from capsbayes.input_file import InputFile
-from capsbayes.parameters import COORDINATES
+from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
 from capsbayes.quantity import Quantity
 
-__all__ = ["Prior", "Range", "coordinate_prior", "log_jacobian"]
+__all__ = ["Prior", "coordinate_prior", "log_jacobian"]
 
 Floats = NDArray[np.float64]
 
-_SHAPES = ("log-uniform", "uniform")
-_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-_TEXT = re.compile(rf"{_NUMBER}\s*(\.\.|\+/-|±)\s*{_NUMBER}")
-_UNITS = {"surface_shear_modulus": ("N/m", "10 mN/m"), "capsule_radius": ("m", "25 um")}
-
-
-@dataclass(frozen=True)
-class Range:
-    """Uniform or log-uniform distribution between two positive limits.
-
-    Parameters
-    ----------
-    shape : str
-        ``"uniform"`` or ``"log-uniform"``.
-    low, high : float
-        Limits, in SI.
-
-    Examples
-    --------
-    >>> round(float(Range("log-uniform", 1.0, 100.0).log_density_of_log(0.0)), 4)
-    -1.5272
-    """
-
-    shape: str
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        if self.shape not in _SHAPES:
-            raise InputError("prior", "distribution", " or ".join(_SHAPES), repr(self.shape))
-        if not (np.isfinite(self.high) and 0.0 < self.low < self.high):
-            raise InputError("prior", "low, high", "0 < low < high", f"{self.low:g}, {self.high:g}")
-
-    @property
-    def power(self) -> int:
-        """The k of a density of log x proportional to x^k."""
-        return 1 if self.shape == "uniform" else 0
-
-    def log_density_of_log(self, logs: ArrayLike) -> Floats:
-        """Log density of log x at given log x, normalised, -inf outside the range."""
-        logs = np.asarray(logs, dtype=float)
-        scale = self.high - self.low if self.power else np.log(self.high / self.low)
-        within = (logs >= np.log(self.low)) & (logs <= np.log(self.high))
-        return np.where(within, self.power * logs - np.log(scale), -np.inf)
+_RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
+_LIMITED = ("surface_shear_modulus", "capsule_radius")
+_MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e-6, 1e-3, "m")
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Independent priors of the shear modulus and of the radius.
+    """Independent priors of the shear modulus, of the radius and of a further coordinate of the model.
+
+    Each may be given in any form that `Quantity.of` reads, as ``"log-uniform 1 .. 1000 mN/m"``.
 
     Parameters
     ----------
-    surface_shear_modulus : Range [N/m]
-        Default: log-uniform from 0.1 mN/m to 10 N/m, two decades about all microcapsules known.
-    capsule_radius : Range [m]
-        Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
-    coordinates : mapping of str to frozen distribution of scipy.stats
-        Of the further coordinate of the model, as ``{"pre_inflation": scipy.stats.uniform(0.0, 0.1)}``. Default:
-        uniform over the range of the model.
+    surface_shear_modulus : Quantity [N/m]
+        A uniform or log-uniform range. Default: log-uniform from 0.1 mN/m to 10 N/m, two decades about all
+        microcapsules known.
+    capsule_radius : Quantity [m]
+        A uniform or log-uniform range. Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
+    coordinates : mapping of str to Quantity
+        Of the further coordinate of the model, as ``{"pre_inflation": "0 .. 0.1"}``. Default: uniform over the range
+        of the model.
+
+    Raises
+    ------
+    InputError
+        If G_s or a has another distribution, or a limit that is not positive.
+
+    Examples
+    --------
+    >>> Prior(surface_shear_modulus="log-uniform 1 .. 1000 mN/m").surface_shear_modulus.high
+    1.0
     """
 
-    surface_shear_modulus: Range = Range("log-uniform", 1e-4, 10.0)
-    capsule_radius: Range = Range("uniform", 1e-6, 1e-3)
-    coordinates: Mapping[str, Any] = field(default_factory=dict)
+    surface_shear_modulus: Given = _MODULUS
+    capsule_radius: Given = _RADIUS
+    coordinates: Mapping[str, Given] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in _LIMITED:
+            stated = Quantity.of(getattr(self, name), name, where="prior")
+            if stated.shape not in _RANGES or stated.low <= 0.0:
+                raise InputError("prior", name, "a uniform or log-uniform range with 0 < low < high", str(stated))
+            object.__setattr__(self, name, stated)
+        read = {name: _coordinate(one, "prior", name) for name, one in self.coordinates.items()}
+        object.__setattr__(self, "coordinates", read)
 
     @classmethod
     def read(cls, path: str | Path) -> Prior:
         """Read the table ``[prior]`` of a measurement's file; what it does not state keeps its default.
 
-        Each key holds ``{ distribution = "log-uniform", low = "1 mN/m", high = "1 N/m" }``, but that of a further
-        coordinate of the model a text, see `coordinate_prior`.
+        The keys of G_s and a hold ``{ distribution = "log-uniform", low = "1 mN/m", high = "1 N/m" }``, or the same as
+        a text, ``"log-uniform 1 .. 1000 mN/m"``; that of a further coordinate of the model a text, see
+        `coordinate_prior`.
 
         Raises
         ------
@@ -121,18 +103,18 @@ class Prior:
             Naming file, key, what was expected and what was found.
         """
         file = InputFile.read(path)
-        stated, where = file.table("prior", optional=(*_UNITS, *COORDINATES)), str(path)
-        ranges: dict[str, Any] = {key: _range(where, key, value) for key, value in stated.items() if key in _UNITS}
+        stated, where = file.table("prior", optional=(*_LIMITED, *COORDINATES)), str(path)
+        ranges: dict[str, Any] = {key: _range(where, key, value) for key, value in stated.items() if key in _LIMITED}
         texts = {key: value for key, value in stated.items() if key in COORDINATES}
         return cls(**ranges).with_coordinates(texts, where=f"{where}: prior")
 
     def with_coordinates(self, texts: Mapping[str, object], *, where: str = "prior") -> Prior:
-        """The same with priors of further coordinates of the model in text form, see `coordinate_prior`."""
+        """Return the same with priors of further coordinates of the model in text form, see `coordinate_prior`."""
         read = {name: coordinate_prior(text, where=where, key=name) for name, text in texts.items()}
         return replace(self, coordinates={**self.coordinates, **read})
 
     def log_density(self, theta: Mapping[str, Floats], velocity_ratio: Floats) -> Floats:
-        """Log prior density in (log Ca, a/l, v_o) at given viscosity and half width.
+        """Return the log prior density in (log Ca, a/l, v_o) at given viscosity and half width.
 
         Parameters
         ----------
@@ -147,25 +129,33 @@ class Prior:
         """
         log_velocity = np.log(theta["capsule_velocity"] / velocity_ratio)
         log_modulus = np.log(theta["viscosity"]) + log_velocity - np.log(theta["capillary_number"])
-        log_radius = np.log(theta["size_ratio"] * theta["half_width"])
+        radius = theta["size_ratio"] * theta["half_width"]
         return (
-            self.surface_shear_modulus.log_density_of_log(log_modulus)
-            + self.capsule_radius.log_density_of_log(log_radius)
-            - log_radius  # from log a to a
+            self.surface_shear_modulus.logpdf(np.exp(log_modulus))
+            + log_modulus  # from G_s to log G_s
+            + self.capsule_radius.logpdf(radius)
             + log_jacobian(half_width=theta["half_width"], capsule_velocity=theta["capsule_velocity"])
         )
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Ranges of G_s and a in SI, for reports and files."""
+        """Return the ranges of G_s and a in SI, for reports and files."""
+        ranges = {name: getattr(self, name) for name in _LIMITED}
         return {
-            key: {"distribution": one.shape, "low": one.low, "high": one.high, "unit": unit}
-            for key, (unit, _) in _UNITS.items()
-            for one in [getattr(self, key)]
+            name: {"distribution": one.shape, "low": one.low, "high": one.high, "unit": one.unit}
+            for name, one in ranges.items()
         }
 
+    @classmethod
+    def of_record(cls, described: Mapping[str, Mapping[str, Any]], coordinates: Mapping[str, Any]) -> Prior:
+        """Return the prior with the ranges that `described` gave, and with records of the coordinates' quantities."""
+        ranges = {name: _RANGES[described[name]["distribution"]](described[name]["low"], described[name]["high"])
+                  for name in _LIMITED}  # fmt: skip
+        known = {name: Quantity.of_record(one) for name, one in coordinates.items()}
+        return cls(ranges["surface_shear_modulus"], ranges["capsule_radius"], known)
 
-def coordinate_prior(text: object, *, where: str, key: str) -> Any:
-    """Distribution of a coordinate from its text form.
+
+def coordinate_prior(text: object, *, where: str, key: str) -> Quantity:
+    """Return the distribution of a coordinate from its text form.
 
     Parameters
     ----------
@@ -174,24 +164,28 @@ def coordinate_prior(text: object, *, where: str, key: str) -> Any:
     where, key : str
         What it is the prior of, for the message of an error.
 
-    Returns
-    -------
-    frozen distribution of scipy.stats
+    Raises
+    ------
+    InputError
+        If the text is neither.
 
     Examples
     --------
     >>> coordinate_prior("0..0.1", where="prior", key="pre_inflation").ppf(0.5).item()
     0.05
     """
-    from scipy.stats import norm, uniform  # half a second to import
+    return _coordinate(text if isinstance(text, str) else repr(text), where, key)
 
-    found = _TEXT.fullmatch(str(text).strip())
-    numbers = [float(found[1]), float(found[3])] if found else [np.nan, np.nan]
-    if found and found[2] == ".." and numbers[0] < numbers[1]:
-        return uniform(numbers[0], numbers[1] - numbers[0])
-    if found and found[2] != ".." and numbers[1] > 0.0:
-        return norm(*numbers)
-    raise InputError(where, key, 'a range as "0 .. 0.1" or a value with its error as "0.03 +/- 0.01"', repr(text))
+
+def _coordinate(given: Given, where: str, key: str) -> Quantity:
+    expected = 'a range as "0 .. 0.1" or a value with its error as "0.03 +/- 0.01"'
+    try:
+        read = Quantity.of(given, key, where=where, units=("",), signed=True)
+    except InputError:
+        raise InputError(where, key, expected, repr(given)) from None
+    if read.known:
+        raise InputError(where, key, expected, repr(given))
+    return read
 
 
 def log_jacobian(*, half_width: ArrayLike, capsule_velocity: ArrayLike) -> Floats:
@@ -199,17 +193,17 @@ def log_jacobian(*, half_width: ArrayLike, capsule_velocity: ArrayLike) -> Float
     return np.log(np.asarray(half_width) / np.asarray(capsule_velocity))
 
 
-def _range(where: str, key: str, stated: object) -> Range:
-    unit, example = _UNITS[key]
-    wanted = f'{{ distribution = "log-uniform", low = "{example}", high = "{example}" }}'
+def _range(where: str, key: str, stated: object) -> Quantity:
+    """Return the range of a table of a file, or of a text."""
+    if isinstance(stated, str) and (".." in stated or not stated.strip()):
+        return Quantity.of_text(stated, key, where=where, key=f"prior.{key}")
+    example = STATED[key].example
     if not isinstance(stated, Mapping) or set(stated) != {"distribution", "low", "high"}:
+        wanted = f'{{ distribution = "log-uniform", low = "{example}", high = "{example}" }} or a text "low .. high"'
         raise InputError(where, f"prior.{key}", wanted, repr(stated))
-    if stated["distribution"] not in _SHAPES:
-        raise InputError(where, f"prior.{key}.distribution", " or ".join(_SHAPES), repr(stated["distribution"]))
-    limits = [
-        Quantity.read(stated[end], where=where, key=f"prior.{key}.{end}", units=(unit,), example=example).value
-        for end in ("low", "high")
-    ]
-    if not limits[0] < limits[1]:
+    if stated["distribution"] not in _RANGES:
+        raise InputError(where, f"prior.{key}.distribution", " or ".join(_RANGES), repr(stated["distribution"]))
+    low, high = (Quantity.of_text(stated[end], key, where=where, key=f"prior.{key}.{end}") for end in ("low", "high"))
+    if not low.value < high.value:
         raise InputError(where, f"prior.{key}", "low < high", f"{stated['low']!r}, {stated['high']!r}")
-    return Range(stated["distribution"], limits[0], limits[1])
+    return _RANGES[stated["distribution"]](low.value, high.value, PARAMETERS[key].si)

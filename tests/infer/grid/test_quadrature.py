@@ -10,7 +10,8 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Window
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.prior import Prior, Range
+from capsbayes.infer.prior import Prior
+from capsbayes.quantity import Quantity
 
 
 def brute_force(quadrature, seen, experiment, shape=(1500, 1500), prior=None):
@@ -113,7 +114,7 @@ def test_known_inputs_leave_the_spread_of_the_shape(model, capsule):
 def test_a_prior_range_cuts_the_posterior_there(model, experiment, capsule):
     wide = Quadrature(model, experiment)(capsule)
     edge = wide.marginal("surface_shear_modulus").median
-    prior = Prior(surface_shear_modulus=Range("log-uniform", 1e-4, edge))
+    prior = Prior(surface_shear_modulus=Quantity.log_uniform(1e-4, edge))
     posterior = Quadrature(model, experiment, prior)(capsule)
     assert posterior.cut
     assert not wide.cut
@@ -127,7 +128,7 @@ def test_a_prior_range_cuts_the_posterior_there(model, experiment, capsule):
 def test_a_uniform_prior_of_the_modulus_pulls_it_up(model, experiment, capsule):
     """Density times G_s: the mean of log G_s rises by its variance."""
     wide = Quadrature(model, experiment)(capsule).log_marginal("surface_shear_modulus")
-    prior = Prior(surface_shear_modulus=Range("uniform", 1e-4, 10.0))
+    prior = Prior(surface_shear_modulus=Quantity.uniform(1e-4, 10.0))
     other = Quadrature(model, experiment, prior)(capsule).log_marginal("surface_shear_modulus")
     assert other.mean - wide.mean == pytest.approx(wide.sd**2, rel=0.1)
 
@@ -147,7 +148,7 @@ def test_a_shape_that_no_case_has_is_refused_with_the_nearest(model, experiment,
 
 
 def test_a_prior_that_excludes_every_shape_is_refused(model, experiment, capsule):
-    prior = Prior(capsule_radius=Range("uniform", 1e-3, 2e-3))
+    prior = Prior(capsule_radius=Quantity.uniform(1e-3, 2e-3))
     with pytest.raises(InputError, match="expected ranges that hold G_s and a of some shape"):
         Quadrature(model, experiment, prior)(capsule)
 

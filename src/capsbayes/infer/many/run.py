@@ -57,9 +57,7 @@ class Run:
         """Hash of everything that decides the results beside the capsules themselves."""
         known = self.experiment
         parts: list[object] = [__version__, self.model.name, self.model.sha256, self.seed, self.prior.described()]
-        parts += [
-            (name, Quantity.of(one, signed=True).as_record()) for name, one in sorted(self.prior.coordinates.items())
-        ]
+        parts += [(name, one.as_record()) for name, one in sorted(self.prior.coordinates.items())]
         if known is not None:
             parts += [known.section, known.half_width.as_record(), known.viscosity.as_record()]
         parts += [self.capsule_velocity, self.flow]

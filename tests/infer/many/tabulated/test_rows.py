@@ -6,7 +6,7 @@ from polynomial_model import PolynomialModel
 from scipy import stats
 
 from capsbayes.experiment import Experiment
-from capsbayes.infer import Prior, Quadrature, Range
+from capsbayes.infer import Prior, Quadrature
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
@@ -71,7 +71,7 @@ def test_row_is_that_of_the_exact_engine(measurement, pyramid):
 
 def test_general_distributions_and_a_uniform_modulus(pyramid):
     experiment = Experiment(section="square", half_width=25e-6, viscosity=stats.gamma(30.0, scale=0.85 / 30.0))
-    prior = Prior(Range("uniform", 1e-3, 1.0), Range("log-uniform", 1e-6, 1e-3))
+    prior = Prior(Quantity.uniform(1e-3, 1.0), Quantity.log_uniform(1e-6, 1e-3))
     found = rows([TYPICAL], pyramid, prior=prior, experiment=experiment)
     wanted = exact(TYPICAL, prior=prior, experiment=experiment)[1]
     assert (np.abs(found.summaries[0] - wanted) / wanted[:, 1:2])[:, :5].max() < 0.02
@@ -94,7 +94,7 @@ def test_lengths_far_from_every_shape_and_lengths_too_sharp_are_told_apart(pyram
 
 
 def test_a_prior_range_that_cuts_shows(pyramid):
-    narrow = Prior(surface_shear_modulus=Range("log-uniform", 1e-4, 0.041))
+    narrow = Prior(surface_shear_modulus=Quantity.log_uniform(1e-4, 0.041))
     assert rows([TYPICAL], pyramid).facts["within"][0] == pytest.approx(1.0)
     assert rows([TYPICAL], pyramid, prior=narrow).facts["within"][0] < 0.9
 
@@ -108,7 +108,7 @@ def test_own_viscosity_and_half_width_scale_what_follows_from_them(pyramid):
 
 def test_the_mixture_has_the_moments_of_the_posterior_under_flat_priors(pyramid):
     """Log-uniform in both, so that the posterior is the likelihood of (log G_s, log a)."""
-    flat = Prior(Range("log-uniform", 1e-4, 10.0), Range("log-uniform", 1e-6, 1e-3))
+    flat = Prior(Quantity.log_uniform(1e-4, 10.0), Quantity.log_uniform(1e-6, 1e-3))
     known = Experiment(section="square", half_width=25e-6, viscosity=0.85)
     for one in (TYPICAL, Measurement(2.14, 0.01, 5e-3, 5e-4)):
         components = rows([one], pyramid, prior=Prior(), experiment=known).components[0]
