@@ -165,6 +165,8 @@ STATED: Mapping[str, Stated] = MappingProxyType(
         "viscosity": Stated("0.85 +/- 0.02 Pa s", 1e-6, 1e3),
         "flow_rate": Stated("0.60 uL/min", 1e-18, 1e-3),
         "capsule_velocity": Stated("5.00 +/- 0.05 mm/s", 1e-9, 2.0),
+        "axial_extent": Stated("2.14 +/- 0.01", 1e-2, 20.0),
+        "axial_length": Stated("1.81 +/- 0.01", 1e-4, 20.0),
         "frame_rate": Stated("2000 Hz", 1e-3, 1e9),
     }
 )

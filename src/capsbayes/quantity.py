@@ -282,6 +282,11 @@ class Quantity:
         return self.known or self.shape != "normal" or self.value - self.low > _FAR * self.error
 
     @property
+    def parameters(self) -> tuple[float, float]:
+        """Limits of a range; value and error of any other quantity."""
+        return (self.low, self.high) if self.shape in ("uniform", "log-uniform") else (self.value, self.error)
+
+    @property
     def power(self) -> int:
         """The k of the density of log x of a range, proportional to x^k."""
         return 1 if self.shape == "uniform" else 0

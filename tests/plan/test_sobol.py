@@ -9,7 +9,7 @@ import pytest
 from capsbayes.errors import InputError
 from capsbayes.infer.deterministic import deterministic_answer
 from capsbayes.infer.inputs import Inputs
-from capsbayes.plan import Spread, error_budget, sobol_indices
+from capsbayes.plan import error_budget, sobol_indices, varied_range
 from capsbayes.plan.answers import ANSWERS, Answerer
 from capsbayes.status import Status
 
@@ -58,7 +58,7 @@ def test_viscosity_moves_the_modulus_alone(study):
 
 
 def test_ranges_beyond_the_database_are_counted_and_said(capsule, shipped, experiment):
-    wide = {"axial_length": Spread("uniform", 1.5, 2.25)}
+    wide = {"axial_length": "1.5 .. 2.25"}
     study = sobol_indices(capsule, shipped, experiment, seed=3, samples=128, ranges=wide)
     assert 0.1 < study.outside / study.samples < 0.9
     assert study.status is Status.RANGES_LEAVE_DATABASE
@@ -83,4 +83,26 @@ def test_what_cannot_be_answered_is_refused(capsule, shipped, model, experiment)
     with pytest.raises(InputError, match="a database of"):
         sobol_indices(capsule, model, experiment, seed=1)
     with pytest.raises(InputError, match="ranges: colour: expected one of viscosity"):
-        sobol_indices(capsule, shipped, experiment, seed=1, ranges={"colour": Spread("uniform", 1.0, 2.0)})
+        sobol_indices(capsule, shipped, experiment, seed=1, ranges={"colour": "1 .. 2"})
+
+
+def test_a_range_is_read_in_any_unit():
+    assert varied_range("24.5..25.5 um", "half_width").low == pytest.approx(24.5e-6)
+    assert varied_range("6.2 +/- 0.06 mm/s", "capsule_velocity").error == pytest.approx(6e-5)
+    assert varied_range("1.7 .. 1.9", "axial_length").sd == pytest.approx(0.2 / 12**0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("viscosity", "0.9 .. 0.8 Pa s", "--range: viscosity: expected low < high"),
+        ("viscosity", "0.8 .. 0.9 m", "--range: viscosity: expected a text in Pa s"),
+        ("viscosity", "0.8 Pa s", "--range: viscosity: expected a range like"),
+        ("colour", "1 .. 2", "--range: colour: expected one of viscosity, half_width"),
+        ("half_width", "1 +/- 0.5 um", "--range: half_width: expected a range"),
+    ],
+)
+def test_a_mistake_is_one_line(name, text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        varied_range(text, name, where="--range")
+    assert "\n" not in str(caught.value)

@@ -9,7 +9,6 @@ from capsbayes.plan import (
     LabErrors,
     SobolIndex,
     SobolStudy,
-    Spread,
     error_budget,
     flow_design,
     identifiability_map,
@@ -45,7 +44,7 @@ def test_sobol_indices_have_bars_alone_and_with_others():
     index = {"viscosity": SobolIndex(0.2, 0.05, 0.3, 0.05), "axial_extent": SobolIndex(0.7, 0.1, 0.8, 0.1)}
     answers = ("surface_shear_modulus", "capsule_radius")
     study = SobolStudy(
-        ranges={"viscosity": Spread("normal", 0.85, 0.02), "axial_extent": Spread("uniform", 2.1, 2.2)},
+        ranges={"viscosity": Quantity(0.85, 0.02), "axial_extent": Quantity.uniform(2.1, 2.2)},
         indices=dict.fromkeys(answers, index),
         mean=dict.fromkeys(answers, 1.0),
         sd=dict.fromkeys(answers, 0.1),

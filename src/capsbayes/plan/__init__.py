@@ -6,9 +6,8 @@ from capsbayes.plan.flow import flow_design
 from capsbayes.plan.identifiability import identifiability_map
 from capsbayes.plan.lab_errors import LabErrors
 from capsbayes.plan.simulated import SimulatedWidths, simulated_widths
-from capsbayes.plan.sobol import sobol_indices
+from capsbayes.plan.sobol import sobol_indices, varied_range
 from capsbayes.plan.sobol_study import SobolIndex, SobolStudy
-from capsbayes.plan.spread import Spread
 
 __all__ = [
     "BudgetRow",
@@ -19,10 +18,10 @@ __all__ = [
     "SimulatedWidths",
     "SobolIndex",
     "SobolStudy",
-    "Spread",
     "error_budget",
     "flow_design",
     "identifiability_map",
     "simulated_widths",
     "sobol_indices",
+    "varied_range",
 ]

@@ -19,23 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, Given
 from capsbayes.infer.inputs import Inputs
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS, STATED
 from capsbayes.plan.answers import ANSWERS, Answerer
 from capsbayes.plan.slopes import settings_of
 from capsbayes.plan.sobol_study import CONFIDENCE, SobolIndex, SobolStudy
-from capsbayes.plan.spread import Spread
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
-__all__ = ["SAMPLES", "sobol_indices"]
+__all__ = ["SAMPLES", "sobol_indices", "varied_range"]
 
 Floats = NDArray[np.float64]
 
 SAMPLES = 1024
 """Groups of samples; each takes as many answers as inputs vary, and two."""
 
+_VARIED = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_length")
 _MOST_OUTSIDE = 0.1  # of the samples, beyond which the indices are those of the border of the database
 
 
@@ -45,7 +47,7 @@ def sobol_indices(
     experiment: Experiment,
     *,
     seed: int,
-    ranges: Mapping[str, Spread] | None = None,
+    ranges: Mapping[str, Given] | None = None,
     samples: int = SAMPLES,
 ) -> SobolStudy:
     """Sobol indices of the deterministic answer over ranges of the inputs.
@@ -59,8 +61,9 @@ def sobol_indices(
     experiment : Experiment
     seed : int
         Of the samples; stored in the result.
-    ranges : mapping of Spread, optional
-        By input; one that is not stated varies by its standard error, if it has one.
+    ranges : mapping, optional
+        By input, in any form that `varied_range` reads; an input that is not stated varies by its standard error, if it
+        has one.
     samples : int
         Groups of samples, a power of two.
 
@@ -80,7 +83,7 @@ def sobol_indices(
     _check(measurement, samples)
     inputs = Inputs.of(measurement, experiment)
     varied = _ranges(measurement, inputs, ranges or {})
-    answerer = Answerer.of(model, measurement, inputs, {name: one.sd for name, one in varied.items()})
+    answerer = Answerer.of(model, measurement, inputs, {name: one.error for name, one in varied.items()})
     problem = _problem(varied)
     rows = _sampled(problem, samples, seed)
     values, outside = answerer(dict(zip(varied, rows.T, strict=True)))
@@ -111,14 +114,50 @@ def _check(measurement: Measurement, samples: int) -> None:
         raise InputError("sobol", "samples", "a power of two, at least 8", str(samples))
 
 
-def _ranges(measurement: Measurement, inputs: Inputs, stated: Mapping[str, Spread]) -> dict[str, Spread]:
-    """Every input that varies, with its range."""
+def varied_range(given: Given, name: str, *, where: str = "ranges") -> Quantity:
+    """Return the range over which an input varies.
+
+    Parameters
+    ----------
+    given
+        ``"0.80 .. 0.90 Pa s"`` or ``"0.85 +/- 0.02 Pa s"``, or whatever else `Quantity.of` reads; lengths over the half
+        width or in metres.
+    name : str
+        Of the input, as in `capsbayes.parameters`.
+    where : str
+        For the message of an error.
+
+    Raises
+    ------
+    InputError
+        If it is not a range of such an input, or so wide that a normal distribution reaches zero.
+
+    Examples
+    --------
+    >>> varied_range("0.80 .. 0.90 Pa s", "viscosity").low
+    0.8
+    """
+    if name not in _VARIED:
+        raise InputError(where, name, f"one of {', '.join(_VARIED)}", "an unknown input")
+    units = ("", "m") if name.startswith("axial") else (PARAMETERS[name].si,)
+    found = Quantity.of(given, name, where=where, units=units)
+    if found.known:
+        raise InputError(where, name, f'a range like "{STATED[name].example}" or "low .. high"', repr(given))
+    if found.shape not in ("uniform", "normal") or (found.shape == "normal" and found.value <= 4.0 * found.error):
+        expected = 'a range "low .. high", or a standard error below a quarter of the value'
+        raise InputError(where, name, expected, str(found))
+    return found
+
+
+def _ranges(measurement: Measurement, inputs: Inputs, stated: Mapping[str, Given]) -> dict[str, Quantity]:
+    """Return every input that varies, with its range."""
     known = settings_of(replace(measurement, outline=None), inputs)
     for name in stated:
         if name not in known:
             raise InputError("ranges", name, f"one of {', '.join(known)}", "an unknown input")
-    own = {name: Spread("normal", one.value, one.error) for name, one in known.items() if one.error > 0.0}
-    varied = {name: (own | dict(stated))[name] for name in known if name in (own | dict(stated))}
+    own = {name: Quantity(one.value, one.error) for name, one in known.items() if one.error > 0.0}
+    ranges = own | {name: varied_range(one, name) for name, one in stated.items()}
+    varied = {name: ranges[name] for name in known if name in ranges}
     if len(varied) < 2:
         raise InputError("ranges", "", "at least two inputs that vary", ", ".join(varied) or "none")
     return varied
@@ -133,12 +172,12 @@ def _notes(measurement: Measurement) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _problem(varied: Mapping[str, Spread]) -> dict[str, Any]:
+def _problem(varied: Mapping[str, Quantity]) -> dict[str, Any]:
     return {
         "num_vars": len(varied),
         "names": list(varied),
-        "bounds": [[one.first, one.second] for one in varied.values()],
-        "dists": [{"uniform": "unif", "normal": "norm"}[one.kind] for one in varied.values()],
+        "bounds": [list(one.parameters) for one in varied.values()],
+        "dists": [{"uniform": "unif", "normal": "norm"}[one.shape] for one in varied.values()],
     }
 
 

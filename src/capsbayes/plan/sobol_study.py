@@ -10,7 +10,7 @@ import numpy as np
 
 from capsbayes import __version__
 from capsbayes.parameters import PARAMETERS
-from capsbayes.plan.spread import Spread
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class SobolStudy:
 
     Parameters
     ----------
-    ranges : mapping of Spread
+    ranges : mapping of Quantity
         Over which each input was varied.
     indices : mapping of mapping of SobolIndex
         By answer (G_s, a, Ca, a/l), then by input.
@@ -62,7 +62,7 @@ class SobolStudy:
     status : Status
     """
 
-    ranges: Mapping[str, Spread]
+    ranges: Mapping[str, Quantity]
     indices: Mapping[str, Mapping[str, SobolIndex]]
     mean: Mapping[str, float]
     sd: Mapping[str, float]
@@ -87,7 +87,10 @@ class SobolStudy:
         return {
             "status": self.status.name,
             "sentence": str(self.status),
-            "ranges": {name: asdict(one) for name, one in self.ranges.items()},
+            "ranges": {
+                name: {"kind": one.shape, **dict(zip(("first", "second"), one.parameters, strict=True))}
+                for name, one in self.ranges.items()
+            },
             "indices": {
                 answer: {name: asdict(one) for name, one in found.items()} for answer, found in self.indices.items()
             },

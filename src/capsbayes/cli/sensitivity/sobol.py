@@ -12,7 +12,8 @@ from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from capsbayes.plan import SobolStudy, Spread
+    from capsbayes.plan import SobolStudy
+    from capsbayes.quantity import Quantity
 
 
 def sobol(
@@ -70,17 +71,17 @@ def sobol(
         raise typer.Exit(1)
 
 
-def _stated(texts: list[str]) -> dict[str, Spread]:
+def _stated(texts: list[str]) -> dict[str, Quantity]:
     """Range of each option ``--range NAME=TEXT``."""
     from capsbayes.errors import InputError
-    from capsbayes.plan import Spread
+    from capsbayes.plan import varied_range
 
     found = {}
     for text in texts:
         name, equals, stated = text.partition("=")
         if not equals:
             raise InputError("--range", "", "NAME=RANGE", repr(text))
-        found[name.strip()] = Spread.of_text(stated, name=name.strip())
+        found[name.strip()] = varied_range(stated, name.strip(), where="--range")
     return found
 
 
@@ -96,23 +97,23 @@ def _table(study: SobolStudy) -> Table:
     table.add_column("input", no_wrap=True)
     for answer in study.indices:
         table.add_column(escape(PARAMETERS[answer].symbol), justify="right", no_wrap=True)
-    for name, spread in study.ranges.items():
+    for name, stated in study.ranges.items():
         cells = [f"{one[name].first:.2f}, {one[name].total:.2f}" for one in study.indices.values()]
-        table.add_row(escape(_range(name, spread)), *cells)
+        table.add_row(escape(_range(name, stated)), *cells)
     errors = [max(max(one.first_error, one.total_error) for one in found.values()) for found in study.indices.values()]
     table.add_row("95 %, at most", *(f"+/- {error:.2f}" for error in errors))
     return table
 
 
-def _range(name: str, spread: Spread) -> str:
+def _range(name: str, stated: Quantity) -> str:
     from capsbayes.parameters import PARAMETERS
 
     one = PARAMETERS[name]
     symbol, scale, unit = one.symbol, one.scale, one.shown_unit
-    if name.startswith("axial") and spread.first < 0.01:  # in metres
+    if name.startswith("axial") and stated.value < 0.01:  # in metres
         scale, unit = 1e6, "um"
-    first, second = scale * spread.first, scale * spread.second
-    ends = f"{first:.4g} .. {second:.4g}" if spread.kind == "uniform" else f"{first:.4g} +/- {second:.2g}"
+    first, second = (scale * number for number in stated.parameters)
+    ends = f"{first:.4g} .. {second:.4g}" if stated.shape == "uniform" else f"{first:.4g} +/- {second:.2g}"
     return f"{symbol} = {ends} {unit}"
 
 
