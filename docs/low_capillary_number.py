@@ -21,13 +21,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Simulator
-from capsbayes.physics.simulation.arclength import fold, traced
-from capsbayes.physics.simulation.continuation import near_rest, parachute
-from capsbayes.physics.simulation.outlines import profile
-from capsbayes.physics.simulation.problem import Iterate, Problem
-from capsbayes.physics.simulation.settling import is_shallow, settled
-from capsbayes.physics.simulation.steady_state import steady_state
-from capsbayes.physics.simulation.transient import growth_rates, transient
+from capsbayes.physics.capsule.outlines import profile
+from capsbayes.physics.capsule.problem import Iterate, Problem
+from capsbayes.physics.capsule.steady_state import steady_state
+from capsbayes.physics.capsule.transient import growth_rates, transient
+from capsbayes.physics.continuation.arclength import fold, traced
+from capsbayes.physics.continuation.branches import near_rest, parachute
+from capsbayes.physics.continuation.settling import is_shallow, settled
 
 matplotlib.use("agg")
 import matplotlib.pyplot as plt

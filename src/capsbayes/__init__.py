@@ -21,7 +21,7 @@ _HOME = {
     "Status": "capsbayes.status",
     "SteadyState": "capsbayes.physics.simulation",
     "Surrogate": "capsbayes.surrogate",
-    "build_database": "capsbayes.physics.simulation",
+    "build_database": "capsbayes.physics.databases",
     "Experiment": "capsbayes.experiment",
     "MeasuredOutline": "capsbayes.measured_outline",
     "Hierarchy": "capsbayes.infer.many",
@@ -58,8 +58,9 @@ if TYPE_CHECKING:
     from capsbayes.infer.many.identify_folder import identify_folder
     from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
     from capsbayes.measurement import Measurement
+    from capsbayes.physics.databases import build_database
     from capsbayes.physics.membrane import GeneralisedHooke, NeoHookean, Skalak
-    from capsbayes.physics.simulation import Simulator, SteadyState, build_database
+    from capsbayes.physics.simulation import Simulator, SteadyState
     from capsbayes.plan import LabErrors, error_budget, flow_design, identifiability_map, sobol_indices
     from capsbayes.profile import Profile
     from capsbayes.show.write_report import write_report

@@ -26,10 +26,29 @@ from capsbayes.errors import DatabaseError
 from capsbayes.output_file import unfinished
 from capsbayes.status import Status
 
-__all__ = ["ATTRIBUTES", "NO_EFFECT", "VARIABLES", "Database", "Variable"]
+__all__ = [
+    "ATTRIBUTES",
+    "LIMIT_OF_DATABASE",
+    "LIMIT_OF_EXISTENCE",
+    "LOST_FROM_REST",
+    "NO_EFFECT",
+    "SNAP_THROUGH",
+    "VARIABLES",
+    "Database",
+    "Variable",
+]
 
 NO_EFFECT = "none"
 """Attribute `effect` of a plain database."""
+
+LIMIT_OF_EXISTENCE, LIMIT_OF_DATABASE = "limit of existence", "limit of the database"
+SNAP_THROUGH, LOST_FROM_REST = "snap-through", "lost from rest"
+"""Kinds of borders.
+
+The first two end the cases of one size ratio at high Ca. Below them, a snap-through ends the shapes that a capsule
+takes from rest: up to there a parachute may be stable as well. Where a capsule beyond it was not seen to come to
+rest, the branch is lost from rest: which shape it takes from there on is not established.
+"""
 
 
 class Variable(NamedTuple):

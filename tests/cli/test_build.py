@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import capsbayes.cli
 import capsbayes.physics.simulation
 from capsbayes.database import Database
-from capsbayes.physics.simulation.grid import default_grid, read_cases
+from capsbayes.physics.databases.grid import default_grid, read_cases
 
 CSV = "size_ratio,capillary_number,note\n0.9,0.05,middle\n0.9,0.06,\n0.8,0.5,too high\n"
 

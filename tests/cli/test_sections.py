@@ -9,7 +9,7 @@ from analytic_simulator import AnalyticSimulator
 import capsbayes.physics.simulation
 from capsbayes.cli import main
 from capsbayes.physics.simulation import Simulator
-from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.stokes.walls import WallDiscretisation
 
 OPTIONS = ("--corner-radius", "0.1", "--rest-aspect", "1.05")
 
@@ -24,7 +24,7 @@ def run(monkeypatch, capsys, *arguments):
 
 
 def test_simulate_states_the_section_it_was_given(monkeypatch, capsys):
-    coarse = partial(Simulator, walls=Walls(spacing=0.16, far_spacing=0.3, end=2.5))
+    coarse = partial(Simulator, walls=WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5))
     monkeypatch.setattr(capsbayes.physics.simulation, "Simulator", coarse)
     case = ("--ca", "0.05", "--size-ratio", "0.75", "--refinement", "4", "--pre-inflation", "0.1")
     status, out, _ = run(monkeypatch, capsys, "simulate", *case, *OPTIONS)

@@ -3,13 +3,13 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from capsbayes import Simulator
-from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.stokes.walls import WallDiscretisation
 from capsbayes.show.transient_plot import transient_figure
 
 
 @pytest.fixture(scope="module", params=["square", "circular"])
 def moment(request):
-    walls = Walls(spacing=0.16, far_spacing=0.3, end=2.5)
+    walls = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
     simulator = Simulator(refinement=4, section=request.param, walls=walls)
     return next(simulator.transient(capillary_number=0.1, size_ratio=0.8, until=1.0))
 

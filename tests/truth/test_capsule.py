@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from capsbayes import Simulator, Status
-from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.stokes.walls import WallDiscretisation
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +40,8 @@ def test_steady_state_keeps_its_promises(ovalbumin):
 @pytest.mark.slow
 def test_pressure_drop_by_reciprocity_is_that_of_the_far_field(ovalbumin):
     """The reciprocal theorem gives the pressure drop that the disturbance shows at the channel's ends."""
-    from capsbayes.physics.simulation.pressure import far_pressure_drop, pressures
-    from capsbayes.physics.simulation.steady_state import Iterate
+    from capsbayes.physics.capsule.pressure import far_pressure_drop, pressures
+    from capsbayes.physics.capsule.steady_state import Iterate
 
     simulator = Simulator(refinement=8)
     mesh = simulator.problem.mesh
@@ -60,7 +60,10 @@ def test_no_steady_state_above_the_limit_of_existence_is_said_in_a_sentence(oval
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("walls", [Walls(spacing=0.065, far_spacing=0.13), Walls(end=4.0), Walls(spacing=0.1)])
+@pytest.mark.parametrize(
+    "walls",
+    [WallDiscretisation(spacing=0.065, far_spacing=0.13), WallDiscretisation(end=4.0), WallDiscretisation(spacing=0.1)],
+)
 def test_walls_are_fine_and_long_enough(ovalbumin, walls):
     state = Simulator(refinement=8, walls=walls).run(capillary_number=0.082, size_ratio=0.96, start=ovalbumin)
     assert state.profile.axial_extent == pytest.approx(ovalbumin.profile.axial_extent, rel=2e-4)

@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from capsbayes.evidence.verification.rigid_sphere import rigid_sphere
+from capsbayes.physics.capsule.problem import Problem
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.simulation.problem import Problem
-from capsbayes.physics.simulation.rigid import rigid_sphere
 from capsbayes.physics.stokes.circular import CircularChannel
 from capsbayes.physics.stokes.rectangular import RectangularChannel
 from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
 from capsbayes.physics.stokes.single_layer import SingleLayer
 from capsbayes.physics.stokes.square import SquareChannel
-from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.stokes.walls import WallDiscretisation
 from capsbayes.physics.surface import octasphere
 
-COARSE_WALLS = Walls(spacing=0.16, far_spacing=0.3, end=2.5)
+COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
 
 
 def test_stokes_drag_of_a_translating_sphere():

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from capsbayes.evidence.verification.simple_shear import taylor_deformation
+from capsbayes.physics.capsule.problem import Problem
+from capsbayes.physics.capsule.transient import transient
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.simulation.problem import Problem
-from capsbayes.physics.simulation.taylor import taylor_deformation
-from capsbayes.physics.simulation.transient import transient
 from capsbayes.physics.stokes.shear import ShearFlow
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from capsbayes import Simulator, Status
-from capsbayes.physics.simulation.continuation import parachute
-from capsbayes.physics.simulation.outlines import profile
-from capsbayes.physics.simulation.steady_state import steady_state
-from capsbayes.physics.simulation.transient import growth_rates
+from capsbayes.physics.capsule.outlines import profile
+from capsbayes.physics.capsule.steady_state import steady_state
+from capsbayes.physics.capsule.transient import growth_rates
+from capsbayes.physics.continuation.branches import parachute
 from capsbayes.physics.stokes.circular import FourfoldTube
 
 

@@ -22,6 +22,6 @@ def rebuild(
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """
     from capsbayes.cli.build import report
-    from capsbayes.physics.simulation.recipes import build_shipped
+    from capsbayes.physics.databases.recipes import build_shipped
 
     report(lambda: build_shipped(name, out=out, scheduler=scheduler, workers=workers), out, as_json=as_json)

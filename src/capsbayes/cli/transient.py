@@ -13,7 +13,7 @@ from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, with_simulat
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from capsbayes.physics.simulation.moment import Moment
+    from capsbayes.physics.simulation.snapshot import Snapshot
 
 
 @with_simulator
@@ -38,7 +38,7 @@ def transient(
     check_suffix("transient", "--table", table, (".csv",))
     check_suffix("transient", "--paraview", paraview, (".pvd",))
     check_suffix("transient", "--plot", plot, (".png", ".pdf", ".svg"))
-    from capsbayes.physics.simulation.moment import save_series
+    from capsbayes.physics.simulation.snapshot import save_series
 
     way = simulator.transient(
         capillary_number=capillary_number,
@@ -48,34 +48,34 @@ def transient(
         scheme=scheme,
         viscosity_ratio=viscosity_ratio,
     )
-    moments = _followed(way, until)
-    rows = [_row(moment) for moment in moments]
+    snapshots = _followed(way, until)
+    rows = [_row(snapshot) for snapshot in snapshots]
     typer.echo("\n".join(["".join(f"{name:>10}" for name in _COLUMNS.values())] + ["".join(row) for row in rows]))
-    typer.echo(_end(moments[-1]))
+    typer.echo(_end(snapshots[-1]))
     if table is not None:
         lines = [",".join(_COLUMNS)] + [",".join(cell.strip() for cell in row) for row in rows]
         table.write_text("\n".join(lines) + "\n", encoding="utf-8")
     if paraview is not None:
-        save_series(moments, paraview)
+        save_series(snapshots, paraview)
     if plot is not None:
         from capsbayes.show.transient_plot import write_transient_figure
 
-        write_transient_figure(_chosen(moments), plot)
+        write_transient_figure(_chosen(snapshots), plot)
 
 
-def _followed(way: Iterator[Moment], until: float) -> list[Moment]:
-    """All moments, with a progress bar on a terminal."""
+def _followed(way: Iterator[Snapshot], until: float) -> list[Snapshot]:
+    """All snapshots, with a progress bar on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     layout = (BarColumn(), TextColumn("U t / l = {task.completed:.2f} of {task.total:g}"), TimeElapsedColumn())
-    moments = []
+    snapshots = []
     with Progress(*layout, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("time", total=until)
-        for moment in way:
-            moments.append(moment)
-            bar.update(task, completed=moment.time)
-    return moments
+        for snapshot in way:
+            snapshots.append(snapshot)
+            bar.update(task, completed=snapshot.time)
+    return snapshots
 
 
 _COLUMNS = {
@@ -87,22 +87,24 @@ _COLUMNS = {
 }
 
 
-def _row(moment: Moment) -> list[str]:
-    profile = moment.profile
-    lengths = (profile.axial_extent, profile.axial_length, moment.velocity_ratio)
-    return [f"{moment.time:10.4g}", *(f"{value:10.4f}" for value in lengths), f"{moment.speed:10.1e}"]
+def _row(snapshot: Snapshot) -> list[str]:
+    profile = snapshot.profile
+    lengths = (profile.axial_extent, profile.axial_length, snapshot.velocity_ratio)
+    return [f"{snapshot.time:10.4g}", *(f"{value:10.4f}" for value in lengths), f"{snapshot.speed:10.1e}"]
 
 
-def _end(last: Moment) -> str:
-    from capsbayes.physics.simulation.transient import STEADY
+def _end(last: Snapshot) -> str:
+    from capsbayes.physics.capsule.transient import STEADY
 
     if last.speed < STEADY:
         return "Steady."
     return f"Not yet steady: the fastest node moves at {last.speed:.2g} U, seen from the centroid."
 
 
-def _chosen(moments: list[Moment]) -> list[Moment]:
-    """The start, the moments nearest to a twelfth and a quarter of the time, and the end."""
-    end = moments[-1].time
-    chosen = [min(moments, key=lambda moment: abs(moment.time - share * end)) for share in (0.0, 1 / 12, 0.25, 1.0)]
+def _chosen(snapshots: list[Snapshot]) -> list[Snapshot]:
+    """The start, the snapshots nearest to a twelfth and a quarter of the time, and the end."""
+    end = snapshots[-1].time
+    chosen = [
+        min(snapshots, key=lambda snapshot: abs(snapshot.time - share * end)) for share in (0.0, 1 / 12, 0.25, 1.0)
+    ]
     return list(dict.fromkeys(chosen))

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.database import NO_EFFECT, Database
+from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST_FROM_REST, NO_EFFECT, SNAP_THROUGH, Database
 from capsbayes.parameters import PARAMETERS
-from capsbayes.physics.simulation.column import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST, SNAP_THROUGH
 from capsbayes.status import Status
 from capsbayes.surrogate.branches import CONVEX
 
@@ -45,7 +44,7 @@ _BORDER_STYLES: dict[str, dict[str, Any]] = {
     LIMIT_OF_DATABASE: {"color": "black", "linewidth": 1.2, "linestyle": (0, (4, 2))},
     LIMIT_OF_EXISTENCE: {"color": "black", "linewidth": 2.0},
     SNAP_THROUGH: {"color": _CONVEX, "linewidth": 1.8},
-    LOST: {"color": _CONVEX, "linestyle": "none", "marker": "x", "markersize": 5.5},
+    LOST_FROM_REST: {"color": _CONVEX, "linestyle": "none", "marker": "x", "markersize": 5.5},
 }
 
 

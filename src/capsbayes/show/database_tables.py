@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from capsbayes.database import NO_EFFECT, Database
+from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, NO_EFFECT, SNAP_THROUGH, Database
 from capsbayes.parameters import PARAMETERS
-from capsbayes.physics.simulation.column import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, SNAP_THROUGH
 from capsbayes.show.page import table, typeset
 from capsbayes.status import Status
 

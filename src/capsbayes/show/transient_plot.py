@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from capsbayes.physics.simulation.moment import Moment
+    from capsbayes.physics.simulation.snapshot import Snapshot
 
 __all__ = ["transient_figure", "view_plot", "write_transient_figure"]
 
@@ -31,12 +31,12 @@ _BEHIND, _CAPSULE, _BEFORE = 2.0, 3.0, 4.0
 _FAINT = (1.0, 0.5)  # an edge behind the capsule, and one before it
 
 
-def transient_figure(moments: Sequence[Moment]) -> Figure:
-    """Draw one view for each moment, in two columns.
+def transient_figure(snapshots: Sequence[Snapshot]) -> Figure:
+    """Draw one view for each snapshot, in two columns.
 
     Parameters
     ----------
-    moments : sequence of Moment
+    snapshots : sequence of Snapshot
 
     Returns
     -------
@@ -45,26 +45,26 @@ def transient_figure(moments: Sequence[Moment]) -> Figure:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    rows = -(-len(moments) // 2)
+    rows = -(-len(snapshots) // 2)
     figure = Figure(figsize=(9.4, 0.4 + 3.6 * rows), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.08))
-    reach = 0.35 + max(float(np.max(np.abs(moment.nodes[:, 2]))) for moment in moments)
+    reach = 0.35 + max(float(np.max(np.abs(snapshot.nodes[:, 2]))) for snapshot in snapshots)
     axes = figure.subplots(rows, 2, squeeze=False).flat
-    for letter, moment, ax in zip("abcdefghijklmnopqrstuvwxyz", moments, axes, strict=False):
-        view_plot(moment, ax, reach)
-        ax.set_title(rf"({letter})   $Ut/\ell = {moment.time:.3g}$", fontsize=13)
-    for ax in figure.axes[len(moments) :]:
+    for letter, snapshot, ax in zip("abcdefghijklmnopqrstuvwxyz", snapshots, axes, strict=False):
+        view_plot(snapshot, ax, reach)
+        ax.set_title(rf"({letter})   $Ut/\ell = {snapshot.time:.3g}$", fontsize=13)
+    for ax in figure.axes[len(snapshots) :]:
         ax.remove()
-    first = moments[0]
+    first = snapshots[0]
     figure.suptitle(rf"$\mathrm{{Ca}} = {first.capillary_number:g}$,   $a/\ell = {first.size_ratio:g}$", fontsize=14)
     return figure
 
 
-def view_plot(moment: Moment, ax: Axes, reach: float) -> Axes:
+def view_plot(snapshot: Snapshot, ax: Axes, reach: float) -> Axes:
     """Draw the capsule in a piece of its channel; the flow goes to the right and away from the eye.
 
     Parameters
     ----------
-    moment : Moment
+    snapshot : Snapshot
     ax : Axes
     reach : float
         Half the length of the piece over l.
@@ -76,8 +76,8 @@ def view_plot(moment: Moment, ax: Axes, reach: float) -> Axes:
     from matplotlib.collections import PolyCollection
 
     camera = _camera()
-    corners = _draw_channel(ax, _section(moment), camera, reach)
-    faces, colours = _shaded(moment, camera)
+    corners = _draw_channel(ax, _section(snapshot), camera, reach)
+    faces, colours = _shaded(snapshot, camera)
     membrane = PolyCollection(list(faces), facecolors=colours, edgecolors=colours, linewidths=0.4, zorder=_CAPSULE)
     ax.add_collection(membrane)
     low, high = corners.min(axis=0) - 0.05, corners.max(axis=0) + 0.05
@@ -86,7 +86,7 @@ def view_plot(moment: Moment, ax: Axes, reach: float) -> Axes:
     start, end = np.array([[0.0, -1.0, 0.35 - reach], [0.0, -1.0, 1.05 - reach]]) @ camera.T[:, :2]
     style = {"arrowstyle": "-|>", "color": _EDGE, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", end, start, arrowprops=style, zorder=_BEHIND)
-    text = rf"$L_z/\ell = {moment.profile.axial_extent:.2f}$,   $V/U = {moment.velocity_ratio:.2f}$"
+    text = rf"$L_z/\ell = {snapshot.profile.axial_extent:.2f}$,   $V/U = {snapshot.velocity_ratio:.2f}$"
     ax.text(0.5, -0.01, text, transform=ax.transAxes, ha="center", va="top", fontsize=11)
     return ax
 
@@ -100,10 +100,10 @@ def _camera() -> Floats:
     return np.stack([right, cosine * up - sine * level, cosine * level + sine * up])
 
 
-def _section(moment: Moment) -> Floats:
+def _section(snapshot: Snapshot) -> Floats:
     """Outline (p, 2) of the channel's section, columns (x, y), counterclockwise."""
-    wedge, _ = moment.channel.outline(0.005, 0.0)
-    points = np.concatenate([wedge @ turn[:2, :2].T for turn in moment.channel.symmetry.operations])
+    wedge, _ = snapshot.channel.outline(0.005, 0.0)
+    points = np.concatenate([wedge @ turn[:2, :2].T for turn in snapshot.channel.symmetry.operations])
     return points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))]
 
 
@@ -131,10 +131,10 @@ def _draw_channel(ax: Axes, section: Floats, camera: Floats, reach: float) -> Fl
     return np.concatenate(ends)[:, :2]
 
 
-def _shaded(moment: Moment, camera: Floats) -> tuple[Floats, Floats]:
+def _shaded(snapshot: Snapshot, camera: Floats) -> tuple[Floats, Floats]:
     """Triangles (t, 3, 2) of the membrane that face the eye, the farthest first, and their colours (t, 3)."""
-    elements = moment.mesh.elements
-    nodes = moment.surface_nodes @ camera.T
+    elements = snapshot.mesh.elements
+    nodes = snapshot.surface_nodes @ camera.T
     grid, parts = _subdivision()
     shapes = p2(grid)
     points = (shapes @ nodes[elements])[:, parts].reshape(-1, 3, 3)
@@ -168,10 +168,10 @@ def _normals(nodes: Floats, elements: NDArray[np.int64]) -> Floats:
     return total / np.linalg.norm(total, axis=1, keepdims=True)
 
 
-def write_transient_figure(moments: Sequence[Moment], path: str | os.PathLike[str]) -> Path:
+def write_transient_figure(snapshots: Sequence[Snapshot], path: str | os.PathLike[str]) -> Path:
     """Draw the views into one picture file; the ending chooses the format."""
     path = Path(path)
     partial = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    transient_figure(moments).savefig(partial, dpi=160)
+    transient_figure(snapshots).savefig(partial, dpi=160)
     os.replace(partial, path)
     return path

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from capsbayes.database import Database
+from capsbayes.database import LIMIT_OF_EXISTENCE, LOST_FROM_REST, SNAP_THROUGH, Database
 from capsbayes.errors import DatabaseError
 from capsbayes.surrogate.domain import Region
 
@@ -29,8 +29,6 @@ Floats = NDArray[np.float64]
 CONVEX = 1e-4  # L_p/l below which a rear counts as convex; the cases have 0, or 0.02 and more
 FEWEST_CASES = 9
 SAME_COLUMN = 1e-6
-SNAP_THROUGH = "snap-through"  # the kind of border at which the shapes reached from rest end
-LOST = "lost from rest"  # the kind of border at which they could not be followed further
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +124,8 @@ def _gap_region(columns: Floats, low: Floats, high: Floats, lowest: Floats) -> R
 
 
 def _is_limit(cases: Database, columns: Floats) -> NDArray[np.bool_]:
-    upper = ~np.isin(cases["border_kind"], (SNAP_THROUGH, LOST))
+    upper = ~np.isin(cases["border_kind"], (SNAP_THROUGH, LOST_FROM_REST))
     if not upper.any():
         return np.zeros(len(columns), dtype=np.bool_)
     nearest = np.argmin(np.abs(cases["border_size_ratio"][upper] - columns[:, None]), axis=1)
-    return cases["border_kind"][upper][nearest] == "limit of existence"
+    return cases["border_kind"][upper][nearest] == LIMIT_OF_EXISTENCE

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from capsbayes.database import Database
+from capsbayes.database import LOST_FROM_REST, SNAP_THROUGH, Database
 from capsbayes.model import TWO_SHAPES, WRINKLES
-from capsbayes.surrogate.branches import LOST, SNAP_THROUGH
 from capsbayes.surrogate.chart import Chart
 from capsbayes.surrogate.domain import Region
 
@@ -66,11 +65,11 @@ def _two_shapes(database: Database) -> Region | None:
     snap-through, the region reaches to the highest of all columns.
     """
     size, ca, kind = (database[f"border_{name}"] for name in ("size_ratio", "capillary_number", "kind"))
-    marked = (kind == SNAP_THROUGH) | (kind == LOST)
+    marked = (kind == SNAP_THROUGH) | (kind == LOST_FROM_REST)
     if np.count_nonzero(marked) < 2:
         return None
     order = np.flatnonzero(marked)[np.argsort(size[marked])]
-    highest = np.where(kind[order] == LOST, ca[marked].max(), ca[order])
+    highest = np.where(kind[order] == LOST_FROM_REST, ca[marked].max(), ca[order])
     highest = np.max([highest, np.append(highest[1:], 0.0), np.append(0.0, highest[:-1])], axis=0)
     lowest = np.full(len(order), database["capillary_number"].min())
     return Region(size[order], lowest, highest, np.zeros(len(order), dtype=np.bool_))

@@ -5,15 +5,17 @@ import pytest
 
 from capsbayes import Simulator, Status
 from capsbayes.errors import InputError
-from capsbayes.physics.simulation.outlines import profile, silhouette
-from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.capsule.outlines import profile, silhouette
+from capsbayes.physics.stokes.walls import WallDiscretisation
 from capsbayes.physics.surface import D2, octasphere
 
 CASE = {"capillary_number": 0.05, "size_ratio": 0.8}
 
 
 def simulator(**settings):
-    return Simulator(refinement=4, pre_inflation=0.05, walls=Walls(spacing=0.16, far_spacing=0.3, end=2.5), **settings)
+    return Simulator(
+        refinement=4, pre_inflation=0.05, walls=WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5), **settings
+    )
 
 
 @pytest.fixture(scope="module")

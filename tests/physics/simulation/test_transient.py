@@ -4,15 +4,15 @@ import pytest
 
 from capsbayes import Simulator
 from capsbayes.errors import CapsbayesError, InputError
+from capsbayes.physics.capsule.free_motion import FreeMotion
+from capsbayes.physics.capsule.problem import Iterate, Problem
+from capsbayes.physics.capsule.transient import STEADY, growth_rates, stable_step, transient
 from capsbayes.physics.membrane import NeoHookean, Skalak
-from capsbayes.physics.simulation.free_motion import FreeMotion
-from capsbayes.physics.simulation.moment import save_series
-from capsbayes.physics.simulation.problem import Iterate, Problem
-from capsbayes.physics.simulation.transient import STEADY, growth_rates, stable_step, transient
+from capsbayes.physics.simulation.snapshot import save_series
 from capsbayes.physics.stokes.square import SquareChannel
-from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.stokes.walls import WallDiscretisation
 
-COARSE_WALLS = Walls(spacing=0.16, far_spacing=0.3, end=2.5)
+COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
 SIMULATOR = Simulator(refinement=4, bending=1e-3, walls=COARSE_WALLS)
 PROBLEM = SIMULATOR.problem
 CA, SIZE = 0.08, 0.8
@@ -25,7 +25,7 @@ def steady():
 
 @pytest.fixture(scope="module")
 def developed():
-    """A shape on its way, past the first moments after rest."""
+    """A shape on its way, past the first snapshots after rest."""
     (end,) = transient(PROBLEM, PROBLEM.at_rest(CA, SIZE), [0.3])
     return end.iterate
 
@@ -101,17 +101,17 @@ def test_a_mesh_distorted_beyond_use_is_said(tolerance):
         list(transient(PROBLEM, folded, [1.0], tolerance=tolerance))
 
 
-def test_the_simulator_follows_a_capsule_from_rest_and_from_any_moment(tmp_path):
+def test_the_simulator_follows_a_capsule_from_rest_and_from_any_snapshot(tmp_path):
     case = {"capillary_number": CA, "size_ratio": SIZE}
-    moments = list(SIMULATOR.transient(**case, until=0.25))
-    assert [moment.time for moment in moments] == pytest.approx([0.0, 0.1, 0.2, 0.25])
-    assert moments[0].profile.axial_extent == pytest.approx(2 * SIZE, rel=1e-6)
-    *_, later = SIMULATOR.transient(**case, until=0.05, start=moments[2])
-    assert later.velocity_ratio == pytest.approx(moments[3].velocity_ratio, abs=2e-3)
-    series = save_series(moments, tmp_path / "way.pvd")
+    snapshots = list(SIMULATOR.transient(**case, until=0.25))
+    assert [snapshot.time for snapshot in snapshots] == pytest.approx([0.0, 0.1, 0.2, 0.25])
+    assert snapshots[0].profile.axial_extent == pytest.approx(2 * SIZE, rel=1e-6)
+    *_, later = SIMULATOR.transient(**case, until=0.05, start=snapshots[2])
+    assert later.velocity_ratio == pytest.approx(snapshots[3].velocity_ratio, abs=2e-3)
+    series = save_series(snapshots, tmp_path / "way.pvd")
     assert 'timestep="0.25" file="way-0003.vtu"' in series.read_text()
     assert np.ptp(meshio.read(tmp_path / "way-0003.vtu").points[:, 2]) == pytest.approx(
-        moments[3].silhouette.axial_extent, rel=0.01
+        snapshots[3].silhouette.axial_extent, rel=0.01
     )
 
 

@@ -6,7 +6,7 @@ from capsbayes.physics.stokes.rectangular import RectangularChannel
 from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
 from capsbayes.physics.stokes.square import SquareChannel
 from capsbayes.physics.stokes.stokeslet import images_gradient, images_matrix
-from capsbayes.physics.stokes.walls import WallOperator, Walls
+from capsbayes.physics.stokes.walls import WallDiscretisation, WallOperator
 from capsbayes.physics.surface import D4
 
 
@@ -30,12 +30,12 @@ def test_stokeslet_and_its_gradient():
 @pytest.mark.parametrize(
     ("channel", "walls"),
     [
-        (SquareChannel(), Walls()),
-        (FourfoldTube(), Walls()),
-        (RoundedSquareChannel(0.02), Walls()),
-        (RoundedSquareChannel(0.3), Walls()),
-        (RectangularChannel(1.2), Walls(spacing=0.16, far_spacing=0.3)),
-        pytest.param(RectangularChannel(0.8), Walls(), marks=pytest.mark.slow),
+        (SquareChannel(), WallDiscretisation()),
+        (FourfoldTube(), WallDiscretisation()),
+        (RoundedSquareChannel(0.02), WallDiscretisation()),
+        (RoundedSquareChannel(0.3), WallDiscretisation()),
+        (RectangularChannel(1.2), WallDiscretisation(spacing=0.16, far_spacing=0.3)),
+        pytest.param(RectangularChannel(0.8), WallDiscretisation(), marks=pytest.mark.slow),
     ],
 )
 def test_velocity_on_the_walls_is_cancelled_between_the_collocation_points(channel, walls):
@@ -57,7 +57,10 @@ def test_velocity_on_the_walls_is_cancelled_between_the_collocation_points(chann
 
 def test_in_a_tube_one_point_of_each_ring_tells_an_axisymmetric_velocity():
     """A Stokeslet along the axis, off the middle: the walls answer as to its velocity on all of their points."""
-    rings, all_points = WallOperator(CircularChannel(), Walls()), WallOperator(FourfoldTube(), Walls())
+    rings, all_points = (
+        WallOperator(CircularChannel(), WallDiscretisation()),
+        WallOperator(FourfoldTube(), WallDiscretisation()),
+    )
     source, force = np.array([[0.0, 0.0, 0.3]]), np.array([0.0, 0.0, 1.0])
     once = np.eye(3)[None]
     at_rings, everywhere = (images_matrix(one.points, source, once) @ force for one in (rings, all_points))

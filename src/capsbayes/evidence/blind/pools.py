@@ -10,11 +10,11 @@ from types import MappingProxyType
 
 from capsbayes.database import Database
 from capsbayes.evidence.blind.hideable import HIDEABLE, Hideable
+from capsbayes.physics.databases.build import build_database
+from capsbayes.physics.databases.grid import Cases
+from capsbayes.physics.databases.sweep import SteadySimulator
 from capsbayes.physics.simulation import Simulator
-from capsbayes.physics.simulation.build import build_database
-from capsbayes.physics.simulation.column import SteadySimulator
-from capsbayes.physics.simulation.entering import Entering
-from capsbayes.physics.simulation.grid import Cases
+from capsbayes.physics.simulation.unsteady import UnsteadySimulator
 
 __all__ = ["POOLS", "build_pools", "pool_name", "simulator_with"]
 
@@ -53,7 +53,7 @@ def simulator_with(hidden: Hideable, size: float, refinement: int = _REFINEMENT)
     changed = dict(hidden.simulated(size))
     unsteadiness = changed.pop("unsteadiness", 0.0)
     simulator = replace(Simulator(refinement=refinement), **changed)
-    return Entering(simulator, unsteadiness) if unsteadiness else simulator
+    return UnsteadySimulator(simulator, unsteadiness) if unsteadiness else simulator
 
 
 def build_pools(

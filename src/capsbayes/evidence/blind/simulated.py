@@ -13,7 +13,7 @@ from capsbayes.evidence.blind.hideable import Hideable
 from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.pools import simulator_with
 from capsbayes.evidence.blind.session import HiddenSession, assembled, capsule_of
-from capsbayes.physics.simulation.build import build_database
+from capsbayes.physics.databases.build import build_database
 
 __all__ = ["simulated_session"]
 

@@ -9,7 +9,7 @@ from capsbayes.evidence.verification.references import BOUNDARY_INTEGRAL, PAPER
 from capsbayes.evidence.verification.row import Row, Target
 from capsbayes.evidence.verification.section import Results, Section, Values
 from capsbayes.evidence.verification.states import QUANTITIES, SYMBOLS, numbers, steady
-from capsbayes.physics.simulation.continuation import SLACK_LIMIT
+from capsbayes.physics.continuation.branches import SLACK_LIMIT
 from capsbayes.physics.simulation.simulator import Simulator
 
 __all__ = ["section"]

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from capsbayes.evidence.verification.references import RIGID_SPHERE
 from capsbayes.evidence.verification.row import Row, Target
 from capsbayes.evidence.verification.section import Results, Section, Values
+from capsbayes.physics.capsule.problem import Problem
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.simulation.problem import Problem
-from capsbayes.physics.simulation.rigid import rigid_sphere
 from capsbayes.physics.stokes.sections import section_named
+from capsbayes.physics.stokes.single_layer import SingleLayer
+from capsbayes.physics.stokes.walls import wall_operator
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["section"]
+__all__ = ["RigidMotion", "rigid_sphere", "section"]
 
 _SIZES = (0.3, 0.5, 0.7, 0.8, 0.85, 0.9)
 _WORDS = {"velocity_ratio": "V/U", "extra_pressure_drop": "dP+ [mu U/l]"}
@@ -45,6 +48,52 @@ def _item(name: str, size_ratio: float) -> str:
 
 def _motion(name: str, size_ratio: float, refinement: int) -> Values:
     return rigid_sphere(Problem(NeoHookean(), section_named(name), refinement, 0.0), size_ratio)._asdict()
+
+
+class RigidMotion(NamedTuple):
+    """Velocity over U, and pressure drop added to the undisturbed one over mu U / l."""
+
+    velocity_ratio: float
+    extra_pressure_drop: float
+
+
+def rigid_sphere(problem: Problem, size_ratio: float) -> RigidMotion:
+    """Compute the motion of a force-free rigid sphere on the axis.
+
+    The traction f solves v_inf + (single layer) + (walls) = V e_z on the sphere with zero total force; its constant
+    normal part, which moves nothing, is set to zero.
+
+    Parameters
+    ----------
+    problem : Problem
+        Only its mesh, cross-section and walls matter.
+    size_ratio : float
+        Radius over the half width.
+
+    Returns
+    -------
+    RigidMotion
+    """
+    mesh, basis, channel = problem.mesh, problem.mesh.basis, problem.channel
+    nodes = size_ratio * mesh.nodes
+    targets = nodes[mesh.wedge]
+    layer = SingleLayer(mesh, size_ratio, nodes)
+    operator = wall_operator(channel, problem.walls)
+    answer = operator.answer(operator.velocity_matrix(targets))
+    influence = layer.matrices(targets, target_nodes=mesh.wedge).velocity
+    influence = influence - answer @ layer.matrices(operator.points).velocity
+    flow = mesh.reduced(channel.undisturbed(targets)[0])
+    axial = basis.T @ np.tile([0.0, 0.0, 1.0], len(targets))
+    normal = mesh.reduced(mesh.nodes[mesh.wedge])
+    mass = problem.membrane(size_ratio).mass
+    count = len(axial)
+    matrix = np.zeros((count + 2, count + 2))
+    matrix[:count, :count] = basis.T @ (basis.T @ influence.T).T
+    matrix[:count, count:] = np.column_stack([-axial, normal])
+    matrix[count:, :count] = np.stack([mass @ axial, mass @ normal])
+    solution = np.linalg.solve(matrix, np.concatenate([-flow, [0.0, 0.0]]))
+    drop = -(mass @ flow) @ solution[:count] / channel.area
+    return RigidMotion(float(solution[count]), float(drop))
 
 
 def _rows(results: Results) -> Iterator[Row]:

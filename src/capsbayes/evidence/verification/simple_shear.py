@@ -6,19 +6,24 @@ from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from capsbayes.evidence.verification.references import SHEAR, SHEAR_SLOPE
 from capsbayes.evidence.verification.row import Row, Target
 from capsbayes.evidence.verification.section import Results, Section, Values
+from capsbayes.physics.capsule.problem import Problem
+from capsbayes.physics.capsule.transient import transient
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.simulation.problem import Problem
-from capsbayes.physics.simulation.taylor import taylor_deformation
-from capsbayes.physics.simulation.transient import transient
 from capsbayes.physics.stokes.shear import ShearFlow
+from capsbayes.physics.surface.octasphere import OctaSphere
+from capsbayes.physics.surface.quadrature import dunavant
+from capsbayes.physics.surface.shape_functions import p2, p2_gradient
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["section"]
+__all__ = ["section", "taylor_deformation"]
 
 _SMALL, _TIME = 0.01, 8.0
 _BENDING, _CODES_DIFFER = 2e-4, 0.08
@@ -49,6 +54,36 @@ def _deformation(capillary_number: float, time: float, refinement: int) -> Value
     start = problem.at_rest(capillary_number, 1.0)
     (end,) = transient(problem, start, [time], steady=0.0)  # the membrane goes on turning
     return {"deformation": taylor_deformation(problem.mesh, problem.mesh.expanded(end.iterate.free))}
+
+
+def taylor_deformation(mesh: OctaSphere, nodes: NDArray[np.float64]) -> float:
+    """Compute D = (L - B) / (L + B) of the ellipsoid with the capsule's inertia.
+
+    Parameters
+    ----------
+    mesh : OctaSphere
+    nodes : (N, 3) array
+        Positions of the nodes of the deformed mesh, in any unit, the centroid at the origin.
+
+    Returns
+    -------
+    float
+        With L and B the longest and shortest axis in the plane of shear x = 0.
+
+    Examples
+    --------
+    >>> from capsbayes.physics.surface.octasphere import octasphere
+    >>> sphere = octasphere(8)
+    >>> round(taylor_deformation(sphere, sphere.nodes * [1.0, 0.9, 1.1]), 4)
+    0.1
+    """
+    rule = dunavant(6)
+    points = p2(rule.points) @ nodes[mesh.elements]
+    tangents = np.einsum("qka,eki->eqai", p2_gradient(rule.points), nodes[mesh.elements])
+    flux = rule.weights * np.einsum("eqi,eqi->eq", points, np.cross(tangents[:, :, 0], tangents[:, :, 1]))
+    inertia = np.einsum("eq,eqi,eqj->ij", flux, points[..., 1:], points[..., 1:])
+    shortest, longest = np.sqrt(np.linalg.eigvalsh(inertia))
+    return float((longest - shortest) / (longest + shortest))
 
 
 def _rows(results: Results) -> Iterator[Row]:

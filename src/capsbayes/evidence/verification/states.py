@@ -8,8 +8,8 @@ import numpy as np
 
 from capsbayes.errors import CapsbayesError
 from capsbayes.parameters import PARAMETERS
-from capsbayes.physics.simulation.outlines import profile
-from capsbayes.physics.simulation.problem import Iterate, Problem
+from capsbayes.physics.capsule.outlines import profile
+from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.simulation.simulator import Simulator, SteadyState
 from capsbayes.profile import Profile
 from capsbayes.status import Status

@@ -12,8 +12,8 @@ import numpy as np
 from capsbayes.evidence.verification.row import Reference, Row, Target
 from capsbayes.evidence.verification.section import Results, Section, Values
 from capsbayes.evidence.verification.states import QUANTITIES, SYMBOLS, numbers, outline, steady
+from capsbayes.physics.capsule.transient import STEADY, Scheme, transient
 from capsbayes.physics.simulation.simulator import Simulator
-from capsbayes.physics.simulation.transient import STEADY, Scheme, transient
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,7 +1,6 @@
-"""The forward problem: membrane, liquids and walls at steady state, branches, databases."""
+"""The simulator: steady shapes and transients of one capsule in a channel."""
 
-from capsbayes.physics.simulation.build import build_database
-from capsbayes.physics.simulation.entering import Entering
 from capsbayes.physics.simulation.simulator import Simulator, SteadyState
+from capsbayes.physics.simulation.unsteady import UnsteadySimulator
 
-__all__ = ["Entering", "Simulator", "SteadyState", "build_database"]
+__all__ = ["Simulator", "SteadyState", "UnsteadySimulator"]

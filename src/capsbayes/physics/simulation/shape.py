@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.physics.simulation import outlines
+from capsbayes.physics.capsule import outlines
 from capsbayes.physics.stokes.channel import Channel
 from capsbayes.physics.stokes.sections import section_named
 from capsbayes.physics.surface.octasphere import OctaSphere, octasphere

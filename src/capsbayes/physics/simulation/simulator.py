@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
+from capsbayes.physics.capsule.pressure import pressures
+from capsbayes.physics.capsule.problem import Iterate, Problem
+from capsbayes.physics.capsule.steady_state import NewtonResult, steady_state
+from capsbayes.physics.capsule.transient import Scheme
+from capsbayes.physics.continuation.branches import BranchEnd, followed, parachute, reached_from_rest
+from capsbayes.physics.continuation.settling import wrinkling_rate
 from capsbayes.physics.membrane import MembraneLaw, NeoHookean
-from capsbayes.physics.simulation.continuation import BranchEnd, followed, parachute, reached_from_rest
-from capsbayes.physics.simulation.moment import Moment, first_shape, moments
-from capsbayes.physics.simulation.pressure import pressures
-from capsbayes.physics.simulation.problem import Iterate, Problem
-from capsbayes.physics.simulation.settling import wrinkling_rate
 from capsbayes.physics.simulation.shape import Shape
-from capsbayes.physics.simulation.steady_state import NewtonResult, steady_state
-from capsbayes.physics.simulation.transient import Scheme
+from capsbayes.physics.simulation.snapshot import Snapshot, snapshots, taken_from
 from capsbayes.physics.stokes.sections import section_named
-from capsbayes.physics.stokes.walls import Walls
+from capsbayes.physics.stokes.walls import WallDiscretisation
 from capsbayes.physics.surface.prolongation import prolonged
 from capsbayes.status import Status
 
@@ -106,7 +106,7 @@ class Simulator:
         is not quite one, from 0.5 to 2 [-]; from 0.8 to 1.5 the first state is found.
     rest_aspect : float
         Axis of the shape at rest along the flow over that across, from 0.5 to 2 [-].
-    walls : Walls
+    walls : WallDiscretisation
         How finely the walls are represented.
 
     Examples
@@ -125,7 +125,7 @@ class Simulator:
     corner_radius: float = 0.0
     section_aspect: float = 1.0
     rest_aspect: float = 1.0
-    walls: Walls = field(default_factory=Walls)
+    walls: WallDiscretisation = field(default_factory=WallDiscretisation)
 
     def __post_init__(self) -> None:
         section_named(self.section, self.corner_radius, self.section_aspect)
@@ -223,7 +223,7 @@ class Simulator:
         scheme: Scheme = "semi-implicit",
         viscosity_ratio: float = 1.0,
         threads: int = 1,
-    ) -> Iterator[Moment]:
+    ) -> Iterator[Snapshot]:
         """Follow one capsule in time.
 
         Parameters
@@ -235,8 +235,8 @@ class Simulator:
         until : float
             Time U t / l at which to end.
         every : float
-            Time U dt / l between two moments.
-        start : Moment or SteadyState, optional
+            Time U dt / l between two snapshots.
+        start : Snapshot or SteadyState, optional
             Shape at time 0; by default that at rest, squeezed to 0.95 of the channel's width where it is wider.
         scheme : str
             ``"semi-implicit"``, or ``"explicit"``, whose steps are some twenty times shorter.
@@ -247,7 +247,7 @@ class Simulator:
 
         Returns
         -------
-        iterator of Moment
+        iterator of Snapshot
             The first is the start; the last is at `until`, or the one at which the capsule has become steady.
 
         Raises
@@ -267,10 +267,10 @@ class Simulator:
             expected = "1, because the double layer of liquids of unequal viscosities is not computed"
             advice = "the steady shape does not depend on it"
             raise InputError("Simulator.transient", "viscosity_ratio", expected, f"{viscosity_ratio:g}", advice)
-        problem = self.problem
-        first = first_shape(problem, capillary_number, size_ratio, start)
+        problem, case = self.problem, (capillary_number, size_ratio)
+        first = problem.at_rest_in_channel(*case) if start is None else taken_from(start, problem, *case)
         times = [*np.arange(0.0, until - 1e-9, every), until]
-        return moments(problem, self.settings, first, times, scheme, threads)
+        return snapshots(problem, self.settings, first, times, scheme, threads)
 
     def _taken_up(self, problem: Problem, start: SteadyState) -> NewtonResult:
         """A steady state of this or another mesh as the start of a branch."""

@@ -8,7 +8,7 @@ direction of view.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,16 +111,3 @@ def unidirectional(axial: Array, along_x: Array, along_y: Array) -> tuple[Array,
     velocity, gradient = np.zeros((len(axial), 3)), np.zeros((len(axial), 3, 3))
     velocity[:, 2], gradient[:, 2, 0], gradient[:, 2, 1] = axial, along_x, along_y
     return velocity, gradient
-
-
-def __getattr__(name: str) -> Any:
-    """The names that moved to their own files."""
-    if name == "SquareChannel":
-        from capsbayes.physics.stokes.square import SquareChannel
-
-        return SquareChannel
-    if name == "section_named":
-        from capsbayes.physics.stokes.sections import section_named
-
-        return section_named
-    raise AttributeError(name)

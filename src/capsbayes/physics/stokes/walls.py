@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from capsbayes.physics.stokes.channel import Channel
 from capsbayes.physics.stokes.stokeslet import images_matrix
 
-__all__ = ["WallOperator", "Walls", "wall_operator"]
+__all__ = ["WallDiscretisation", "WallOperator", "wall_operator"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Walls:
+class WallDiscretisation:
     """How finely the walls are represented, in units of l.
 
     Attributes
@@ -78,7 +78,7 @@ class WallOperator:
     Parameters
     ----------
     channel : Channel
-    walls : Walls
+    walls : WallDiscretisation
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class WallOperator:
         Places of the Stokeslets.
     """
 
-    def __init__(self, channel: Channel, walls: Walls) -> None:
+    def __init__(self, channel: Channel, walls: WallDiscretisation) -> None:
         self.channel, self.walls, self.operations = channel, walls, channel.symmetry.operations
         axial, steps = _axial(
             walls.spacing, walls.far_spacing, walls.near, walls.end + walls.offset * walls.far_spacing
@@ -161,7 +161,7 @@ def _of_rings(points: Array) -> tuple[NDArray[np.int64], sp.bsr_matrix]:
 
 
 _MIRROR = np.array([1.0, 1.0, -1.0])
-_OPERATORS: dict[tuple[Channel, Walls], WallOperator] = {}
+_OPERATORS: dict[tuple[Channel, WallDiscretisation], WallOperator] = {}
 
 
 def _mirrored_columns(matrix: Array) -> Array:
@@ -169,7 +169,7 @@ def _mirrored_columns(matrix: Array) -> Array:
     return matrix * np.tile(_MIRROR, matrix.shape[1] // 3)
 
 
-def wall_operator(channel: Channel, walls: Walls) -> WallOperator:
+def wall_operator(channel: Channel, walls: WallDiscretisation) -> WallOperator:
     """The operator of a section; the same one is returned for the same arguments."""
     key = (channel, walls)
     if key not in _OPERATORS:

@@ -1,0 +1,78 @@
+"""Motion of a membrane that is not steady: dx/dt = v(x) - V e_z + s n, seen from its centroid.
+
+V holds the centroid and the slack s the volume, which the flow keeps only up
+to the mesh's error. Where symmetry alone holds the centroid, V is zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from capsbayes.physics.capsule.problem import Iterate, Motion, Problem
+
+__all__ = ["FreeMotion", "Rate"]
+
+Array = NDArray[np.float64]
+
+
+class Rate(NamedTuple):
+    """dx/dt (F,) of a shape, V and s, the directions (F, c) in which s and V act, and the speed of the fastest node."""
+
+    change: Array
+    velocity: float
+    slack: float
+    across: Array
+    speed: float
+
+
+class FreeMotion:
+    """Motion at the capillary number and size of `start`, as a function of the shape's free coordinates (F,)."""
+
+    def __init__(self, problem: Problem, start: Iterate) -> None:
+        self.problem, self.start = problem, start
+        self.membrane = problem.membrane(start.size_ratio)
+        self.volume = 4.0 / 3.0 * np.pi * start.size_ratio**3
+        self.drifts = bool(np.mean(problem.flow.symmetry.operations[:, 2, 2]) > 0.0)
+
+    def rate(self, free: Array) -> Rate:
+        """dx/dt of a shape."""
+        return self._rate(self.problem.motion(self._seen_from_walls(free)), self._gaps(free)[1])
+
+    def linearised(self, free: Array) -> tuple[Rate, Array]:
+        """dx/dt of a shape and its derivative (F, F), but for the turning of the normals that s acts along."""
+        motion, slopes = self.problem.linearised(self._seen_from_walls(free))
+        along = self._gaps(free)[1]
+        rate = self._rate(motion, along)
+        held = rate.across @ np.linalg.solve(along @ rate.across, along @ slopes.along_shape)
+        return rate, slopes.along_shape - held
+
+    def held(self, free: Array, across: Array) -> Array:
+        """The shape moved along `across` to its volume and centroid."""
+        gaps, along = self._gaps(free)
+        return free - across @ np.linalg.solve(along @ across, gaps)
+
+    def changes(self, free: Array) -> Array:
+        """Orthonormal changes (F, F - c) of a shape that keep volume and centroid."""
+        return scipy.linalg.null_space(self._gaps(free)[1])
+
+    def _rate(self, motion: Motion, along: Array) -> Rate:
+        across = np.column_stack([motion.normal, motion.axial] if self.drifts else [motion.normal])
+        pull = -np.linalg.solve(along @ across, along @ motion.error)
+        change = motion.error + across @ pull
+        return Rate(change, float(0.0 - np.sum(pull[1:])), float(pull[0]), across, self.problem.mesh.largest(change))
+
+    def _seen_from_walls(self, free: Array) -> Iterate:
+        return replace(self.start, free=free, velocity=0.0, slack=0.0)
+
+    def _gaps(self, free: Array) -> tuple[Array, Array]:
+        """Excess (c,) of the volume and of its axial moment, and their gradients (c, F)."""
+        inside = self.membrane.enclosure(free)
+        if not self.drifts:
+            return np.array([inside.volume - self.volume]), inside.volume_gradient[None]
+        gaps = np.array([inside.volume - self.volume, inside.moment])
+        return gaps, np.stack([inside.volume_gradient, inside.moment_gradient])

@@ -1,0 +1,99 @@
+"""How the two liquids move the membrane: undisturbed flow, single layer and walls together.
+
+    v(x) = v_inf(x) + (single layer of f)(x) + (walls' answer)(x)
+
+The liquids have equal viscosities, so the density f alone, the membrane's
+force on them per rest area, decides their motion. Vectors are free
+coordinates (F,) of the mesh's wedge.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from capsbayes.physics.stokes.channel import Channel, Flow
+from capsbayes.physics.stokes.single_layer import SingleLayer
+from capsbayes.physics.stokes.stokeslet import images_gradient
+from capsbayes.physics.stokes.walls import WallDiscretisation, wall_operator
+from capsbayes.physics.surface.octasphere import OctaSphere
+
+__all__ = ["Response", "membrane_response", "membrane_velocity"]
+
+Array = NDArray[np.float64]
+
+
+class Response(NamedTuple):
+    """Velocity (F,) of the membrane over U, and its derivatives (F, F).
+
+    `along_density` is that along the density, `along_shape` that along the shape with the density held.
+    """
+
+    velocity: Array
+    along_density: Array
+    along_shape: Array
+
+
+def membrane_velocity(
+    flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Array, density: Array
+) -> Array:
+    """Velocity (F,) of the membrane in the frame of the walls.
+
+    Parameters
+    ----------
+    flow : Flow
+        Undisturbed flow; a `Channel` has walls.
+    walls : WallDiscretisation
+    mesh : OctaSphere
+    radius : float
+        Radius over l of the sphere that carries the density.
+    free : (F,) array [l]
+        Shape.
+    density : (F,) array [mu U / l]
+        Force on the liquids per area of that sphere.
+    """
+    basis, nodes = mesh.basis, mesh.expanded(free)
+    targets, wedge_density = nodes[mesh.wedge], basis @ density
+    layer = SingleLayer(mesh, radius, nodes)
+    velocity = layer.matrices(targets, target_nodes=mesh.wedge).velocity @ wedge_density
+    velocity += flow.undisturbed(targets)[0].ravel()
+    if isinstance(flow, Channel):
+        operator = wall_operator(flow, walls)
+        strengths = operator.strengths(layer.matrices(operator.points).velocity @ wedge_density)
+        velocity += operator.velocity_matrix(targets) @ strengths.ravel()
+    return basis.T @ velocity
+
+
+def membrane_response(
+    flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Array, density: Array
+) -> Response:
+    """Velocity of the membrane with its exact derivatives; parameters as of `membrane_velocity`."""
+    basis, nodes = mesh.basis, mesh.expanded(free)
+    targets, wedge_density = nodes[mesh.wedge], basis @ density
+    layer = SingleLayer(mesh, radius, nodes, mesh.expanded(density))
+    near = layer.matrices(targets, target_nodes=mesh.wedge)
+    undisturbed, along_target = flow.undisturbed(targets)
+    velocity = near.velocity @ wedge_density + undisturbed.ravel()
+    along_target = along_target + near.target_slope
+    along_density = _both_reduced(mesh, near.velocity)
+    along_shape = _both_reduced(mesh, -near.source_slope)
+    if isinstance(flow, Channel):
+        operator = wall_operator(flow, walls)
+        far = layer.matrices(operator.points)
+        strengths = operator.strengths(far.velocity @ wedge_density)
+        to_membrane = operator.velocity_matrix(targets)
+        velocity += to_membrane @ strengths.ravel()
+        answer = operator.answer(basis.T @ to_membrane)
+        along_density -= answer @ (basis.T @ far.velocity.T).T
+        along_shape += answer @ (basis.T @ far.source_slope.T).T
+        along_target += images_gradient(targets, operator.sources, flow.symmetry.operations, strengths)
+    moved = (basis.T @ sp.block_diag(along_target, format="csr") @ basis).toarray()
+    return Response(basis.T @ velocity, along_density, along_shape + moved)
+
+
+def _both_reduced(mesh: OctaSphere, matrix: Array) -> Array:
+    """Matrix (F, F) between free coordinates from one (3 W, 3 W) between vectors of the wedge."""
+    return mesh.basis.T @ (mesh.basis.T @ matrix.T).T

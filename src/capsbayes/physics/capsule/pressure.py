@@ -1,0 +1,67 @@
+"""Pressure inside a steady capsule, and the pressure drop that it adds to the channel's."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.physics.capsule.problem import Iterate, Problem
+from capsbayes.physics.stokes.single_layer import SingleLayer
+from capsbayes.physics.stokes.stokeslet import pressure_kernel
+from capsbayes.physics.stokes.walls import wall_operator
+
+__all__ = ["far_pressure_drop", "pressures"]
+
+Array = NDArray[np.float64]
+
+_FAR = 0.9  # of the half length that is represented
+
+
+def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
+    """Inner pressure and extra pressure drop, both over mu U / l.
+
+    The inner pressure is that of the liquid inside over the pressure that the undisturbed flow would have at the
+    centroid, half way between the disturbances far up- and downstream. The extra pressure drop follows from the
+    reciprocal theorem with the undisturbed flow, dP+ Q = - int f . v_inf dS.
+
+    Parameters
+    ----------
+    problem : Problem
+    iterate : Iterate
+        A steady state.
+
+    Returns
+    -------
+    inner_pressure, extra_pressure_drop : float
+    """
+    mesh, channel = problem.mesh, problem.channel
+    elastic = problem.membrane(iterate.size_ratio).elasticity(iterate.free)
+    nodes = mesh.expanded(iterate.free)
+    flow = mesh.reduced(channel.undisturbed(nodes[mesh.wedge])[0])
+    drop = elastic.gradient @ flow / (iterate.capillary_number * channel.area)
+    on_axis = nodes[np.hypot(mesh.nodes[:, 0], mesh.nodes[:, 1]) < 1e-12, 2]
+    middle, end = float(np.mean(on_axis)), _FAR * problem.walls.end
+    here, upstream, downstream = _disturbance(problem, iterate, np.array([middle, -end, end]))
+    inside = here - channel.pressure_gradient * middle - (upstream + downstream) / 2
+    return float(inside), float(drop)
+
+
+def far_pressure_drop(problem: Problem, iterate: Iterate) -> float:
+    """Pressure of the disturbance far upstream less that far downstream, over mu U / l: dP+ by another route."""
+    end = _FAR * problem.walls.end
+    upstream, downstream = _disturbance(problem, iterate, np.array([-end, end]))
+    return float(upstream - downstream)
+
+
+def _disturbance(problem: Problem, iterate: Iterate, z: Array) -> Array:
+    """Pressure (p,) of the membrane's and the walls' disturbance at points `z` of the axis."""
+    mesh = problem.mesh
+    density = problem.density(iterate, problem.membrane(iterate.size_ratio).elasticity(iterate.free).gradient)
+    layer = SingleLayer(mesh, iterate.size_ratio, mesh.expanded(iterate.free), mesh.expanded(density))
+    operator = wall_operator(problem.channel, problem.walls)
+    strengths = operator.strengths(layer.matrices(operator.points).velocity @ (mesh.basis @ density))
+    sources = np.concatenate([operator.sources @ turn.T for turn in problem.mesh.symmetry.operations])
+    forces = np.concatenate([strengths @ turn.T for turn in problem.mesh.symmetry.operations])
+    points = np.column_stack([0 * z, 0 * z, z])
+    walls: Array = np.einsum("tsi,si->t", pressure_kernel(points, sources), forces)
+    return layer.pressure(points) + walls

@@ -1,0 +1,101 @@
+"""The steady shape that a capsule started from rest comes to.
+
+A hardly deformed capsule is compressed at its rear. A spherical membrane
+buckles at a compressive tension of 2 (E B)^(1/2) G_s, with Young's modulus
+E = 4 K / (K + 1) over G_s, the area dilation modulus K over G_s and the bending
+stiffness B over G_s a^2. From about there on the branch that leads up from rest
+may be unstable, and other steady shapes exist beside it: the motion itself
+decides which of them the capsule takes. It is followed in time, with linearised
+implicit Euler steps, which damp what decays fast and let grow what grows slowly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+
+from capsbayes.physics.capsule.free_motion import FreeMotion
+from capsbayes.physics.capsule.outlines import profile
+from capsbayes.physics.capsule.problem import Iterate, Problem
+from capsbayes.physics.capsule.steady_state import NewtonResult, steady_state
+from capsbayes.physics.capsule.transient import growth_rates
+from capsbayes.physics.stokes.circular import CircularChannel, FourfoldTube
+
+__all__ = ["SHALLOW", "is_shallow", "is_stable", "may_buckle", "settled", "wrinkling_rate"]
+
+SHALLOW = 0.1  # depth of the rear over a that no capsule exceeds before it snaps through
+_STEPS = 100
+_LONGEST = 0.5  # time step U dt / l; instabilities that grow at more than twice its inverse would be damped
+_SHORTEST = 1e-4
+_FARTHEST = 0.05  # over a, of any node in one step
+_TOO_LONG = 5.0  # length over a of a capsule that goes on growing
+_SLOW = 0.05  # speed below which the steady state is tried
+
+
+def is_shallow(problem: Problem, iterate: Iterate) -> bool:
+    """Whether the rear is convex, or so little concave that the capsule may still snap through to a parachute."""
+    outline = profile(problem.mesh, problem.mesh.expanded(iterate.free))
+    return bool(outline.parachute_depth < SHALLOW * iterate.size_ratio)
+
+
+def may_buckle(problem: Problem, iterate: Iterate) -> bool:
+    """Whether a shallow shape is compressed by half as much as makes a sphere buckle, or by more."""
+    return is_shallow(problem, iterate) and _is_compressed(problem, iterate)
+
+
+def _is_compressed(problem: Problem, iterate: Iterate) -> bool:
+    dilation = problem.law.area_dilation_modulus
+    threshold = 2.0 * np.sqrt(4.0 * dilation / (dilation + 1.0) * problem.bending)
+    tensions = problem.membrane(iterate.size_ratio).principal_tensions(iterate.free)
+    return bool(np.min(tensions) < -0.5 * threshold)
+
+
+def is_stable(problem: Problem, iterate: Iterate) -> bool:
+    """Whether small disturbances of a steady state that share its symmetry decay."""
+    return bool(growth_rates(problem, iterate)[0].real < 0.0)
+
+
+def wrinkling_rate(problem: Problem, iterate: Iterate) -> float:
+    """Rate [U/l] at which the fastest of those wrinkles about the axis grow in which the capsule keeps four mirrors.
+
+    NaN where it has none but these symmetries anyway, or is hardly compressed. The mesh decides how short the wrinkles
+    can be: the rate says whether there are any, not which.
+    """
+    if not isinstance(problem.flow, CircularChannel) or not _is_compressed(problem, iterate):
+        return float("nan")
+    loose = replace(problem, flow=FourfoldTube())
+    nodes = problem.mesh.expanded(iterate.free)[problem.mesh.wedge]
+    return float(growth_rates(loose, replace(iterate, free=loose.mesh.reduced(nodes)))[0].real)
+
+
+def settled(problem: Problem, capillary_number: float, size_ratio: float) -> NewtonResult | None:
+    """The stable steady state that a capsule started from rest comes to.
+
+    Returns
+    -------
+    NewtonResult or None
+        None where it came to none.
+    """
+    here = problem.at_rest_in_channel(capillary_number, size_ratio)
+    motion, free, patience = FreeMotion(problem, here), here.free, 0
+    identity = np.eye(len(free))
+    for step in range(_STEPS):
+        rate, jacobian = motion.linearised(free)
+        if not np.isfinite(rate.speed) or np.ptp(problem.mesh.expanded(free)[:, 2]) > _TOO_LONG * size_ratio:
+            return None
+        if rate.speed < _SLOW and step >= patience:
+            iterate = replace(here, free=free, velocity=rate.velocity, slack=rate.slack)
+            found = steady_state(problem, iterate, max_iterations=10, patience=5)
+            if found.converged and is_stable(problem, found.iterate):
+                return found
+            patience = 2 * step
+        length, change = _LONGEST, np.full_like(free, np.inf)
+        while not problem.mesh.largest(change) < _FARTHEST * size_ratio:
+            change = length * scipy.linalg.solve(identity - length * jacobian, rate.change)
+            length /= 2.0
+            if length < _SHORTEST:
+                return None
+        free = motion.held(free + change, rate.across)
+    return None

@@ -1,0 +1,159 @@
+"""Build a database: sweeps in parallel, each finished case kept, nothing lost by an interruption."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from capsbayes.database import Database
+from capsbayes.errors import InputError
+from capsbayes.physics.databases.gather import gathered, pedigree
+from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error
+from capsbayes.physics.databases.outcome import Outcome, count_ended
+from capsbayes.physics.databases.sweep import Cases, SteadySimulator, Sweep, sweep
+from capsbayes.work import Store, progress_bar, run_tasks
+
+__all__ = ["Case", "build_database", "checked_cases", "run_sweeps", "sweep_tasks"]
+
+_logger = logging.getLogger(__name__)
+
+Case = tuple[float, float]
+"""Capillary number and size ratio."""
+
+
+def build_database(
+    simulator: SteadySimulator,
+    cases: Iterable[Case],
+    *,
+    out: str | os.PathLike[str],
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    compare: int | None = None,
+) -> Database:
+    """Simulate many cases and write them as one database.
+
+    Finished cases are kept in the folder ``<out>.parts``. The same call made again, after an interruption or with more
+    cases, computes only what is missing; the result does not depend on interruptions or on the number of workers. A
+    case that fails is a row with its status.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Must be picklable.
+    cases : iterable of (capillary_number, size_ratio)
+        In any order; cases of one size ratio are run one after the other.
+    out : path
+        The NetCDF file to write.
+    scheduler : str, optional
+        Address of a dask cluster (``"tcp://host:port"``) that sees the same files, or ``"synchronous"`` for this
+        process alone. By default, worker processes on this machine.
+    workers : int, optional
+        Number of worker processes on this machine; by default, one for each core.
+    progress : bool
+        Whether to show a progress bar, on a terminal only.
+    compare : int, optional
+        Refinement of a finer mesh on which five of the cases are run again; the differences are stored in the
+        attribute ``mesh_error``. The simulator then needs a method ``refined(refinement)``.
+
+    Returns
+    -------
+    Database
+        As written, sorted by size ratio, then capillary number.
+
+    Raises
+    ------
+    InputError
+        If there are no cases, or one is not positive, or no cluster answers.
+    DatabaseError
+        If ``<out>.parts`` was made with other settings.
+    """
+    ordered = checked_cases(cases)
+    store = Store.open(Path(f"{os.fspath(out)}.parts"), simulator.settings)
+    tasks = sweep_tasks(simulator, store, ordered)
+    sweeps = run_sweeps(tasks, [store], ordered, scheduler, workers, progress=progress)
+    attributes = pedigree(simulator.settings)
+    if compare is not None:
+        attributes |= {"mesh_error": _compared(simulator, store, sweeps, compare, scheduler, workers)}
+    database = gathered({0.0: sweeps}, simulator.settings, attributes)
+    database.write(out)
+    return database
+
+
+def checked_cases(cases: Iterable[Case]) -> list[Case]:
+    """Return the cases without repetition, sorted by size ratio, then capillary number.
+
+    Raises
+    ------
+    InputError
+        If there are none, or one is not positive.
+    """
+    ordered = sorted({(float(size), float(ca)) for ca, size in cases})
+    if not ordered:
+        raise InputError("cases", "", "at least one case (capillary number, size ratio)", "none")
+    for size, ca in ordered:
+        if not (0.0 < size < np.inf and 0.0 < ca < np.inf):
+            raise InputError("cases", "", "positive capillary numbers and size ratios", f"Ca = {ca}, a/l = {size}")
+    return [(ca, size) for size, ca in ordered]
+
+
+def sweep_tasks(simulator: SteadySimulator, store: Store, cases: list[Case]) -> list[Callable[[], Sweep]]:
+    """Return one task for each size ratio of sorted cases."""
+    sizes = sorted({size for _, size in cases})
+    return [partial(_run_sweep, simulator, store, size, [ca for ca, other in cases if other == size]) for size in sizes]
+
+
+def run_sweeps(
+    tasks: list[Callable[[], Sweep]],
+    stores: list[Store],
+    cases: list[Case],
+    scheduler: str | None,
+    workers: int | None,
+    *,
+    progress: bool,
+) -> list[Sweep]:
+    """Run the tasks of all stores, with a bar that counts the cases, and log the errors of the simulator."""
+
+    def count() -> tuple[int, str]:
+        ended, failed = np.sum([count_ended(store, cases) for store in stores], axis=0)
+        return int(ended), f"cases, {failed} without a steady state"
+
+    with progress_bar(len(stores) * len(cases), "cases", show=progress, count=count):
+        sweeps = run_tasks(tasks, scheduler, workers)
+    messages = Counter(outcome.message for sweep in sweeps for outcome in sweep.outcomes if outcome.message)
+    for message, number in messages.most_common():
+        _logger.warning("%d cases broke off with %s", number, message)
+    return sweeps
+
+
+def _run_sweep(simulator: SteadySimulator, store: Store, size_ratio: float, capillary_numbers: list[float]) -> Sweep:
+    if "numba" in sys.modules:
+        sys.modules["numba"].set_num_threads(1)
+    with threadpool_limits(limits=1):
+        return sweep(Cases(simulator, store, size_ratio), capillary_numbers)
+
+
+def _compared(
+    simulator: Any, store: Store, sweeps: list[Sweep], refinement: int, scheduler: str | None, workers: int | None
+) -> str:
+    """Return the mesh error of some cases from a finer mesh, whose cases are kept in a folder of their own."""
+    finer = simulator.refined(refinement)
+    kept = Store.open(store.folder / f"refinement-{refinement}", finer.settings)
+    coarse = chosen_cases([sweep.outcomes for sweep in sweeps])
+    fine = run_tasks([partial(_run_again, finer, kept, outcome) for outcome in coarse], scheduler, workers)
+    return mesh_error(refinement, coarse, fine)
+
+
+def _run_again(simulator: SteadySimulator, store: Store, outcome: Outcome) -> Outcome:
+    """Run the case of `outcome` with another simulator, started from its steady state."""
+    with threadpool_limits(limits=1):
+        return Cases(simulator, store, outcome.size_ratio).run(outcome.capillary_number, outcome)

@@ -1,0 +1,108 @@
+"""Gather the outcomes of sweeps in one database with its pedigree."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+import capsbayes
+from capsbayes.database import NO_EFFECT, VARIABLES, Database
+from capsbayes.physics.databases.outcome import OUTLINE_POINTS
+from capsbayes.physics.databases.sweep import Border, Sweep
+
+__all__ = ["gathered", "pedigree"]
+
+_OUTLINE = (OUTLINE_POINTS, 2)
+_SHAPES: dict[str, tuple[int, ...]] = {"nodes": (0, 3), "profile": _OUTLINE, "silhouette": _OUTLINE}
+
+
+def gathered(
+    sweeps: Mapping[float, list[Sweep]],
+    settings: Mapping[str, Any],
+    attributes: Mapping[str, str | int | float],
+) -> Database:
+    """Return one database of all sweeps, in their order; what a case lacks is NaN, or 0 for an integer.
+
+    Parameters
+    ----------
+    sweeps : mapping of float to list of Sweep
+        By value of the effect; a plain database has the one value 0.
+    settings : mapping
+        Those of the simulator.
+    attributes : mapping
+        The pedigree. Unless its `effect` is "none" the database has no nodes, and outlines in single precision: it
+        serves for differences, and has ten times the cases.
+    """
+    plain = attributes["effect"] == NO_EFFECT
+    by_value = [(value, sweep) for value, several in sweeps.items() for sweep in several]
+    outcomes = [(value, outcome) for value, sweep in by_value for outcome in sweep.outcomes]
+    borders = [(value, border) for value, sweep in by_value for border in sweep.borders]
+    shapes = dict(_SHAPES)
+    for _, outcome in outcomes:
+        shapes |= {name: np.shape(value) for name, value in outcome.variables.items()}
+    if not plain:
+        shapes["nodes"] = (0, 3)
+    rows: dict[str, list[Any]] = {name: [] for name, variable in VARIABLES.items() if variable.dims[0] == "case"}
+    for value, outcome in outcomes:
+        known = outcome.variables | {
+            "capillary_number": outcome.capillary_number,
+            "size_ratio": outcome.size_ratio,
+            "effect_value": value,
+            "status": outcome.status.name,
+            "refinement": int(settings["refinement"]),
+        }
+        if not plain:
+            known |= {name: np.float32(known[name]) for name in ("profile", "silhouette") if name in known}
+            known.pop("nodes", None)
+        for name, values in rows.items():
+            lacking = 0 if VARIABLES[name].kind == "i" else np.full(shapes.get(name, ()), np.nan)
+            values.append(known.get(name, lacking))
+    border_columns = {f"border_{name}": [getattr(border, name) for _, border in borders] for name in Border._fields}
+    border_columns["border_effect_value"] = [value for value, _ in borders]
+    return Database.assemble(rows | border_columns, attributes)
+
+
+def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: float = 0.0) -> dict[str, Any]:
+    """Return the attributes of a database made with these settings, by this version, now.
+
+    Parameters
+    ----------
+    settings : mapping
+        Those of the simulator, at the null value of the effect.
+    effect : str
+        Name of the parameter that varies.
+    null_value : float
+    """
+    law, section = settings["law"], _shown_section(settings)
+    varied = "" if effect == NO_EFFECT else f", over {effect.replace('_', ' ')}"
+    return {
+        "title": f"Steady shapes of capsules with a {law} membrane in a channel of {section} section{varied}",
+        "source": "capsbayes, boundary integrals for the liquids and finite elements for the membrane",
+        "law": law,
+        "section": section,
+        "bending": float(settings["bending"]),
+        "pre_inflation": float(settings["pre_inflation"]),
+        "effect": effect,
+        "null_value": float(null_value),
+        "settings": json.dumps(dict(settings), sort_keys=True),
+        "version": capsbayes.__version__,
+        "created": _now(),
+    }
+
+
+def _shown_section(settings: Mapping[str, Any]) -> str:
+    """Return the cross-section; a rectangle of equal sides is a square, whatever symmetry it was computed with."""
+    section = str(settings["section"])
+    return "square" if section == "rectangular" and settings.get("section_aspect") == 1.0 else section
+
+
+def _now() -> str:
+    """Return the time of the build, or the one that the environment prescribes for reproducible files."""
+    seconds = os.environ.get("SOURCE_DATE_EPOCH")
+    moment = datetime.fromtimestamp(int(seconds), UTC) if seconds else datetime.now(UTC)
+    return moment.isoformat(timespec="seconds")
