@@ -90,49 +90,62 @@ class Tiles(NamedTuple):
 
 
 @_compiled
+def _stokeslet(r0: float, r1: float, r2: float, weight: float) -> tuple[float, ...]:
+    """Return the six entries of the weighted Stokeslet, upper triangle row by row, then weight / r^3 and 1 / r^2."""
+    square = 1.0 / (r0 * r0 + r1 * r1 + r2 * r2)
+    i1 = weight * np.sqrt(square)
+    i3 = i1 * square
+    return i1 + r0 * r0 * i3, r0 * r1 * i3, r0 * r2 * i3, i1 + r1 * r1 * i3, r1 * r2 * i3, i1 + r2 * r2 * i3, i3, square
+
+
+@_compiled
+def _derivative(
+    r0: float, r1: float, r2: float, f0: float, f1: float, f2: float, i3: float, square: float
+) -> tuple[float, ...]:
+    """Return the nine derivatives of the velocity of a force f along the target, entry 3 i + j that of v_i along j."""
+    a = (r0 * f0 + r1 * f1 + r2 * f2) * i3
+    b = 3.0 * a * square
+    c0, c1, c2 = b * r0, b * r1, b * r2
+    t01, t02, t12 = (r0 * f1 - f0 * r1) * i3, (r0 * f2 - f0 * r2) * i3, (r1 * f2 - f1 * r2) * i3
+    return (
+        a - c0 * r0,
+        t01 - c0 * r1,
+        t02 - c0 * r2,
+        -t01 - c1 * r0,
+        a - c1 * r1,
+        t12 - c1 * r2,
+        -t02 - c2 * r0,
+        -t12 - c2 * r1,
+        a - c2 * r2,
+    )
+
+
+@_compiled
 def _fill(x: Array, points: Array, base: int, count: int, kernel: Array, with_slope: bool) -> None:
-    """Weighted Stokeslets and, in the further rows, derivatives of their velocity, seen from `x`."""
+    """Fill rows of 64 with the weighted Stokeslets (6) and the derivatives of their velocity (9), seen from `x`."""
     x0, x1, x2 = x[0], x[1], x[2]
-    if not with_slope:
-        for q in range(count):
-            p = base + q
-            r0, r1, r2 = x0 - points[p], x1 - points[p + 64], x2 - points[p + 128]
-            square = 1.0 / (r0 * r0 + r1 * r1 + r2 * r2)
-            i1 = points[p + 192] * np.sqrt(square)
-            i3 = i1 * square
-            kernel[q] = i1 + r0 * r0 * i3
-            kernel[64 + q] = r0 * r1 * i3
-            kernel[128 + q] = r0 * r2 * i3
-            kernel[192 + q] = i1 + r1 * r1 * i3
-            kernel[256 + q] = r1 * r2 * i3
-            kernel[320 + q] = i1 + r2 * r2 * i3
-        return
     for q in range(count):
         p = base + q
         r0, r1, r2 = x0 - points[p], x1 - points[p + 64], x2 - points[p + 128]
-        f0, f1, f2 = points[p + 256], points[p + 320], points[p + 384]
-        square = 1.0 / (r0 * r0 + r1 * r1 + r2 * r2)
-        i1 = points[p + 192] * np.sqrt(square)
-        i3 = i1 * square
-        kernel[q] = i1 + r0 * r0 * i3
-        kernel[64 + q] = r0 * r1 * i3
-        kernel[128 + q] = r0 * r2 * i3
-        kernel[192 + q] = i1 + r1 * r1 * i3
-        kernel[256 + q] = r1 * r2 * i3
-        kernel[320 + q] = i1 + r2 * r2 * i3
-        a = (r0 * f0 + r1 * f1 + r2 * f2) * i3
-        b = 3.0 * a * square
-        c0, c1, c2 = b * r0, b * r1, b * r2
-        t01, t02, t12 = (r0 * f1 - f0 * r1) * i3, (r0 * f2 - f0 * r2) * i3, (r1 * f2 - f1 * r2) * i3
-        kernel[384 + q] = a - c0 * r0
-        kernel[448 + q] = t01 - c0 * r1
-        kernel[512 + q] = t02 - c0 * r2
-        kernel[576 + q] = -t01 - c1 * r0
-        kernel[640 + q] = a - c1 * r1
-        kernel[704 + q] = t12 - c1 * r2
-        kernel[768 + q] = -t02 - c2 * r0
-        kernel[832 + q] = -t12 - c2 * r1
-        kernel[896 + q] = a - c2 * r2
+        g00, g01, g02, g11, g12, g22, i3, square = _stokeslet(r0, r1, r2, points[p + 192])
+        kernel[q] = g00
+        kernel[64 + q] = g01
+        kernel[128 + q] = g02
+        kernel[192 + q] = g11
+        kernel[256 + q] = g12
+        kernel[320 + q] = g22
+        if with_slope:
+            f0, f1, f2 = points[p + 256], points[p + 320], points[p + 384]
+            d00, d01, d02, d10, d11, d12, d20, d21, d22 = _derivative(r0, r1, r2, f0, f1, f2, i3, square)
+            kernel[384 + q] = d00
+            kernel[448 + q] = d01
+            kernel[512 + q] = d02
+            kernel[576 + q] = d10
+            kernel[640 + q] = d11
+            kernel[704 + q] = d12
+            kernel[768 + q] = d20
+            kernel[832 + q] = d21
+            kernel[896 + q] = d22
 
 
 _ENTRY = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])  # row of the symmetric Stokeslet's entry 3 i + j
@@ -149,35 +162,11 @@ def _add_turned(
     """
     x0, x1, x2 = x[0], x[1], x[2]
     a, b, c, d, e = turn[0, 0], turn[0, 1], turn[1, 0], turn[1, 1], turn[2, 2]
-    if not with_slope:
-        for q in range(64):
-            p = base + q
-            r0, r1, r2 = x0 - points[p], x1 - points[p + 64], x2 - points[p + 128]
-            square = 1.0 / (r0 * r0 + r1 * r1 + r2 * r2)
-            i1 = weights[q] * np.sqrt(square)
-            i3 = i1 * square
-            g00, g11, g22 = i1 + r0 * r0 * i3, i1 + r1 * r1 * i3, i1 + r2 * r2 * i3
-            g01, g02, g12 = r0 * r1 * i3, r0 * r2 * i3, r1 * r2 * i3
-            total[q] += a * g00 + b * g01
-            total[64 + q] += a * g01 + b * g11
-            total[128 + q] += a * g02 + b * g12
-            total[192 + q] += c * g00 + d * g01
-            total[256 + q] += c * g01 + d * g11
-            total[320 + q] += c * g02 + d * g12
-            total[384 + q] += e * g02
-            total[448 + q] += e * g12
-            total[512 + q] += e * g22
-        return
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = 0.0
     for q in range(64):
         p = base + q
         r0, r1, r2 = x0 - points[p], x1 - points[p + 64], x2 - points[p + 128]
-        f0, f1, f2 = points[p + 256], points[p + 320], points[p + 384]
-        square = 1.0 / (r0 * r0 + r1 * r1 + r2 * r2)
-        i1 = weights[q] * np.sqrt(square)
-        i3 = i1 * square
-        g00, g11, g22 = i1 + r0 * r0 * i3, i1 + r1 * r1 * i3, i1 + r2 * r2 * i3
-        g01, g02, g12 = r0 * r1 * i3, r0 * r2 * i3, r1 * r2 * i3
+        g00, g01, g02, g11, g12, g22, i3, square = _stokeslet(r0, r1, r2, weights[q])
         total[q] += a * g00 + b * g01
         total[64 + q] += a * g01 + b * g11
         total[128 + q] += a * g02 + b * g12
@@ -187,31 +176,27 @@ def _add_turned(
         total[384 + q] += e * g02
         total[448 + q] += e * g12
         total[512 + q] += e * g22
-        m = (r0 * f0 + r1 * f1 + r2 * f2) * i3
-        n = 3.0 * m * square
-        c0, c1, c2 = n * r0, n * r1, n * r2
-        t01, t02, t12 = (r0 * f1 - f0 * r1) * i3, (r0 * f2 - f0 * r2) * i3, (r1 * f2 - f1 * r2) * i3
-        d00, d01, d02 = m - c0 * r0, t01 - c0 * r1, t02 - c0 * r2
-        d10, d11, d12 = -t01 - c1 * r0, m - c1 * r1, t12 - c1 * r2
-        d20, d21, d22 = -t02 - c2 * r0, -t12 - c2 * r1, m - c2 * r2
-        total[576 + q] += a * d00 + b * d10
-        total[640 + q] += a * d01 + b * d11
-        total[704 + q] += a * d02 + b * d12
-        total[768 + q] += c * d00 + d * d10
-        total[832 + q] += c * d01 + d * d11
-        total[896 + q] += c * d02 + d * d12
-        total[960 + q] += e * d20
-        total[1024 + q] += e * d21
-        total[1088 + q] += e * d22
-        s0 += d00
-        s1 += d01
-        s2 += d02
-        s3 += d10
-        s4 += d11
-        s5 += d12
-        s6 += d20
-        s7 += d21
-        s8 += d22
+        if with_slope:
+            f0, f1, f2 = points[p + 256], points[p + 320], points[p + 384]
+            d00, d01, d02, d10, d11, d12, d20, d21, d22 = _derivative(r0, r1, r2, f0, f1, f2, i3, square)
+            total[576 + q] += a * d00 + b * d10
+            total[640 + q] += a * d01 + b * d11
+            total[704 + q] += a * d02 + b * d12
+            total[768 + q] += c * d00 + d * d10
+            total[832 + q] += c * d01 + d * d11
+            total[896 + q] += c * d02 + d * d12
+            total[960 + q] += e * d20
+            total[1024 + q] += e * d21
+            total[1088 + q] += e * d22
+            s0 += d00
+            s1 += d01
+            s2 += d02
+            s3 += d10
+            s4 += d11
+            s5 += d12
+            s6 += d20
+            s7 += d21
+            s8 += d22
     sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6], sums[7], sums[8] = s0, s1, s2, s3, s4, s5, s6, s7, s8
 
 
