@@ -1,5 +1,6 @@
 """A posterior that was written comes back whole, and what is no such file is said in one line."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -99,6 +100,18 @@ def test_everything_that_may_be_missing_comes_back_too(posterior, tmp_path):
     assert found.prior.surface_shear_modulus == whole.prior.surface_shear_modulus
     assert found.prior.coordinates["pre_inflation"].ppf(0.9) == whole.prior.coordinates["pre_inflation"].ppf(0.9)
     assert found.inputs.viscosity == whole.inputs.viscosity
+
+
+def test_a_file_of_the_first_version_is_still_read():
+    """It was written by 0.1.0, with an outline, a prior of a coordinate and a viscosity that is gamma distributed."""
+    folder = Path(__file__).parent / "data"
+    found = Posterior.read(folder / "posterior-0.1.0.nc")
+    assert json.loads(json.dumps(found.as_dict())) == json.loads((folder / "posterior-0.1.0.json").read_text())
+    assert found.draws["size_ratio"].shape == found.draws["lp"].shape == (2, 5)
+    assert found.outlines.shape == (2, 16, 2)
+    assert found.measurement.outline.view == SILHOUETTE
+    assert found.experiment.viscosity.cdf(0.85) == pytest.approx(scipy.stats.gamma(400.0, scale=0.002125).cdf(0.85))
+    assert found.prior.coordinates["pre_inflation"].mean() == pytest.approx(0.03)
 
 
 def test_a_distribution_without_a_name_is_said(posterior, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +16,9 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.posterior_file import RECORD, read_fields, record_of, write_groups
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
-from capsbayes.output_file import unfinished
 from capsbayes.parameters import PARAMETERS
 from capsbayes.status import Status
 
@@ -118,9 +117,7 @@ class Posterior:
         InputError
             If it is missing, damaged, or no such file.
         """
-        from capsbayes.infer.posterior_file import read_posterior
-
-        return read_posterior(Path(path))
+        return cls(**read_fields(Path(path)))
 
     def __repr__(self) -> str:
         said = []
@@ -222,31 +219,19 @@ class Posterior:
         return groups
 
     def write(self, path: str | Path) -> Path:
-        """Write one NetCDF file that `arviz.from_netcdf` reads: into a temporary file first, then renamed.
+        """Write one NetCDF file, whole or not at all, that `read` and `arviz.from_netcdf` read.
 
-        Neither ArviZ nor xarray does the writing: the import of the one takes
-        as long as the sampling, and the other imports a cluster to write one
-        file. The attributes of the file hold the fingerprint
-        of the model, priors, inputs, seed, version, engine, gates and status;
-        `read` reads it back whole.
+        The attributes of the file hold the fingerprint of the model, priors, inputs, seed, version, engine, gates and
+        status.
 
         Returns
         -------
         Path
         """
-        import h5netcdf
-
-        from capsbayes.infer.posterior_file import RECORD, recorded
-
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished(path) as partial, h5netcdf.File(partial, "w") as file:
-            for name, value in self.as_dict().items():
-                file.attrs[name] = value if isinstance(value, (str, int)) else json.dumps(value)
-            file.attrs["inference_library"] = self.engine
-            file.attrs[RECORD] = json.dumps(recorded(self))
-            for name, group in self.groups().items():
-                _write_group(file.create_group(name), group)
+        record = record_of(self.measurement, self.experiment, self.prior, self.gates)
+        attributes = {**self.as_dict(), "inference_library": self.engine, RECORD: record}
+        write_groups(path, attributes, self.groups())
         return path
 
     def to_inference_data(self) -> Any:
@@ -257,19 +242,6 @@ class Posterior:
             warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
             import arviz
         return arviz.InferenceData(**self.groups(), warn_on_custom_groups=False)
-
-
-def _write_group(file: Any, group: xr.Dataset) -> None:
-    """Write a dataset of numbers as xarray would; its coordinates without a dimension are named to be found again."""
-    for name, size in group.sizes.items():
-        file.dimensions[name] = size
-    beside = " ".join(str(name) for name in group.coords if name not in group.sizes)
-    for name, variable in group.variables.items():
-        stored = file.create_variable(name, variable.dims, data=variable.values)
-        for key, value in variable.attrs.items():
-            stored.attrs[key] = value
-        if beside and name in group.data_vars:
-            stored.attrs["coordinates"] = beside
 
 
 def _attributes(name: str) -> dict[str, str]:

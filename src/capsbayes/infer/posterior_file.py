@@ -1,10 +1,10 @@
-"""What a file of a posterior holds besides its tables, so that the posterior can be read back from it whole."""
+"""The file of a posterior: one NetCDF file of groups that ArviZ reads, and a record by which it is read back whole."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,16 +18,17 @@ from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
+from capsbayes.output_file import unfinished
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
-    from capsbayes.infer.posterior import Posterior
+    import xarray as xr
 
-__all__ = ["RECORD", "read_posterior", "recorded"]
+__all__ = ["RECORD", "read_fields", "record_of", "write_groups"]
 
 RECORD = "record"
-"""Attribute of the file that holds `recorded`."""
+"""Attribute of the file that holds `record_of`."""
 
 _MEASURED = (
     "axial_extent",
@@ -46,12 +47,11 @@ _MEASURED = (
 _MARGINAL = tuple(one.name for one in fields(Marginal))
 
 
-def recorded(posterior: Posterior) -> dict[str, Any]:
-    """What the tables of a posterior leave out, ready for JSON: measurement, experiment, further priors, gates.
+def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequence[Gate]) -> dict[str, Any]:
+    """Return what the tables of a posterior omit, ready for JSON.
 
-    The points of a measured outline are not here; they are too many for an attribute of a file.
+    The points of a measured outline are in a group of the file: they are too many for an attribute.
     """
-    seen, known = posterior.measurement, posterior.experiment
     measured = {name: getattr(seen, name) for name in _MEASURED} | {"conditions": dict(seen.conditions)}
     measured["experiment_file"] = None if seen.experiment_file is None else str(seen.experiment_file)
     if seen.outline is not None:
@@ -68,13 +68,44 @@ def recorded(posterior: Posterior) -> dict[str, Any]:
             "sha256": known.sha256,
             "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
-        "coordinates": {name: one.as_record() for name, one in posterior.prior.coordinates.items()},
-        "gates": [[one.name, *map(_number, (one.value, one.least, one.most))] for one in posterior.gates],
+        "coordinates": {name: one.as_record() for name, one in prior.coordinates.items()},
+        "gates": [[one.name, *map(_number, (one.value, one.least, one.most))] for one in gates],
     }
 
 
-def read_posterior(path: Path) -> Posterior:
-    """Read the file that `Posterior.write` wrote.
+def write_groups(path: Path, attributes: Mapping[str, Any], groups: Mapping[str, xr.Dataset]) -> None:
+    """Write datasets as groups of one NetCDF file: into a temporary file first, then renamed.
+
+    By hand, since `xarray.DataTree.to_netcdf` imports dask, and ArviZ matplotlib: either takes as long as sampling.
+
+    Parameters
+    ----------
+    path : Path
+    attributes : mapping
+        Of the file; what is neither a text nor an integer is written as JSON.
+    groups : mapping of xarray.Dataset
+        Of numbers. Coordinates without a dimension are named in an attribute, by which xarray finds them.
+    """
+    import h5netcdf
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with unfinished(path) as partial, h5netcdf.File(partial, "w") as file:
+        for key, value in attributes.items():
+            file.attrs[key] = value if isinstance(value, (str, int)) else json.dumps(value)
+        for group, dataset in groups.items():
+            stored = file.create_group(group)
+            stored.dimensions = dict(dataset.sizes)
+            further = " ".join(str(name) for name in dataset.coords if name not in dataset.sizes)
+            for name, variable in dataset.variables.items():
+                values = stored.create_variable(name, variable.dims, data=variable.values)
+                if further and name in dataset.data_vars:
+                    values.attrs["coordinates"] = further
+                for key, value in variable.attrs.items():
+                    values.attrs[key] = value
+
+
+def read_fields(path: Path) -> dict[str, Any]:
+    """Read the fields of the `Posterior` that a file holds.
 
     Raises
     ------
@@ -82,8 +113,6 @@ def read_posterior(path: Path) -> Posterior:
         If it is missing, damaged, or no such file.
     """
     import h5netcdf
-
-    from capsbayes.infer.posterior import Posterior
 
     if not path.is_file():
         raise InputError(str(path), "", "the file of a posterior", "nothing there")
@@ -98,12 +127,12 @@ def read_posterior(path: Path) -> Posterior:
         expected, advice = "the file of a posterior, as capsbayes identify writes it", "identify the capsule again"
         raise InputError(str(path), "", expected, "one that lacks what makes it whole", advice)
     try:
-        return Posterior(**_parts(attributes, groups))
+        return _fields(attributes, groups)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(str(path), "", "the file of a posterior", f"one that lacks {error}") from error
 
 
-def _parts(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     tables = {name: _loaded(value) for name, value in attributes.items()}
     record = tables[RECORD]
     measurement = _measurement(record["measurement"], groups["observed_data"].get("outline"))
@@ -136,7 +165,7 @@ def _parts(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]
 
 
 def _loaded(value: Any) -> Any:
-    """An attribute that is JSON, or as it is."""
+    """Return an attribute read as JSON where it is JSON."""
     try:
         return json.loads(value) if isinstance(value, str) else value
     except json.JSONDecodeError:
