@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from capsbayes.experiment import Experiment
-from capsbayes.infer.checks import LEANING_SHARE
+from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import TWO_SHAPES
 from capsbayes.plan import FlowDesign, FlowPoint, LabErrors, SimulatedWidths, flow_design, simulated_widths
 from capsbayes.quantity import Quantity

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
-from capsbayes.infer.checks import agreement, chain_gates, ess_gates, leaning
+from capsbayes.infer.checks import agreement
 from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.sampling.convergence import chain_gates, ess_gates
+from capsbayes.infer.verdict import leaning
 
 
 def walk(rng, steps=800, ensembles=4, walkers=32, stay=0.6):

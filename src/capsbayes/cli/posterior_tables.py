@@ -15,7 +15,7 @@ def print_posterior(posterior: Posterior, out: Path | None) -> None:
     """Print medians, intervals, shares, checks, priors and model, and where it was written."""
     from rich.console import Console
 
-    from capsbayes.infer.checks import LEANING_SHARE
+    from capsbayes.infer.verdict import LEANING_SHARE
 
     console = Console(highlight=False)
     console.print(_quantities(posterior))

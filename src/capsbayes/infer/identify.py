@@ -11,18 +11,18 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.checks import Agreement, Gate, agreement, ess_gates
+from capsbayes.infer.checks import Agreement, Gate, agreement
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.deterministic import deterministic_answer
-from capsbayes.infer.grid.mixed_posterior import MixedPosterior
-from capsbayes.infer.grid.mixed_quadrature import exact_engine
-from capsbayes.infer.grid.posterior import GridPosterior
+from capsbayes.infer.grid.mixed import exact_engine
+from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
 from capsbayes.infer.outline.misfit import drawn_outlines, outline_misfit
 from capsbayes.infer.outline.table import TabulatedOutline
 from capsbayes.infer.posterior import REPORTED, Posterior
 from capsbayes.infer.prior import Prior
+from capsbayes.infer.sampling.convergence import ess_gates
 from capsbayes.infer.sampling.ensembles import Chains, Effort, sampled
 from capsbayes.infer.sampling.log_density import LogDensity
 from capsbayes.infer.section import check_section
@@ -123,12 +123,12 @@ def identify(
         )
 
 
-def _reported(grid: GridPosterior | MixedPosterior) -> tuple[str, ...]:
+def _reported(grid: ExactPosterior) -> tuple[str, ...]:
     coordinate = grid.density.coordinate
     return REPORTED if coordinate is None else (*REPORTED, coordinate.name)
 
 
-def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:
+def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
     """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
     density, table_gates = _tabulated(grid)
     log_density = LogDensity(grid.forward, density)
@@ -153,7 +153,7 @@ def _sampled(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | N
     return _Run(draws, np.repeat(np.arange(ensembles), walkers), gates, agreed)
 
 
-def _tabulated(grid: GridPosterior | MixedPosterior) -> tuple[PosteriorDensity, list[Gate]]:
+def _tabulated(grid: ExactPosterior) -> tuple[PosteriorDensity, list[Gate]]:
     """The density with the outline's likelihood interpolated on the grid, and whether that is as good as exact."""
     exact = grid.density.outline
     if not isinstance(grid, GridPosterior) or not isinstance(exact, OutlineLikelihood):
@@ -173,7 +173,7 @@ def _spread_out(axis: Floats) -> Floats:
     return np.concatenate([axis[0] - more[::-1], axis, axis[-1] + more])
 
 
-def _gridded(grid: GridPosterior | MixedPosterior, seed: int, effort: Effort | None) -> _Run:
+def _gridded(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
     """Draw from the grid, independently."""
     del effort
     drawn = grid.drawn(np.random.default_rng([seed, 1]), _DRAWS[0] * _DRAWS[1])

@@ -16,10 +16,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from capsbayes.infer.grid.mixed_posterior import MixedPosterior
-from capsbayes.infer.grid.mixed_quadrature import MixedQuadrature
-from capsbayes.infer.grid.posterior import GridPosterior
-from capsbayes.infer.grid.quadrature import Quadrature
+from capsbayes.infer.grid.mixed import ExactEngine, MixedPosterior
+from capsbayes.infer.grid.posterior import ExactPosterior
 from capsbayes.measurement import Measurement
 
 __all__ = ["QUANTITIES", "REST", "shares_of_each", "variance_shares"]
@@ -28,29 +26,24 @@ REST = "prior and curvature"
 QUANTITIES = ("surface_shear_modulus", "capsule_radius")
 
 
-AnyPosterior = GridPosterior | MixedPosterior
-
-
-def variance_shares(
-    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior
-) -> dict[str, float]:
+def variance_shares(engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior) -> dict[str, float]:
     """Share of the variance of log G_s owed to each input: see `shares_of_each`."""
     return shares_of_each(engine, measurement, posterior, ("surface_shear_modulus",))["surface_shear_modulus"]
 
 
 def shares_of_each(
-    engine: Quadrature | MixedQuadrature,
+    engine: ExactEngine,
     measurement: Measurement,
-    posterior: AnyPosterior,
+    posterior: ExactPosterior,
     quantities: Sequence[str] = QUANTITIES,
 ) -> dict[str, dict[str, float]]:
     """Share of the variance of the logarithm of each quantity owed to each input.
 
     Parameters
     ----------
-    engine : Quadrature or MixedQuadrature
+    engine : ExactEngine
     measurement : Measurement
-    posterior : GridPosterior or MixedPosterior
+    posterior : ExactPosterior
         Of that measurement.
     quantities : sequence of str
         ``"surface_shear_modulus"``, ``"capsule_radius"``, or both.
@@ -68,7 +61,7 @@ def shares_of_each(
     return {quantity: found | {REST: 1.0 - sum(found.values())} for quantity, found in shares.items()}
 
 
-def _of_factors(posterior: AnyPosterior, quantity: str, total: float) -> dict[str, float]:
+def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[str, float]:
     """Shares of the inputs that the shape does not depend on, and of a further coordinate."""
     density = posterior.density
     of_modulus = quantity == "surface_shear_modulus"
@@ -83,13 +76,13 @@ def _of_factors(posterior: AnyPosterior, quantity: str, total: float) -> dict[st
     return shares
 
 
-def _variance(posterior: AnyPosterior, quantity: str) -> float:
+def _variance(posterior: ExactPosterior, quantity: str) -> float:
     return posterior.log_marginal(quantity).sd ** 2
 
 
 def _each_halved(
-    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior
-) -> Iterator[tuple[str, AnyPosterior]]:
+    engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior
+) -> Iterator[tuple[str, ExactPosterior]]:
     inputs = posterior.density.inputs
     if measurement.outline is not None:
         noise = measurement.outline.noise

@@ -7,14 +7,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.checks import LEANING_SHARE, Agreement, Gate, leaning
+from capsbayes.infer.checks import Agreement, Gate
+from capsbayes.infer.kernel import border_steps
 from capsbayes.infer.prior import Prior
 from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
 from capsbayes.status import Status
 
-__all__ = ["leanings", "verdict"]
+__all__ = ["leaning", "leanings", "verdict"]
 
 Floats = NDArray[np.float64]
+
+LEANING_SHARE = 0.05
+"""Share of a posterior next to a border from which on it leans on it."""
 
 _DOUBTS = {TWO_SHAPES: Status.LEANS_ON_TWO_SHAPES, WRINKLES: Status.LEANS_ON_WRINKLES}
 
@@ -40,6 +44,45 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
         low, high = one.low, one.high
         shares[f"prior of {name}"] = leaning(draws, (name,), lambda x, a=low, b=high: (x >= a) & (x <= b))
     return shares
+
+
+def leaning(  # type: ignore[no-untyped-def]
+    draws: Mapping[str, Floats], names: Sequence[str], contains, held: Sequence[str] = ()
+) -> float:
+    """Share of the posterior within half a standard deviation of a border.
+
+    Parameters
+    ----------
+    draws : mapping of arrays
+        Positive quantities.
+    names : sequence of str
+        Those in which the border lies.
+    contains : callable
+        Takes one array for each name and says which points are within.
+    held : sequence of str
+        Further quantities that it takes, which are not moved; the steps are those of the others given these.
+
+    Returns
+    -------
+    float
+        Share of the draws that some step along a principal axis of their
+        logarithms takes beyond the border.
+    """
+    logs = np.stack([np.log(np.ravel(draws[name])) for name in names])
+    every = slice(None, None, max(1, logs.shape[1] // 4000))
+    logs, others = logs[:, every], [np.ravel(draws[name])[every] for name in held]
+    out = np.zeros(logs.shape[1], dtype=bool)
+    for step in border_steps(np.atleast_2d(np.cov(_given(logs, others)))):
+        out |= ~contains(*np.exp(logs + step[:, None]), *others)
+    return float(out.mean())
+
+
+def _given(logs: Floats, held: Sequence[Floats]) -> Floats:
+    """What is left of each row once a parabola in each of the held quantities is taken out : (names, n) array."""
+    if not held:
+        return logs
+    basis = np.stack([np.ones(logs.shape[1]), *held, *(one**2 for one in held)], axis=1)
+    return logs - (basis @ np.linalg.lstsq(basis, logs.T, rcond=None)[0]).T
 
 
 def verdict(

@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, Given
-from capsbayes.infer.checks import LEANING_SHARE
 from capsbayes.infer.prior import Prior
+from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import ForwardModel
 from capsbayes.plan.borders import range_at
 from capsbayes.plan.design import FlowDesign, FlowPoint

@@ -17,10 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.infer.grid.mixed_posterior import MixedPosterior
-from capsbayes.infer.grid.mixed_quadrature import MixedQuadrature
-from capsbayes.infer.grid.posterior import GridPosterior
-from capsbayes.infer.grid.quadrature import Quadrature
+from capsbayes.infer.grid.mixed import ExactEngine
+from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.shares import QUANTITIES
 from capsbayes.measurement import Measurement
@@ -30,7 +28,6 @@ __all__ = ["Setting", "log_slopes", "settings_of"]
 STEP = 0.5  # standard errors
 STEP_OF_KNOWN = 5e-3  # of the value
 
-AnyPosterior = GridPosterior | MixedPosterior
 _Case = tuple[Measurement, Inputs]
 
 
@@ -75,15 +72,15 @@ def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
 
 
 def log_slopes(
-    engine: Quadrature | MixedQuadrature, measurement: Measurement, posterior: AnyPosterior, setting: Setting
+    engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, setting: Setting
 ) -> dict[str, float]:
     """Derivatives d ln(quantity) / d ln(input) of the posterior medians of G_s and a.
 
     Parameters
     ----------
-    engine : Quadrature or MixedQuadrature
+    engine : ExactEngine
     measurement : Measurement
-    posterior : GridPosterior or MixedPosterior
+    posterior : ExactPosterior
         Of that measurement.
     setting : Setting
         The input to move.
@@ -109,8 +106,8 @@ def log_slopes(
 
 
 def _again(
-    engine: Quadrature | MixedQuadrature, before: AnyPosterior, seen: Measurement, moved: Measurement, inputs: Inputs
-) -> AnyPosterior:
+    engine: ExactEngine, before: ExactPosterior, seen: Measurement, moved: Measurement, inputs: Inputs
+) -> ExactPosterior:
     """Posterior of a measurement or of inputs that were moved, from that before."""
     same_width = inputs.half_width is before.density.inputs.half_width
     same_shape = moved is seen and (same_width or before.density.likelihood.over_half_width)
@@ -119,7 +116,7 @@ def _again(
     return engine(moved, inputs=inputs)
 
 
-def _log_medians(posterior: AnyPosterior) -> dict[str, float]:
+def _log_medians(posterior: ExactPosterior) -> dict[str, float]:
     return {name: posterior.log_marginal(name).median for name in QUANTITIES}
 
 

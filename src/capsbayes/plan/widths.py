@@ -18,11 +18,11 @@ from scipy.special import ndtri
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.checks import leaning
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.section import check_section
+from capsbayes.infer.verdict import leaning
 from capsbayes.model import ForwardModel
 from capsbayes.plan.lab_errors import LabErrors
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.checks import LEANING_SHARE
+from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.parameters import PARAMETERS
 
 if TYPE_CHECKING:

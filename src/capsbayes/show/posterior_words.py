@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from capsbayes.infer import Posterior
-from capsbayes.infer.checks import LEANING_SHARE
+from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import TWO_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.rounding import per_cent

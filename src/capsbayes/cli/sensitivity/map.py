@@ -78,7 +78,7 @@ def _short(found: xr.Dataset) -> dict[str, Any]:
 
     import numpy as np
 
-    from capsbayes.infer.checks import LEANING_SHARE
+    from capsbayes.infer.verdict import LEANING_SHARE
 
     width = found["width_of_surface_shear_modulus"].to_numpy()
     known = np.isfinite(width)

@@ -6,6 +6,7 @@ distribution is a product of `LogGrid`: exact, without draws.
 
 from __future__ import annotations
 
+import abc
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,7 +20,7 @@ from capsbayes.infer.log_grid import LogGrid, laid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
 
-__all__ = ["GridPosterior"]
+__all__ = ["ExactPosterior", "GridPosterior"]
 
 Floats = NDArray[np.float64]
 
@@ -27,8 +28,56 @@ _NEGLIGIBLE = 1e-9  # of the largest probability of a node
 _DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape
 
 
+class ExactPosterior(abc.ABC):
+    """Posterior of one capsule by the exact engine.
+
+    Attributes
+    ----------
+    forward : ForwardModel
+    density : PosteriorDensity
+    gates : tuple of Gate
+        Whether the grid resolves the posterior.
+    """
+
+    forward: ForwardModel
+    density: PosteriorDensity
+    gates: tuple[Gate, ...]
+
+    @abc.abstractmethod
+    def is_exact(self, name: str) -> bool:
+        """Return whether `distribution` holds for a quantity: no prior range cuts it, or the node determines it."""
+
+    @abc.abstractmethod
+    def distribution(self, name: str) -> LogGrid:
+        """Return the distribution of a quantity as a product of a function of the node and independent inputs."""
+
+    @abc.abstractmethod
+    def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+        """Return independent draws of all quantities [SI], spread within the cells of the grid : (count,) arrays."""
+
+    def marginal(self, name: str) -> Marginal:
+        """Return the summary of one quantity, named as in `capsbayes.parameters`."""
+        return self.distribution(name).marginal() if self.is_exact(name) else Marginal.of_draws(self._many_draws[name])
+
+    def log_marginal(self, name: str) -> Marginal:
+        """Return the summary of the logarithm of one quantity."""
+        if self.is_exact(name):
+            return self.distribution(name).log_marginal()
+        return Marginal.of_draws(np.log(self._many_draws[name]))
+
+    def probability_below(self, name: str, value: float) -> float:
+        """Return the probability that a quantity is below a value [SI]: uniform over capsules if value is the truth."""
+        if not self.is_exact(name):
+            return float(np.mean(self._many_draws[name] <= value))
+        return float(self.distribution(name).below(np.array([np.log(value)]))[0])
+
+    @cached_property
+    def _many_draws(self) -> dict[str, Floats]:
+        return self.drawn(np.random.default_rng(0), _DRAWS)
+
+
 @dataclass(frozen=True, eq=False)
-class GridPosterior:
+class GridPosterior(ExactPosterior):
     """Posterior of one capsule on a grid.
 
     Parameters
@@ -85,36 +134,8 @@ class GridPosterior:
         share = np.broadcast_to(self.share, self.free.shape)[self.free > _NEGLIGIBLE * self.free.max()]
         return bool(share.min() < 1.0 - 1e-6)
 
-    def marginal(self, name: str) -> Marginal:
-        """Summary of one quantity, named as in `capsbayes.parameters`."""
-        if not self.is_exact(name):
-            return Marginal.of_draws(self._many_draws[name])
-        return self.distribution(name).marginal()
-
-    def log_marginal(self, name: str) -> Marginal:
-        """Summary of the logarithm of one quantity."""
-        if not self.is_exact(name):
-            return Marginal.of_draws(np.log(self._many_draws[name]))
-        return self.distribution(name).log_marginal()
-
-    def probability_below(self, name: str, value: float) -> float:
-        """Posterior probability that a quantity is below a value [SI]: uniform over capsules if value is the truth."""
-        if not self.is_exact(name):
-            return float(np.mean(self._many_draws[name] <= value))
-        return float(self.distribution(name).below(np.array([np.log(value)]))[0])
-
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-        """Independent draws of all quantities, spread within the cells of the grid.
-
-        Parameters
-        ----------
-        rng : Generator
-        count : int
-
-        Returns
-        -------
-        dict of (count,) arrays, SI
-        """
+        """See `ExactPosterior`."""
         width, node = np.unravel_index(
             rng.choice(self.weights.size, size=count, p=self.weights.ravel()), self.weights.shape
         )
@@ -134,10 +155,6 @@ class GridPosterior:
         ca, size = nodes["capillary_number"], nodes["size_ratio"]
         at, stretch = self.density.evaluated(self.forward, ca, size, outline=False)
         return self.density.completed(rng, nodes, at, stretch)
-
-    @cached_property
-    def _many_draws(self) -> dict[str, Floats]:
-        return self.drawn(np.random.default_rng(0), _DRAWS)
 
     @cached_property
     def _kept(self) -> tuple[Floats, Nodes, Floats | None]:
@@ -170,11 +187,11 @@ class GridPosterior:
         }
 
     def is_exact(self, name: str) -> bool:
-        """Whether the masses of a quantity are its distribution: no prior range cuts it, or the node determines it."""
+        """See `ExactPosterior`."""
         return not self.cut or name in self._node_logs
 
     def distribution(self, name: str) -> LogGrid:
-        """Distribution of a quantity as a product of a function of the node and independent inputs."""
+        """See `ExactPosterior`."""
         density = self.density
         if name in self._node_logs:
             return self._binned(*self._node_logs[name])

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.experiment import Experiment
-from capsbayes.infer.checks import LEANING_SHARE
 from capsbayes.infer.grid.quadrature import FARTHEST
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many.capsule_rows import CapsuleRows
@@ -15,6 +14,7 @@ from capsbayes.infer.many.measured_lengths import NUMBERS, MeasuredLengths
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.rows import lengths_rows
 from capsbayes.infer.many.tabulated.search import FAR, FOUND
+from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.status import Status
 

@@ -10,12 +10,64 @@ doi:10.1214/20-BA1221.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["autocorrelation_time", "bulk_ess", "split_rhat", "tail_ess"]
+from capsbayes.infer.checks import Gate
+
+__all__ = ["autocorrelation_time", "bulk_ess", "chain_gates", "ess_gates", "split_rhat", "tail_ess"]
 
 Floats = NDArray[np.float64]
+
+FEWEST_ENSEMBLES = 4
+LARGEST_RHAT = 1.01
+FEWEST_TIMES = 50.0
+LEAST_STABLE_TIME = 0.01
+SMALLEST_ESS = 400.0
+ACCEPTANCE = (0.1, 0.9)
+
+
+def chain_gates(chain: Floats) -> list[Gate]:
+    """Gates that need every step: R-hat, length in autocorrelation times, their stability, acceptance, stuck walkers.
+
+    Parameters
+    ----------
+    chain : (steps, ensembles, walkers, d) array
+        After burn-in.
+    """
+    steps, ensembles, walkers, dimensions = chain.shape
+    flat = chain.reshape(steps, ensembles * walkers, dimensions)
+    times = np.array([autocorrelation_time(flat[..., k]) for k in range(dimensions)])
+    before = np.array([autocorrelation_time(flat[: int(0.95 * steps), :, k]) for k in range(dimensions)])
+    rhat = max(split_rhat(chain[..., k]) for k in range(dimensions))
+    moved = np.any(np.diff(chain, axis=0) != 0.0, axis=-1)
+    acceptance = moved.mean(axis=(0, 2))
+    stuck = int(np.count_nonzero(~moved[len(moved) // 2 :].any(axis=0)))
+    unstable = float(np.max(np.abs(before / times - 1.0)))
+    low, high = ACCEPTANCE
+    return [
+        Gate("independent ensembles", ensembles, least=FEWEST_ENSEMBLES),
+        Gate("split R-hat between ensembles", rhat, most=LARGEST_RHAT),
+        Gate("steps over autocorrelation time", steps / float(times.max()), least=FEWEST_TIMES),
+        Gate("change of autocorrelation time over the last twentieth", unstable, most=LEAST_STABLE_TIME),
+        Gate("lowest acceptance", float(acceptance.min()), least=low),
+        Gate("highest acceptance", float(acceptance.max()), most=high),
+        Gate("stuck walkers", stuck, most=0),
+    ]
+
+
+def ess_gates(draws: Mapping[str, Floats]) -> list[Gate]:
+    """Gates on the effective sample sizes of the reported quantities that vary.
+
+    Parameters
+    ----------
+    draws : mapping of (chains, draws) arrays
+    """
+    varying = [values for values in draws.values() if np.ptp(values) > 0.0]
+    found = {"smallest bulk ESS": min(map(bulk_ess, varying)), "smallest tail ESS": min(map(tail_ess, varying))}
+    return [Gate(name, value, least=SMALLEST_ESS) for name, value in found.items()]
 
 
 def split_rhat(draws: Floats) -> float:

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.checks import Gate, chain_gates
-from capsbayes.infer.sampling.convergence import autocorrelation_time
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.sampling.convergence import autocorrelation_time, chain_gates
 from capsbayes.infer.sampling.initial_points import starting_points
 from capsbayes.infer.sampling.log_density import LogDensity
 
