@@ -141,7 +141,7 @@ def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> No
         print_hierarchy(console, hierarchy)
     agreement = population.attributes.get("agreement")
     if isinstance(agreement, dict):
-        from capsbayes.infer.many.check import Compared
+        from capsbayes.infer.many.sampled import Compared
 
         console.print(f"Check: {Compared(**agreement)}.", markup=False)
     found = population.attributes

@@ -8,8 +8,7 @@ from scipy import stats
 
 from capsbayes.errors import InputError
 from capsbayes.infer.many import Population, hierarchy
-from capsbayes.infer.many.hyper_likelihood import log_likelihood
-from capsbayes.infer.many.log_posterior import LogPosterior
+from capsbayes.infer.many.log_posterior import LogPosterior, log_likelihood
 from capsbayes.infer.many.selection import Selection, kept_rows
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.surrogate import Surrogate

@@ -19,9 +19,8 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.log_grid import LogGrid
-from capsbayes.infer.many.hyper_likelihood import PARAMETERS
 from capsbayes.infer.many.importance import drawn
-from capsbayes.infer.many.log_posterior import LogPosterior
+from capsbayes.infer.many.log_posterior import PARAMETERS, LogPosterior
 from capsbayes.infer.many.population import Population
 from capsbayes.infer.many.selection import Selection, kept_rows
 from capsbayes.infer.many.tabulated.pyramid import Pyramid

@@ -21,11 +21,10 @@ from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.many.capsule_rows import CapsuleRows
-from capsbayes.infer.many.chains import ChainTask
-from capsbayes.infer.many.check import CheckTask, Compared, compared, drawn_rows
 from capsbayes.infer.many.listing import Listed, common_experiment, listed
 from capsbayes.infer.many.population import STATISTICS, Population
 from capsbayes.infer.many.run import Run
+from capsbayes.infer.many.sampled import ChainTask, CheckTask, Compared, compared, drawn_rows
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import RowsTask, StoredTask
 from capsbayes.infer.prior import Prior

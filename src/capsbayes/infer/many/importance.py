@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.many.hyper_likelihood import PARAMETERS
-from capsbayes.infer.many.log_posterior import SLOPES, LogPosterior
+from capsbayes.infer.many.log_posterior import PARAMETERS, SLOPES, LogPosterior
 
 __all__ = ["drawn"]
 

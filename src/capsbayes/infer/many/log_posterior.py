@@ -1,4 +1,9 @@
-"""Log posterior density of a population: the likelihood of all capsules, priors, and what was kept of them."""
+"""Log posterior density of a Gaussian population of (log G_s, log a): likelihood of all capsules, priors, selection.
+
+A capsule's own likelihood is a mixture of Gaussians, so its integral over a Gaussian population is a sum of Gaussians,
+
+    p(capsule | population) = sum_k w_k N(m_k; mu, Sigma + S_k).
+"""
 
 from __future__ import annotations
 
@@ -8,12 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.many.hyper_likelihood import log_likelihood
+from capsbayes.infer.kernel import compiled
 from capsbayes.infer.many.selection import Selection
 
-__all__ = ["SLOPES", "LogPosterior"]
+__all__ = ["PARAMETERS", "SLOPES", "LogPosterior", "log_likelihood"]
 
 Floats = NDArray[np.float64]
+
+PARAMETERS = ("log_modulus", "log_radius", "log_spread", "log_radius_spread", "slope")
+"""Means of log G_s and log a, logarithms of the standard deviations of log G_s at given size and of log a, and the
+slope d ln G_s / d ln a."""
 
 SPREADS, SLOPES = 1.0, 5.0  # scales of the priors: half-normal of both spreads, normal of the slope
 _LOWEST_SPREAD = np.log(1e-3)
@@ -63,3 +72,37 @@ def _log_prior(parameters: Floats) -> Floats:
     spreads, slope = parameters[:, 2:4], parameters[:, 4]
     values = np.sum(spreads - 0.5 * (np.exp(spreads) / SPREADS) ** 2, axis=1) - 0.5 * (slope / SLOPES) ** 2
     return np.where((spreads > _LOWEST_SPREAD).all(axis=1), values, -1e10)
+
+
+@compiled
+def log_likelihood(components: NDArray[np.float32], parameters: Floats, into: Floats) -> None:
+    """Log likelihood of all capsules for some populations.
+
+    Parameters
+    ----------
+    components : (n, c, 6) array
+        Of the capsules, laid out by `mixture`.
+    parameters : (d, 5) array
+        `PARAMETERS` of each population.
+    into : (d,) array
+        Filled.
+    """
+    for d in range(len(parameters)):
+        x, y, spread, radius_spread, slope = parameters[d]
+        of_radius, given = np.exp(2.0 * radius_spread), np.exp(2.0 * spread)
+        pop_xx, pop_xy, pop_yy = given + slope * slope * of_radius, slope * of_radius, of_radius
+        total = 0.0
+        for n in range(len(components)):
+            density = 0.0
+            for k in range(components.shape[1]):
+                weight = components[n, k, 0]
+                if weight > 0.0:
+                    dx, dy = components[n, k, 1] - x, components[n, k, 2] - y
+                    xx, xy = components[n, k, 3] + pop_xx, components[n, k, 4] + pop_xy
+                    yy = components[n, k, 5] + pop_yy
+                    determinant = xx * yy - xy * xy
+                    square = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant
+                    if square < 1400.0:
+                        density += weight * np.exp(-0.5 * square) / np.sqrt(determinant)
+            total += np.log(max(density, 1e-300))
+        into[d] = total

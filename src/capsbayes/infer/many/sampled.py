@@ -1,9 +1,11 @@
-"""Capsules drawn at random and identified again by sampling: do the engines agree?"""
+"""Capsules of a run sampled with emcee: to keep their draws, or to check the rows of some drawn at random."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import StoredTask, hash_of
 from capsbayes.measurement import Measurement
 
-__all__ = ["CheckTask", "Compared", "compared", "drawn_rows"]
+__all__ = ["ChainTask", "CheckTask", "Compared", "compared", "drawn_rows"]
 
 Floats = NDArray[np.float64]
 
@@ -112,3 +114,33 @@ def drawn_rows(usable: NDArray[np.bool_], share: float, most: int, seed: int) ->
     rows = np.flatnonzero(usable)
     number = min(int(np.ceil(share * len(rows))), most, len(rows))
     return np.sort(np.random.default_rng([seed, 2]).choice(rows, size=number, replace=False))
+
+
+@dataclass(frozen=True)
+class ChainTask:
+    """One capsule, whose posterior is sampled with emcee and written.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    file : Path
+        Where the posterior goes, as `capsbayes identify` writes it.
+    """
+
+    measurement: Measurement
+    file: Path
+
+    @classmethod
+    def of(cls, measurement: Measurement, folder: Path, row: int, name: str) -> ChainTask:
+        """Return the task of one row, whose file is named by number and name."""
+        return cls(measurement, folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc")
+
+    @property
+    def done(self) -> bool:
+        """Whether it is there: it is written whole or not at all."""
+        return self.file.exists()
+
+    def __call__(self, run: Run) -> None:
+        """Sample and write."""
+        experiment = run.experiment_of(self.measurement)
+        identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior).write(self.file)
