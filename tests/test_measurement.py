@@ -2,10 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from capsbayes.errors import InputError
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 GOOD = """experiment = "experiment.toml"
@@ -198,3 +200,38 @@ def test_a_file_says_what_its_outline_shows(tmp_path):
     path.write_text(path.read_text().replace('"section"', '"shadow"'))
     with pytest.raises(InputError, match=r'outline\.view: expected "mid-plane" or "silhouette", got \'shadow\''):
         Measurement.read(path)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"axial_extent": "2.14 +/- 0.02", "axial_length": "1.81 +/- 0.01", "capsule_velocity": "6.0 +/- 0.06 mm/s"},
+        {"axial_extent": Quantity(2.14, 0.02), "axial_length": Quantity(1.81, 0.01), "capsule_velocity": stats.norm(6e-3, 6e-5)},  # noqa: E501
+        {"axial_extent": "53.5 +/- 0.5 um", "axial_length": "45.25 +/- 0.25 um", "capsule_velocity": "6.00(6) mm/s"},
+    ],
+)  # fmt: skip
+def test_numbers_are_given_in_any_form(given):
+    seen = Measurement(**given, flow_rate="0.6 uL/min")
+    assert seen.over_half_width == ("um" not in str(given))
+    scale = 1.0 if seen.over_half_width else 25e-6
+    np.testing.assert_allclose(seen.lengths, scale * np.array([2.14, 1.81]))
+    np.testing.assert_allclose(np.sqrt(np.diag(seen.covariance)), scale * np.array([0.02, 0.01]))
+    assert (seen.capsule_velocity, seen.capsule_velocity_error) == pytest.approx((6e-3, 6e-5))
+    assert seen.flow_rate == pytest.approx(1e-11)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"axial_extent": 53.5}, 'axial_extent: expected a value from 0.01 to 20 l, got 53.5 l (read in l); did you mean "53.5 um"?'),  # noqa: E501
+        ({"capsule_velocity": 6}, 'got 6 m/s (read in m/s); did you mean "6 mm/s"?'),
+        ({"capsule_velocity": "6 mm/s"}, 'capsule_velocity: expected a standard error, as in "5.00 +/- 0.05 mm/s"'),
+        ({"axial_length": "45 +/- 1 um"}, "axial_length: expected a text without unit"),
+        ({"capsule_velocity": None}, "capsule_velocity: expected a positive finite number, got None"),
+        ({"flow_rate": 0.6}, 'flow_rate: expected a value from 1e-18 to 0.001 m^3/s, got 0.6 m^3/s (read in m^3/s); did you mean "0.6 uL/min"?'),  # noqa: E501
+    ],
+)  # fmt: skip
+def test_a_number_that_no_experiment_has_names_the_unit_it_was_read_in(changes, message):
+    with pytest.raises(InputError) as caught:
+        made(**changes)
+    assert message in str(caught.value)

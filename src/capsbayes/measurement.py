@@ -1,4 +1,4 @@
-"""What was seen of one capsule: its lengths and its velocity, each with its standard error."""
+"""Measurement of one capsule: its lengths and its velocity, each with its standard error."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
+from capsbayes.experiment import Given
 from capsbayes.input_file import InputFile
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
+from capsbayes.parameters import STATED
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
@@ -21,7 +23,7 @@ __all__ = ["CONDITIONS", "Measurement"]
 Floats = NDArray[np.float64]
 
 CONDITIONS = ("half_width", "viscosity")
-"""What of an experiment may differ from capsule to capsule of a set."""
+"""Conditions of an experiment that may differ from capsule to capsule of a set."""
 
 _KEYS = ("axial_extent", "capsule_velocity")
 _OPTIONAL = ("axial_length", "length_correlation", "axial_length_bound", "flow_rate")
@@ -31,7 +33,8 @@ _OPTIONAL = ("axial_length", "length_correlation", "axial_length_bound", "flow_r
 class Measurement:
     """Lengths and velocity of one capsule at steady state.
 
-    The error of the velocity is taken as independent of those of the lengths.
+    The error of the velocity is taken as independent of those of the lengths. A length and the velocity are given with
+    their errors, in any form that `Quantity.of` reads, or as a number with the error apart.
 
     Parameters
     ----------
@@ -46,11 +49,11 @@ class Measurement:
     length_correlation : float
         Correlation of the errors of the two lengths, between -1 and 1.
     over_half_width : bool
-        Whether the lengths are over l (measured against the walls on the same
-        picture) or in metres.
+        True for lengths over l (measured against the walls on the same picture), False for lengths in metres; lengths
+        given with a unit decide it themselves.
     outline : MeasuredOutline, optional
-        The whole edge, over l; it then takes the place of the lengths, which only say where to look. But a silhouette
-        does not hold L_a, which then counts beside it.
+        The whole edge, over l; it then takes the place of the lengths, which only say where to look. A silhouette
+        does not show L_a, which then counts as well.
     source : str
         File the measurement was read from, empty if none.
     sha256 : str
@@ -58,19 +61,19 @@ class Measurement:
     experiment_file : Path, optional
         The experiment the file names.
     status : Status
-        How the measurement ended; unless it is ``DONE``, the numbers are NaN.
+        How the measurement ended; the numbers are NaN unless it is ``DONE``.
     axial_length_bound : float, optional
-        Where L_a is missing: what it cannot exceed, the length of the silhouette with two standard errors.
+        Upper limit of a missing L_a: the length of the silhouette with two standard errors.
     flow_rate : float, optional
-        What the pump was set to [m^3/s]. Nothing is inferred from it: a study shows capsules of one flow rate together.
+        Flow rate of the pump [m^3/s]. Nothing is inferred from it: a study shows capsules of one flow rate together.
     conditions : mapping of str to float
-        What is otherwise for this capsule of a set than its experiment says, in SI: its ``half_width``, its
-        ``viscosity``. A measurement file says so by the experiment it names.
+        ``half_width`` and ``viscosity`` of this capsule of a set, in SI, if they differ from those of the experiment. A
+        measurement file states them by the experiment that it names.
 
     Raises
     ------
     InputError
-        On a value that is not positive and finite, or L_a > L_z.
+        On a value that is not positive, finite and plausible, or L_a > L_z.
 
     Examples
     --------
@@ -78,13 +81,15 @@ class Measurement:
     ...                    capsule_velocity_error=5e-5, axial_length=1.81, axial_length_error=0.01)
     >>> seen.lengths, seen.covariance.shape
     (array([2.14, 1.81]), (2, 2))
+    >>> Measurement(axial_extent="53.5 +/- 0.3 um", capsule_velocity="5.00 +/- 0.05 mm/s").over_half_width
+    False
     """
 
-    axial_extent: float
-    axial_extent_error: float
-    capsule_velocity: float
-    capsule_velocity_error: float
-    axial_length: float | None = None
+    axial_extent: Given
+    axial_extent_error: float = float("nan")
+    capsule_velocity: Given = None
+    capsule_velocity_error: float = float("nan")
+    axial_length: Given | None = None
     axial_length_error: float | None = None
     length_correlation: float = 0.0
     over_half_width: bool = True
@@ -94,19 +99,24 @@ class Measurement:
     experiment_file: Path | None = None
     status: Status = Status.DONE
     axial_length_bound: float | None = None
-    flow_rate: float | None = None
+    flow_rate: Given | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.status.ok:
             return
         where = self.source or "measurement"
+        if (unit := self._split(where, "axial_extent", ("", "m"))) is not None:
+            object.__setattr__(self, "over_half_width", not unit)
+        self._split(where, "axial_length", ("",) if self.over_half_width else ("m",))
+        self._split(where, "capsule_velocity", ("m/s",))
         for key in ("axial_extent", "capsule_velocity", "axial_length"):
             self._check_pair(where, key)
-        for key in ("axial_length_bound", "flow_rate"):
-            value = getattr(self, key)
-            if value is not None and not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0.0):
-                raise InputError(where, key, "a positive finite number", repr(value))
+        if self.flow_rate is not None:
+            object.__setattr__(self, "flow_rate", Quantity.of(self.flow_rate, "flow_rate", where=where).value)
+        bound = self.axial_length_bound
+        if bound is not None and not (isinstance(bound, (int, float)) and np.isfinite(bound) and bound > 0.0):
+            raise InputError(where, "axial_length_bound", "a positive finite number", repr(bound))
         if self.axial_length is not None and self.axial_length > self.axial_extent:
             raise InputError(
                 where, "axial_length", f"at most the axial extent {self.axial_extent:g}", f"{self.axial_length:g}"
@@ -119,20 +129,32 @@ class Measurement:
         if not (isinstance(self.length_correlation, (int, float)) and -1.0 < self.length_correlation < 1.0):
             raise InputError(where, "length_correlation", "a number between -1 and 1", repr(self.length_correlation))
 
+    def _split(self, where: str, key: str, units: tuple[str, ...]) -> str | None:
+        """Split a quantity into its value and its error; return its unit, None if it is a number or missing."""
+        given = getattr(self, key)
+        if given is None or isinstance(given, (int, float, np.floating)):
+            return None
+        found = _measured(given, key, where, key, units)
+        object.__setattr__(self, key, found.value)
+        object.__setattr__(self, f"{key}_error", found.error)
+        return found.unit
+
     def _check_pair(self, where: str, key: str) -> None:
-        """Refuse a value or an error that is missing, NaN, infinite or not positive."""
+        """Refuse a value or an error that is missing, NaN, infinite, not positive or not plausible."""
         value, error = getattr(self, key), getattr(self, f"{key}_error")
         if key == "axial_length" and value is None and error is None:
             return
         for name, number in ((key, value), (f"{key}_error", error)):
             if number is None or not (np.isfinite(number) and number > 0.0):
                 raise InputError(where, name, "a positive finite number", repr(number))
+        if key == "capsule_velocity" or self.over_half_width:
+            Quantity.of(float(value), key, where=where)
 
     @classmethod
     def refused(
         cls, status: Status, *, source: str = "", sha256: str = "", experiment_file: Path | None = None
     ) -> Measurement:
-        """A measurement that came to nothing: its status says why, its numbers are NaN."""
+        """Return a measurement that failed: its status says why, its numbers are NaN."""
         nothing = (float("nan"),) * 4
         return cls(*nothing, status=status, source=source, sha256=sha256, experiment_file=experiment_file)
 
@@ -146,9 +168,8 @@ class Measurement:
             File with a table ``[measurement]``: ``axial_extent``,
             ``capsule_velocity``, and optionally ``axial_length`` and
             ``length_correlation``, or ``axial_length_bound``, and ``flow_rate``. It may name its experiment file
-            (``experiment = "..."``, relative to itself) and state a
-            ``[prior]``, which is read where priors are known, and an ``[outline]``, which `MeasuredOutline.read`
-            reads.
+            (``experiment = "..."``, relative to itself) and state a ``[prior]``, which `capsbayes.infer.Prior.read`
+            reads, and an ``[outline]``, which `MeasuredOutline.read` reads.
 
         Returns
         -------
@@ -163,30 +184,23 @@ class Measurement:
         top = file.table(required=("measurement",), optional=("experiment", "prior", "outline"))
         table = file.table("measurement", required=_KEYS, optional=_OPTIONAL)
         where = str(path)
-        extent = _length(table["axial_extent"], where, "axial_extent", ("", "m"))
-        length = None
-        if "axial_length" in table:
-            length = _length(table["axial_length"], where, "axial_length", (extent.unit,))
-        velocity = _measured(table["capsule_velocity"], where, "capsule_velocity", ("m/s",), "5.00 +/- 0.05 mm/s")
-        flow_rate = None
+        units: dict[str, tuple[str, ...]] = {"axial_extent": ("", "m"), "capsule_velocity": ("m/s",)}
+        found: dict[str, Quantity] = {}
+        for key in ("axial_extent", "axial_length", "capsule_velocity"):
+            if key in table:
+                units["axial_length"] = (found["axial_extent"].unit,) if found else ()
+                found[key] = _measured(table[key], key, where, f"measurement.{key}", units[key])
         if "flow_rate" in table:
-            key, example = "measurement.flow_rate", "0.60 uL/min"
-            flow_rate = Quantity.read(table["flow_rate"], where=where, key=key, units=("m^3/s",), example=example).value
+            key = "measurement.flow_rate"
+            found["flow_rate"] = Quantity.of_text(table["flow_rate"], "flow_rate", where=where, key=key)
         return cls(
-            axial_extent=extent.value,
-            axial_extent_error=extent.error,
-            capsule_velocity=velocity.value,
-            capsule_velocity_error=velocity.error,
-            axial_length=length.value if length else None,
-            axial_length_error=length.error if length else None,
+            **found,
             length_correlation=table.get("length_correlation", 0.0),
-            over_half_width=not extent.unit,
             outline=MeasuredOutline.read(file) if "outline" in top else None,
             source=where,
             sha256=file.sha256,
             experiment_file=_named_file(top.get("experiment"), file.path),
             axial_length_bound=table.get("axial_length_bound"),
-            flow_rate=flow_rate,
         )
 
     def write(self, path: str | Path) -> None:
@@ -201,7 +215,7 @@ class Measurement:
         Raises
         ------
         InputError
-            If the measurement came to nothing.
+            If the measurement failed.
         """
         if not self.status.ok:
             raise InputError("measurement", "status", "a measurement that ended as it should", str(self.status))
@@ -230,7 +244,7 @@ class Measurement:
 
     @property
     def length_beside_outline(self) -> tuple[float, float] | None:
-        """L_a and its standard error where the outline is a silhouette, which does not hold it, else None."""
+        """L_a and its standard error where the outline is a silhouette, which does not show it, else None."""
         if self.outline is None or self.outline.view != SILHOUETTE:
             return None
         if self.axial_length is None or self.axial_length_error is None:
@@ -246,16 +260,11 @@ class Measurement:
         return np.array([[self.axial_extent_error**2, cross], [cross, self.axial_length_error**2]])
 
 
-def _length(text: object, where: str, key: str, units: tuple[str, ...]) -> Quantity:
-    example = "53.5 +/- 0.3 um" if units == ("m",) else "2.14 +/- 0.01"
-    return _measured(text, where, key, units, example)
-
-
-def _measured(text: object, where: str, key: str, units: tuple[str, ...], example: str) -> Quantity:
+def _measured(given: Given, name: str, where: str, key: str, units: tuple[str, ...]) -> Quantity:
     """Read a measured quantity: one without an error is refused, as nothing would follow from it."""
-    read = Quantity.read(text, where=where, key=f"measurement.{key}", units=units, example=example)
-    if read.error == 0.0:
-        raise InputError(where, f"measurement.{key}", f'a standard error, as in "{example}"', repr(text))
+    read = Quantity.of(given, name, where=where, key=key, units=units)
+    if read.known or read.shape != "normal":
+        raise InputError(where, key, f'a standard error, as in "{STATED[name].example}"', str(given))
     return read
 
 
@@ -264,7 +273,7 @@ def _pair(value: float, error: float) -> str:
 
 
 def _name_of(file: Path, beside: str | Path) -> str:
-    """How a file is named in one that may lie in the same folder."""
+    """Return the name of a file in one that may lie in the same folder."""
     whole = file.resolve()
     return whole.name if whole.parent == Path(beside).resolve().parent else str(whole)
 

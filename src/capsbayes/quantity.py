@@ -162,7 +162,8 @@ class Quantity:
         """
         key = name if key is None else key
         units = tuple(units) or ((PARAMETERS[name].si,) if name in PARAMETERS else SI_UNITS)
-        example = STATED[name if name in STATED else "half_width"].example
+        usual = name in STATED and PARAMETERS[name].si in units
+        example = STATED[name if usual else "half_width"].example
         if isinstance(given, Quantity):
             made = given if given.unit else replace(given, unit=units[0])
             if made.unit not in units:
@@ -181,7 +182,7 @@ class Quantity:
         if not signed:
             made.check_positive(where, key)
             made = replace(made, low=0.0) if made.shape == "normal" else made
-        if name in STATED and made.unit == PARAMETERS[name].si:
+        if usual and made.unit == PARAMETERS[name].si:
             made._check_plausible(where, key, name, bare=not isinstance(given, str))
         return made
 
@@ -365,11 +366,13 @@ class Quantity:
         known, (_, least, most) = PARAMETERS[name], STATED[name]
         if least <= self.value <= most:
             return
-        likely = least <= self.value / known.scale <= most
-        advice = f'did you mean "{self.value:g} {known.shown_unit}"?' if likely else "check the unit"
-        read = f" (read in {self.unit})" if bare else ""
-        expected = f"a value from {least:g} to {most:g} {self.unit}"
-        raise InputError(where, key, expected, f"{self.value:g} {self.unit}{read}", advice)
+        unit, shown = (self.unit, known.shown_unit) if self.unit else (known.unit, "um")  # a length over l
+        likely = not self.unit or least <= self.value / known.scale <= most
+        advice = f'did you mean "{self.value:g} {shown}"?' if likely else "check the unit"
+        read = f" (read in {unit})" if bare else ""
+        raise InputError(
+            where, key, f"a value from {least:g} to {most:g} {unit}", f"{self.value:g} {unit}{read}", advice
+        )
 
     def as_record(self) -> Any:
         """Return a number, or the name and the parameters of a distribution of scipy.stats, ready for JSON."""
