@@ -34,7 +34,7 @@ from capsbayes.quantity import Quantity
 
 LARGE, LONG = (1024, 1280), 82  # rows and columns, frames
 FRAMES, RATE = 8, Quantity(1000.0, 0.0, "1/s")
-EXPERIMENT = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
 NAMES = ("v_o, px a frame", "v_o, l a frame", "L_z, l", "L_a, l")
 
 

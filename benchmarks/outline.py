@@ -22,7 +22,7 @@ from capsbayes.infer import Quadrature
 from capsbayes.profile import Profile, vertex_normals
 
 NOISE = OutlineNoise(0.006, 0.4, 0.1)
-FLOW, EXPERIMENT = 4e-3, Experiment(section="square", half_width=50e-6, viscosity=0.7)
+FLOW, EXPERIMENT = 4e-3, Experiment(cross_section="square", half_width=50e-6, viscosity=0.7)
 LEVELS = (0.5, 0.68, 0.95)
 Case = tuple[float, float, np.ndarray, float]  # Ca, a/l, outline, v_o/U
 

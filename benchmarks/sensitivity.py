@@ -45,7 +45,7 @@ class Lab:
 
 def labs() -> Iterator[Lab]:
     half_width = Quantity(25e-6, 0.2e-6)
-    experiment = Experiment(section="square", half_width=half_width, viscosity=Quantity(0.85, 0.02))
+    experiment = Experiment(cross_section="square", half_width=half_width, viscosity=Quantity(0.85, 0.02))
     for error in ERRORS:
         errors = LabErrors(axial_extent=error, axial_length=error, capsule_velocity=0.01)
         for size in SIZES:
@@ -57,7 +57,7 @@ def labs() -> Iterator[Lab]:
         axial_extent=0.5e-6, axial_length=0.5e-6, capsule_velocity=0.01, length_correlation=0.5, over_half_width=False
     )
     yield Lab("a/l = 0.96, L +/- 0.5 um, correlated 0.5", experiment, MODULUS, 24e-6, metres)
-    tube = Experiment(section="circular", half_width=half_width, viscosity=Quantity(0.85, 0.02))
+    tube = Experiment(cross_section="circular", half_width=half_width, viscosity=Quantity(0.85, 0.02))
     yield Lab("tube, a/l = 0.9, L +/- 0.02 l", tube, MODULUS, 0.9 * 25e-6, errors)
 
 
@@ -68,7 +68,7 @@ def main() -> None:
     console = Console(width=118)
     counts: dict[str, list[tuple[bool, bool]]] = {"all": [], "allowed": [], "allowed, one shape, L_p > 0": []}
     for lab in labs():
-        model = Surrogate.open(f"{lab.experiment.section}-neo-hookean")
+        model = Surrogate.open(f"{lab.experiment.cross_section}-neo-hookean")
         design = flow_design(lab.modulus, lab.radius, lab.experiment, lab.errors, model, seed=1)
         table = Table(
             *("U mm/s", "Ca", "predicted %", "simulated %", "off", "without noise", "in 68 %", ""),

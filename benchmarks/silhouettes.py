@@ -33,7 +33,7 @@ from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
 
 SETS = {"sharp, 0.5 to 1 px": (0.5, 1.0), "blurred, 2 px": (1.95, 2.05)}
-FLOW, EXPERIMENT = 4e-3, Experiment(section="square", half_width=50e-6, viscosity=0.7)
+FLOW, EXPERIMENT = 4e-3, Experiment(cross_section="square", half_width=50e-6, viscosity=0.7)
 NAMES = ("capillary_number", "size_ratio")
 MODES = 7  # waves along the outline; the first is a shift of it, which is a nuisance
 Floats = NDArray[np.float64]

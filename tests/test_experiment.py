@@ -10,7 +10,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.quantity import Quantity
 
-GOOD = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 Pa s"\n'
+GOOD = 'cross_section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 Pa s"\n'
 
 
 def written(tmp_path, text):
@@ -21,13 +21,20 @@ def written(tmp_path, text):
 
 def test_an_error_makes_a_distribution_and_no_error_a_number(tmp_path):
     experiment = Experiment.read(written(tmp_path, GOOD))
-    assert experiment.section == "square"
+    assert experiment.cross_section == "square"
     assert experiment.half_width.mean == pytest.approx(25e-6)
     assert experiment.half_width.sd == pytest.approx(0.2e-6)
     assert experiment.viscosity.value == pytest.approx(0.85)
     assert experiment.source.endswith("experiment.toml")
     assert len(experiment.sha256) == 64
     assert experiment.frame_rate is None
+
+
+def test_the_key_section_of_older_files_is_read(tmp_path):
+    older = GOOD.replace("cross_section", "section")
+    assert Experiment.read(written(tmp_path, older)).cross_section == "square"
+    with pytest.raises(InputError, match=r"section: expected one of cross_section, .* an unknown key"):
+        Experiment.read(written(tmp_path, GOOD + 'section = "circular"\n'))
 
 
 def test_the_rate_of_films_may_be_stated(tmp_path):
@@ -40,13 +47,13 @@ def test_the_rate_of_films_may_be_stated(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("square", "triangular"), 'section: expected "square" or "circular", got \'triangular\''),
+        (("square", "triangular"), 'cross_section: expected "square" or "circular", got \'triangular\''),
         (("um", "Pa"), 'half_width: expected a text in m like "25.0 +/- 0.2 um", got pascal'),
         (("0.85", "-0.85"), "viscosity: expected a positive finite number"),
         (("0.85", "nan"), "viscosity: expected a positive finite number"),
         (
             ("viscosity", "viscocity"),
-            "viscocity: expected one of section, half_width, viscosity, frame_rate, got an unknown key",
+            "viscocity: expected one of cross_section, half_width, viscosity, frame_rate, got an unknown key",
         ),
         (('viscosity = "0.85 Pa s"', ""), "viscosity: expected a value, got nothing"),
         (('"0.85 Pa s"', "0.85"), "viscosity: expected a text in Pa s"),
@@ -64,12 +71,12 @@ def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
 )
 def test_values_that_are_not_positive_are_refused(value):
     with pytest.raises(InputError, match="experiment: half_width: expected a positive"):
-        Experiment(section="square", half_width=value, viscosity=1.0)
+        Experiment(cross_section="square", half_width=value, viscosity=1.0)
 
 
 def test_any_positive_frozen_distribution_will_do():
     for value in (stats.lognorm(0.1, scale=1e-5), stats.uniform(1e-5, 2e-5), stats.norm(1e-5, 1e-7)):
-        width = Experiment(section="circular", half_width=value, viscosity=1.0).half_width
+        width = Experiment(cross_section="circular", half_width=value, viscosity=1.0).half_width
         assert (width.mean, width.sd) == pytest.approx((value.mean(), value.std()))
         np.testing.assert_allclose(width.ppf([0.1, 0.9]), value.ppf([0.1, 0.9]))
         np.testing.assert_allclose(width.logpdf(width.mean), value.logpdf(width.mean))
@@ -83,7 +90,7 @@ MICRO = pint.UnitRegistry()
     [25e-6, np.float32(25e-6), "25 um", "0.025 mm", 25.0 * MICRO.um, 0.025 * MICRO.mm, Quantity(25e-6, unit="m")],
 )
 def test_every_form_of_a_number_is_read(value):
-    width = Experiment(section="square", half_width=value, viscosity="0.85 +/- 0.02 Pa s").half_width
+    width = Experiment(cross_section="square", half_width=value, viscosity="0.85 +/- 0.02 Pa s").half_width
     assert (width.value, width.error, width.unit) == (pytest.approx(25e-6), 0.0, "m")
 
 
@@ -100,7 +107,7 @@ def test_every_form_of_a_number_is_read(value):
 def test_a_number_that_no_experiment_has_names_the_unit_it_was_read_in(key, value, message):
     given = {"half_width": 25e-6, "viscosity": 0.85} | {key: value}
     with pytest.raises(InputError) as caught:
-        Experiment(section="square", **given)
+        Experiment(cross_section="square", **given)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -24,7 +24,7 @@ from capsbayes.show import write_report
 
 STRESS = 0.028  # N/m, mu U
 VISCOSITY, RATIO = 1.0, 1.33  # Pa s, which is not known alone; and v_o/U, to which nothing here is sensitive
-EXPERIMENT = Experiment(section="circular", half_width=2e-3, viscosity=VISCOSITY)
+EXPERIMENT = Experiment(cross_section="circular", half_width=2e-3, viscosity=VISCOSITY)
 VELOCITY = Quantity(RATIO * STRESS / VISCOSITY, 0.01 * RATIO * STRESS / VISCOSITY, "m/s")
 # of the order that compression tells: without it, the wide errors of the shapes beside the snap-through leave 3 % to
 # capsules that are fifteen times as stiff

@@ -26,7 +26,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 Given = Any  # a Quantity, or what `Quantity.of` makes one of: a text, a number, a pint quantity, a frozen distribution
 
-SECTIONS = ("square", "circular")
+CROSS_SECTIONS = ("square", "circular")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Experiment:
 
     Parameters
     ----------
-    section : str
+    cross_section : str
         Cross-section of the channel, ``"square"`` or ``"circular"``.
     half_width : Quantity [m]
         Half the side of the square, or the radius of the circle, l. This and the next two may be given as whatever
@@ -52,16 +52,16 @@ class Experiment:
     Raises
     ------
     InputError
-        On an unknown section, or on a value that is not positive or not plausible.
+        On an unknown cross-section, or on a value that is not positive or not plausible.
 
     Examples
     --------
-    >>> experiment = Experiment(section="square", half_width=25e-6, viscosity="0.85 +/- 0.02 Pa s")
+    >>> experiment = Experiment(cross_section="square", half_width=25e-6, viscosity="0.85 +/- 0.02 Pa s")
     >>> experiment.half_width.value, experiment.viscosity.error
     (2.5e-05, 0.02)
     """
 
-    section: str
+    cross_section: str
     half_width: Given
     viscosity: Given
     source: str = ""
@@ -70,8 +70,9 @@ class Experiment:
 
     def __post_init__(self) -> None:
         where = self.source or "experiment"
-        if self.section not in SECTIONS:
-            raise InputError(where, "section", " or ".join(f'"{name}"' for name in SECTIONS), repr(self.section))
+        if self.cross_section not in CROSS_SECTIONS:
+            expected = " or ".join(f'"{name}"' for name in CROSS_SECTIONS)
+            raise InputError(where, "cross_section", expected, repr(self.cross_section))
         for key in ("half_width", "viscosity", "frame_rate"):
             if key != "frame_rate" or self.frame_rate is not None:
                 object.__setattr__(self, key, Quantity.of(getattr(self, key), key, where=where))
@@ -83,8 +84,8 @@ class Experiment:
         Parameters
         ----------
         path : path
-            File with the keys ``section``, ``half_width`` and ``viscosity``, optionally ``frame_rate``; the last three
-            are texts that `Quantity.read` reads.
+            File with the keys ``cross_section`` (``section`` in older files), ``half_width`` and ``viscosity``, and
+            optionally ``frame_rate``; the last three are texts that `Quantity.read` reads.
 
         Returns
         -------
@@ -96,8 +97,12 @@ class Experiment:
             Naming file, key, what was expected and what was found.
         """
         file = InputFile.read(path)
-        table = file.table(required=("section", "half_width", "viscosity"), optional=("frame_rate",))
-        for key in [key for key in table if key != "section"]:
+        table = file.table(
+            required=("cross_section", "half_width", "viscosity"),
+            optional=("frame_rate",),
+            renamed={"section": "cross_section"},
+        )
+        for key in [key for key in table if key != "cross_section"]:
             table[key] = Quantity.of_text(table[key], key, where=str(path))
         return cls(**table, source=str(path), sha256=file.sha256)
 
@@ -114,7 +119,7 @@ class Experiment:
             If a value has a distribution without a text form.
         """
         lines = [
-            f"section = {json.dumps(self.section)}",
+            f"cross_section = {json.dumps(self.cross_section)}",
             f'half_width = "{_text(self.half_width, "half_width")}"',
             f'viscosity = "{_text(self.viscosity, "viscosity")}"',
         ]

@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from capsbayes.errors import InputError
@@ -54,7 +55,12 @@ class InputFile:
         return cls(path, content, hashlib.sha256(raw).hexdigest())
 
     def table(
-        self, name: str = "", *, required: Collection[str] = (), optional: Collection[str] = ()
+        self,
+        name: str = "",
+        *,
+        required: Collection[str] = (),
+        optional: Collection[str] = (),
+        renamed: Mapping[str, str] = MappingProxyType({}),
     ) -> dict[str, Any]:
         """Return one table after checking its keys.
 
@@ -65,6 +71,8 @@ class InputFile:
             table is an empty one.
         required, optional : collection of str
             Keys it must and may have.
+        renamed : mapping of str to str
+            Present names of keys that older files have, by their names there.
 
         Returns
         -------
@@ -78,6 +86,7 @@ class InputFile:
         table = self.content.get(name, {}) if name else self.content
         if not isinstance(table, Mapping):
             raise InputError(str(self.path), name, f"a table [{name}]", repr(table))
+        table = {key if renamed.get(key, key) in table else renamed.get(key, key): table[key] for key in table}
         known = [*required, *optional]
         for key in table:
             if key not in known:

@@ -25,6 +25,7 @@ from capsbayes.prediction import Prediction
 
 if TYPE_CHECKING:
     from capsbayes.database import Database
+    from capsbayes.experiment import Experiment
 
 __all__ = ["CIRCUMSTANCES", "TWO_SHAPES", "WRINKLES"]
 __all__ += ["CoordinateRange", "Domain", "Extended", "FixedParameters", "ForwardModel"]
@@ -165,6 +166,18 @@ class ForwardModel(ABC):
         unknown = [name for name in given if name not in known and name not in CIRCUMSTANCES]
         if unknown:
             raise InputError(self.name, "theta", f"names among {', '.join(known)}", ", ".join(map(repr, unknown)))
+
+    def check_cross_section(self, experiment: Experiment) -> None:
+        """Refuse an experiment in a channel of another cross-section than that of the model.
+
+        Raises
+        ------
+        InputError
+        """
+        if self.cross_section not in (None, experiment.cross_section):
+            where = experiment.source or "experiment"
+            expected = f'"{self.cross_section}", that of the model'
+            raise InputError(where, "cross_section", expected, f'"{experiment.cross_section}"')
 
     def at(self, *, outline: bool = False, **theta: float) -> Prediction:
         """Predict one point, as ``at(capillary_number=0.05, size_ratio=0.9)``.

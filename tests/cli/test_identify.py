@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from capsbayes.cli import app
 from capsbayes.errors import CapsbayesError
 
-EXPERIMENT = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
+EXPERIMENT = 'cross_section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin" / "capsule.toml"
 RESULTS = {"posterior.nc", "summary.json", "corner.png", "outline.png"}
 

@@ -9,7 +9,7 @@ from capsbayes.cli import app
 from capsbayes.errors import InputError
 from capsbayes.measurement import Measurement
 
-EXPERIMENT = 'section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
+EXPERIMENT = 'cross_section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
 VELOCITY = ("--velocity", "6.20 +/- 0.06 mm/s")
 
 

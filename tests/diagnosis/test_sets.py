@@ -59,7 +59,7 @@ def test_a_folder_is_read_back_with_its_experiment(tmp_path, outline):
     assert found.left_out == ()
     for name in ("half_width", "viscosity"):
         assert getattr(found.experiment, name) == getattr(EXPERIMENT, name)
-    assert found.experiment.section == "square"
+    assert found.experiment.cross_section == "square"
 
 
 def test_a_table_is_read_back(tmp_path):
@@ -158,9 +158,9 @@ def test_each_capsule_of_a_folder_may_name_its_own_experiment(tmp_path):
         Session.read(folder)
 
 
-def test_capsules_of_different_sections_are_no_set(tmp_path):
-    named_by_the_second(tmp_path / "set", replace(EXPERIMENT, section="circular"))
-    with pytest.raises(InputError, match=r"other.toml: section: expected 'square' as in .*experiment.toml"):
+def test_capsules_of_different_cross_sections_are_no_set(tmp_path):
+    named_by_the_second(tmp_path / "set", replace(EXPERIMENT, cross_section="circular"))
+    with pytest.raises(InputError, match=r"other.toml: cross_section: expected 'square' as in .*experiment.toml"):
         Session.read(tmp_path / "set")
 
 
@@ -283,10 +283,10 @@ def test_the_pose_of_an_outline_is_kept_or_refused(tmp_path):
 
 
 def test_an_experiment_is_read_back(tmp_path):
-    known = Experiment(section="circular", half_width=30e-6, viscosity=EXPERIMENT.viscosity)
+    known = Experiment(cross_section="circular", half_width=30e-6, viscosity=EXPERIMENT.viscosity)
     known.write(tmp_path / "experiment.toml")
     found = Experiment.read(tmp_path / "experiment.toml")
-    assert (found.section, found.half_width) == ("circular", Quantity(30e-6, unit="m"))
+    assert (found.cross_section, found.half_width) == ("circular", Quantity(30e-6, unit="m"))
     assert found.viscosity == EXPERIMENT.viscosity
     with pytest.raises(InputError, match=r"viscosity: expected a number, .*, got a distribution of the kind gamma"):
         replace(known, viscosity=stats.gamma(4.0)).write(tmp_path / "experiment.toml")

@@ -9,7 +9,7 @@ from capsbayes.image.contour_file import ContourFile, measure_contour
 from capsbayes.profile import Profile
 from capsbayes.quantity import Quantity
 
-EXPERIMENT = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
 PIXEL = Quantity(0.5e-6, 0.002e-6, "m")
 
 

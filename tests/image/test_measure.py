@@ -11,7 +11,7 @@ from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
-EXPERIMENT = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
 VELOCITY = Quantity(6e-3, 6e-5, "m/s")
 BLURRED = Optics(blur=2.0, halo=0.05, electrons=5000)
 UNEVEN = Optics(blur=1.0, motion=1.5, halo=0.08, vignetting=0.25, unevenness=0.1, electrons=5000)

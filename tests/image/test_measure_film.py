@@ -8,7 +8,7 @@ from capsbayes.image.measure_film import measure_film
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
-EXPERIMENT = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
 RATE = Quantity(2000.0, 0.0, "1/s")
 STEP = 23.37  # px per frame
 PLACES = 65.0 + STEP * np.arange(9)
@@ -52,7 +52,7 @@ def test_velocity_and_lengths_lie_within_their_errors(tmp_path):
 
 def test_the_error_of_the_half_width_is_in_the_velocity(tmp_path):
     folder = written(tmp_path / "film", film(PLACES))
-    known = Experiment(section="square", half_width=Quantity(25e-6, 0.5e-6), viscosity=0.85)
+    known = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.5e-6), viscosity=0.85)
     (capsule,) = measure_film(folder, known, frame_rate=Quantity(2000.0, 20.0, "1/s"), background=empty()).capsules
     seen = capsule.measurement
     assert seen.capsule_velocity_error / seen.capsule_velocity == pytest.approx(np.hypot(0.02, 0.01), rel=0.02)

@@ -20,7 +20,7 @@ h5py = pytest.importorskip("h5py")
 pytest.importorskip("hdf5plugin")
 
 FOLDER = Path(__file__).parents[3] / "shared" / "data" / "rtdc"
-EXPERIMENT = Experiment(section="square", half_width=10e-6, viscosity=0.015)
+EXPERIMENT = Experiment(cross_section="square", half_width=10e-6, viscosity=0.015)
 PIXEL = Quantity(0.34e-6, 0.003e-6, "m")
 SPEED = Quantity(0.15, 0.005, "m/s")
 recorded = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are not in {FOLDER}")

@@ -13,7 +13,7 @@ def model():
 
 @pytest.fixture(scope="session")
 def experiment():
-    return Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
+    return Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 
 
 @pytest.fixture(scope="session")

@@ -63,7 +63,7 @@ def test_completed_draws_stay_in_the_ranges_and_are_consistent(model, experiment
 
 def test_inputs_of_any_distribution_are_drawn_as_they_are(model, capsule):
     viscosity = stats.lognorm(0.2, scale=0.8)
-    experiment = Experiment(section="square", half_width=25e-6, viscosity=viscosity)
+    experiment = Experiment(cross_section="square", half_width=25e-6, viscosity=viscosity)
     density = PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), Prior())
     nodes = {"capillary_number": np.full(5000, 0.082), "size_ratio": np.full(5000, 0.96)}
     points = points_of(model, nodes["capillary_number"], nodes["size_ratio"])
@@ -79,7 +79,7 @@ def test_wide_ranges_cost_nothing(model, experiment, capsule):
 
 
 def test_only_lengths_in_metres_make_the_half_width_a_dimension(capsule, capsule_in_metres, experiment):
-    known = Experiment(section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
+    known = Experiment(cross_section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
     for seen, channel, expected in (
         (capsule, experiment, False),
         (capsule_in_metres, experiment, True),

@@ -129,7 +129,7 @@ def test_wrong_arguments_are_refused(model, experiment, capsule):
         cross_section = "circular"
 
     for tube in (Tube(), Tube() + Halo(), (Tube() + Halo()).fixed(halo=0.0)):
-        expected = 'experiment: section: expected "circular", that of the model, got "square"'
+        expected = 'experiment: cross_section: expected "circular", that of the model, got "square"'
         with pytest.raises(InputError, match=expected):
             identify(capsule, tube, experiment, seed=1)
     with pytest.raises(InputError, match="prior: pre_inflaton: expected a coordinate of manufactured polynomial"):

@@ -61,12 +61,12 @@ def test_a_number_is_known():
 
 def test_a_velocity_that_is_hardly_measured_is_refused():
     seen = Measurement(axial_extent=2.0, axial_extent_error=0.1, capsule_velocity=1e-3, capsule_velocity_error=0.3e-3)
-    experiment = Experiment(section="square", half_width=25e-6, viscosity=0.8)
+    experiment = Experiment(cross_section="square", half_width=25e-6, viscosity=0.8)
     with pytest.raises(InputError, match=r"capsule_velocity: expected a standard error below 25% .*, got 30%"):
         Inputs.of(seen, experiment)
 
 
 def test_a_measurement_that_came_to_nothing_is_refused_with_its_reason():
-    inputs = Inputs.of_experiment(Experiment(section="square", half_width=25e-6, viscosity=0.85))
+    inputs = Inputs.of_experiment(Experiment(cross_section="square", half_width=25e-6, viscosity=0.85))
     with pytest.raises(InputError, match=r"capsule\.png: status: expected .*, got No capsule was found"):
         inputs.with_velocity_of(Measurement.refused(Status.NO_CAPSULE, source="capsule.png"))

@@ -39,7 +39,7 @@ def test_shares_add_up_and_are_those_of_error_propagation(model, experiment, cap
 
 
 def test_the_half_width_has_a_share_only_where_the_lengths_are_in_metres(model, capsule, capsule_in_metres):
-    loose = Experiment(section="square", half_width=Quantity(25e-6, 1e-6), viscosity=0.85)
+    loose = Experiment(cross_section="square", half_width=Quantity(25e-6, 1e-6), viscosity=0.85)
     assert shares_of(model, loose, capsule)["half_width"] == 0.0
     assert shares_of(model, loose, capsule_in_metres)["half_width"] > 0.01
 

@@ -20,13 +20,13 @@ def shipped():
 
 @pytest.fixture(scope="session")
 def experiment():
-    return Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
+    return Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 
 
 @pytest.fixture(scope="session")
 def known():
     """Nothing but the capsule is uncertain."""
-    return Experiment(section="square", half_width=25e-6, viscosity=0.85)
+    return Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
 
 
 @pytest.fixture(scope="session")

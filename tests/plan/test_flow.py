@@ -102,7 +102,7 @@ def test_a_size_that_the_model_has_not_is_refused(known, errors, shipped):
         flow_design(0.05, -24e-6, known, errors, shipped, seed=1)
     with pytest.raises(InputError, match="a velocity at which square-neo-hookean has a shape of such capsules"):
         simulated_widths(0.05, 24e-6, known, errors, shipped, mean_velocity=1.0, count=2, seed=1)
-    tube = Experiment(section="circular", half_width=25e-6, viscosity=0.85)
+    tube = Experiment(cross_section="circular", half_width=25e-6, viscosity=0.85)
     with pytest.raises(InputError, match='section: expected "square", that of the model, got "circular"'):
         flow_design(0.05, 24e-6, tube, errors, shipped, seed=1)
 

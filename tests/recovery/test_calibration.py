@@ -10,7 +10,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature
 from capsbayes.quantity import Quantity
 
-EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))
 MODEL = PolynomialModel(domain=PolynomialDomain(lowest=0.02))
 CAPSULES = 2000
 TRUTHS = ("surface_shear_modulus", "capsule_radius")

@@ -12,7 +12,7 @@ from capsbayes.infer import identify
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
-EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))
 MODEL = PolynomialModel(domain=PolynomialDomain(lowest=0.02))
 SEEN = [capsule.seen for capsule in simulated_capsules(MODEL, EXPERIMENT, 3, np.random.default_rng(5))]
 

@@ -14,7 +14,7 @@ from capsbayes.infer import Quadrature
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate import Surrogate
 
-EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.02))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.02))
 EVERY = 6
 TIMES = 10
 TRUTHS = ("surface_shear_modulus", "capsule_radius")

@@ -12,7 +12,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate import Surrogate
 
-EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.02))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.02))
 TRUTHS = ("surface_shear_modulus", "capsule_radius")
 CAPSULES = 60  # at a second each
 TIMES = 2

@@ -17,7 +17,7 @@ from capsbayes.show.outline_plot import band
 
 @pytest.fixture(scope="module")
 def posterior():
-    experiment = Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
+    experiment = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
     seen = Measurement(
         axial_extent=2.14,
         axial_extent_error=0.01,

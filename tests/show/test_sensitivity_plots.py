@@ -17,7 +17,7 @@ from capsbayes.quantity import Quantity
 from capsbayes.show import budget_figure, flow_figure, identifiability_figure, sobol_figure
 from capsbayes.status import Status
 
-LAB = Experiment(section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
+LAB = Experiment(cross_section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
 ERRORS = LabErrors(axial_extent=0.01, axial_length=0.01, capsule_velocity=0.01)
 
 

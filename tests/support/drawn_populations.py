@@ -23,7 +23,7 @@ TRUTH = {
     "radius_spread": 0.04,
     "modulus_slope": 0.8,
 }
-EXPERIMENT = Experiment(section="square", half_width=Quantity(*HALF_WIDTH), viscosity=Quantity(*VISCOSITY))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(*HALF_WIDTH), viscosity=Quantity(*VISCOSITY))
 FLOWS = (2.5e-3, 3.5e-3, 4.5e-3, 5.5e-3)
 ERROR, VELOCITY_ERROR = 0.01, 0.01
 

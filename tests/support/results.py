@@ -13,7 +13,7 @@ from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 
 MODEL = PolynomialModel()
-EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 KINDS = ("median", "lower_68", "upper_68", "lower_95", "upper_95", "mean", "sd")
 
 

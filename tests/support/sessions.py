@@ -11,7 +11,7 @@ from capsbayes.measurement import Measurement
 from capsbayes.profile import vertex_normals
 from capsbayes.quantity import Quantity
 
-EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.8, 0.02))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.8, 0.02))
 POINTS = 48
 MODULUS, SPREAD = 0.05, 0.1  # N/m, and standard deviation of its logarithm
 

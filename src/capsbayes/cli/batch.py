@@ -65,14 +65,14 @@ def batch(
     from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
     from capsbayes.infer.many import identify_folder
-    from capsbayes.infer.many.listing import section_and_view
+    from capsbayes.infer.many.listing import cross_section_and_view
 
     check_suffix("batch", "--out", out, (".nc",))
     known = None if experiment is None else Experiment.read(experiment)
-    section, view = section_and_view(capsules, known)
+    cross_section, view = cross_section_and_view(capsules, known)
     population = identify_folder(
         capsules,
-        named_model(database, section, view),
+        named_model(database, cross_section, view),
         known,
         out=out,
         seed=seed,

@@ -54,10 +54,10 @@ def diagnose(
 
     check_folder("--out", out)
     session = Session.read(capsules, experiment)
-    section = session.experiment.section
-    effects = _effects(candidates, section)
+    cross_section = session.experiment.cross_section
+    effects = _effects(candidates, cross_section)
     elsewhere = _measured(measured or [], effects)
-    model = named_model(database, section, _view(session))
+    model = named_model(database, cross_section, _view(session))
     with _progress_bar() as progress:
         study = diagnosed(
             session, model, seed=seed, candidates=effects, level=level, measured=elsewhere, progress=progress
@@ -81,12 +81,12 @@ def _view(session: Session) -> str:
     return views[0] if views else MID_PLANE
 
 
-def _effects(names: str | None, section: str) -> dict[str, Effect]:
-    """The candidates that are named, by parameter or effect; by default all that hold in such a section."""
+def _effects(names: str | None, cross_section: str) -> dict[str, Effect]:
+    """Return the candidates named by parameter or effect, by default all that hold in this cross-section."""
     from capsbayes.cli.options import choose
     from capsbayes.effects import catalogue
 
-    effects = catalogue(section)
+    effects = catalogue(cross_section)
     if names is None:
         return effects
     known = _by_either_name(effects)

@@ -76,7 +76,9 @@ def identify(
         measurement, written = Measurement.read(capsule), Prior.read(capsule)
     believed = written.with_coordinates(_coordinates(prior or []), where="--prior")
     known = named_experiment(measurement, experiment)
-    model = named_model(database, known.section, None if measurement.outline is None else measurement.outline.view)
+    model = named_model(
+        database, known.cross_section, None if measurement.outline is None else measurement.outline.view
+    )
     posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
     if out is not None:
         _write(posterior, out)

@@ -148,9 +148,9 @@ def named_experiment(measurement: Measurement, experiment: Path | None) -> Exper
     return Experiment.read(path)
 
 
-def named_model(database: str | None, section: str, view: str | None = None) -> Surrogate | EffectSurrogate:
+def named_model(database: str | None, cross_section: str, view: str | None = None) -> Surrogate | EffectSurrogate:
     """Return the model of the option ``--database``; default: neo-Hookean, with this cross-section."""
     from capsbayes.measured_outline import MID_PLANE
     from capsbayes.surrogate import Surrogate
 
-    return Surrogate.open(database or f"{section}-neo-hookean", view=view or MID_PLANE)
+    return Surrogate.open(database or f"{cross_section}-neo-hookean", view=view or MID_PLANE)

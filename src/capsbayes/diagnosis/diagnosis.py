@@ -138,7 +138,7 @@ def diagnose(
     seed : int
         Of the division into halves and of the random signs.
     candidates : mapping of str to Effect, optional
-        By name of their parameter; by default the catalogue of the session's section.
+        By name of their parameter; by default the catalogue of the session's cross-section.
     level : float
         Probability of finding a disagreement where there is none.
     measured : mapping of str to (float, float), optional
@@ -164,7 +164,7 @@ def diagnose(
         nothing = Finding((), float("nan"), len(session))
         return made(Verdict.NOT_TESTABLE, nothing, (), None, model, {})
     discover, confirm = session.halves(seed)
-    effects = catalogue(session.experiment.section) if candidates is None else candidates
+    effects = catalogue(session.experiment.cross_section) if candidates is None else candidates
     told = _Told(progress, len(effects) + 2)
     told("the model as it is")
     white = whitening(model, discover)

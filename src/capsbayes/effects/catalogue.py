@@ -15,12 +15,12 @@ from capsbayes.effects.viscosity_error import ViscosityError
 __all__ = ["catalogue"]
 
 
-def catalogue(section: str = "square") -> dict[str, Effect]:
+def catalogue(cross_section: str = "square") -> dict[str, Effect]:
     """Effects by name of their parameter.
 
     Parameters
     ----------
-    section : str
+    cross_section : str
         Of the channel; the simulated effects are those of a square one.
 
     Returns
@@ -33,6 +33,6 @@ def catalogue(section: str = "square") -> dict[str, Effect]:
     ['bending', 'corner_radius', 'exposure']
     """
     shipped = Database.shipped()
-    effects: list[Effect] = [one for one in SIMULATED.values() if section == "square" and one.database in shipped]
+    effects: list[Effect] = [one for one in SIMULATED.values() if cross_section == "square" and one.database in shipped]
     effects += [ChannelSwelling(), Halo(), ModulusSlope(), MotionBlur(), PixelScale(), ViscosityError()]
     return {one.parameter.name: one for one in effects}

@@ -25,7 +25,6 @@ from capsbayes.infer.prior import Prior
 from capsbayes.infer.sampling.convergence import ess_gates
 from capsbayes.infer.sampling.ensembles import Chains, Effort, sampled
 from capsbayes.infer.sampling.log_density import LogDensity
-from capsbayes.infer.section import check_section
 from capsbayes.infer.shares import variance_shares
 from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
@@ -87,7 +86,7 @@ def identify(
     """
     if engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
-    check_section(model, experiment)
+    model.check_cross_section(experiment)
     if measurement.outline is not None:
         check_view_of(model, measurement.outline, measurement.source or "measurement")
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would only wait for each other

@@ -179,7 +179,7 @@ class Posterior:
         return {
             **{name: dict(zip(("value", "error", "unit"), pair, strict=True)) for name, pair in pairs.items()},
             "length_correlation": seen.length_correlation,
-            "section": known.section,
+            "cross_section": known.cross_section,
             "files": {Path(one.source).name: one.sha256 for one in (seen, known) if one.source},
         }
 

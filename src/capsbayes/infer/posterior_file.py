@@ -61,7 +61,7 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
     return {
         "measurement": measured,
         "experiment": {
-            "section": known.section,
+            "cross_section": known.cross_section,
             "half_width": known.half_width.as_record(),
             "viscosity": known.viscosity.as_record(),
             "source": known.source,
@@ -197,7 +197,7 @@ def _measurement(table: Mapping[str, Any], points: Any) -> Measurement:
 def _experiment(table: Mapping[str, Any]) -> Experiment:
     rate = table["frame_rate"]
     return Experiment(
-        section=table["section"],
+        cross_section=table["cross_section"] if "cross_section" in table else table["section"],
         half_width=Quantity.of_record(table["half_width"], "m"),
         viscosity=Quantity.of_record(table["viscosity"], "Pa s"),
         source=table["source"],

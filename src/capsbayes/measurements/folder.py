@@ -26,13 +26,13 @@ def read_folder(folder: Path, experiment: Experiment | str | Path | None = None)
     folder : Path
         Each file as `Measurement.read` reads it; files of experiments among them are passed over.
     experiment : Experiment or path, optional
-        By default the one that each measurement names; if there are several, of one section, half width and viscosity
-        are those of each.
+        By default the one that each measurement names; if there are several, of one cross-section, half width and
+        viscosity are those of each.
 
     Raises
     ------
     InputError
-        If no capsule can be used, or one names no experiment, or they name some of different sections.
+        If no capsule can be used, or one names no experiment, or they name some of different cross-sections.
     """
     readers = [partial(Measurement.read, file) for file in measurement_files(folder)]
     measurements, left_out = gathered(readers, folder)
@@ -76,7 +76,7 @@ def _is_experiment(file: Path) -> bool:
         content = InputFile.read(file).content
     except InputError:
         return False
-    return "section" in content and "measurement" not in content
+    return not content.keys().isdisjoint(("cross_section", "section")) and "measurement" not in content
 
 
 def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Measurement, ...], Experiment]:
@@ -85,8 +85,9 @@ def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Me
     known = {file: Experiment.read(file) for file in dict.fromkeys(files)}
     first = known[files[0]]
     for other in known.values():
-        if other.section != first.section:
-            raise InputError(other.source, "section", f"{first.section!r} as in {first.source}", repr(other.section))
+        if other.cross_section != first.cross_section:
+            expected = f"{first.cross_section!r} as in {first.source}"
+            raise InputError(other.source, "cross_section", expected, repr(other.cross_section))
     if len(known) == 1:
         return measurements, first
     conditions = {

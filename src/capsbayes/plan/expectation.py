@@ -46,7 +46,7 @@ class Expectation:
 
     Examples
     --------
-    >>> lab = Experiment(section="square", half_width=25e-6, viscosity=0.8)
+    >>> lab = Experiment(cross_section="square", half_width=25e-6, viscosity=0.8)
     >>> soon = Expectation.of("50 +/- 10 mN/m", 24e-6, lab)
     >>> soon.known, round(soon.centre.size_ratio.item(), 3)
     (False, 0.96)

@@ -39,15 +39,15 @@ _POINTS = 96  # velocities
 _DRAWS = 4000
 
 
-def flow_rate(mean_velocity: float, half_width: float, section: str) -> float:
-    """Flow rate Q of a mean velocity U [m^3/s]: U (2l)^2 in a square section, U pi l^2 in a circular one.
+def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> float:
+    """Flow rate Q of a mean velocity U [m^3/s]: U (2l)^2 in a square channel, U pi l^2 in a circular one.
 
     Examples
     --------
     >>> round(6e10 * flow_rate(5e-3, 25e-6, "square"), 3)  # in uL/min
     0.75
     """
-    return mean_velocity * half_width**2 * {"square": 4.0, "circular": float(np.pi)}[section]
+    return mean_velocity * half_width**2 * {"square": 4.0, "circular": float(np.pi)}[cross_section]
 
 
 def flow_design(
@@ -115,7 +115,7 @@ def flow_design(
         table = WidthTable.of(predictor, capsules.size_ratio, progress)
     per_ca = expected_modulus / float(centre.viscosity[0])
     velocities = per_ca * here.inner(_POINTS)
-    expected = [_expected(one, table, capsules, centre, model, margin, experiment.section) for one in velocities]
+    expected = [_expected(one, table, capsules, centre, model, margin, experiment.cross_section) for one in velocities]
     points, status = _judged(expected, risk)
     allowed = [point for point in points if point.allowed]
     return FlowDesign(
@@ -133,7 +133,13 @@ def flow_design(
 
 
 def _expected(
-    velocity: float, table: WidthTable, capsules: Draws, centre: Draws, model: ForwardModel, margin: float, section: str
+    velocity: float,
+    table: WidthTable,
+    capsules: Draws,
+    centre: Draws,
+    model: ForwardModel,
+    margin: float,
+    cross_section: str,
 ) -> FlowPoint:
     """One velocity, not yet judged."""
     ca, size = capsules.capillary_number(velocity), capsules.size_ratio
@@ -145,7 +151,7 @@ def _expected(
     middle = {"capillary_number": centre.capillary_number(velocity), "size_ratio": centre.size_ratio}
     return FlowPoint(
         mean_velocity=float(velocity),
-        flow_rate=flow_rate(float(velocity), float(centre.half_width[0]), section),
+        flow_rate=flow_rate(float(velocity), float(centre.half_width[0]), cross_section),
         capillary_number=float(middle["capillary_number"][0]),
         capsule_velocity=float(velocity * model(middle).velocity_ratio[0]),
         **widths,

@@ -105,7 +105,7 @@ def lab_attributes(model: ForwardModel, experiment: Experiment, errors: LabError
     return {
         "model": model.name,
         "model_sha256": model.sha256,
-        "section": experiment.section,
+        "cross_section": experiment.cross_section,
         "experiment": json.dumps(lab),
         "errors": json.dumps(errors.as_dict()),
         "version": __version__,

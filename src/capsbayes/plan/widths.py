@@ -21,7 +21,6 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
-from capsbayes.infer.section import check_section
 from capsbayes.infer.verdict import leaning
 from capsbayes.model import ForwardModel
 from capsbayes.plan.lab_errors import LabErrors
@@ -84,7 +83,7 @@ class WidthPredictor:
     Raises
     ------
     InputError
-        If the model has a further coordinate, or is of another section than the experiment.
+        If the model has a further coordinate, or is of another cross-section than the experiment.
     """
 
     def __init__(
@@ -178,12 +177,12 @@ def noise_lattice(count: int) -> Floats:
 
 
 def check_model(model: ForwardModel, experiment: Experiment) -> None:
-    """Refuse a model that is of another section, or for which a point (Ca, a/l) is not a shape."""
+    """Refuse a model of another cross-section, or one for which a point (Ca, a/l) is not a shape."""
     if model.coordinates:
         name = ", ".join(model.coordinates)
         advice = f"fix it: model.fixed({name}=value)"
         raise InputError("sensitivity", "model", "a model of (Ca, a/l)", f"one of {name} too", advice)
-    check_section(model, experiment)
+    model.check_cross_section(experiment)
 
 
 def _root(covariance: Floats) -> Floats:

@@ -25,7 +25,7 @@ def contents_table(database: Database) -> Markup:
     attributes, done = database.dataset.attrs, database.converged
     rows = [
         ("law of the membrane", str(attributes["law"])),
-        ("section of the channel", str(attributes["section"])),
+        ("cross-section of the channel", str(attributes["section"])),
         ("effect", _effect(database)),
         ("bending modulus", typeset(f"{float(attributes['bending']):g} G_s a^2")),
         ("pre-inflation", f"{float(attributes['pre_inflation']):g}"),

@@ -81,7 +81,7 @@ def origin_table(posterior: Posterior) -> Markup:
     ]
     rows += [
         ("model", Markup("{}, sha256 <code>{}</code>").format(posterior.model_name, posterior.model_sha256)),
-        ("section of the channel", known.section),
+        ("cross-section of the channel", known.cross_section),
         ("engine", posterior.engine),
         ("seed", str(posterior.seed)),
         ("capsbayes", f"version {posterior.version}"),

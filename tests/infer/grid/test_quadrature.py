@@ -76,7 +76,7 @@ def test_summaries_are_those_of_its_draws(name, model, experiment, request):
 
 
 def test_a_known_half_width_gives_the_same_with_lengths_over_l_and_in_metres(model, capsule, capsule_in_metres):
-    experiment = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+    experiment = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
     quadrature = Quadrature(model, experiment)
     for name in ("surface_shear_modulus", "capsule_radius"):
         one, other = quadrature(capsule).marginal(name), quadrature(capsule_in_metres).marginal(name)
@@ -103,7 +103,7 @@ def test_the_grid_follows_posteriors_of_any_width(model, experiment, capsule):
 
 
 def test_known_inputs_leave_the_spread_of_the_shape(model, capsule):
-    experiment = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+    experiment = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
     posterior = Quadrature(model, experiment)(capsule)
     assert posterior.marginal("viscosity").sd == 0.0
     one, size = posterior.log_marginal("capsule_radius"), posterior.log_marginal("size_ratio")

@@ -22,7 +22,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature
 from capsbayes.infer.many import Population, identify_folder, listing
-from capsbayes.infer.many.listing import section_and_view
+from capsbayes.infer.many.listing import cross_section_and_view
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
@@ -33,7 +33,7 @@ from capsbayes.work import Store
 identify_folder_module = import_module("capsbayes.infer.many.identify_folder")  # whose function has its name
 
 MODEL = PolynomialModel()
-EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 HERE = {"scheduler": "synchronous", "check": 0.0, "progress": False, "seed": 1}
 SCRIPT = """
 import sys
@@ -217,7 +217,7 @@ def test_pictures_are_measured_and_identified(tmp_path):
     assert Status[found["status"][0]].ok
     assert found["status"][1] in ("NO_WALLS", "NO_CAPSULE")
     assert found["surface_shear_modulus_median"][0] > 0.0
-    assert section_and_view(folder, EXPERIMENT) == ("square", "silhouette")
+    assert cross_section_and_view(folder, EXPERIMENT) == ("square", "silhouette")
     bare = identify_folder(folder, model, EXPERIMENT, out=tmp_path / "s.nc", **HERE)
     assert "capsule_velocity: expected what a picture does not show" in bare["reason"][0]
 
@@ -246,7 +246,7 @@ def test_a_change_of_the_experiment_that_files_name_is_a_change_of_their_rows(tm
     folder = tmp_path / "run"
     folder.mkdir()
     EXPERIMENT.write(folder / "experiment.toml")
-    twice = Experiment(section="square", half_width=25e-6, viscosity=1.7)
+    twice = Experiment(cross_section="square", half_width=25e-6, viscosity=1.7)
     how = {"axial_length": 1.81, "axial_length_error": 0.01}
     for name in "ab":
         Measurement(2.14, 0.01, 5e-3, 5e-5, **how, experiment_file=folder / "experiment.toml").write(

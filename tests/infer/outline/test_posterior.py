@@ -21,7 +21,7 @@ from capsbayes.surrogate import Surrogate
 
 NOISE = OutlineNoise(0.006, 0.4, 0.1)
 FLOW = 4e-3  # mean velocity of the liquid [m/s]
-EXPERIMENT = Experiment(section="square", half_width=50e-6, viscosity=0.7)
+EXPERIMENT = Experiment(cross_section="square", half_width=50e-6, viscosity=0.7)
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 
 NOISE = OutlineNoise(0.004, 0.3, 0.5)
-EXPERIMENT = Experiment(section="square", half_width=50e-6, viscosity=0.7)
+EXPERIMENT = Experiment(cross_section="square", half_width=50e-6, viscosity=0.7)
 FLOW = 4e-3
 ANGLE = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
 CIRCLE = np.stack([np.cos(ANGLE), np.sin(ANGLE)], axis=1)

@@ -40,7 +40,9 @@ def budget(
     check_folder("--out", out)
     measurement = Measurement.read(capsule)
     known = named_experiment(measurement, experiment)
-    model = named_model(database, known.section, None if measurement.outline is None else measurement.outline.view)
+    model = named_model(
+        database, known.cross_section, None if measurement.outline is None else measurement.outline.view
+    )
     prior = Prior.read(capsule)
     with Console(stderr=True).status("Working out the budget ..."):
         posterior = identify(measurement, model, known, engine="quadrature", seed=seed, prior=prior)

@@ -62,7 +62,7 @@ def flow(
     modulus = Quantity.of_text(shear_modulus, "surface_shear_modulus", where="flow", key="--shear-modulus")
     size = Quantity.of_text(radius, "capsule_radius", where="flow", key="--radius")
     errors, known = read_lab("flow", like, experiment, extent_error, length_error, velocity_error)
-    lab = (modulus, size, known, errors, named_model(database, known.section))
+    lab = (modulus, size, known, errors, named_model(database, known.cross_section))
     design = flow_design(*lab, seed=seed, margin=margin, risk=risk, progress=progress)
     tried = None
     if simulate and design.best is not None:

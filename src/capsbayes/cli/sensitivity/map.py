@@ -52,7 +52,7 @@ def identifiability(
 
     check_folder("--out", out)
     errors, known = read_lab("map", like, experiment, extent_error, length_error, velocity_error)
-    model = named_model(database, known.section)
+    model = named_model(database, known.cross_section)
     found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=progress)
     short = _short(found)
     if out is not None:
@@ -89,7 +89,7 @@ def _short(found: xr.Dataset) -> dict[str, Any]:
         "share_of_points_with_width_below": below,
         "share_of_points_that_lean_on_the_border": float(1.0 - measured.sum() / known.sum()),
         "points": int(known.sum()),
-        **{name: found.attrs[name] for name in ("model", "model_sha256", "section", "version")},
+        **{name: found.attrs[name] for name in ("model", "model_sha256", "cross_section", "version")},
         "noises": int(found.attrs["noises"]),
         **{name: json.loads(found.attrs[name]) for name in ("experiment", "errors")},
     }

@@ -49,7 +49,7 @@ def sobol(
     stated = _stated(ranges or [])
     measurement = Measurement.read(capsule)
     known = named_experiment(measurement, experiment)
-    model = named_model(database, known.section)
+    model = named_model(database, known.cross_section)
     with Console(stderr=True).status("Answering the samples ..."):
         study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
     if out is not None:

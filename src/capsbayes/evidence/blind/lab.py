@@ -79,7 +79,7 @@ class Lab:
     def experiment(self) -> Experiment:
         """What the lab knows of its channel and its liquid."""
         return Experiment(
-            section="square",
+            cross_section="square",
             half_width=Quantity(self.half_width, self.half_width_error),
             viscosity=Quantity(self.viscosity, self.viscosity_error),
         )

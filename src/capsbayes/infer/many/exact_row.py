@@ -16,7 +16,6 @@ from capsbayes.infer.many.tabulated.mixture import mixture
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.outline.likelihood import check_view_of
 from capsbayes.infer.outline.misfit import outline_misfit
-from capsbayes.infer.section import check_section
 from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.model import TWO_SHAPES, WRINKLES
@@ -53,7 +52,7 @@ def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run
 
 def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
     own = run.experiment_of(measurement)
-    check_section(run.model, own)
+    run.model.check_cross_section(own)
     if measurement.outline is not None:
         check_view_of(run.model, measurement.outline, measurement.source or "measurement")
     with threadpool_limits(limits=1):

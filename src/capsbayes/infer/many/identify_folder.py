@@ -28,7 +28,6 @@ from capsbayes.infer.many.sampled import ChainTask, CheckTask, Compared, compare
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import RowsTask, StoredTask
 from capsbayes.infer.prior import Prior
-from capsbayes.infer.section import check_section
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
 from capsbayes.work import Store, progress_bar, run_tasks
@@ -113,7 +112,7 @@ def identify_folder(
     where = None if background is None else Path(background)
     run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
     if experiment is not None:
-        check_section(model, experiment)
+        model.check_cross_section(experiment)
     pool = _Pool(run, scheduler, workers, progress)
     store = Store(parts, run.fingerprint)
     with _room_on_the_disk(parts):
@@ -187,7 +186,7 @@ def _attributes(run: Run, source: Path) -> dict[str, Any]:
     if known is not None:
         inputs = {"half_width": known.half_width, "viscosity": known.viscosity}
         pairs = {name: {"value": one.mean, "error": one.sd} for name, one in inputs.items()}
-        stated = {"section": known.section, **pairs}
+        stated = {"cross_section": known.cross_section, **pairs}
     return {
         "title": "posteriors of capsules",
         "source": str(source),

@@ -29,7 +29,7 @@ from capsbayes.measurements.folder import measurement_files
 from capsbayes.measurements.netcdf import opened
 from capsbayes.work import Store
 
-__all__ = ["Listed", "capsule_files", "common_experiment", "listed", "section_and_view"]
+__all__ = ["Listed", "capsule_files", "common_experiment", "cross_section_and_view", "listed"]
 
 ROWS = 2000
 """Of a table in one task: a second or two of work."""
@@ -114,7 +114,7 @@ def common_experiment(source: Path) -> Experiment | None:
     return None if only is None or not only.is_file() else Experiment.read(only)
 
 
-def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, str]:
+def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, str]:
     """Section of the channel and view of the outlines, read off the first capsule that says so.
 
     Parameters
@@ -122,12 +122,12 @@ def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, 
     source : Path
         As of `listed`.
     experiment : Experiment, optional
-        Whose section it is, if it is given.
+        Whose cross-section it is, if it is given.
 
     Raises
     ------
     InputError
-        If nothing is there, or nothing says what the section is.
+        If nothing is there, or nothing states the cross-section.
     """
     _check_there(source)
     view = MID_PLANE
@@ -148,7 +148,7 @@ def section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, 
     if experiment is None:
         advice = "say which with --experiment"
         raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
-    return experiment.section, view
+    return experiment.cross_section, view
 
 
 def _check_there(source: Path) -> None:

@@ -59,7 +59,7 @@ class Run:
         parts: list[object] = [__version__, self.model.name, self.model.sha256, self.seed, self.prior.described()]
         parts += [(name, one.as_record()) for name, one in sorted(self.prior.coordinates.items())]
         if known is not None:
-            parts += [known.section, known.half_width.as_record(), known.viscosity.as_record()]
+            parts += [known.cross_section, known.half_width.as_record(), known.viscosity.as_record()]
         parts += [self.capsule_velocity, self.flow]
         if self.background is not None:
             parts.append(_hash_of(self.background))

@@ -17,7 +17,7 @@ from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 
 MODEL = PolynomialModel()
-EXPERIMENT = Experiment(section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
 TYPICAL = Measurement(2.14, 0.01, 5e-3, 5e-5, axial_length=1.81, axial_length_error=0.01)
 
 
@@ -70,7 +70,7 @@ def test_row_is_that_of_the_exact_engine(measurement, pyramid):
 
 
 def test_general_distributions_and_a_uniform_modulus(pyramid):
-    experiment = Experiment(section="square", half_width=25e-6, viscosity=stats.gamma(30.0, scale=0.85 / 30.0))
+    experiment = Experiment(cross_section="square", half_width=25e-6, viscosity=stats.gamma(30.0, scale=0.85 / 30.0))
     prior = Prior(Quantity.uniform(1e-3, 1.0), Quantity.log_uniform(1e-6, 1e-3))
     found = rows([TYPICAL], pyramid, prior=prior, experiment=experiment)
     wanted = exact(TYPICAL, prior=prior, experiment=experiment)[1]
@@ -109,7 +109,7 @@ def test_own_viscosity_and_half_width_scale_what_follows_from_them(pyramid):
 def test_the_mixture_has_the_moments_of_the_posterior_under_flat_priors(pyramid):
     """Log-uniform in both, so that the posterior is the likelihood of (log G_s, log a)."""
     flat = Prior(Quantity.log_uniform(1e-4, 10.0), Quantity.log_uniform(1e-6, 1e-3))
-    known = Experiment(section="square", half_width=25e-6, viscosity=0.85)
+    known = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
     for one in (TYPICAL, Measurement(2.14, 0.01, 5e-3, 5e-4)):
         components = rows([one], pyramid, prior=Prior(), experiment=known).components[0]
         weights, means = components[:, 0], components[:, 1:3] + np.log([0.85, 25e-6])
