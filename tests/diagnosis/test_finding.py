@@ -8,7 +8,7 @@ from scipy import stats
 from sessions import drawn_session
 
 from capsbayes import Surrogate
-from capsbayes.diagnosis.finding import find
+from capsbayes.diagnosis.finding import _by_signs, _Test, find
 from capsbayes.diagnosis.regions import REGIONS, region_displacements
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, MotionBlur, catalogue
@@ -106,3 +106,10 @@ def test_regions_are_where_their_names_say(model):
     top = outline[:, 1] > 0.1
     assert shapes["top against bottom"][top].min() >= 0.0
     assert shapes["top against bottom"][outline[:, 1] < -0.1].max() <= 0.0
+
+
+def test_signs_as_they_are_count_among_the_random_ones():
+    """Of five contributions alike in sign, one in sixteen patterns of signs has the same sum, up to rounding."""
+    contributions = np.array([0.3, 0.1, 0.7, 1.1, 0.9]) / 3.0
+    test = _Test("nose", "um", 1.0, contributions, np.ones(5), np.zeros(5))
+    assert _by_signs([test], np.random.default_rng(1))[0] == pytest.approx(1.0 / 16.0, abs=0.015)

@@ -89,3 +89,13 @@ def test_halves_are_disjoint_and_alike(model):
     assert abs(means[0] - means[1]) < 0.2 * spread
     again, _ = Session(session.measurements, session.experiment).halves(seed=5)
     assert [id(one) for one in again.measurements] == [id(one) for one in first.measurements]
+
+
+def test_fits_do_not_depend_on_where_they_begin(model):
+    session, _ = drawn_session(model + Halo(), 20, seed=5, outline=True, sizes={"halo": 0.4e-6})
+    white, sizes = whitening(model, session), {"halo": 0.5e-6}
+    first = fitted(model + Halo(), session, white, sizes)
+    other = fitted(model + Halo(), session, white, sizes, first.theta + np.array([0.02, 0.001]), everywhere=False)
+    errors = np.sqrt(np.diagonal(first.covariance, axis1=1, axis2=2))
+    away = np.abs(np.stack([other.log_modulus - first.log_modulus, other.size - first.size], axis=1))
+    assert np.quantile(away / errors, 0.9) < 1e-4

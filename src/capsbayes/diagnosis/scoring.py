@@ -46,6 +46,7 @@ _QUANTILES = (0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999)  # of the prior, at 
 _REFINED = 2  # times that sizes about the best are added
 _NEXT = 0.02  # of the distance of its neighbours, from the best size
 _FINE = 20_001
+_EQUAL = 1e-6  # log likelihoods that differ by less are the same
 _LARGEST_SPREAD = 3.0
 _LOST = 15.0  # log likelihood of a capsule of which the model knows no shape, below that of the least likely other
 _NOTHING = -1e6  # log likelihood of each where hardly one can have been made
@@ -99,8 +100,8 @@ class Scores:
 
     @property
     def best(self) -> int:
-        """Row of the likeliest size."""
-        return int(np.argmax(self.total))
+        """Row of the likeliest size; of those as likely but for rounding, the nearest to the null value."""
+        return _likeliest(self.sizes - self.effect.null_value, self.total)
 
     @property
     def size(self) -> float:
@@ -115,23 +116,20 @@ class Scores:
     @property
     def evidence(self) -> float:
         """Log of the likelihood averaged over the prior of the size, over that at the null value."""
-        fine, total = self._between()
+        fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
+        total = PchipInterpolator(self.sizes, self.total)(fine)
         prior = self.effect.prior.pdf(fine)
         most = float(total.max())
         mean = np.trapezoid(prior * np.exp(total - most), fine) / np.trapezoid(prior, fine)
         return most + float(np.log(mean)) - float(self.total[self.null])
 
-    def _between(self) -> tuple[Floats, Floats]:
-        """Many sizes, and the log likelihood there."""
-        fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
-        return fine, np.asarray(PchipInterpolator(self.sizes, self.total)(fine))
-
     def interval(self, drop: float = 0.5) -> tuple[float, float]:
         """Sizes at which the log likelihood has fallen by `drop` from its best: 0.5 for 68 %, 1.92 for 95 %."""
-        fine, total = self._between()
-        within = np.flatnonzero(total >= self.total.max() - drop)
-        ends = (fine[within[0]], fine[within[-1]]) if len(within) else (self.size, self.size)
-        return min(float(ends[0]), self.size), max(float(ends[1]), self.size)
+        least = float(self.total.max()) - drop
+        ends = PchipInterpolator(self.sizes, self.total).solve(least, extrapolate=False)
+        low = self.sizes[0] if self.total[0] >= least else ends.min(initial=self.size)
+        high = self.sizes[-1] if self.total[-1] >= least else ends.max(initial=self.size)
+        return float(low), float(high)
 
 
 class Tried(NamedTuple):
@@ -200,7 +198,7 @@ class Trial:
         """Add sizes about the best."""
         for _ in range(times):
             known = self.scores
-            for size in _about_the_best(known.sizes.tolist(), known.total.tolist()):
+            for size in _about_the_best(known.sizes.tolist(), known.total.tolist(), self.effect.null_value):
                 self._add(size)
 
     def _add(self, size: float, *, everywhere: bool = False) -> None:
@@ -224,12 +222,17 @@ def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[f
     return [*(float(one) for one in effect.prior.ppf(_QUANTILES)), *(one for one in about if low <= one <= high)]
 
 
-def _about_the_best(sizes: list[float], totals: list[float]) -> list[float]:
+def _likeliest(away: Floats, totals: Floats) -> int:
+    """Row of the highest of totals (J,); of those as high but for rounding, that which is least away (J,)."""
+    return int(np.argmin(np.where(totals >= totals.max() - _EQUAL, np.abs(away), np.inf)))
+
+
+def _about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) -> list[float]:
     """Sizes to try next: the top of a parabola through the best and its neighbours, and two standard errors beside.
 
     Those that lie next to a size that is known already are left out.
     """
-    best = int(np.argmax(totals))
+    best = _likeliest(np.array(sizes) - null, np.array(totals))
     if best in (0, len(sizes) - 1):
         beside = sizes[1] if best == 0 else sizes[-2]
         return [0.5 * (sizes[best] + beside)]
@@ -237,7 +240,7 @@ def _about_the_best(sizes: list[float], totals: list[float]) -> list[float]:
     (x0, x1, x2), (y0, y1, y2) = sizes[best - 1 : best + 2], totals[best - 1 : best + 2]
     left, right = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
     bend = (right - left) / (0.5 * (x2 - x0))
-    if bend >= 0.0:  # an effect that leaves no trace
+    if bend * (high - low) ** 2 > -_EQUAL:  # an effect that leaves no trace
         return []
     top = 0.5 * (x0 + x1) - left / bend
     error = 1.0 / np.sqrt(-bend)

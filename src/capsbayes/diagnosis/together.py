@@ -100,19 +100,12 @@ class _Pair:
         """With both at given sizes (2,)."""
         key = tuple(sizes.tolist())
         if key not in self._known:
-            nearest = min(
-                self._known, key=lambda other: float(np.linalg.norm((sizes - other) / self.scale)), default=None
-            )
-            start = self._start if nearest is None else self._known[nearest].theta
-            found = fitted(
-                self.model,
-                self.session,
-                self.white,
-                dict(zip(self.names, key, strict=True)),
-                start,
-                everywhere=nearest is None,
-            )
-            self._known[key] = Tried.of(found)
+            named = dict(zip(self.names, key, strict=True))
+            first = not self._known
+            fits = fitted(self.model, self.session, self.white, named, self._start, everywhere=first)
+            self._known[key] = Tried.of(fits)
+            if first:
+                self._start = fits.theta
         return self._known[key]
 
     def total(self, sizes: Floats) -> float:
