@@ -21,8 +21,8 @@ from scipy.stats import binom
 from threadpoolctl import threadpool_limits
 
 from capsbayes.database import Database
-from capsbayes.image.frames import Picture
-from capsbayes.image.measure import sight
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect
 from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
 
 SETS = {"sharp, 0.5 to 1 px": (0.5, 1.0), "1 to 1.7 px": (1.0, 1.7), "blurred, 1.7 to 2.2 px": (1.7, 2.2)}
@@ -104,7 +104,7 @@ def scenery(cases: Database, blur: tuple[float, float], random: np.random.Genera
 def count(made: Drawing, tally: Tally) -> None:
     picture, background = Picture.from_array(made.picture), Picture.from_array(made.background)
     start = time.process_time()
-    seen = sight(picture, background=background)
+    seen = detect(picture, background=background)
     tally.seconds.append(time.process_time() - start)
     tally.statuses[seen.status.name] += 1
     if not seen.status.ok:

@@ -24,8 +24,8 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Experiment, MeasuredOutline, Measurement, Surrogate
 from capsbayes.errors import InputError
-from capsbayes.image.frames import Picture
-from capsbayes.image.measure import measurement_of, sight
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect, measurement_of
 from capsbayes.image.synthetic import Drawing, draw
 from capsbayes.infer import Quadrature
 from capsbayes.infer.outline.likelihood import aligned_with
@@ -158,11 +158,11 @@ def one(cases: Database, blur: tuple[float, float], random: np.random.Generator,
     scene, optics = scenery(case, blur, random)
     made = draw(scene, optics, seed=int(random.integers(2**31)))
     seen = Picture.from_array(made.picture)
-    sighting = sight(seen, background=Picture.from_array(made.background))
+    detection = detect(seen, background=Picture.from_array(made.background))
     speed = FLOW * float(case["velocity_ratio"][0])
-    measured = measurement_of(sighting, seen, EXPERIMENT, Quantity(speed, 0.01 * speed, "m/s"))
+    measured = measurement_of(detection, seen, EXPERIMENT, Quantity(speed, 0.01 * speed, "m/s"))
     if measured.outline is None:
-        tally.failed.append(sighting.status.name if not sighting.status.ok else "no direction")
+        tally.failed.append(detection.status.name if not detection.status.ok else "no direction")
         return
     compare(made, measured.outline, tally)
     try:

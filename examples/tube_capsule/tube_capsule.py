@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from capsbayes import Experiment, Surrogate, identify
-from capsbayes.image import Picture, sight
+from capsbayes.image import Picture, detect
 from capsbayes.image.measure import measurement_of
 from capsbayes.image.overlay import write_overlay
 from capsbayes.infer import Prior
@@ -43,11 +43,11 @@ def main():
     parser.add_argument("--picture", type=Path, help="where to draw the silhouette beside those of the laws")
     asked = parser.parse_args()
     picture = Picture.read(asked.folder / "capsule.png")
-    sighting = sight(picture, background=Picture.read(asked.folder / "background.png"), flow="right")
-    measured = measurement_of(sighting, picture, EXPERIMENT, VELOCITY)
+    detection = detect(picture, background=Picture.read(asked.folder / "background.png"), flow="right")
+    measured = measurement_of(detection, picture, EXPERIMENT, VELOCITY)
     for name in ("axial_extent", "axial_length"):
         print(f"{name} / R: {getattr(measured, name):.4f} +/- {getattr(measured, f'{name}_error'):.4f}")
-    within = sighting.rear.width / sighting.walls.half_width
+    within = detection.rear.width / detection.walls.half_width
     print(f"the membrane lies somewhere in the rear's dark band, of standard deviation {within:.3f} R")
     plain, lengths, silhouettes = replace(measured, outline=None), {}, {}
     wide = replace(plain, axial_length_error=float(np.hypot(within, measured.axial_length_error)))
@@ -57,7 +57,7 @@ def main():
         silhouettes[law] = identified(measured, Surrogate.open(database, view="silhouette"), law, "silhouette")
     if asked.out is not None:
         asked.out.mkdir(parents=True, exist_ok=True)
-        write_overlay(asked.out / "overlay.png", picture, sighting)
+        write_overlay(asked.out / "overlay.png", picture, detection)
         for law, posterior in lengths.items():
             write_report(posterior, asked.out / f"{LAWS[law]}.html", picture=asked.folder / "capsule.png")
     if asked.picture is not None:

@@ -5,8 +5,8 @@ from drawn import HALF_WIDTH, circle, drawn
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image.frames import Picture
-from capsbayes.image.measure import measure, sight
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect, measure
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
@@ -19,7 +19,7 @@ UNEVEN = Optics(blur=1.0, motion=1.5, halo=0.08, vignetting=0.25, unevenness=0.1
 
 def seen(made, *, flow=None, background=True):
     empty = Picture.from_array(made.background) if background else None
-    return sight(Picture.from_array(made.picture), background=empty, flow=flow)
+    return detect(Picture.from_array(made.picture), background=empty, flow=flow)
 
 
 @pytest.mark.parametrize(("optics", "tolerance"), [(Optics(), 0.2), (UNEVEN, 0.35), (BLURRED, 0.6)])
@@ -71,13 +71,13 @@ def test_a_measurement_is_over_l_with_the_errors_of_both(tmp_path):
     measured = measure(
         tmp_path / "picture.png", EXPERIMENT, capsule_velocity=VELOCITY, background=tmp_path / "background.png"
     )
-    sighting = seen(made)
+    detection = seen(made)
     assert measured.over_half_width
-    np.testing.assert_allclose(measured.lengths, sighting.lengths[:2] / sighting.lengths[3])
+    np.testing.assert_allclose(measured.lengths, detection.lengths[:2] / detection.lengths[3])
     share = np.sqrt(np.diag(measured.covariance)) / measured.lengths
-    of_walls = np.sqrt(sighting.covariance[3, 3]) / sighting.lengths[3]
+    of_walls = np.sqrt(detection.covariance[3, 3]) / detection.lengths[3]
     np.testing.assert_allclose(
-        share, np.hypot(np.sqrt(np.diag(sighting.covariance))[:2] / sighting.lengths[:2], of_walls)
+        share, np.hypot(np.sqrt(np.diag(detection.covariance))[:2] / detection.lengths[:2], of_walls)
     )
     assert 0.0 < measured.length_correlation < 1.0
     assert measured.source.endswith("picture.png")

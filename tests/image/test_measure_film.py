@@ -38,7 +38,7 @@ def test_velocity_and_lengths_lie_within_their_errors(tmp_path):
         made = measured(tmp_path / str(seed), film(PLACES, seed))
         (capsule,) = made.capsules
         assert capsule.status is Status.DONE
-        assert len(capsule.moments) == len(PLACES)
+        assert len(capsule.frames) == len(PLACES)
         seen = capsule.measurement
         z.append((capsule.velocity.value - STEP) / capsule.velocity.error)
         of_lengths.append((seen.lengths - truth) / np.sqrt(np.diag(seen.covariance)))
@@ -61,8 +61,8 @@ def test_the_error_of_the_half_width_is_in_the_velocity(tmp_path):
 def test_the_mean_has_less_noise_than_one_frame_and_the_same_misfit(tmp_path):
     noisy = film(PLACES, 3, electrons=1000.0)
     (capsule,) = measured(tmp_path / "film", noisy).capsules
-    one = capsule.moments[0]
-    alone, lasting = (one.covariance - one.lasting)[0, 0], one.lasting[0, 0]
+    one = capsule.frames[0]
+    alone, lasting = (one.covariance - one.systematic)[0, 0], one.systematic[0, 0]
     mean = capsule.measurement.covariance[0, 0] * HALF_WIDTH**2
     assert lasting < mean < lasting + 0.5 * alone
     assert 0.2 < capsule.repeat_error[0] / np.sqrt(alone) < 1.5
@@ -93,7 +93,7 @@ def test_a_bad_frame_stops_nothing(tmp_path):
     made = measure_film(folder, EXPERIMENT, frame_rate=RATE, background=empty())
     assert (made.frames, made.unreadable) == (9, 1)
     assert made.capsules[0].velocity.value == pytest.approx(STEP, abs=0.01)
-    assert len(made.capsules[0].moments) == 8
+    assert len(made.capsules[0].frames) == 8
 
 
 @pytest.mark.parametrize(

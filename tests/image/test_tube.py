@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from capsbayes.image.frames import Picture
-from capsbayes.image.measure import sight
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect
 from capsbayes.status import Status
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tube_capsule" / "tube_capsule.py"
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are
 @pytest.mark.parametrize("with_background", [True, False])
 def test_what_can_be_read_off_the_picture_by_eye_is_found(with_background):
     background = Picture.read(FOLDER / "background.png") if with_background else None
-    found = sight(Picture.read(FOLDER / "capsule.png"), background=background, flow="right")
+    found = detect(Picture.read(FOLDER / "capsule.png"), background=background, flow="right")
     assert found.status is Status.DONE
     extent, length, _, half_width = found.lengths
     assert 2.0 * half_width == pytest.approx(176.0, abs=1.0)
@@ -32,12 +32,12 @@ def test_what_can_be_read_off_the_picture_by_eye_is_found(with_background):
 
 
 def test_the_other_direction_is_refused():
-    assert sight(Picture.read(FOLDER / "capsule.png"), flow="left").status is Status.WRONG_FLOW
+    assert detect(Picture.read(FOLDER / "capsule.png"), flow="left").status is Status.WRONG_FLOW
 
 
 def test_the_empty_tube_holds_no_capsule():
     empty = Picture.read(FOLDER / "background.png")
-    assert sight(empty, background=empty).status is Status.NO_CAPSULE
+    assert detect(empty, background=empty).status is Status.NO_CAPSULE
 
 
 @pytest.mark.slow

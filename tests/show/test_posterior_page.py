@@ -14,8 +14,8 @@ from markupsafe import Markup
 from results import posterior
 
 import capsbayes as cb
-from capsbayes.image.frames import Picture
-from capsbayes.image.measure import sight
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.show.capsule_pictures import capsule_pictures
 from capsbayes.show.page import typeset
@@ -144,7 +144,7 @@ def photograph(tmp_path_factory):
 
 
 def test_the_outline_is_laid_over_the_picture_nose_on_nose(photograph):
-    seen = sight(Picture.read(photograph))
+    seen = detect(Picture.read(photograph))
     outline = posterior().outlines[0]
     laid = on_picture(outline, seen)
     downstream = seen.flow * seen.walls.along
@@ -153,7 +153,7 @@ def test_the_outline_is_laid_over_the_picture_nose_on_nose(photograph):
     ax = picture_figure(posterior(), photograph).axes[0]
     assert {line.get_label() for line in ax.lines} >= {"measured edge", "predicted outline"}
     bar = next(line for line in ax.lines if line.get_color() == "white")
-    width = posterior().inputs.half_width.centre
+    width = posterior().inputs.half_width.value
     assert np.ptp(bar.get_xdata()) == pytest.approx(20e-6 / width * seen.walls.half_width)
 
 

@@ -88,7 +88,7 @@ def measure(
 
 
 def _kind(path: Path) -> str:
-    from capsbayes.image.film import is_film
+    from capsbayes.image.files.film import is_film
 
     suffix = path.suffix.lower()
     if suffix in _CONTOURS:
@@ -111,7 +111,8 @@ def _measure_contour(
 ) -> None:
     from capsbayes.cli.measure_picture import pair, pixel_size_of
     from capsbayes.errors import InputError
-    from capsbayes.image.contour_file import ContourFile, measure_contour
+    from capsbayes.image.files.contour import ContourFile
+    from capsbayes.image.measure_contour import measure_contour
     from capsbayes.quantity import Quantity
 
     if flow is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,20 +9,11 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from collections import Counter
-
-    from rich.table import Table
+    import pandas as pd
 
     from capsbayes.experiment import Experiment
-    from capsbayes.image.filmed import FilmedCapsule
     from capsbayes.image.measure_film import FilmMeasurement
     from capsbayes.quantity import Quantity
-    from capsbayes.status import Status
-
-_COLUMNS = (
-    *("capsule", "status", "frames", "axial_extent_over_l", "axial_extent_error_over_l"),
-    *("axial_length_over_l", "axial_length_error_over_l", "velocity_m_s", "velocity_error_m_s"),
-)
 
 
 def measure_film(
@@ -35,13 +25,20 @@ def measure_film(
     flow: str | None,
     out: Path | None,
 ) -> None:
-    """Measure the capsules of a film, print them, and write what there is of each."""
+    """Measure the capsules of a film, print them, and write the files of each."""
+    from capsbayes.image.files.film import Film
+    from capsbayes.image.measure_film import measure_film
+    from capsbayes.work.progress import progress_bar
+
     rate = _rate(frame_rate, experiment)
-    made = _measured(path, experiment, rate, background, flow)
+    film = Film.open(path)
+    with progress_bar(film.count, "frames") as update:
+        made = measure_film(film, experiment, frame_rate=rate, background=background, flow=flow, watch=update)
+    table = made.table()
     if made.status.ok:
-        _print(made)
+        _print(made, table)
     if out is not None:
-        _write(made, out)
+        _write(made, table, out)
     good = sum(capsule.status.ok for capsule in made.capsules)
     typer.echo(f"Status: {made.status if not made.status.ok else f'{good} of {len(made.capsules)} capsules measured.'}")
     if not good:
@@ -60,93 +57,50 @@ def _rate(text: str | None, experiment: Experiment) -> Quantity:
     return experiment.frame_rate
 
 
-def _measured(
-    path: Path, experiment: Experiment, rate: Quantity, background: Path | None, flow: str | None
-) -> FilmMeasurement:
-    import sys
-
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from capsbayes.image.film import Film
-    from capsbayes.image.measure_film import measure_film
-
-    film = Film.open(path)
-    layout = (BarColumn(), MofNCompleteColumn(), TextColumn("frames"), TimeElapsedColumn())
-    with Progress(*layout, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("frames", total=film.count)
-        return measure_film(
-            film,
-            experiment,
-            frame_rate=rate,
-            background=background,
-            flow=flow,
-            watch=lambda done: bar.update(task, completed=done),
-        )
-
-
-def _print(made: FilmMeasurement) -> None:
+def _print(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "change of L_z", "of L_a", "of v_o", ""):
-        table.add_column(heading)
-    for number, capsule in enumerate(made.capsules, start=1):
-        _add_row(table, number, capsule)
+    headings = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "change of L_z", "of L_a", "of v_o", "")
+    table = Table(*headings, box=box.SIMPLE_HEAD)
+    for _, row in capsules.iterrows():
+        table.add_row(str(row["capsule"]), str(row["frames"]), *_cells(row), row["status"])
     console = Console(highlight=False)
     console.print(table)
     clipped = f", {made.saturated} clipped between the walls" if made.saturated else ""
     unread = f", {made.unreadable} that could not be read" if made.unreadable else ""
-    console.print(f"{made.frames} frames{unread}{clipped}. Spots refused: {_counted(made.statuses) or 'none'}.")
+    refused = [f"{status.name} {count}" for status, count in (made.statuses or {}).items() if not status.ok]
+    console.print(f"{made.frames} frames{unread}{clipped}. Objects refused: {', '.join(refused) or 'none'}.")
 
 
-def _add_row(table: Table, number: int, capsule: FilmedCapsule) -> None:
-    from capsbayes.image.motion import Drift
-
-    def change(name: str) -> str:
-        drift: Drift | None = capsule.drifts.get(name)
-        return "" if drift is None else f"{100.0 * drift.change:+.2f} % ({drift.significance:.1f} s.e.)"
-
-    seen = capsule.measurement
-    cells = ["", "", ""]
-    if capsule.status.ok:
-        cells[0] = f"{seen.axial_extent:.4f} +/- {seen.axial_extent_error:.4f}"
-        cells[1] = f"at most {seen.axial_length_bound:.4f}" if seen.axial_length_bound is not None else ""
-        if seen.axial_length is not None:
-            cells[1] = f"{seen.axial_length:.4f} +/- {seen.axial_length_error:.4f}"
-        speed, error = 1e3 * seen.capsule_velocity, 1e3 * seen.capsule_velocity_error
-        digits = max(0, 1 - math.floor(math.log10(error)))
-        cells[2] = f"{speed:.{digits}f} +/- {error:.{digits}f}"
-    changes = [change(name) for name in ("L_z", "L_a", "v_o")]
-    table.add_row(str(number), str(len(capsule.moments)), *cells, *changes, capsule.status.name)
+def _cells(row: pd.Series) -> list[str]:
+    """Return the lengths, the velocity and their changes of one capsule as text."""
+    lengths = [
+        f"{row[f'{name}_over_l']:.4f} +/- {row[f'{name}_error_over_l']:.4f}" if row[f"{name}_over_l"] > 0.0 else ""
+        for name in ("axial_extent", "axial_length")
+    ]
+    if row["axial_length_bound_over_l"] > 0.0:
+        lengths[1] = f"at most {row['axial_length_bound_over_l']:.4f}"
+    speed, error = 1e3 * row["velocity_m_s"], 1e3 * row["velocity_error_m_s"]
+    digits = max(0, 1 - math.floor(math.log10(error))) if error > 0.0 else 0
+    velocity = f"{speed:.{digits}f} +/- {error:.{digits}f}" if error > 0.0 else ""
+    changes = []
+    for name in ("L_z", "L_a", "v_o"):
+        change, error = row[f"{name}_change"], row[f"{name}_change_error"]
+        changes.append(f"{100.0 * change:+.2f} % ({abs(change) / error:.1f} s.e.)" if error > 0.0 else "")
+    return [*lengths, velocity, *changes]
 
 
-def _counted(statuses: Counter[Status] | None) -> str:
-    return ", ".join(f"{one.name} {count}" for one, count in (statuses or {}).items() if not one.ok)
-
-
-def _write(made: FilmMeasurement, out: Path) -> None:
+def _write(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
     """Write capsules.csv and a folder for each capsule."""
-    from capsbayes.cli.measure_picture import write_sighting
+    from capsbayes.cli.measure_picture import write_detection
 
     out.mkdir(parents=True, exist_ok=True)
-    with (out / "capsules.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(_COLUMNS)
-        for number, capsule in enumerate(made.capsules, start=1):
-            seen = capsule.measurement
-            values = [seen.axial_extent, seen.axial_extent_error, seen.axial_length, seen.axial_length_error]
-            values += [seen.capsule_velocity, seen.capsule_velocity_error]
-            rows.writerow([number, capsule.status.name, len(capsule.moments), *values])
+    table.to_csv(out / "capsules.csv", index=False)
     for number, capsule in enumerate(made.capsules, start=1):
-        if capsule.picture is None or capsule.sighting is None:
+        if capsule.picture is None or capsule.detection is None:
             continue
         folder = out / f"capsule-{number}"
-        write_sighting(folder, capsule.picture, capsule.sighting, capsule.measurement)
-        with (folder / "frames.csv").open("w", newline="") as file:
-            rows = csv.writer(file)
-            rows.writerow(["frame", "along_px", "across_px", "axial_extent_px", "axial_length_px", "half_width_px"])
-            for one in capsule.moments:
-                rows.writerow([one.frame, *(f"{x:.4f}" for x in (*one.place, *one.lengths[[0, 1, 3]]))])
+        write_detection(folder, capsule.picture, capsule.detection, capsule.measurement)
+        capsule.table().to_csv(folder / "frames.csv", index=False, float_format="%.4f")

@@ -9,9 +9,8 @@ import typer
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
-    from capsbayes.image.frames import Picture
-    from capsbayes.image.integrals import Integral
-    from capsbayes.image.sighting import Sighting
+    from capsbayes.image.detection import Detection
+    from capsbayes.image.files.picture import Picture
     from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
 
@@ -45,17 +44,17 @@ def measured_picture(
     quiet : bool
         Whether to print nothing but why it failed.
     """
-    from capsbayes.image.frames import Picture
-    from capsbayes.image.measure import measurement_of, sight
+    from capsbayes.image.files.picture import Picture
+    from capsbayes.image.measure import detect, measurement_of
 
     seen = Picture.read(path)
-    sighting = sight(seen, background=None if background is None else Picture.read(background), flow=flow)
-    measured = measurement_of(sighting, seen, experiment, speed)
-    if sighting.status.ok and not quiet:
-        _print(sighting, experiment)
+    detection = detect(seen, background=None if background is None else Picture.read(background), flow=flow)
+    measured = measurement_of(detection, seen, experiment, speed)
+    if detection.status.ok and not quiet:
+        _print(detection, experiment)
         _print_outline(measured)
     if out is not None:
-        write_sighting(out, seen, sighting, measured)
+        write_detection(out, seen, detection, measured)
     if not (quiet and measured.status.ok):
         typer.echo(f"Status: {measured.status}", err=quiet)
     if not measured.status.ok:
@@ -75,69 +74,42 @@ def _print_outline(measured: Measurement) -> None:
     )
 
 
-def _print(sighting: Sighting, experiment: Experiment) -> None:
+def _print(detection: Detection, experiment: Experiment) -> None:
     import numpy as np
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    centre, error = experiment.half_width.mean, experiment.half_width.sd
-    micrometres, spread = 1e6 * centre, error / centre
-    lengths, errors = sighting.lengths, np.sqrt(np.diag(sighting.covariance))
-    l_px, l_error = lengths[3], errors[3]
+    half_width, half_width_error = 1e6 * experiment.half_width.mean, 1e6 * experiment.half_width.sd
     table = Table("", "px", "over l", "um", box=box.SIMPLE_HEAD)
-    for name, length, error in zip(("L_z", "L_a", "L_p"), lengths, errors, strict=False):
-        if not np.isfinite(length):
+    quantities = detection.table()
+    for name, power, value, error, ratio, ratio_error in quantities.itertuples():
+        if not np.isfinite(value):
             table.add_row(name, "not seen", "", "")
-            continue
-        ratio = length / l_px
-        ratio_error = np.hypot(error, ratio * l_error) / l_px
-        shown = (length, error), (ratio, ratio_error), (ratio * micrometres, 0.0)
-        real = micrometres * np.hypot(ratio_error, ratio * spread)
-        table.add_row(name, pair(*shown[0]), pair(*shown[1], digits=4), pair(shown[2][0], real))
-    table.add_row("l", pair(l_px, l_error), "1", f"{micrometres:.2f} +/- {spread * micrometres:.2f}")
-    for name, _, in_pixels, over_l in _enclosed(sighting):
-        table.add_row(name, _significant(in_pixels), _significant(over_l), "")
+        elif name == "l":
+            table.add_row(name, pair(value, error), "1", pair(half_width, half_width_error))
+        elif name in ("L_z", "L_a", "L_p"):
+            real = np.hypot(half_width * ratio_error, ratio * half_width_error)
+            table.add_row(name, pair(value, error), pair(ratio, ratio_error, digits=4), pair(ratio * half_width, real))
+        else:
+            words = f"{name} ({_POWERS[power]})" if power in _POWERS else name
+            table.add_row(words, _significant(value, error), _significant(ratio, ratio_error), "")
     console = Console(highlight=False)
     console.print(table)
-    if sighting.rear is None:
-        bound = (lengths[0] + 2.0 * errors[0]) / l_px
+    if detection.rear is None:
+        bound = (detection.lengths[0] + 2.0 * np.sqrt(detection.covariance[0, 0])) / detection.lengths[3]
         console.print(f"The concave rear is not seen: L_a is at most {bound:.4f} l, the length of the silhouette.")
     else:
         console.print(
-            f"L_a goes to the middle of the rear band, whose standard deviation is {sighting.rear.width:.1f} px; "
+            f"L_a goes to the middle of the rear band, whose standard deviation is {detection.rear.width:.1f} px; "
             "where in the band the membrane lies is not in the error."
         )
 
 
-def _enclosed(sighting: Sighting) -> list[tuple[str, str, Integral, Integral]]:
-    """Name, name with its unit, and values in powers of a pixel and of l of what the silhouette encloses."""
+def _significant(value: float, error: float) -> str:
     import math
 
-    from capsbayes.image.integrals import Integral
-
-    inside = sighting.silhouette
-    assert inside is not None, "of a capsule that was measured"
-    l_px, l_error = float(sighting.lengths[3]), math.sqrt(float(sighting.covariance[3, 3]))
-    rows = []
-    for name, power, one in (
-        ("perimeter", 1, inside.perimeter),
-        ("area", 2, inside.area),
-        ("volume", 3, inside.volume),
-        ("Lambda", 0, inside.stretch_ratio),
-    ):
-        value = one.value / l_px**power
-        share = math.hypot(one.error / one.value, power * l_error / l_px)
-        symbol = f"{name}_over_l{power if power > 1 else ''}" if power else name
-        shown = f"{name} ({_POWERS[power]})" if power > 1 else name
-        rows.append((shown, symbol, one, Integral(value, value * share)))
-    return rows
-
-
-def _significant(one: Integral) -> str:
-    import math
-
-    return pair(one.value, one.error, digits=max(0, 1 - math.floor(math.log10(one.error))))
+    return pair(value, error, digits=max(0, 1 - math.floor(math.log10(error))))
 
 
 def pair(value: float, error: float, *, digits: int = 2) -> str:
@@ -165,21 +137,23 @@ def _with_error(option: str, text: str | None, unit: str, example: str) -> Quant
     return read
 
 
-def write_sighting(out: Path, picture: Picture, sighting: Sighting, measured: Measurement) -> None:
-    """Write what there is: of a capsule that could not be measured, the picture with what was found in it."""
+def write_detection(out: Path, picture: Picture, detection: Detection, measured: Measurement) -> None:
+    """Write the overlay, the outline and the measurement; of a refused capsule, what was detected of it."""
     import numpy as np
 
     from capsbayes.image.overlay import write_overlay
 
     out.mkdir(parents=True, exist_ok=True)
-    write_overlay(out / "overlay.png", picture, sighting)
-    if sighting.outline is not None:
-        one = sighting.outline
-        error = np.hypot(one.point_error, one.arc_error)
-        columns = np.column_stack([one.points, one.normals, error, one.edge_width])
+    write_overlay(out / "overlay.png", picture, detection)
+    if (outline := detection.outline) is not None:
+        error = np.hypot(outline.point_error, outline.arc_error)
+        columns = np.column_stack([outline.points, outline.normals, error, outline.edge_width])
         header = "x_px,y_px,normal_x,normal_y,error_px,edge_width_px"
         np.savetxt(out / "outline.csv", columns, fmt="%.4f", delimiter=",", header=header, comments="")
     if measured.status.ok:
         measured.write(out / "measurement.toml")
-        rows = [f"{name},{one.value:.6g},{one.error:.2g}" for _, name, _, one in _enclosed(sighting)]
-        (out / "silhouette.csv").write_text("\n".join(["quantity,value,error", *rows]) + "\n")
+        rows = ["quantity,value,error"]
+        for name, power, _, _, value, error in detection.table().loc["perimeter":].itertuples():
+            unit = f"_over_l{power if power > 1 else ''}" if power else ""
+            rows.append(f"{name}{unit},{value:.6g},{error:.2g}")
+        (out / "silhouette.csv").write_text("\n".join(rows) + "\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,13 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
-    from capsbayes.image.measure_rtdc import Event
     from capsbayes.quantity import Quantity
-
-_COLUMNS = (
-    *("event", "status", "axial_extent_m", "axial_extent_error_m", "axial_length_m", "axial_length_error_m"),
-    *("area_m2", "perimeter_m", "volume_m3"),
-)
 
 
 def measure_rtdc(
@@ -28,53 +21,27 @@ def measure_rtdc(
     flow: str | None,
     out: Path | None,
 ) -> None:
-    """Measure the events of a file, count what came of them, and write what there is of each."""
-    import sys
-    from collections import Counter
+    """Measure the events of a file, count their statuses, and write the files of each."""
+    import pandas as pd
 
-    from rich.console import Console
-    from rich.progress import track
-
+    from capsbayes.cli.measure_picture import write_detection
+    from capsbayes.image.files.rtdc import RtdcFile
     from capsbayes.image.measure_rtdc import measure_rtdc
-    from capsbayes.image.rtdc import RtdcFile
+    from capsbayes.work.progress import tracked
 
     file = RtdcFile.open(path)
     events = measure_rtdc(file, experiment, capsule_velocity=velocity, pixel_size=pixel_size, flow=flow)
-    shown = track(
-        events,
-        "events",
-        total=file.events,
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )
-    statuses: Counter[str] = Counter()
     rows = []
-    for event in shown:
-        statuses[event.sighting.status.name] += 1
-        rows.append(_row(event, pixel_size.value))
+    for event in tracked(events, file.events, "events"):
+        rows.append(event.row())
         if out is not None:
-            _write(event, out)
+            write_detection(out / f"event-{event.number}", event.picture, event.detection, event.measurement)
+    table = pd.DataFrame(rows)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        with (out / "events.csv").open("w", newline="") as table:
-            csv.writer(table).writerows([_COLUMNS, *rows])
-    typer.echo(", ".join(f"{name} {count}" for name, count in statuses.most_common()))
-    typer.echo(f"Status: {statuses['DONE']} of {file.events} events measured.")
-    if not statuses["DONE"]:
+        table.to_csv(out / "events.csv", index=False)
+    counts = table["status"].value_counts()
+    typer.echo(", ".join(f"{name} {count}" for name, count in counts.items()))
+    typer.echo(f"Status: {counts.get('DONE', 0)} of {file.events} events measured.")
+    if "DONE" not in counts:
         raise typer.Exit(1)
-
-
-def _row(event: Event, pixel: float) -> list[object]:
-    seen, inside = event.measurement, event.sighting.silhouette
-    lengths = [seen.axial_extent, seen.axial_extent_error, seen.axial_length, seen.axial_length_error]
-    row = [event.number, event.sighting.status.name, *(lengths if seen.status.ok else [None] * 4)]
-    if not seen.status.ok or inside is None:
-        return [*row, None, None, None]
-    return [*row, inside.area.value * pixel**2, inside.perimeter.value * pixel, inside.volume.value * pixel**3]
-
-
-def _write(event: Event, out: Path) -> None:
-    from capsbayes.cli.measure_picture import write_sighting
-
-    write_sighting(out / f"event-{event.number}", event.picture, event.sighting, event.measurement)

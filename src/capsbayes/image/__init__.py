@@ -1,7 +1,7 @@
-"""From a picture of a capsule to its measurement; OpenCV is used here only."""
+"""From a picture, a film, an .rtdc file or a contour to the measurement of a capsule; OpenCV is used here only."""
 
-from capsbayes.image.frames import Picture
-from capsbayes.image.measure import measure, sight
-from capsbayes.image.sighting import Sighting
+from capsbayes.image.detection import Detection
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect, measure
 
-__all__ = ["Picture", "Sighting", "measure", "sight"]
+__all__ = ["Detection", "Picture", "detect", "measure"]

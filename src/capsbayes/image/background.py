@@ -1,4 +1,4 @@
-"""The empty channel behind a capsule: given, the temporal median of a film, or guessed from the picture itself."""
+"""The empty channel behind a capsule: given, the temporal median of a film, or estimated from the picture itself."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from capsbayes.errors import InputError
-from capsbayes.image.wall import Walls
+from capsbayes.image.walls import WallLines
 
-__all__ = ["along_the_channel", "evened", "temporal_median", "transmission"]
+__all__ = ["estimate_background", "flatten", "temporal_median", "transmission"]
 
 Floats = NDArray[np.float64]
 
-_BRIGHT = 85.0  # percentile along the channel that the empty channel is taken for
+_BRIGHT = 85.0  # percentile along the channel that is taken for the empty channel
 _ROWS = 64  # of all frames that are held in memory a second time
-_MIDST = 0.8  # of the half width: where the light along the channel is looked at
-_FAINT = 0.01  # of the light: what differs by more from a smooth trend is none of it
-_DARKEST = 0.02  # of the median of the background: below, the ratio to it means nothing
+_CORE = 0.8  # of the half width: part of the channel whose light is averaged along it
+_FAINT = 0.01  # of the light: larger differences from a smooth trend are objects
+_DARKEST = 0.02  # of the median of the background: below, the ratio to it is meaningless
 
 
 def temporal_median(frames: Sequence[Floats]) -> Floats:
-    """Background of a film: at each pixel the median over the frames, which a passing capsule does not move.
+    """Return the background of a film: at each pixel the median over the frames, which hides passing capsules.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def temporal_median(frames: Sequence[Floats]) -> Floats:
     if len(frames) < 3 or len(shapes) != 1:
         got = f"{len(frames)} of shapes {', '.join(map(str, sorted(shapes)))}" if len(frames) else "none"
         raise InputError("background", "frames", "at least three frames of one shape", got)
-    rows = np.array_split(np.arange(len(frames[0])), max(1, len(frames[0]) // _ROWS))
-    return np.concatenate([_median(np.stack([frame[some] for frame in frames])) for some in rows])
+    blocks = np.array_split(np.arange(len(frames[0])), max(1, len(frames[0]) // _ROWS))
+    return np.concatenate([_median(np.stack([frame[rows] for frame in frames])) for rows in blocks])
 
 
 def _median(levels: Floats) -> Floats:
-    """Over the first axis, by sorting: for tens of levels in a third of the time of numpy's median."""
+    """Return the median over the first axis, by sorting: for tens of levels in a third of the time of np.median."""
     ordered = np.ascontiguousarray(levels.reshape(len(levels), -1).T)
     ordered.sort(axis=1)
     middle = len(levels) // 2
@@ -57,60 +57,41 @@ def _median(levels: Floats) -> Floats:
     return np.asarray(both.mean(axis=1, dtype=np.float64).reshape(levels.shape[1:]))
 
 
-def along_the_channel(grey: Floats, walls: Walls) -> Floats:
-    """Background of one picture alone: the bright end of what lies on each line parallel to the walls.
+def estimate_background(grey: Floats, walls: WallLines) -> Floats:
+    """Estimate the background from one picture: the bright end of the levels on each line parallel to the walls.
 
-    It leaves light that is uneven along the channel in the picture.
-
-    Parameters
-    ----------
-    grey : (rows, columns) array
-        The picture.
-    walls : Walls
-        Its walls.
-
-    Returns
-    -------
-    (rows, columns) array
+    Grey levels and background are (rows, columns) arrays. Light that is uneven along the channel stays in the picture.
     """
     rows, columns = grey.shape
-    turn = cv2.getRotationMatrix2D((walls.middle, walls.height), float(np.degrees(walls.tilt)), 1.0)
+    turn = cv2.getRotationMatrix2D((walls.centre_column, walls.centre_row), float(np.degrees(walls.tilt)), 1.0)
     level = cv2.warpAffine(
         grey, turn, (columns, rows), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
     )
     seen = np.isfinite(level).sum(axis=1) > columns // 2
     bright = np.nanpercentile(level[seen], _BRIGHT, axis=1)
-    across = np.flatnonzero(seen) - walls.height
+    across = np.flatnonzero(seen) - walls.centre_row
     return np.interp(walls.offset((rows, columns)), across, bright)
 
 
-def evened(light: Floats, walls: Walls) -> Floats:
-    """Light without what changes smoothly along the channel, as vignetting does: a capsule has edges, and stays.
+def flatten(light: Floats, walls: WallLines) -> Floats:
+    """Divide light (rows, columns) by its smooth trend along the channel, as of vignetting.
 
-    Parameters
-    ----------
-    light : (rows, columns) array
-        Share of the light of the empty channel.
-    walls : Walls
-        Its walls.
-
-    Returns
-    -------
-    (rows, columns) array
+    A capsule has edges, and stays.
     """
-    within = np.abs(walls.offset((light.shape[0], light.shape[1]))) < _MIDST * walls.half_width
+    rows, columns = light.shape
+    within = np.abs(walls.offset((rows, columns))) < _CORE * walls.half_width
     seen = within.any(axis=0)
     level = np.nanmedian(np.where(within, light, np.nan)[:, seen], axis=0)
-    design = np.vander(np.linspace(-1.0, 1.0, light.shape[1]), 3)
+    design = np.vander(np.linspace(-1.0, 1.0, columns), 3)
     start = np.array([0.0, 0.0, np.percentile(level, _BRIGHT)])
 
-    def off(trend: Floats) -> Floats:
+    def residuals(trend: Floats) -> Floats:
         return design[seen] @ trend - level
 
-    fit = least_squares(off, start, loss="cauchy", f_scale=_FAINT)
+    fit = least_squares(residuals, start, loss="cauchy", f_scale=_FAINT)
     return np.asarray(light / np.maximum(design @ fit.x, _DARKEST))
 
 
 def transmission(grey: Floats, background: Floats) -> Floats:
-    """Share of the light of the empty channel that is left : (rows, columns) array."""
+    """Return the light over that of the empty channel : (rows, columns) array."""
     return np.asarray(grey / np.maximum(background, _DARKEST * np.median(background)))

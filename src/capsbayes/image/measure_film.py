@@ -6,56 +6,92 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image.background import along_the_channel, evened, temporal_median, transmission
-from capsbayes.image.contour import pixel_noise
-from capsbayes.image.film import Film
-from capsbayes.image.filmed import FilmedCapsule, Record
-from capsbayes.image.frames import Picture
+from capsbayes.image.background import estimate_background, flatten, temporal_median, transmission
+from capsbayes.image.blobs import find_blobs
+from capsbayes.image.detection import analyse_blob
+from capsbayes.image.edges.outline import pixel_noise
+from capsbayes.image.files.film import Film
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.film_capsule import FilmCapsule, FrameRecord
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture
-from capsbayes.image.sighting import sighted
-from capsbayes.image.spots import find_spots
-from capsbayes.image.track import Linker, Way
-from capsbayes.image.wall import Walls, find_walls
+from capsbayes.image.tracking import Linker, Track
+from capsbayes.image.walls import WallLines, find_walls
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["FilmMeasurement", "measure_film"]
 
 Floats = NDArray[np.float64]
 
-_SAMPLED = 41  # frames that the background is the median of
-_MARGIN = 14.0  # px beyond the walls that are looked at
+_SAMPLED = 41  # frames in the median that is the background
+_MARGIN = 14.0  # px beyond the walls that are read
 _NOISE_PIXELS = 40_000  # from which the noise of a frame is estimated
+_COLUMNS = {  # of the table of capsules, and the attributes of their measurements
+    "axial_extent_over_l": "axial_extent",
+    "axial_extent_error_over_l": "axial_extent_error",
+    "axial_length_over_l": "axial_length",
+    "axial_length_error_over_l": "axial_length_error",
+    "velocity_m_s": "capsule_velocity",
+    "velocity_error_m_s": "capsule_velocity_error",
+    "axial_length_bound_over_l": "axial_length_bound",
+}
+_DRIFTS = ("L_z", "L_a", "v_o")
 
 
 @dataclass(frozen=True, eq=False)
 class FilmMeasurement:
-    """What came of a film.
+    """Measurements of the capsules of a film.
 
     Parameters
     ----------
     status : Status
-        ``DONE``, or why nothing could be looked for in it.
-    capsules : tuple of FilmedCapsule
-        In the order in which they were first seen, the refused ones too.
+        ``DONE``, or why no capsules could be sought in the film.
+    capsules : tuple of FilmCapsule
+        In the order in which they appear, including the refused ones.
     statuses : Counter of Status
-        Of all spots in all frames.
+        Of all blobs in all frames.
     frames, unreadable, saturated : int
-        How many there are, could not be read, and were clipped between the walls.
+        Number of all frames, of those that could not be read, and of those clipped between the walls.
     """
 
     status: Status
-    capsules: tuple[FilmedCapsule, ...] = ()
+    capsules: tuple[FilmCapsule, ...] = ()
     statuses: Counter[Status] | None = None
     frames: int = 0
     unreadable: int = 0
     saturated: int = 0
+
+    def table(self) -> pd.DataFrame:
+        """Tabulate the capsules.
+
+        Returns
+        -------
+        DataFrame
+            One row a capsule: ``capsule`` (from 1), ``status``, ``frames``; lengths over l and velocity in m/s with
+            their standard errors, NaN where missing; ``axial_length_bound_over_l``; and for L_z, L_a and v_o the
+            change along the channel over the mean, with its standard error (``L_z_change``, ``L_z_change_error``).
+        """
+        import pandas as pd
+
+        rows = []
+        for number, capsule in enumerate(self.capsules, start=1):
+            measured, drifts = capsule.measurement, (capsule.drifts.get(name) for name in _DRIFTS)
+            changes = [pair for drift in drifts for pair in ((drift.change, drift.error) if drift else (None, None))]
+            values = [getattr(measured, name) for name in _COLUMNS.values()]
+            rows.append((number, capsule.status.name, len(capsule.frames), *values, *changes))
+        of_changes = [f"{name}_{what}" for name in _DRIFTS for what in ("change", "change_error")]
+        table = pd.DataFrame(rows, columns=["capsule", "status", "frames", *_COLUMNS, *of_changes])
+        return table.astype(dict.fromkeys([*_COLUMNS, *of_changes], float))
 
 
 def measure_film(
@@ -72,15 +108,15 @@ def measure_film(
     Parameters
     ----------
     film : Film or path
-        Folder of pictures, TIFF, AVI or MP4, of a channel that runs along the rows, to 7 degrees.
+        Folder of pictures, TIFF, AVI or MP4, of a channel along the rows, to 7 degrees.
     experiment : Experiment
-        Its channel, whose half width is the length of a pixel.
+        Its half width sets the length of a pixel.
     frame_rate : Quantity [1/s]
         With its standard error, zero if it is known.
     background : path or array, optional
         The empty channel; by default the median of 41 frames.
     flow : str, optional
-        ``"right"`` or ``"left"``; by default as the capsules move, which is told from the nearest of the same size.
+        ``"right"`` or ``"left"``; by default the direction in which the nearest blobs of one size move.
     watch : function, optional
         Called with the number of frames done.
 
@@ -91,7 +127,7 @@ def measure_film(
     Raises
     ------
     InputError
-        If a file is missing or no film, on another word for the flow, or a film of fewer than three frames.
+        If a file is missing or not a film, `flow` is another word, or the film has fewer than three frames.
     """
     film = film if isinstance(film, Film) else Film.open(film)
     direction = check_flow(flow)
@@ -100,7 +136,7 @@ def measure_film(
     if isinstance(view, Status):
         return FilmMeasurement(view)
     linker = Linker(view.walls, direction)
-    records: dict[int, tuple[Way, Record]] = {}
+    records: dict[Track, FrameRecord] = {}
     statuses: Counter[Status] = Counter()
     frames = unreadable = saturated = 0
     for frames, picture in enumerate(film.frames(view.rows), start=1):
@@ -109,49 +145,46 @@ def measure_film(
         elif view.is_clipped(picture):
             saturated += 1
         else:
-            _look(picture, frames - 1, view, linker, records, statuses)
+            _measure_frame(picture, frames - 1, view, linker, records, statuses)
         if watch is not None:
             watch(frames)
     sha256 = film.sha256
-    capsules = [FilmedCapsule.of(one, experiment, frame_rate, film.source, sha256) for _, one in records.values()]
+    capsules = [FilmCapsule.of(record, experiment, frame_rate, film.source, sha256) for record in records.values()]
     return FilmMeasurement(Status.DONE, tuple(capsules), statuses, frames, unreadable, saturated)
-
-
-def _look(
-    picture: Picture,
-    frame: int,
-    view: _View,
-    linker: Linker,
-    records: dict[int, tuple[Way, Record]],
-    statuses: Counter[Status],
-) -> None:
-    """Find the spots of one frame, link them and measure each."""
-    light = picture.grey * view.gain
-    rows = max(1, light.size // _NOISE_PIXELS)
-    noise = pixel_noise(light[::rows])
-    spots = find_spots(light, view.walls, noise)
-    ways = linker.linked(frame, spots)
-    for spot, way in zip(spots, ways, strict=True):
-        if way is None:
-            statuses[spot.status] += 1
-            continue
-        seen = sighted(light, noise, view.walls, spot, linker.direction)
-        statuses[seen.status] += 1
-        _, record = records.setdefault(id(way), (way, Record()))
-        record.add(frame, picture, seen)
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """The part of the pictures that is looked at: rows, the walls in these, what makes grey levels shares of light."""
+    """Part of the frames that is analysed: its rows, the walls in it, and the factor from grey levels to light."""
 
     rows: slice
-    walls: Walls
+    walls: WallLines
     gain: Floats
     between: NDArray[np.bool_]
 
     def is_clipped(self, picture: Picture) -> bool:
         return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))
+
+
+def _measure_frame(
+    picture: Picture,
+    frame: int,
+    view: _View,
+    linker: Linker,
+    records: dict[Track, FrameRecord],
+    statuses: Counter[Status],
+) -> None:
+    """Find the blobs of one frame, link them and measure each."""
+    light = picture.grey * view.gain
+    noise = pixel_noise(light[:: max(1, light.size // _NOISE_PIXELS)])
+    blobs = find_blobs(light, view.walls, noise)
+    for blob, track in zip(blobs, linker.link(frame, blobs), strict=True):
+        if track is None:
+            statuses[blob.status] += 1
+            continue
+        detection = analyse_blob(light, noise, view.walls, blob, linker.direction)
+        statuses[detection.status] += 1
+        records.setdefault(track, FrameRecord()).add(frame, picture, detection)
 
 
 def _background(film: Film) -> Floats:
@@ -171,12 +204,12 @@ def _view(film: Film, empty: Floats, *, given: bool) -> _View | Status:
     if walls is None:
         return Status.NO_WALLS
     if not given:
-        light = evened(transmission(empty, along_the_channel(empty, walls)), walls)
-        if find_spots(light, walls, pixel_noise(light)):
+        light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
+        if find_blobs(light, walls, pixel_noise(light)):
             return Status.COVERED
-    reach = walls.half_width + _MARGIN + abs(np.tan(walls.tilt)) * walls.middle
-    rows = slice(max(0, int(walls.height - reach)), min(empty.shape[0], int(walls.height + reach) + 2))
-    walls = replace(walls, height=walls.height - rows.start)
+    reach = walls.half_width + _MARGIN + abs(np.tan(walls.tilt)) * walls.centre_column
+    rows = slice(max(0, int(walls.centre_row - reach)), min(empty.shape[0], int(walls.centre_row + reach) + 2))
+    walls = replace(walls, centre_row=walls.centre_row - rows.start)
     shown = empty[rows]
     between = np.abs(walls.offset((len(shown), shown.shape[1]))) < walls.half_width
     return _View(rows, walls, transmission(np.ones_like(shown), shown), between)

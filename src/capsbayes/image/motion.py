@@ -1,4 +1,4 @@
-"""Velocity of a capsule from where it was in each frame, and whether it or its shape still changes on the way."""
+"""Velocity of a capsule from its places in the frames, and changes of velocity and lengths along the channel."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["Drift", "Velocity", "drift", "velocity"]
 Floats = NDArray[np.float64]
 
 _SIGNIFICANT = 3.0  # standard errors
-_NEGLIGIBLE = 0.01  # of the quantity itself: a smaller change on the way is an error, not a reason to refuse
+_NEGLIGIBLE = 0.01  # of the quantity itself: a smaller change is added to the error, not a reason to refuse
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Change of a quantity from the first to the last sighting, by a straight line through its values.
+    """Change of a quantity from the first to the last frame, by a straight line through its values.
 
     Parameters
     ----------
@@ -35,13 +35,18 @@ class Drift:
 
     @property
     def significant(self) -> bool:
-        """Whether the change is more than three of its standard errors."""
+        """True if the change is more than three of its standard errors."""
         return self.significance > _SIGNIFICANT
 
     @property
     def unsteady(self) -> bool:
-        """Whether the change is significant and more than a hundredth."""
+        """True if the change is significant and more than a hundredth."""
         return self.significant and abs(self.change) > _NEGLIGIBLE
+
+    @property
+    def unmodelled_error(self) -> float:
+        """Standard deviation, over the mean, of a quantity that changes evenly; zero if the change is insignificant."""
+        return abs(self.change) / np.sqrt(12.0) if self.significant else 0.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ class Velocity:
     scatter : float [px]
         Root mean square of the places about the straight line.
     drift : Drift, optional
-        Change of the velocity on the way; missing for three sightings.
+        Change of the velocity; missing for three frames.
     """
 
     value: float
@@ -67,15 +72,15 @@ class Velocity:
 def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:
     """Fit a straight line to places, and a parabola for the change of its slope.
 
-    The error is that of the scatter about the line, or of the errors of the places if these are larger: of a few
-    sightings the scatter may be small by chance.
+    The error is that of the scatter about the line, or of the errors of the places if these are larger: in a few
+    frames the scatter may be small by chance.
 
     Parameters
     ----------
     frames : (n,) array
-        When, in frames; at least three.
+        Times in frames; at least three.
     places : (n,) array [px]
-        Where, along the channel.
+        Along the channel.
     variance : (n,) array [px^2]
         Of the error of each place.
 
@@ -88,32 +93,32 @@ def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:
     if len(t) < 4:
         return Velocity(slope, error, scatter, None)
     bend, bend_error, _ = _last_coefficient(t, places, 2, variance)
-    way = 2.0 * np.ptp(t) / abs(slope)
-    return Velocity(slope, error, scatter, Drift(float(np.sign(slope) * bend * way), float(bend_error * way)))
+    scale = 2.0 * np.ptp(t) / abs(slope)
+    return Velocity(slope, error, scatter, Drift(float(np.sign(slope) * bend * scale), float(bend_error * scale)))
 
 
 def drift(along: Floats, values: Floats, variance: Floats) -> Drift:
-    """Change of a quantity along the channel.
+    """Return the change of a quantity along the channel.
 
     Parameters
     ----------
     along : (n,) array
-        Where each value was taken, from upstream to downstream or back; at least three.
+        Place of each value, from upstream to downstream or back; at least three.
     values : (n,) array
     variance : (n,) array
-        Of the error that each value has by itself.
+        Of the independent error of each value.
 
     Returns
     -------
     Drift
     """
     slope, error, _ = _last_coefficient(along - along.mean(), values, 1, variance)
-    way = float(along[-1] - along[0]) / float(values.mean())
-    return Drift(slope * way, error * abs(way))
+    scale = float(along[-1] - along[0]) / float(values.mean())
+    return Drift(slope * scale, error * abs(scale))
 
 
 def _last_coefficient(t: Floats, values: Floats, degree: int, variance: Floats) -> tuple[float, float, float]:
-    """Coefficient of the highest power of a fitted polynomial, its standard error, and the scatter about it."""
+    """Return the highest coefficient of a fitted polynomial, its standard error, and the scatter about the fit."""
     span = float(np.max(np.abs(t)))
     design = (t / span)[:, None] ** np.arange(degree + 1)
     inverse = np.linalg.inv(design.T @ design)

@@ -1,4 +1,4 @@
-"""What was found, drawn over the picture: walls, outline, the two lengths and the rear band."""
+"""Overlay of a detection on its picture: walls, outline, the two lengths and the rear band."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.image.frames import Picture
-from capsbayes.image.sighting import Sighting
+from capsbayes.image.detection import Detection
+from capsbayes.image.files.picture import Picture
 
 __all__ = ["overlay", "write_overlay"]
 
@@ -21,58 +21,58 @@ _SHIFT = 4  # binary digits of a drawn pixel's fractions
 WALL, OUTLINE, REAR, EXTENT, LENGTH = (200, 120, 0), (0, 0, 220), (0, 150, 255), (180, 0, 140), (0, 140, 0)
 
 
-def overlay(picture: Picture, sighting: Sighting) -> NDArray[np.uint8]:
-    """Draw what was found over a picture, four times as large.
+def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
+    """Draw a detection over its picture, four times as large.
 
     Parameters
     ----------
     picture : Picture
-    sighting : Sighting
-        What was found in it; what was not is not drawn.
+    detection : Detection
+        What is missing in it is not drawn.
 
     Returns
     -------
     (4 rows, 4 columns, 3) array of uint8
-        Blue, green, red, as OpenCV writes it. Walls blue, outline red, the rear band orange, L_z violet above the
-        axis, L_a green below. Of a refused capsule, the dark spot is outlined in orange.
+        Blue, green, red, as OpenCV writes it. WallLines blue, outline red, the rear band orange, L_z violet above the
+        axis, L_a green below. The dark blob of a refused capsule is outlined in orange.
     """
     low, high = float(picture.grey.min()), float(picture.grey.max())
     grey = np.clip(255.0 * (picture.grey - low) / max(high - low, 1e-9), 0, 255).astype(np.uint8)
     size = (grey.shape[1] * _SCALE, grey.shape[0] * _SCALE)
     large = cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC)
     canvas = np.repeat(np.asarray(large, dtype=np.uint8)[:, :, None], 3, axis=2)
-    if sighting.walls is not None:
-        walls = sighting.walls
-        middle = np.array([walls.middle, walls.height])
+    if detection.walls is not None:
+        walls = detection.walls
+        middle = np.array([walls.centre_column, walls.centre_row])
         for side in (-1.0, 1.0):
-            ends = [-1.2 * walls.middle, 1.2 * walls.middle]
+            ends = [-1.2 * walls.centre_column, 1.2 * walls.centre_column]
             _line(canvas, [middle + side * walls.half_width * walls.across + end * walls.along for end in ends], WALL)
-    if sighting.outline is not None:
-        _line(canvas, list(sighting.outline.points), OUTLINE, closed=True)
-    elif sighting.spot is not None:
-        _line(canvas, list(sighting.spot.polygon), REAR, closed=True)
-    if sighting.nose is not None and sighting.end is not None:
-        _lengths(canvas, sighting)
+    if detection.outline is not None:
+        _line(canvas, list(detection.outline.points), OUTLINE, closed=True)
+    elif detection.blob is not None:
+        _line(canvas, list(detection.blob.polygon), REAR, closed=True)
+    if detection.nose is not None and detection.end is not None:
+        _lengths(canvas, detection)
     return canvas
 
 
-def write_overlay(path: Path, picture: Picture, sighting: Sighting) -> None:
-    """Write `overlay` as a PNG file."""
-    _, png = cv2.imencode(".png", overlay(picture, sighting))
+def write_overlay(path: Path, picture: Picture, detection: Detection) -> None:
+    """Draw an overlay and write it as a PNG file."""
+    _, png = cv2.imencode(".png", overlay(picture, detection))
     path.write_bytes(png.tobytes())
 
 
-def _lengths(canvas: NDArray[np.uint8], sighting: Sighting) -> None:
-    walls, nose, end = sighting.walls, sighting.nose, sighting.end
+def _lengths(canvas: NDArray[np.uint8], detection: Detection) -> None:
+    walls, nose, end = detection.walls, detection.nose, detection.end
     assert walls is not None
     assert nose is not None
     assert end is not None
-    downstream = (sighting.flow or 1) * walls.along
-    axis = sighting.axis
+    downstream = (detection.flow or 1) * walls.along
+    axis = detection.axis
     tip = axis + nose.distance * downstream
     _arrow(canvas, axis - end.distance * downstream - 6.0 * walls.across, tip - 6.0 * walls.across, EXTENT)
-    if sighting.rear is not None:
-        rear = sighting.rear
+    if detection.rear is not None:
+        rear = detection.rear
         on_axis = axis + (rear.depth - end.distance) * downstream
         y = np.linspace(-rear.breadth, rear.breadth, 21)[:, None]
         _line(canvas, list(on_axis + y * walls.across + 0.5 * rear.curvature * y**2 * downstream), REAR)
@@ -80,7 +80,7 @@ def _lengths(canvas: NDArray[np.uint8], sighting: Sighting) -> None:
 
 
 def _drawn(points: list[Floats]) -> NDArray[np.int32]:
-    """Positions on the canvas, in the fixed-point numbers that OpenCV draws fractions of a pixel with."""
+    """Return positions on the canvas, in OpenCV's fixed-point numbers for fractions of a pixel."""
     on_canvas = _SCALE * (np.array(points) + 0.5) - 0.5
     return np.rint(on_canvas * 2**_SHIFT).astype(np.int32)
 

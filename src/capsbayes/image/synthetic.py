@@ -1,8 +1,8 @@
-"""A drawn picture of a capsule between two walls, with everything about it known.
+"""Synthetic pictures of a capsule between two walls, whose edges are known exactly.
 
 The drawing is made on pixels three times finer than the camera's, from the distance of each to the outline, so that
-an edge lies where it should to a hundredth of a pixel. Positions are (x, y) in pixels, x to the right and y down, the
-centre of the first pixel at (0, 0).
+edges are exact to a hundredth of a pixel. Positions are (x, y) in pixels, x to the right and y down, the centre of the
+first pixel at (0, 0).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter1d
 from scipy.spatial import KDTree
 
-from capsbayes.profile import Profile
+from capsbayes.profile import Profile, signed_area
 
 __all__ = ["Drawing", "Optics", "Scene", "draw"]
 
@@ -28,20 +28,20 @@ _SPACING = 0.1  # px between the points that stand for an outline
 
 @dataclass(frozen=True)
 class Optics:
-    """How light, capsule, lens and camera make a picture; lengths in pixels, the rest as a share of the full light.
+    """Light, capsule, lens and camera of a picture; lengths in pixels, the rest as fractions of the full light.
 
     Parameters
     ----------
     blur : float [px]
         Standard deviation of the lens's blur.
     motion : float [px]
-        Way of the capsule while the shutter is open, rounded to fine pixels.
+        Displacement of the capsule while the shutter is open, rounded to fine pixels.
     band_depth, band_width : float
-        Darkness at the outer edge, and how far inside it has fallen to 1/e.
+        Darkness at the outer edge, and the depth inside at which it has fallen to 1/e.
     interior : float
         Darkness of the capsule far from its edge.
     halo, halo_width : float
-        Brightness added just outside the edge, and how far outside it has fallen to 1/e.
+        Brightness added just outside the edge, and the distance at which it has fallen to 1/e.
     rear_depth, rear_width : float
         Darkness along the concave rear, in its middle, and the distance at which it has fallen to 1/e.
     wall_depth, wall_width : float
@@ -55,9 +55,9 @@ class Optics:
     full_light : float
         Grey level of the full light.
     electrons : float
-        Counted at the full light: the shot noise there is its square root.
+        Electrons counted at the full light, whose shot noise is the square root.
     background_frames : int
-        Pictures of the empty channel that its background is the mean of.
+        Number of pictures of the empty channel that are averaged to the background.
     """
 
     blur: float = 0.7
@@ -81,7 +81,7 @@ class Optics:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Where things are in the picture.
+    """Geometry of a picture.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Scene:
     silhouette : (q, 2) array [l]
         Outline seen from the side, columns (z, y).
     half_width : float [px]
-        Half the width of the channel l: the size of a pixel is l over it.
+        Half the width of the channel l.
     shape : tuple of int
         Rows and columns of the picture.
     centre : tuple of float, optional [px]
@@ -121,7 +121,7 @@ class Scene:
         return np.array([-np.sin(self.tilt), np.cos(self.tilt)])
 
     def placed(self, points: ArrayLike) -> Floats:
-        """Points (z, y) [l] as positions (x, y) [px] : (p, 2) arrays."""
+        """Return points (z, y) [l] as positions (x, y) [px] : (p, 2) arrays."""
         z, y = np.asarray(points, dtype=float).T
         ends = np.asarray(self.silhouette, dtype=float)[:, 0]
         along = self.flow * np.array([np.cos(self.tilt), np.sin(self.tilt)])
@@ -131,14 +131,14 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A drawn picture, that of the empty channel, and the truth.
+    """A synthetic picture, that of the empty channel, and the true lengths.
 
     Parameters
     ----------
     picture, background : (rows, columns) array of uint8
         With and without the capsule.
     scene : Scene
-        What was drawn.
+        Its geometry.
 
     Attributes
     ----------
@@ -175,9 +175,9 @@ def draw(scene: Scene, optics: Optics, *, seed: int) -> Drawing:
     Parameters
     ----------
     scene : Scene
-        What is where.
+        Geometry.
     optics : Optics
-        How it is seen.
+        Light, capsule, lens and camera.
     seed : int
         Of the shot noise.
 
@@ -206,7 +206,7 @@ def draw(scene: Scene, optics: Optics, *, seed: int) -> Drawing:
 
 
 def _fine_grid(shape: tuple[int, int]) -> Floats:
-    """Positions (x, y) of the centres of the fine pixels : (3 rows, 3 columns, 2) array [px]."""
+    """Return the positions (x, y) of the centres of the fine pixels : (3 rows, 3 columns, 2) array [px]."""
     y, x = (np.arange(_FINE * count) / _FINE - (_FINE - 1) / (2 * _FINE) for count in shape)
     return np.stack(np.meshgrid(x, y), axis=-1)
 
@@ -219,7 +219,7 @@ def _channel(grid: Floats, scene: Scene, optics: Optics) -> Floats:
 
 
 def _capsule(grid: Floats, scene: Scene, optics: Optics) -> Floats:
-    """Share of the light that the capsule lets through at each fine pixel."""
+    """Return the transmission of the capsule at each fine pixel."""
     outline = scene.placed(scene.silhouette)
     depth = _signed_distance(grid, outline, 2.6 * max(optics.band_width, optics.halo_width))
     inside = np.clip(_FINE * depth + 0.5, 0.0, 1.0)
@@ -230,7 +230,7 @@ def _capsule(grid: Floats, scene: Scene, optics: Optics) -> Floats:
 
 
 def _rear(grid: Floats, scene: Scene, optics: Optics) -> Floats:
-    """Share of the light that the membrane of the concave rear lets through."""
+    """Return the transmission of the membrane of the concave rear at each fine pixel."""
     rear = _concave_rear(np.asarray(scene.profile, dtype=float))
     if len(rear) < 3:
         return np.ones(grid.shape[:2])
@@ -239,7 +239,7 @@ def _rear(grid: Floats, scene: Scene, optics: Optics) -> Floats:
 
 
 def _concave_rear(profile: Floats) -> Floats:
-    """Points of a profile between the furthest points of its rear on either side of the axis."""
+    """Return the points of a profile between the rearmost points on either side of the axis."""
     rearmost = [
         np.flatnonzero(side)[np.argmin(profile[side, 0])] for side in (profile[:, 1] >= 0.0, profile[:, 1] < 0.0)
     ]
@@ -255,12 +255,12 @@ def _dense(points: Floats, *, closed: bool) -> Floats:
 
 
 def _signed_distance(grid: Floats, outline: Floats, reach: float) -> Floats:
-    """Distance to a closed outline, positive inside, no further than `reach` : array of the shape of the grid."""
+    """Return the distance to a closed outline, positive inside, up to `reach` : array of the shape of the grid."""
     dense = _dense(outline, closed=True)
-    x, y = dense.T
     tangent = np.roll(dense, -1, axis=0) - np.roll(dense, 1, axis=0)
-    sense = np.sign(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-    inward = sense * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.hypot(*tangent.T)[:, None]
+    inward = (
+        np.sign(signed_area(dense)) * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.hypot(*tangent.T)[:, None]
+    )
     tree = KDTree(dense)
 
     def signed(points: Floats, reach: float) -> Floats:
@@ -268,16 +268,15 @@ def _signed_distance(grid: Floats, outline: Floats, reach: float) -> Floats:
         distance, nearest = np.asarray(queried[0]), np.asarray(queried[1])
         near = np.isfinite(distance)
         projected = np.sum((points[near] - dense[nearest[near]]) * inward[nearest[near]], axis=1)
-        # close by, the distance to the nearest point would be too long by that of the points from each other
-        apart = np.where(distance[near] < 1.0, projected, np.copysign(distance[near], projected))
-        distance[near] = apart
+        # close to the outline, the distance to the nearest point exceeds that to the line between the points
+        distance[near] = np.where(distance[near] < 1.0, projected, np.copysign(distance[near], projected))
         return distance
 
     coarse = grid[_FINE // 2 :: _FINE, _FINE // 2 :: _FINE]
     mask = np.zeros(coarse.shape[:2], dtype=np.uint8)
     cv2.fillPoly(mask, [np.rint(outline).astype(np.int32)], 1)
     away = signed(coarse.reshape(-1, 2), reach).reshape(mask.shape)
-    away = np.where(np.isfinite(away), away, np.where(mask == 1, reach, -reach))  # so far, rounding is nothing
+    away = np.where(np.isfinite(away), away, np.where(mask == 1, reach, -reach))  # rounding is negligible there
     depth = np.asarray(cv2.resize(away, grid.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float64)
     edge = np.abs(depth) < _EXACT
     depth[edge] = signed(grid[edge], np.inf)
@@ -285,7 +284,7 @@ def _signed_distance(grid: Floats, outline: Floats, reach: float) -> Floats:
 
 
 def _nearest(grid: Floats, points: Floats, reach: float) -> Floats:
-    """Distance of each fine pixel to a set of points, infinite beyond `reach`."""
+    """Return the distance of each fine pixel to a set of points, infinite beyond `reach`."""
     tree = KDTree(points)
     around, _ = tree.query(grid[_FINE // 2 :: _FINE, _FINE // 2 :: _FINE], distance_upper_bound=reach + 1.0)
     near = np.repeat(np.repeat(np.isfinite(around), _FINE, axis=0), _FINE, axis=1)
@@ -307,6 +306,6 @@ def _on_camera(fine: Floats, blur: float) -> Floats:
 
 
 def _exposed(light: Floats, frames: int, optics: Optics, random: np.random.Generator) -> NDArray[np.uint8]:
-    """Grey levels of the mean of some frames: shot noise, then rounding to 8 bits."""
+    """Return the mean grey levels of some frames: shot noise, then rounding to 8 bits."""
     counted = random.poisson(light * optics.electrons * frames) / (optics.electrons * frames)
     return np.clip(np.rint(optics.full_light * counted), 0, 255).astype(np.uint8)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from capsbayes.image.sighting import Sighting
+    from capsbayes.image.detection import Detection
 
 __all__ = ["bare_figure", "on_picture", "picture_figure"]
 
@@ -29,7 +29,7 @@ _BAR = 0.25  # of the picture's width, at most
 def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:
     """Draw the predicted outline over the picture that the capsule was measured in.
 
-    Walls and capsule are found in the picture again; the predicted nose is laid on the nose seen.
+    WallLines and capsule are found in the picture again; the predicted nose is laid on the nose seen.
 
     Parameters
     ----------
@@ -49,23 +49,23 @@ def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 
     """
     from matplotlib.figure import Figure
 
-    from capsbayes.image.frames import Picture
-    from capsbayes.image.measure import sight
+    from capsbayes.image.files.picture import Picture
+    from capsbayes.image.measure import detect
 
     seen = Picture.read(picture)
-    sighting = sight(seen)
-    if posterior.outlines is None or not sighting.status.ok or sighting.walls is None or sighting.outline is None:
+    detection = detect(seen)
+    if posterior.outlines is None or not detection.status.ok or detection.walls is None or detection.outline is None:
         return None
     rows, columns = seen.shape
-    walls = sighting.walls
-    top, bottom = (walls.height + side * _AROUND * walls.half_width for side in (-1.0, 1.0))
+    walls = detection.walls
+    top, bottom = (walls.centre_row + side * _AROUND * walls.half_width for side in (-1.0, 1.0))
     top, bottom = max(top, 0.0), min(bottom, rows - 1.0)
     figure = Figure(figsize=(width, width * (bottom - top) / columns + 0.4))
     ax = figure.add_axes((0.0, 0.4 / figure.get_figheight(), 1.0, 1.0 - 0.4 / figure.get_figheight()))
     ax.imshow(seen.grey, cmap="gray", interpolation="nearest")
-    predicted = on_picture(band(posterior.outlines)[0], sighting)
+    predicted = on_picture(band(posterior.outlines)[0], detection)
     ax.plot(*_closed(predicted).T, color=_PREDICTED, linewidth=3.2, alpha=0.75, label="predicted outline")
-    ax.plot(*_closed(sighting.outline.points).T, color=_MEASURED, linewidth=0.9, label="measured edge")
+    ax.plot(*_closed(detection.outline.points).T, color=_MEASURED, linewidth=0.9, label="measured edge")
     _draw_bar(ax, walls.half_width / posterior.inputs.half_width.value, columns, bottom)
     ax.set(xlim=(-0.5, columns - 0.5), ylim=(bottom, top))
     ax.set_axis_off()
@@ -92,7 +92,7 @@ def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    from capsbayes.image.frames import Picture
+    from capsbayes.image.files.picture import Picture
 
     grey = Picture.read(picture).grey
     figure = Figure(figsize=(width, width * grey.shape[0] / grey.shape[1]))
@@ -102,14 +102,14 @@ def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
     return figure
 
 
-def on_picture(outline: Floats, sighting: Sighting) -> Floats:
+def on_picture(outline: Floats, detection: Detection) -> Floats:
     """Lay an outline on the capsule that was found in a picture, nose on nose.
 
     Parameters
     ----------
     outline : (p, 2) array [l]
         Columns (z, y), flow towards rising z.
-    sighting : Sighting
+    detection : Detection
         With walls, outline and nose.
 
     Returns
@@ -117,12 +117,12 @@ def on_picture(outline: Floats, sighting: Sighting) -> Floats:
     (p, 2) array [px]
         Columns (x, y).
     """
-    walls, nose = sighting.walls, sighting.nose
+    walls, nose = detection.walls, detection.nose
     assert walls is not None, "of a capsule that was measured"
     assert nose is not None, "of a capsule that was measured"
-    downstream = (sighting.flow or 1) * walls.along
+    downstream = (detection.flow or 1) * walls.along
     behind = outline[:, 0] - outline[:, 0].max()
-    tip = sighting.axis + nose.distance * downstream
+    tip = detection.axis + nose.distance * downstream
     return np.asarray(tip + walls.half_width * (behind[:, None] * downstream + outline[:, 1:] * walls.across))
 
 

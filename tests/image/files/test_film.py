@@ -4,7 +4,7 @@ import pytest
 from drawn_film import exposed, written
 
 from capsbayes.errors import InputError
-from capsbayes.image.film import Film, is_film
+from capsbayes.image.files.film import Film, is_film
 
 FRAMES = [exposed(np.full((40, 64), 20.0 + 10.0 * number), number) for number in range(12)]
 

@@ -3,9 +3,9 @@ import pytest
 from drawn import drawn
 
 from capsbayes.errors import InputError
-from capsbayes.image.background import along_the_channel, temporal_median, transmission
+from capsbayes.image.background import estimate_background, temporal_median, transmission
 from capsbayes.image.synthetic import Optics
-from capsbayes.image.wall import find_walls
+from capsbayes.image.walls import find_walls
 
 
 @pytest.mark.parametrize("tilt", [-0.06, 0.0, 0.02])
@@ -17,7 +17,7 @@ def test_the_half_width_is_found_to_a_tenth_of_a_pixel(tilt, half_width):
         assert walls.half_width == pytest.approx(half_width, abs=0.12)
         assert 0.0 < walls.half_width_error < 0.12
         assert walls.tilt == pytest.approx(tilt, abs=1e-3)
-        assert walls.height == pytest.approx(99.5, abs=0.2)
+        assert walls.centre_row == pytest.approx(99.5, abs=0.2)
 
 
 def test_no_walls_are_found_where_there_are_none():
@@ -38,7 +38,7 @@ def test_the_median_of_a_film_is_the_empty_channel():
 def test_a_background_is_guessed_from_the_picture_alone():
     made = drawn(0.1, 0.9, tilt=0.02)
     picture = made.picture.astype(float)
-    guessed = along_the_channel(picture, find_walls(picture))
+    guessed = estimate_background(picture, find_walls(picture))
     light = transmission(made.background.astype(float), guessed)
     assert np.median(light) == pytest.approx(1.0, abs=0.02)
     assert np.percentile(np.abs(light - 1.0), 90) < 0.04

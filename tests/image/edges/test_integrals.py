@@ -2,20 +2,20 @@ import numpy as np
 import pytest
 from drawn import HALF_WIDTH, circle, drawn
 
-from capsbayes.image.frames import Picture
-from capsbayes.image.integrals import centroid, centroid_variance
-from capsbayes.image.measure import sight
+from capsbayes.image.edges.integrals import centroid, centroid_variance
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.profile import Profile
 
 
 def seen(made):
-    return sight(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    return detect(Picture.from_array(made.picture), background=Picture.from_array(made.background))
 
 
 def test_a_disc_is_a_sphere_seen_from_the_side():
     radius = 0.8 * HALF_WIDTH
-    found = seen(draw(Scene(circle(0.8), circle(0.8), half_width=HALF_WIDTH), Optics(), seed=2)).silhouette
+    found = seen(draw(Scene(circle(0.8), circle(0.8), half_width=HALF_WIDTH), Optics(), seed=2)).integrals
     truth = {
         "area": np.pi * radius**2,
         "perimeter": 2.0 * np.pi * radius,
@@ -30,7 +30,7 @@ def test_a_disc_is_a_sphere_seen_from_the_side():
 
 def test_of_a_capsule_it_is_the_silhouette():
     made = drawn(0.05, 0.8)
-    found = seen(made).silhouette
+    found = seen(made).integrals
     outline = Profile.from_outline(HALF_WIDTH * np.asarray(made.scene.silhouette))
     assert found.area.value == pytest.approx(outline.area, abs=2.5 * found.area.error)
     assert found.perimeter.value == pytest.approx(outline.perimeter, abs=2.5 * found.perimeter.error)

@@ -1,4 +1,4 @@
-"""How far an outline reaches in one direction, and how well that is known."""
+"""The furthest point of an outline in one direction, with its error."""
 
 from __future__ import annotations
 
@@ -7,78 +7,78 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.image.contour import Outline
+from capsbayes.image.edges.outline import EdgeOutline
 
-__all__ = ["EDGE_FLOOR", "Extreme", "furthest"]
+__all__ = ["EDGE_FLOOR", "FurthestPoint", "furthest_point"]
 
 Floats = NDArray[np.float64]
 
 _WINDOWS = (15, 10, 7, 5)  # points to either side, widest first
 _ORDER = 4
-_MISFIT = 1.6  # of the residual's mean square over its expectation, up to which a window is taken
-EDGE_FLOOR = 0.03  # px: no edge is placed better than that in a picture sampled at whole pixels
+_MISFIT = 1.6  # of the residual's mean square over its expectation: largest that a window may have
+EDGE_FLOOR = 0.03  # px: no edge is located better than that in a picture sampled at whole pixels
 
 
 @dataclass(frozen=True)
-class Extreme:
-    """Furthest reach of an outline.
+class FurthestPoint:
+    """Furthest point of an outline in a direction.
 
     Parameters
     ----------
     distance, variance : float [px, px^2]
         Along the direction from the origin of the picture, and the variance of its error.
-    lasting : float [px^2]
+    systematic : float [px^2]
         The part of the variance that is the same in all pictures of a capsule.
     """
 
     distance: float
     variance: float
-    lasting: float
+    systematic: float
 
 
-def furthest(outline: Outline, direction: Floats, misfit: float) -> Extreme:
-    """Largest distance of an outline along a direction.
+def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> FurthestPoint:
+    """Return the largest distance of an outline along a direction.
 
-    The largest of many uncertain points would lie too far out; that of a quartic through its neighbours does not. The
-    widest neighbourhood is taken in which the quartic agrees with the points to within their errors.
+    The largest of many uncertain points would lie too far out; the maximum of a quartic through its neighbours does
+    not. The widest neighbourhood is used in which the quartic agrees with the points to within their errors.
 
     Parameters
     ----------
-    outline : Outline
+    outline : EdgeOutline
     direction : (2,) array
         Unit vector.
     misfit : float [1/px]
-        How far the model's edge may be from the true one, over the square of the edge's width: the first term that the
-        model lacks is quadratic.
+        Error of the edge's model over the square of the edge's width: the first term that the model lacks is
+        quadratic.
 
     Returns
     -------
-    Extreme
+    FurthestPoint
     """
     reach = outline.points @ direction
     trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))
-    top = int(np.argmax(_averaged(reach)))
+    top = int(np.argmax(_moving_mean(reach)))
     for window in _WINDOWS:
         index = np.arange(top - window, top + window + 1) % len(reach)
         t = np.arange(-window, window + 1) / window
         design = t[:, None] ** np.arange(_ORDER + 1)
         error = trusted[index]
-        hat = np.linalg.pinv(design / error[:, None]) / error
-        coefficients = hat @ reach[index]
+        inverse = np.linalg.pinv(design / error[:, None]) / error
+        coefficients = inverse @ reach[index]
         residual = (reach[index] - design @ coefficients) / error
         if residual @ residual < _MISFIT * (len(t) - _ORDER - 1):
             break
     fine = np.linspace(-0.5, 0.5, 101)
     values = (fine[:, None] ** np.arange(_ORDER + 1)) @ coefficients
     best = int(np.argmax(values))
-    weights = (fine[best] ** np.arange(_ORDER + 1)) @ hat
+    weights = (fine[best] ** np.arange(_ORDER + 1)) @ inverse
     excess = max(1.0, float(residual @ residual) / (len(t) - _ORDER - 1))
     own = excess * float(np.sum((weights * error) ** 2))
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
     shared = float(np.sum(of_arcs**2))
     model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2
-    return Extreme(float(values[best]), own + shared + model, model)
+    return FurthestPoint(float(values[best]), own + shared + model, model)
 
 
-def _averaged(values: Floats) -> Floats:
+def _moving_mean(values: Floats) -> Floats:
     return np.asarray(sum(np.roll(values, shift) for shift in range(-2, 3)) / 5.0)

@@ -1,4 +1,4 @@
-"""A picture as the camera gave it: read from a file or an array, grey, with its clipped pixels counted."""
+"""A picture as the camera recorded it: read from a file or an array, in grey levels, with its clipped pixels."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 
-__all__ = ["Picture"]
+__all__ = ["Picture", "decode"]
 
 Floats = NDArray[np.float64]
+Pixels = NDArray[Any]
 
 _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 12, 14 and 16 bits
+_LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +29,13 @@ class Picture:
     Parameters
     ----------
     grey : (rows, columns) array
-        Grey levels, as counted by the camera; the mean of the colours of a colour picture weighted as the eye does.
+        Grey levels in counts of the camera; of a colour picture, the luma (ITU-R BT.601).
     clipped : (rows, columns) array of bool
-        Pixels at the end of the camera's scale, black or white: what they have seen is not known.
+        Pixels at either end of the camera's scale, whose true level is unknown.
     source : str
-        File it was read from, empty if none.
+        File that the picture was read from, empty if none.
     sha256 : str
-        Fingerprint of that file.
+        Hash of that file.
     """
 
     grey: Floats = field(repr=False)
@@ -48,7 +50,7 @@ class Picture:
         Parameters
         ----------
         path : path
-            The first page is read of a file of several.
+            Of a file of several pages, the first is read.
 
         Returns
         -------
@@ -57,7 +59,7 @@ class Picture:
         Raises
         ------
         InputError
-            If the file is missing, empty or no picture.
+            If the file is missing, empty or not a picture.
         """
         where = str(path)
         try:
@@ -68,21 +70,19 @@ class Picture:
             raise InputError(where, "", "a readable picture", str(error.strerror)) from None
         if not raw:
             raise InputError(where, "", "a picture", "an empty file")
-        decoded = cv2.imdecode(np.frombuffer(raw, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-        if decoded is None:
+        pixels = decode(raw)
+        if pixels is None:
             raise InputError(where, "", "a picture (PNG, TIFF or JPEG)", "a file that cannot be read as one")
-        if decoded.ndim == 3 and decoded.shape[2] >= 3:
-            decoded = decoded[:, :, [2, 1, 0]]  # OpenCV keeps colours from blue to red
-        return cls._of(decoded, where, hashlib.sha256(raw).hexdigest())
+        return cls._of(pixels, where, hashlib.sha256(raw).hexdigest())
 
     @classmethod
     def from_array(cls, pixels: ArrayLike) -> Picture:
-        """Take a picture that is in memory.
+        """Take a picture from memory.
 
         Parameters
         ----------
         pixels : (rows, columns) or (rows, columns, colours) array
-            Of unsigned integers as the camera gave them, or of any real numbers; colours are red, green, blue.
+            Unsigned integers as the camera recorded them, or any real numbers; colours are red, green, blue.
 
         Returns
         -------
@@ -91,27 +91,23 @@ class Picture:
         Raises
         ------
         InputError
-            If it has another shape, or a value that is not finite.
+            If the array has another shape, or a value that is not finite.
         """
         return cls._of(np.asarray(pixels), "picture", "")
 
     @classmethod
-    def _of(cls, pixels: NDArray[Any], where: str, sha256: str) -> Picture:
+    def _of(cls, pixels: Pixels, where: str, sha256: str) -> Picture:
         if pixels.ndim not in (2, 3) or min(pixels.shape[:2]) < 16:
             raise InputError(where, "", "a picture of at least 16 x 16 pixels", f"an array of shape {pixels.shape}")
-        whole = np.issubdtype(pixels.dtype, np.integer)
+        is_integer = np.issubdtype(pixels.dtype, np.integer)
         levels = pixels.reshape(*pixels.shape[:2], -1)
-        if levels.shape[2] >= 3:
-            grey = levels[:, :, :3].astype(np.float64) @ [0.299, 0.587, 0.114]
-            levels = grey
-        else:
-            levels = levels[:, :, 0]
-            grey = levels.astype(np.float64)
-        if not whole and not np.all(np.isfinite(grey)):
+        levels = levels[:, :, :3].astype(np.float64) @ _LUMA if levels.shape[2] >= 3 else levels[:, :, 0]
+        grey = levels.astype(np.float64)
+        if not is_integer and not np.all(np.isfinite(grey)):
             raise InputError(where, "", "finite grey levels", f"{int(np.sum(~np.isfinite(grey)))} NaN or infinite ones")
-        brightest = levels.max()  # of integers, which are compared faster
+        brightest = levels.max()  # integers where the picture is grey: they are compared faster
         clipped = levels <= 0
-        if whole and round(float(brightest), 6) in _FULL_SCALES:
+        if is_integer and round(float(brightest), 6) in _FULL_SCALES:
             clipped |= levels == brightest
         return cls(grey, clipped, "" if where == "picture" else where, sha256)
 
@@ -120,3 +116,14 @@ class Picture:
         """Rows and columns."""
         rows, columns = self.grey.shape
         return rows, columns
+
+
+def decode(raw: bytes) -> Pixels | None:
+    """Return the pixels of an encoded picture, colours in the order red, green, blue; None if it is not a picture."""
+    pixels = cv2.imdecode(np.frombuffer(raw, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
+    return None if pixels is None else in_rgb_order(pixels)
+
+
+def in_rgb_order(pixels: Pixels) -> Pixels:
+    """Return the pixels with colours in the order red, green, blue: OpenCV keeps them from blue to red."""
+    return pixels[:, :, [2, 1, 0]] if pixels.ndim == 3 and pixels.shape[2] >= 3 else pixels

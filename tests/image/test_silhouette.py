@@ -5,9 +5,9 @@ import pytest
 import scipy.linalg
 from drawn import HALF_WIDTH, circle, drawn
 
-from capsbayes.image.edge_outline import silhouette_of
-from capsbayes.image.frames import Picture
-from capsbayes.image.measure import sight
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect
+from capsbayes.image.silhouette import silhouette_of
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.infer.outline.likelihood import aligned_with
 
@@ -15,7 +15,7 @@ SHAPES = [(0.03, 0.8), (0.05, 0.93), (0.08, 1.05), (0.1, 0.75)]
 
 
 def found(made, **options):
-    seen = sight(Picture.from_array(made.picture), background=Picture.from_array(made.background), **options)
+    seen = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background), **options)
     return silhouette_of(seen)
 
 
@@ -37,17 +37,17 @@ def test_residuals_are_as_stated(blur):
 def test_edges_next_to_a_wall_are_left_out():
     """A capsule that leaves 3 px to either wall, blurred by 2 px: its flanks would lie 0.3 px too far out."""
     made = drawn(0.005, 1.125, optics=Optics(blur=2.0, electrons=5000))
-    sighting = sight(Picture.from_array(made.picture), background=Picture.from_array(made.background))
-    clearance = sighting.walls.clearance(sighting.outline.points)
+    detection = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    clearance = detection.walls.clearance(detection.outline.points)
     assert clearance.min() < 4.0
-    seen = silhouette_of(sighting)
+    seen = silhouette_of(detection)
     whole = np.abs(np.asarray(made.scene.silhouette)[:, 1]).max()
     assert np.abs(seen.points[:, 1] - np.median(seen.points[:, 1])).max() < whole - 0.01
     truth = np.asarray(made.scene.silhouette)
     _, kept = aligned_with(seen.points, truth)
-    every = (sighting.outline.points - sighting.axis) @ np.stack([sighting.walls.along, sighting.walls.across], 1)
+    every = (detection.outline.points - detection.axis) @ np.stack([detection.walls.along, detection.walls.across], 1)
     _, found_at_all = aligned_with(every / HALF_WIDTH, truth)
-    flank = clearance < 2.0 * sighting.walls.line_width
+    flank = clearance < 2.0 * detection.walls.line_width
     assert found_at_all.distance[flank].mean() * HALF_WIDTH > 0.2
     assert np.abs(kept.distance).max() < 3.0 * np.hypot(seen.noise.scale, seen.pose.offset)
 

@@ -1,7 +1,7 @@
 """The concave rear of a capsule: a second dark band inside the outline, seen through the rim that hides it.
 
-The middle of the band is taken for the membrane. Where no band stands clear of that of the outer edge, the rear may be
-convex, or concave and not seen: nothing is said then.
+The middle of the band is taken for the membrane. Where no band is distinct from that of the outer edge, the rear may be
+convex, or concave and not seen, and there is no result.
 """
 
 from __future__ import annotations
@@ -9,51 +9,53 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from capsbayes.image.edge_models import Model, locate
+from capsbayes.image.edges.models import Model, locate
+from capsbayes.image.edges.robust import fit_without_outliers
 
 __all__ = ["RearBand", "find_rear"]
 
 Floats = NDArray[np.float64]
 
-_BREADTH = 0.3  # of half the capsule's height: how far from the axis the band is followed
-_DEPTH = 0.45  # of the capsule's length: how far from the rear end it is looked for
+_BREADTH = 0.3  # of half the capsule's height: largest distance from the axis at which the band is followed
+_DEPTH = 0.45  # of the capsule's length: largest distance from the rear end at which it is sought
 _SMOOTHING = 1.5  # px
 _STRIP = 3.0  # px: breadth of the strips in which the band is located
-_BEHIND = 10  # px behind the band in which it must have brightened again
-_REACH = 1.7, 5, 14  # how much around the band is fitted: over its deviation, and at least and at most in px
+_FEWEST = 4  # strips
+_FLOOR, _SCATTER = 0.02, 1.0  # px: smallest and largest spread of the strips about the parabola
+_BEHIND = 10  # px behind the band within which it must brighten again
+_REACH = 1.7, 5, 14  # half width of the fit around the band: over its deviation, at least and at most in px
 _PROMINENCE = 0.02  # of the light, at least
 _SIGNIFICANCE = 6.0  # of the prominence over its noise
-_CURVATURES = np.linspace(-2.4, 0.2, 14)  # over the capsule's half height: away from the axis the rear lies less deep
+_CURVATURES = np.linspace(-2.4, 0.2, 14)  # over the capsule's half height: off the axis the rear is less deep
 _CLEAR = 3.0  # of the band's deviation: nearer to the end of the silhouette it merges with the band of the outer edge
-_OVERLAP, _FADING = 0.08, 2.5  # what the band of the outer edge shifts this one by, over its deviation, and how far
+_OVERLAP, _FADING = 0.08, 2.5  # of the deviation: shift by the outer edge's band, and distance at which it fades
 _MISFIT = 0.02  # of the width of the band: how far the model's middle may be from that of the band
 
 
 @dataclass(frozen=True, eq=False)
 class RearBand:
-    """Where the rear crosses the axis.
+    """Dark band of a concave rear, where it crosses the axis.
 
     Parameters
     ----------
     depth, depth_error : float [px]
         From the rear end of the capsule to the middle of the band on the axis, and its standard error.
-    lasting : float [px^2]
+    systematic : float [px^2]
         The part of the error's square that is the same in all pictures of a capsule.
     width : float [px]
         Standard deviation of the band.
     curvature : float [1/px]
         Second derivative of the depth across the axis.
     breadth : float [px]
-        How far from the axis it was followed.
+        Distance from the axis up to which it was followed.
     """
 
     depth: float
     depth_error: float
-    lasting: float
+    systematic: float
     width: float
     curvature: float
     breadth: float
@@ -62,14 +64,14 @@ class RearBand:
 def find_rear(
     light: Floats, end: Floats, inwards: Floats, length: float, half_height: float, blur: float, noise: float
 ) -> RearBand | None:
-    """Find the band.
+    """Find the dark band of a concave rear.
 
     Parameters
     ----------
     light : (rows, columns) array
-        Share of the light of the empty channel.
+        Light over that of the empty channel.
     end : (2,) array [px]
-        Point (x, y) on the axis at which the silhouette ends.
+        Rear end (x, y) of the silhouette, on the axis.
     inwards : (2,) array
         Unit vector from there to the nose.
     length, half_height : float [px]
@@ -90,15 +92,15 @@ def find_rear(
     at = end + u[:, None] * inwards + y[:, None, None] * across
     rays = map_coordinates(light, [at[..., 1], at[..., 0]], order=1, mode="nearest")
     start = _coarse(rays, y, half_height, noise)
-    if start is None:
-        return None
-    return _fine(rays, y, start, blur, noise)
+    return None if start is None else _fine(rays, y, start, blur, noise)
 
 
 def _coarse(rays: Floats, y: Floats, half_height: float, noise: float) -> tuple[int, float, float] | None:
-    """Depth of the band on the axis, its curvature, and its standard deviation, to a pixel."""
+    """Return the depth of the band on the axis, its curvature, and its standard deviation, to a pixel."""
     bend = np.rint(0.5 * _CURVATURES[:, None] / half_height * y**2).astype(np.int64)
-    stacked = _stacked(np.ascontiguousarray(rays), bend)
+    last = rays.shape[1] - 1
+    shifted = np.clip(np.arange(last + 1) + bend[..., None], 0, last)  # curvatures, rays, points
+    stacked = rays[np.arange(len(rays))[:, None], shifted].mean(axis=1)
     smooth = gaussian_filter1d(stacked, _SMOOTHING, axis=1, mode="nearest")
     best, found = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y))), None
     for curvature, profile in zip(_CURVATURES / half_height, smooth, strict=True):
@@ -108,33 +110,19 @@ def _coarse(rays: Floats, y: Floats, half_height: float, noise: float) -> tuple[
             before, behind = profile[rim:dip].max(), profile[dip : dip + _BEHIND + 1].max()
             prominence = min(before, behind) - profile[dip]
             if prominence > best:
-                best, found = (
-                    float(prominence),
-                    (dip, float(curvature), _deviation(profile, dip, 0.5 * prominence)),
-                )
+                best = float(prominence)
+                found = dip, float(curvature), _deviation(profile, dip, 0.5 * prominence)
     return found
 
 
-@njit(cache=True, nogil=True)
-def _stacked(rays, bend):  # type: ignore[no-untyped-def]
-    """Mean of the rays, each moved by what a curvature bends it : (curvatures, points) array."""
-    last = rays.shape[1] - 1
-    stacked = np.zeros((len(bend), last + 1))
-    for n in range(len(bend)):
-        for ray in range(len(rays)):
-            for i in range(last + 1):
-                stacked[n, i] += rays[ray, min(max(i + bend[n, ray], 0), last)]
-    return stacked / len(rays)
-
-
 def _deviation(profile: Floats, dip: int, half: float) -> float:
-    """Standard deviation of a band from its width at half its prominence."""
+    """Return the standard deviation of a band, from its width at half its prominence."""
     bright = np.flatnonzero(profile > profile[dip] + half)
     return float(bright[bright > dip].min() - bright[bright < dip].max() - 1) / 2.355
 
 
 def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float, noise: float) -> RearBand | None:
-    """Locate the band in strips beside the axis, and lay a parabola through what was found."""
+    """Locate the band in strips along the axis, and fit a parabola to the places."""
     middle, curvature, deviation = start
     share, least, most = _REACH
     reach = int(np.clip(round(share * deviation), least, most))
@@ -149,26 +137,24 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     values = np.take_along_axis(rays, np.clip(index, 0, rays.shape[1] - 1), axis=1)
     means = np.add.reduceat(values, first, axis=0) / count[:, None]
     used = np.minimum.reduceat(within, first, axis=0).astype(float)
-    found = locate(means, samples.astype(float), Model.BAND, np.zeros(strips), np.full(strips, deviation), used)
+    bands = locate(means, samples.astype(float), Model.BAND, np.zeros(strips), np.full(strips, deviation), used)
     across = np.add.reduceat(y, first) / count
-    height = np.add.reduceat(centre.astype(float), first) / count + found.place
-    sound = found.converged & (found.coefficients[:, 0] < 0.0) & (np.abs(found.place) < 0.5 * reach)
-    for _ in range(2):
-        if sound.sum() < 4:
-            return None
-        design = np.stack([np.ones(strips), across, 0.5 * across**2], axis=1)
-        solution, *_ = np.linalg.lstsq(design[sound], height[sound], rcond=None)
-        residual = height - design @ solution
-        scatter = max(1.4826 * float(np.median(np.abs(residual[sound]))), 0.02)
-        sound &= np.abs(residual) < 4.0 * scatter
-    if sound.sum() < 4 or scatter > 1.0:
+    fit = fit_without_outliers(
+        np.stack([np.ones(strips), across, 0.5 * across**2], axis=1),
+        np.add.reduceat(centre.astype(float), first) / count + bands.place,
+        bands.converged & (bands.coefficients[:, 0] < 0.0) & (np.abs(bands.place) < 0.5 * reach),
+        rounds=2,
+        floor=_FLOOR,
+        enough=lambda kept: kept.sum() >= _FEWEST,
+    )
+    if fit is None or fit.kept.sum() < _FEWEST or fit.spread > _SCATTER:
         return None
-    counted = noise**2 * np.median(found.place_variance[sound] / count[sound])
-    seen = np.sum(residual[sound] ** 2) / max(int(sound.sum()) - 3, 1)
-    variance = np.linalg.inv(design[sound].T @ design[sound])[0, 0] * max(counted, seen)
-    depth = float(solution[0] - 0.5 * solution[2] * blur**2)
+    expected = noise**2 * np.median(bands.place_variance[fit.kept] / count[fit.kept])
+    variance = fit.cofactor[0, 0] * max(expected, fit.variance)
+    depth = float(fit.coefficients[0] - 0.5 * fit.coefficients[2] * blur**2)
     if depth < _CLEAR * deviation:
         return None
     misfit = deviation * (_MISFIT + _OVERLAP * np.exp(-(depth / deviation - _CLEAR) / _FADING))
     error = float(np.sqrt(variance + misfit**2))
-    return RearBand(depth, error, float(misfit**2), deviation, float(solution[2]), float(np.max(np.abs(across[sound]))))
+    breadth = float(np.max(np.abs(across[fit.kept])))
+    return RearBand(depth, error, float(misfit**2), deviation, float(fit.coefficients[2]), breadth)

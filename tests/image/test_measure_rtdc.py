@@ -10,8 +10,8 @@ from drawn import circle
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.image.files.rtdc import RtdcFile
 from capsbayes.image.measure_rtdc import measure_rtdc
-from capsbayes.image.rtdc import RtdcFile
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
@@ -50,7 +50,7 @@ def path(tmp_path):
 
 def test_drawn_spheres_and_a_mask_in_two_pieces(path):
     found = events(path)
-    assert [event.sighting.status for event in found] == [Status.DONE, Status.DONE, Status.BROKEN_MASK]
+    assert [event.detection.status for event in found] == [Status.DONE, Status.DONE, Status.BROKEN_MASK]
     for event in found[:2]:
         seen = event.measurement
         assert abs(seen.axial_extent - 12e-6) < 2.5 * seen.axial_extent_error
@@ -89,12 +89,12 @@ def test_a_file_that_is_no_hdf5_is_refused(tmp_path):
 def test_recorded_beads_are_round_and_the_last_event_is_not():
     """The channel is tilted by 2.4 degrees; 46 beads, then something else."""
     found = events(FOLDER / "calibration_beads_47.rtdc")
-    assert all(event.sighting.status is Status.DONE for event in found)
-    assert np.degrees(found[0].sighting.walls.tilt) == pytest.approx(-2.4, abs=0.1)
+    assert all(event.detection.status is Status.DONE for event in found)
+    assert np.degrees(found[0].detection.walls.tilt) == pytest.approx(-2.4, abs=0.1)
     ratios = []
     for event in found:
-        outline, walls = event.sighting.outline, event.sighting.walls
-        ratios.append(event.sighting.lengths[0] / np.ptp(outline.points @ walls.across))
+        outline, walls = event.detection.outline, event.detection.walls
+        ratios.append(event.detection.lengths[0] / np.ptp(outline.points @ walls.across))
     assert np.max(np.abs(np.array(ratios[:-1]) - 1.0)) < 0.03
     assert ratios[-1] > 1.2
 
@@ -102,8 +102,8 @@ def test_recorded_beads_are_round_and_the_last_event_is_not():
 @recorded
 def test_recorded_doublets_and_broken_masks_are_refused_by_name():
     cells = events(FOLDER / "blood_rbc_leukocytes.rtdc")
-    refused = {event.number for event in cells if event.sighting.status in (Status.DOUBLET, Status.LOPSIDED)}
+    refused = {event.number for event in cells if event.detection.status in (Status.DOUBLET, Status.LOPSIDED)}
     assert {3, 4, 5} <= refused  # red cells that overlap, as the pictures show
-    assert {1, 2, 8, 9, 10, 12} <= {event.number for event in cells if event.sighting.status.ok}
+    assert {1, 2, 8, 9, 10, 12} <= {event.number for event in cells if event.detection.status.ok}
     broken = events(FOLDER / "mask_with_artefact.rtdc", replace(PIXEL, value=0.68e-6))
-    assert Counter(event.sighting.status for event in broken) == {Status.BROKEN_MASK: 10}
+    assert Counter(event.detection.status for event in broken) == {Status.BROKEN_MASK: 10}

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.image.frames import Picture
+from capsbayes.image.files.picture import Picture
 
 GREY = np.tile(np.arange(20, 220, 2, dtype=np.uint8), (40, 1))
 

@@ -1,8 +1,7 @@
-"""Places of edges and of dark lines in profiles of intensity, by least squares.
+"""Models of an edge, a dark line and a dark band, fitted to profiles of intensity by least squares.
 
-The models have two parameters that matter, place and width, and several that do not and enter linearly. The latter
-are eliminated in each step (variable projection with the Jacobian of Kaufman), so that what is left is a Gauss-Newton
-iteration in two unknowns.
+Two parameters of each model are wanted, place and width; the others enter linearly and are eliminated in each step
+(variable projection with the Jacobian of Kaufman), which leaves a Gauss-Newton iteration in two unknowns.
 
 References
 ----------
@@ -19,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Located", "Model", "locate"]
+__all__ = ["Model", "ProfileFit", "locate"]
 
 Floats = NDArray[np.float64]
 
@@ -31,12 +30,12 @@ _RIDGE = 1e-10  # two functions may become alike as the width grows
 
 
 class Model(IntEnum):
-    """What a profile is made of; t is the distance from the place, and the blur is Gaussian of the width."""
+    """Model of a profile; t is the distance from the place, and the blur is Gaussian with the width."""
 
     EDGE = 0
     """A jump between two straight lines, blurred: 1, the line outside, the jump, the line inside.
 
-    Outside lie the background and its halo, inside the dark band: whatever they are, near the edge they are smooth.
+    The background and its halo outside, and the dark band inside, are smooth near the edge.
     """
     LINE = 1
     """A Gaussian between two levels: the Gaussian, 1, the step."""
@@ -48,8 +47,8 @@ _FUNCTIONS = {Model.EDGE: 4, Model.LINE: 3, Model.BAND: 4}
 
 
 @dataclass(frozen=True, eq=False)
-class Located:
-    """Where an edge or a line lies in each of n profiles.
+class ProfileFit:
+    """Model fitted to each of n profiles.
 
     Parameters
     ----------
@@ -58,7 +57,7 @@ class Located:
     place_variance : (n,) array
         Variance of the place where each sample has noise of variance 1.
     coefficients : (n, k) array
-        Of the model's k functions.
+        Coefficients of the model's k functions.
     fitted : (n, m) array
         The model at the samples.
     slope : (n, m) array
@@ -75,7 +74,7 @@ class Located:
     converged: NDArray[np.bool_]
 
 
-def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width: Floats, used: Floats) -> Located:
+def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width: Floats, used: Floats) -> ProfileFit:
     """Fit a model to each profile.
 
     Parameters
@@ -83,19 +82,19 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
     profiles : (n, m) array
         Intensities.
     samples : (m,) array
-        Their positions.
+        Positions of the samples.
     model : Model
     place, width : (n,) array
-        Where to start.
+        Initial guesses.
     used : (n, m) array
         1 for the samples to fit, 0 for the others.
 
     Returns
     -------
-    Located
+    ProfileFit
     """
     count = len(profiles)
-    found = Located(
+    fit = ProfileFit(
         place.astype(np.float64),
         width.astype(np.float64),
         np.empty(count),
@@ -109,15 +108,15 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
         np.ascontiguousarray(samples, dtype=np.float64),
         np.ascontiguousarray(used, dtype=np.float64),
         int(model),
-        found.place,
-        found.width,
-        found.place_variance,
-        found.coefficients,
-        found.fitted,
-        found.slope,
-        found.converged,
+        fit.place,
+        fit.width,
+        fit.place_variance,
+        fit.coefficients,
+        fit.fitted,
+        fit.slope,
+        fit.converged,
     )
-    return found
+    return fit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,7 +134,7 @@ def _locate(  # type: ignore[no-untyped-def]
                 profiles[n], used[n], functions, by_place, by_width, coefficients[n], fitted[n], slope[n], jacobian
             )
             _step(profiles[n], used[n], fitted[n], jacobian, normal, step)
-            if converged[n] or iteration == _ITERATIONS:  # what is known is of the last place
+            if converged[n] or iteration == _ITERATIONS:  # fit, slope and normal matrix belong to the last place
                 break
             place[n] += min(max(step[0], -_LONGEST[0]), _LONGEST[0])
             width[n] *= math.exp(min(max(step[1], -_LONGEST[1]), _LONGEST[1]))
@@ -146,7 +145,7 @@ def _locate(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _evaluated(model, samples, place, width, functions, by_place, by_width):  # type: ignore[no-untyped-def]
-    """Fill in the functions (m, k) and their derivatives by the place and by the logarithm of the width."""
+    """Fill in the functions (m, k) and their derivatives with respect to the place and the logarithm of the width."""
     for i in range(len(samples)):
         t = samples[i] - place
         u = t / width

@@ -1,8 +1,8 @@
 """The outline of a capsule in a picture, to a fraction of a pixel.
 
-A closed curve is laid around the dark spot that the capsule is, then moved to where the intensity along its normals
-jumps. The jump is located in means over arcs of the curve (`edge_models`), and from there in each normal by the
-shift that explains its difference from the mean of its arc.
+A closed curve around the dark blob is moved to where the intensity along its normals jumps. The jump is located in
+means over arcs of the curve (`edges.models`); the shift of each normal against the mean of its arc is fitted to their
+difference.
 """
 
 from __future__ import annotations
@@ -14,38 +14,40 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
-from capsbayes.image.edge_models import Model, locate
+from capsbayes.image.edges.models import Model, locate
+from capsbayes.image.edges.robust import robust_spread
 
-__all__ = ["ARC", "Outline", "pixel_noise", "sharpened"]
+__all__ = ["ARC", "EdgeOutline", "locate_edge", "pixel_noise"]
 
 Floats = NDArray[np.float64]
 
 _SPACING = 1.25  # px between normals
-ARC = 18.0  # px: length of the arcs over which the edge's shape is taken as one
-_REACH = 9  # px along a normal to either side
+ARC = 18.0  # px: length of the arcs that share one shape of the edge
+_REACH = 9  # px along a normal, to either side
 _SMOOTHING = 2.0  # px: of the curve on which the normals stand
 _START_WIDTH = 1.5  # px
+_FURTHER_ROUNDS = 2
 _CONTRAST = 0.03  # of the light: a fainter jump is no edge
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class EdgeOutline:
     """Closed outline with the error of each of its points.
 
     Parameters
     ----------
     points : (n, 2) array [px]
-        Columns (x, y), a pixel or so apart.
+        Columns (x, y), about a pixel apart.
     normals : (n, 2) array
         Unit vectors outwards.
     point_error : (n,) array [px]
-        Standard error along the normal of each point by itself.
+        Standard error along the normal, independent from point to point.
     arc_error : (n,) array [px]
         Standard error along the normal that the points of one arc share.
     arc : (n,) array of int
-        Which arc each point belongs to.
+        Number of the arc of each point.
     edge_width : (n,) array [px]
-        Standard deviation of the blur at each place.
+        Standard deviation of the blur at each point.
     """
 
     points: Floats = field(repr=False)
@@ -57,47 +59,44 @@ class Outline:
 
 
 def pixel_noise(light: Floats) -> float:
-    """Standard deviation of the noise of one pixel, from second differences, most of which see nothing else."""
+    """Return the standard deviation of one pixel's noise, by second differences, most of which hold only noise."""
     second = light[1:-1, 1:-1] - 0.5 * (light[1:-1, :-2] + light[1:-1, 2:])
-    return max(float(np.median(np.abs(second))) / 0.6745 / np.sqrt(1.5), 1e-6)
+    return max(robust_spread(second) / np.sqrt(1.5), 1e-6)
 
 
-def sharpened(light: Floats, polygon: Floats, noise: float) -> Outline | None:
-    """Move an outline of a pixel's accuracy to the edge.
+def locate_edge(light: Floats, polygon: Floats, noise: float) -> EdgeOutline | None:
+    """Locate the edge of a capsule, starting from an outline of a pixel's accuracy.
 
     Parameters
     ----------
     light : (rows, columns) array
-        Share of the light of the empty channel.
+        Light over that of the empty channel.
     polygon : (p, 2) array [px]
-        Where to start, columns (x, y), clockwise as seen in the picture.
+        Initial outline, columns (x, y), clockwise as seen in the picture.
     noise : float
         Standard deviation of one pixel of `light`.
 
     Returns
     -------
-    Outline or None
+    EdgeOutline or None
         None where no edge can be located.
     """
     first = np.maximum(np.floor(polygon.min(axis=0)).astype(int) - 2 * _REACH, 0)
     last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH
     spline = spline_filter(light[first[1] : last[1], first[0] : last[0]], order=3, mode="mirror")
-    curve, width = polygon - first, np.array([_START_WIDTH])
-    outline = None
-    for _ in range(3):
-        outline = _moved(spline, curve, width, noise)
-        if outline is None:
-            return None
-        curve, width = outline.points, outline.edge_width
+    outline = _moved(spline, polygon - first, np.array([_START_WIDTH]), noise)
+    for _ in range(_FURTHER_ROUNDS):
+        if outline is not None:
+            outline = _moved(spline, outline.points, outline.edge_width, noise)
     if outline is None:
         return None
     return replace(outline, points=outline.points + first)
 
 
-def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> Outline | None:
-    """One step: normals on the smoothed curve, the edge in the mean of each arc, the shift of each normal.
+def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> EdgeOutline | None:
+    """Locate the edge in the mean of each arc, along normals on the smoothed curve, and the shift of each normal.
 
-    The windows along the normals are as wide as the edges were found, at equal shares of the curve's length.
+    The windows along the normals follow the widths of the last round, given at equal distances along the curve.
     """
     base, tangent, curvature = _smoothed(curve)
     normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
@@ -111,19 +110,19 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> Outli
     width = np.interp((np.arange(arcs) + 0.5) / arcs, (np.arange(len(widths)) + 0.5) / len(widths), widths)
     window = np.clip(2.0 * width + 1.5, 3.0, _REACH)
     used = (np.abs(samples) <= window[:, None]).astype(float)
-    found = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used)
-    sound = found.converged & (np.abs(found.place) < 0.7 * window) & (found.coefficients[:, 2] < -_CONTRAST)
-    if sound.sum() < arcs // 2:
+    edge = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used)
+    located = edge.converged & (np.abs(edge.place) < 0.7 * window) & (edge.coefficients[:, 2] < -_CONTRAST)
+    if located.sum() < arcs // 2:
         return None
-    place = np.where(sound, found.place, 0.0)
-    arc_width = np.where(sound, found.width, np.median(found.width[sound]))
-    # further inside, a concave rear darkens some places of an arc and not others
+    place = np.where(located, edge.place, 0.0)
+    arc_width = np.where(located, edge.width, np.median(edge.width[located]))
+    # further inside, a concave rear darkens only parts of an arc
     outer = used * (samples <= width[:, None])
-    shift, shift_variance = _shifts(profiles, arc, means, found.slope, outer)
+    shift, shift_variance = _shifts(profiles, arc, means, edge.slope, outer)
     blur = arc_width[arc]
     outward = 0.5 * curvature * _blur_along(blur, normals) ** 2 - place[arc] - shift
-    arc_variance = np.where(sound, found.place_variance / count, 1.0 / noise**2)
-    return Outline(
+    arc_variance = np.where(located, edge.place_variance / count, 1.0 / noise**2)
+    return EdgeOutline(
         points=base + outward[:, None] * normals,
         normals=normals,
         point_error=noise * np.sqrt(shift_variance),
@@ -134,7 +133,7 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> Outli
 
 
 def _smoothed(curve: Floats) -> tuple[Floats, Floats, Floats]:
-    """Points at equal distance on a smoothed curve, unit tangents, and curvatures, positive where convex."""
+    """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex."""
     closed = np.concatenate([curve, curve[:1]])
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     count = max(32, round(length[-1] / _SPACING))
@@ -150,9 +149,9 @@ def _smoothed(curve: Floats) -> tuple[Floats, Floats, Floats]:
 def _shifts(
     profiles: Floats, arc: NDArray[np.intp], means: Floats, slopes: Floats, used: Floats
 ) -> tuple[Floats, Floats]:
-    """Shift inwards of each profile against the mean of its arc, and its variance for noise 1.
+    """Return the inward shift of each profile against the mean of its arc, and its variance for noise 1.
 
-    The mean may be brighter or of more contrast besides: those are fitted with the shift.
+    Differences of brightness and contrast from the mean are fitted together with the shift.
     """
     shift, variance = np.empty(len(profiles)), np.empty(len(profiles))
     _shifted(profiles, arc, means, slopes, used, shift, variance)
@@ -161,7 +160,7 @@ def _shifts(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _shifted(profiles, arc, means, slopes, used, shift, variance):  # type: ignore[no-untyped-def]
-    """Fill in the first unknown of least squares in slope, mean and 1, and its variance."""
+    """Fill in the coefficient of the slope by least squares in slope, mean and 1, and its variance."""
     normal, sides = np.empty((3, 3)), np.empty((3, 2))
     for n in range(len(profiles)):
         mean, slope, share = means[arc[n]], slopes[arc[n]], used[arc[n]]
@@ -181,7 +180,7 @@ def _shifted(profiles, arc, means, slopes, used, shift, variance):  # type: igno
 
 
 def _blur_along(width: Floats, normals: Floats) -> Floats:
-    """Blur along the tangent of each place: that which the places whose normal points there see across."""
+    """Return the blur along the tangent at each point: that across the edge where the normal points that way."""
     streamwise = np.abs(normals[:, 0]) > 0.8
     crosswise = np.abs(normals[:, 1]) > 0.8
     x = float(np.median(width[streamwise])) if streamwise.any() else float(np.median(width))

@@ -5,7 +5,8 @@ from drawn import circle, shapes
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image.contour_file import ContourFile, measure_contour
+from capsbayes.image.files.contour import ContourFile
+from capsbayes.image.measure_contour import measure_contour
 from capsbayes.profile import Profile
 from capsbayes.quantity import Quantity
 

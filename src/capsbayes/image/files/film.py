@@ -1,24 +1,20 @@
-"""A film as the camera gave it: a folder of pictures, a TIFF file of many pages, or an AVI or MP4 file."""
+"""A film as the camera recorded it: a folder of pictures, a TIFF file of many pages, or an AVI or MP4 file."""
 
 from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.image.frames import Picture
+from capsbayes.image.files.picture import Picture, Pixels, decode, in_rgb_order
 
-__all__ = ["Film", "is_film"]
-
-Pixels = NDArray[Any]
+__all__ = ["Film", "evenly_spaced", "is_film"]
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
@@ -27,14 +23,14 @@ _PAGES = 32  # of a TIFF file read at once
 
 @dataclass(frozen=True)
 class Film:
-    """Frames of a film, read one after the other whenever they are asked for.
+    """Frames of a film, read one after the other when they are asked for.
 
     Parameters
     ----------
     source : Path
         Folder of pictures, taken in the order of the numbers in their names, or a file.
     count : int
-        Frames there should be; a film that was cut short holds fewer.
+        Number of frames that the film should have; a film that was cut short holds fewer.
     """
 
     source: Path
@@ -42,7 +38,7 @@ class Film:
 
     @classmethod
     def open(cls, path: str | Path) -> Film:
-        """Find out how many frames there are.
+        """Open a film and count its frames.
 
         Parameters
         ----------
@@ -55,7 +51,7 @@ class Film:
         Raises
         ------
         InputError
-            If it is missing, empty or no film.
+            If the film is missing, empty or not a film.
         """
         path = Path(path)
         where = str(path)
@@ -75,52 +71,35 @@ class Film:
         return cls(path, count)
 
     def frames(self, rows: slice = slice(None), *, only: Collection[int] | None = None) -> Iterator[Picture | None]:
-        """The frames in their order, or some rows of them; None for one that cannot be read or is of another size.
+        """Iterate over some rows of the frames; a frame that cannot be read, or is of another size, is None.
 
-        Parameters
-        ----------
-        rows : slice
-        only : collection of int, optional
-            Numbers of the frames that are wanted; all the others are None too.
+        If `only` holds numbers of frames, all others are None as well.
         """
         shape = None
         for pixels in self._decoded(only):
             if pixels is not None:
                 shape = shape or pixels.shape
-            yield None if pixels is None or pixels.shape != shape else Picture.from_array(_in_order(pixels[rows]))
+            yield None if pixels is None or pixels.shape != shape else Picture.from_array(pixels[rows])
 
     def spread(self, count: int) -> list[Picture]:
-        """Frames at about equal distances, those that cannot be read left out.
-
-        Parameters
-        ----------
-        count : int
-            At most so many.
-
-        Returns
-        -------
-        list of Picture
-        """
-        wanted = set(np.unique(np.linspace(0, self.count - 1, count).round().astype(int)).tolist())
-        return [picture for picture in self.frames(only=wanted) if picture is not None]
+        """Read at most `count` frames at about equal distances; those that cannot be read are omitted."""
+        return [picture for picture in self.frames(only=evenly_spaced(self.count, count)) if picture is not None]
 
     @property
     def sha256(self) -> str:
-        """Fingerprint of the file, or of all pictures of the folder one after the other."""
+        """Hash of the file, or of all pictures of the folder in their order."""
         digest = hashlib.sha256()
         for path in _pictures(self.source) if self.source.is_dir() else [self.source]:
             with path.open("rb") as file:
-                while block := file.read(1 << 20):
-                    digest.update(block)
+                hashlib.file_digest(file, lambda: digest)
         return digest.hexdigest()
 
     def _decoded(self, only: Collection[int] | None) -> Iterator[Pixels | None]:
-        """The frames as they lie in the file; those that are not wanted are passed over, and None."""
+        """Iterate over the pixels of the frames; those that are not wanted are skipped, and None."""
         wanted = range(self.count) if only is None else only
         if self.source.is_dir():
             for number, path in enumerate(_pictures(self.source)):
-                raw = np.fromfile(path, dtype=np.uint8) if number in wanted else np.empty(0, np.uint8)
-                yield cv2.imdecode(raw, cv2.IMREAD_UNCHANGED) if raw.size else None
+                yield decode(path.read_bytes()) if number in wanted else None
         elif self.source.suffix.lower() in VIDEOS:
             video = cv2.VideoCapture(str(self.source))
             for number in range(self.count):
@@ -134,14 +113,19 @@ class Film:
                 yield next(iter(_read_pages(self.source, number, 1)), None) if number in wanted else None
 
 
-def _read_pages(path: Path, start: int, count: int) -> Sequence[Pixels]:
-    return cv2.imreadmulti(str(path), start, count, flags=cv2.IMREAD_UNCHANGED)[1]
+def evenly_spaced(total: int, count: int) -> set[int]:
+    """Return at most `count` numbers from 0 to ``total - 1`` at about equal distances, both ends included."""
+    return set(np.unique(np.linspace(0, total - 1, count).round().astype(int)).tolist())
 
 
 def is_film(path: Path) -> bool:
-    """Whether a path is a folder, a video or a TIFF file of several pages."""
+    """Return True for a folder, a video or a TIFF file of several pages."""
     suffix = path.suffix.lower()
     return path.is_dir() or suffix in VIDEOS or (suffix in (".tif", ".tiff") and path.is_file() and _pages(path) > 1)
+
+
+def _read_pages(path: Path, start: int, count: int) -> list[Pixels]:
+    return [in_rgb_order(page) for page in cv2.imreadmulti(str(path), start, count, flags=cv2.IMREAD_UNCHANGED)[1]]
 
 
 def _pages(path: Path) -> int:
@@ -149,15 +133,10 @@ def _pages(path: Path) -> int:
 
 
 def _pictures(folder: Path) -> list[Path]:
-    found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES]
+    """Return the pictures of a folder in the order of the numbers in their names: 9 before 10."""
     return sorted(
-        found,
+        (path for path in folder.iterdir() if path.suffix.lower() in PICTURES),
         key=lambda path: [
             (part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", path.name)
         ],
     )
-
-
-def _in_order(pixels: Pixels) -> Pixels:
-    """Colours as red, green, blue: OpenCV keeps them from blue to red."""
-    return pixels[:, :, [2, 1, 0]] if pixels.ndim == 3 and pixels.shape[2] >= 3 else pixels

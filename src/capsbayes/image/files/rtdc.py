@@ -1,4 +1,4 @@
-"""Files of real-time deformability cytometry (.rtdc): HDF5 with one picture and one mask for each event."""
+"""Files of real-time deformability cytometry (.rtdc): HDF5 with a picture and a mask for each event."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ _MICROMETRE = 1e-6  # the unit of the file's lengths
 
 @dataclass(frozen=True)
 class RtdcFile:
-    """What the file says of its pictures.
+    """Contents of an .rtdc file.
 
     Parameters
     ----------
     path : Path
     events : int
+        Number of events.
     pixel_size, channel_width : float [m]
-        The full width of the square channel.
+        Size of a pixel, and full width of the square channel.
     sha256 : str
-        Fingerprint of the file.
+        Hash of the file.
 
     References
     ----------
@@ -44,7 +45,7 @@ class RtdcFile:
 
     @classmethod
     def open(cls, path: str | Path) -> RtdcFile:
-        """Read what is not pictures.
+        """Open a file and read all but its pictures.
 
         Parameters
         ----------
@@ -57,8 +58,8 @@ class RtdcFile:
         Raises
         ------
         InputError
-            If the file is missing or no such file, if it lacks pictures, masks, pixel size or channel width, or if
-            the extra ``rtdc`` is not installed.
+            If the file is missing or not HDF5, if it lacks pictures, masks, pixel size or channel width, or if the
+            extra ``rtdc`` is not installed.
         """
         where, path = str(path), Path(path)
         with _opened(path) as file:
@@ -73,7 +74,7 @@ class RtdcFile:
         return cls(path, count, pixel, width, digest)
 
     def pictures(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.bool_]]]:
-        """Picture and mask of each event : (rows, columns) arrays."""
+        """Iterate over the picture and the mask of each event : (rows, columns) arrays."""
         with _opened(self.path) as file:
             for index in range(self.events):
                 yield np.asarray(file["events/image"][index]), np.asarray(file["events/mask"][index]) > 0

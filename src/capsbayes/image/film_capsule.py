@@ -1,0 +1,226 @@
+"""One capsule of a film: its measurement in each frame, its velocity, and the measurement that follows from all."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.experiment import Experiment
+from capsbayes.image.detection import Detection
+from capsbayes.image.edges.integrals import centroid, centroid_variance
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import measurement_of_lengths
+from capsbayes.image.motion import Drift, Velocity, drift, velocity
+from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["FilmCapsule", "FrameMeasurement", "FrameRecord"]
+
+Floats = NDArray[np.float64]
+
+_FEWEST = 3  # frames that give a velocity and its error
+_SAMPLING = 0.005  # px: no centroid is located better than that in a picture sampled at whole pixels
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMeasurement:
+    """Place and lengths of a capsule in one frame.
+
+    Parameters
+    ----------
+    frame : int
+        From 0.
+    place : (2,) array [px]
+        Of the centroid, along and across the channel.
+    place_variance : float [px^2]
+        Of its error along.
+    lengths : (4,) array [px]
+        L_z, L_a, L_p and l; NaN where missing.
+    covariance, systematic : (4, 4) array [px^2]
+        Of their errors, and the part of it that is the same in all frames.
+    """
+
+    frame: int
+    place: Floats
+    place_variance: float
+    lengths: Floats
+    covariance: Floats
+    systematic: Floats
+
+
+@dataclass(eq=False)
+class FrameRecord:
+    """Detections of one blob while the film runs.
+
+    Parameters
+    ----------
+    statuses : Counter of Status
+        Over the frames.
+    measured : list of FrameMeasurement
+        Of the frames in which it was measured.
+    picture, detection, frame
+        Of these, that nearest to the middle of the picture.
+    """
+
+    statuses: Counter[Status] = field(default_factory=Counter)
+    measured: list[FrameMeasurement] = field(default_factory=list)
+    picture: Picture | None = None
+    detection: Detection | None = None
+    frame: int = 0
+
+    def add(self, frame: int, picture: Picture, detection: Detection) -> None:
+        """Add the detection in one more frame."""
+        self.statuses[detection.status] += 1
+        if not detection.status.ok:
+            if self.picture is None:
+                self.picture, self.detection, self.frame = picture, detection, frame
+            return
+        walls, outline = detection.walls, detection.outline
+        assert walls is not None
+        assert outline is not None
+        middle = centroid(outline.points)
+        place = np.array([middle @ walls.along, middle @ walls.across])
+        variance = centroid_variance(outline, walls.along) + _SAMPLING**2
+        self.measured.append(
+            FrameMeasurement(
+                frame, place, variance, detection.lengths, detection.covariance, detection.systematic_covariance
+            )
+        )
+        distances = [abs(float(measured.place[0]) - walls.centre_column) for measured in self.measured]
+        if distances[-1] <= min(distances):
+            self.picture, self.detection, self.frame = picture, detection, frame
+
+
+@dataclass(frozen=True, eq=False)
+class FilmCapsule:
+    """A capsule followed through a film.
+
+    Parameters
+    ----------
+    status : Status
+        ``DONE``, or why it was refused.
+    statuses : Counter of Status
+        Of the frames that show it.
+    frames : tuple of FrameMeasurement
+        Of the frames in which it was measured.
+    velocity : Velocity, optional
+    drifts : dict of str to Drift
+        Of ``"L_z"``, ``"L_a"`` and ``"v_o"`` along the channel.
+    repeat_error : (4,) array [px]
+        Scatter of L_z, L_a, L_p and l from frame to frame.
+    measurement : Measurement
+        The mean over the frames; refused unless the status is ``DONE``.
+    picture, detection, frame
+        One of the frames, and what was detected in it.
+    """
+
+    status: Status
+    statuses: Counter[Status]
+    frames: tuple[FrameMeasurement, ...] = field(repr=False)
+    velocity: Velocity | None
+    drifts: dict[str, Drift]
+    repeat_error: Floats
+    measurement: Measurement
+    picture: Picture | None = field(repr=False)
+    detection: Detection | None = field(repr=False)
+    frame: int
+
+    @classmethod
+    def of(
+        cls, record: FrameRecord, experiment: Experiment, frame_rate: Quantity, film: Path, sha256: str
+    ) -> FilmCapsule:
+        """Return the mean of a record, refused unless it is steady; the frame rate is in 1/s."""
+        frames = tuple(record.measured)
+        speed, drifts = None, dict[str, Drift]()
+        lengths, covariance, repeat = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
+        capsule_velocity = Quantity(np.nan, np.nan, "m/s")
+        if len(frames) < _FEWEST:
+            reasons = [(status, count) for status, count in record.statuses.most_common() if not status.ok]
+            status = reasons[0][0] if reasons and reasons[0][1] > len(frames) else Status.FEW_FRAMES
+        else:
+            speed, drifts = _motion(frames)
+            status = Status.UNSTEADY if any(drift.unsteady for drift in drifts.values()) else Status.DONE
+            lengths, covariance, repeat = _mean(frames, drifts)
+            capsule_velocity = _in_si(speed, lengths[3], covariance[3, 3], experiment, frame_rate)
+        measured = measurement_of_lengths(
+            lengths, covariance, capsule_velocity, experiment, status=status, source=str(film), sha256=sha256
+        )
+        shown = record.picture, record.detection, record.frame
+        return cls(status, record.statuses, frames, speed, drifts, repeat, measured, *shown)
+
+    def table(self) -> pd.DataFrame:
+        """Tabulate the frames in which the capsule was measured.
+
+        Returns
+        -------
+        DataFrame
+            One row a frame: ``frame``, and in pixels ``along_px``, ``across_px``, ``axial_extent_px``,
+            ``axial_length_px`` and ``half_width_px``.
+        """
+        import pandas as pd
+
+        columns = ("frame", "along_px", "across_px", "axial_extent_px", "axial_length_px", "half_width_px")
+        rows = [(measured.frame, *measured.place, *measured.lengths[[0, 1, 3]]) for measured in self.frames]
+        return pd.DataFrame(rows, columns=columns)
+
+
+def _motion(frames: tuple[FrameMeasurement, ...]) -> tuple[Velocity, dict[str, Drift]]:
+    times = np.array([float(measured.frame) for measured in frames])
+    along = np.array([measured.place[0] for measured in frames])
+    speed = velocity(times, along, np.array([measured.place_variance for measured in frames]))
+    drifts = {} if speed.drift is None else {"v_o": speed.drift}
+    lengths = np.array([measured.lengths for measured in frames])
+    random = np.array([np.diag(measured.covariance - measured.systematic) for measured in frames])
+    for index, name in enumerate(("L_z", "L_a")):
+        seen = np.isfinite(lengths[:, index])
+        if seen.sum() >= _FEWEST:
+            drifts[name] = drift(along[seen], lengths[seen, index], random[seen, index])
+    return speed, drifts
+
+
+def _mean(frames: tuple[FrameMeasurement, ...], drifts: dict[str, Drift]) -> tuple[Floats, Floats, Floats]:
+    """Return mean lengths, covariance of their errors, and scatter from frame to frame [px, px^2, px].
+
+    The error of the mean is that of the scatter, or of the noise if this is larger, and the part that all frames share:
+    misfit of the edge's model, walls, and a change along the channel that is significant but negligible. If the rear is
+    seen in half of the frames, all lengths are taken from these.
+    """
+    with_rear = [measured for measured in frames if np.isfinite(measured.lengths[1])]
+    used = with_rear if 2 * len(with_rear) >= len(frames) and len(with_rear) >= _FEWEST else list(frames)
+    lengths = np.array([measured.lengths for measured in used])
+    if used is not with_rear:
+        lengths[:, 1:3] = np.nan
+    mean = lengths.mean(axis=0)
+    systematic = np.mean([measured.systematic for measured in used], axis=0)
+    random = np.mean([measured.covariance for measured in used], axis=0) - systematic
+    expected = np.sqrt(np.diag(random))
+    scatter = lengths.std(axis=0, ddof=1)
+    raised = np.where(scatter > expected, scatter / np.where(expected > 0.0, expected, 1.0), 1.0)
+    covariance = random * np.outer(raised, raised) / len(used) + systematic
+    for index, name in enumerate(("L_z", "L_a")):
+        if name in drifts:
+            covariance[index, index] += np.nan_to_num(drifts[name].unmodelled_error * mean[index]) ** 2
+    return mean, covariance, scatter
+
+
+def _in_si(speed: Velocity, l_px: float, l_variance: float, experiment: Experiment, frame_rate: Quantity) -> Quantity:
+    """Return the velocity in m/s, with the errors of the length of a pixel and of the frame rate."""
+    half_width, half_width_error = experiment.half_width.mean, experiment.half_width.sd
+    value = abs(speed.value) * half_width / l_px * frame_rate.value
+    relative_errors = (
+        speed.error / speed.value,
+        np.sqrt(l_variance) / l_px,
+        half_width_error / half_width,
+        frame_rate.error / frame_rate.value,
+        0.0 if speed.drift is None else speed.drift.unmodelled_error,
+    )
+    return Quantity(float(value), float(value * np.sqrt(np.sum(np.square(relative_errors)))), "m/s")

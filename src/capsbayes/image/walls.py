@@ -1,0 +1,154 @@
+"""The two walls of the channel in a picture: centre line, tilt and half width in pixels.
+
+A wall shows as a dark line along the picture, and lies in the middle of that line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from capsbayes.image.edges.models import Model, locate
+from capsbayes.image.edges.robust import fit_without_outliers, robust_spread
+
+__all__ = ["WallLines", "find_walls"]
+
+Floats = NDArray[np.float64]
+
+_STRIPS = 12
+_SLOPES = np.linspace(-0.12, 0.12, 25)
+_SMOOTHING = 2.0  # px
+_APART = 0.15  # of the picture's height, at least
+_SIGNIFICANCE = 8.0  # of a wall's darkness over the spread of that of all lines
+_REACH = 9  # px around a wall that are searched
+_FLOOR = 0.005  # px: smallest spread of the strips about a wall
+_SCATTER = 0.7  # px: largest spread of the strips about a wall
+_MISFIT = 0.03  # of the width of a wall's line: how far the model's middle may be from the wall
+
+
+@dataclass(frozen=True)
+class WallLines:
+    """Walls of the channel in a picture.
+
+    Parameters
+    ----------
+    centre_row : float [px]
+        Row at which the centre line crosses the middle column.
+    centre_column : float [px]
+        That column.
+    tilt : float [rad]
+        Angle of the centre line to the rows, from x towards y.
+    half_width, half_width_error : float [px]
+        l and its standard error.
+    line_width : float [px]
+        Standard deviation of the dark lines across.
+    """
+
+    centre_row: float
+    centre_column: float
+    tilt: float
+    half_width: float
+    half_width_error: float
+    line_width: float
+
+    @property
+    def along(self) -> Floats:
+        """Unit vector (x, y) to the right along the centre line."""
+        return np.array([np.cos(self.tilt), np.sin(self.tilt)])
+
+    @property
+    def across(self) -> Floats:
+        """Unit vector (x, y) downwards across the centre line."""
+        return np.array([-np.sin(self.tilt), np.cos(self.tilt)])
+
+    def offset(self, shape: tuple[int, int]) -> Floats:
+        """Return the distance of each pixel of a picture from the centre line, positive below : array of `shape`."""
+        rows, columns = (np.arange(count, dtype=float) for count in shape)
+        below, right = rows[:, None] - self.centre_row, columns - self.centre_column
+        return np.asarray(below * self.across[1] + right * self.across[0])
+
+    def clearance(self, points: Floats) -> Floats:
+        """Return the distance of points (n, 2) from the nearer wall, negative beyond it : (n,) array [px]."""
+        off = (points - [self.centre_column, self.centre_row]) @ self.across
+        return np.asarray(self.half_width - np.abs(off))
+
+
+def find_walls(grey: Floats) -> WallLines | None:
+    """Find the walls in a picture (rows, columns), preferably of the empty channel.
+
+    Returns None where no two parallel dark lines cross the picture.
+    """
+    columns = grey.shape[1] // _STRIPS
+    strips = grey[:, : columns * _STRIPS].reshape(len(grey), _STRIPS, columns).mean(axis=2).T
+    middle = 0.5 * (grey.shape[1] - 1)
+    places = columns * (np.arange(_STRIPS) + 0.5) - 0.5 - middle
+    start = _coarse(strips, places)
+    return None if start is None else _fine(strips, places, start, middle)
+
+
+def _coarse(strips: Floats, places: Floats) -> Floats | None:
+    """Return the rows of the upper and the lower wall in each strip : (2, strips) array, to a pixel or two."""
+    ridge = gaussian_filter1d(strips, _SMOOTHING, axis=1, order=2, mode="nearest")
+    rows = np.arange(strips.shape[1])
+    shift = np.rint(_SLOPES[:, None] * places).astype(int)
+    index = rows + shift[:, :, None]
+    outside = (index < 0) | (index >= len(rows))
+    values = ridge[np.arange(_STRIPS)[:, None], np.clip(index, 0, len(rows) - 1)]
+    values[outside] = -np.inf
+    # a capsule darkens some strips only: a wall is dark in three of four
+    dark = np.partition(values, _STRIPS // 4, axis=1)[:, _STRIPS // 4]
+    first = dark.argmax(axis=1)
+    others = np.where(np.abs(rows - first[:, None]) > _APART * len(rows), dark, -np.inf)
+    second = others.argmax(axis=1)
+    each = np.arange(len(_SLOPES))
+    best = int(np.argmax(dark[each, first] + others[each, second]))
+    spread = robust_spread(dark[best][np.isfinite(dark[best])])
+    if not others[best, second[best]] > max(_SIGNIFICANCE * spread, 1e-3 * np.median(strips)):
+        return None
+    return np.sort([first[best], second[best]])[:, None] + _SLOPES[best] * places
+
+
+def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallLines | None:
+    """Locate the line in each strip, and fit two parallel lines to the places."""
+    nearest = np.rint(start).astype(int).ravel()
+    samples = np.arange(-_REACH, _REACH + 1)
+    rows = nearest[:, None] + samples
+    within = (rows >= 0) & (rows < strips.shape[1])
+    profiles = np.concatenate([strips, strips])[np.arange(2 * _STRIPS)[:, None], np.clip(rows, 0, strips.shape[1] - 1)]
+    lines = locate(
+        profiles / np.median(strips),
+        samples.astype(float),
+        Model.LINE,
+        np.zeros(2 * _STRIPS),
+        np.full(2 * _STRIPS, _SMOOTHING),
+        within.astype(float),
+    )
+    located = (lines.coefficients[:, 0] < 0.0) & (np.abs(lines.place) < 0.6 * _REACH)
+    below = np.repeat([0.0, 1.0], _STRIPS)
+    fit = fit_without_outliers(
+        np.stack([1.0 - below, below, np.concatenate([places, places])], axis=1),
+        nearest + lines.place,
+        located,
+        rounds=3,
+        floor=_FLOOR,
+        enough=lambda kept: min(kept[:_STRIPS].sum(), kept[_STRIPS:].sum()) >= _STRIPS // 3,
+    )
+    if fit is None or fit.spread > _SCATTER:
+        return None
+    upper, lower, slope = fit.coefficients
+    covariance = fit.cofactor * fit.variance
+    tilt = float(np.arctan(slope))
+    half = 0.5 * np.cos(tilt)
+    width = float(np.median(lines.width[fit.kept]))
+    variance = half**2 * (covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]) + 0.5 * (_MISFIT * width) ** 2
+    return WallLines(
+        centre_row=float(0.5 * (upper + lower)),
+        centre_column=middle,
+        tilt=tilt,
+        half_width=float(half * (lower - upper)),
+        half_width_error=float(np.sqrt(variance)),
+        line_width=width,
+    )
