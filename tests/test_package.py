@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 import capsbayes
+import capsbayes as cb
 
+EXAMPLE = Path(__file__).parents[1] / "examples" / "ovalbumin"
 HEAVY = {"arviz", "cv2", "dask", "distributed", "emcee", "matplotlib", "numba", "scipy", "xarray"}
 
 
@@ -35,3 +38,18 @@ def test_every_public_name_can_be_had(name):
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="module 'capsbayes' has no attribute 'capsule'"):
         _ = capsbayes.capsule
+
+
+def test_the_lines_of_the_design_run(tmp_path):
+    experiment = cb.Experiment.read(EXAMPLE / "experiment.toml")
+    measurement = cb.Measurement.read(EXAMPLE / "capsule.toml")
+    prior = cb.Prior(surface_shear_modulus="log-uniform 1 .. 1000 mN/m")
+    posterior = cb.identify(measurement, cb.Surrogate.open("square-neo-hookean"), experiment, prior=prior, seed=1)
+    assert posterior.status.ok
+    assert "surface_shear_modulus" in posterior.summary().index
+    assert "surface_shear_modulus" in posterior._repr_html_()
+    cb.write_report(posterior, tmp_path / "capsule.html")
+    found = cb.surrogate.inverse(cb.Database.open("square-neo-hookean"))(axial_extent=2.14, axial_length=1.81)
+    assert (found.capillary_number, found.size_ratio) == pytest.approx((0.082, 0.96), rel=0.01)
+    assert "bending" in cb.effects.catalogue()
+    cb.testing.check_law(cb.NeoHookean())

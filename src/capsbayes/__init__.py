@@ -13,45 +13,52 @@ from typing import TYPE_CHECKING, Any
 
 _HOME = {
     "Database": "capsbayes.database",
+    "Experiment": "capsbayes.experiment",
     "GeneralisedHooke": "capsbayes.physics.membrane",
+    "Hierarchy": "capsbayes.infer.many",
+    "LabErrors": "capsbayes.plan",
+    "MeasuredOutline": "capsbayes.measured_outline",
+    "Measurement": "capsbayes.measurement",
     "NeoHookean": "capsbayes.physics.membrane",
+    "OutlineNoise": "capsbayes.measured_outline",
+    "Population": "capsbayes.infer.many",
+    "Posterior": "capsbayes.infer",
+    "Prior": "capsbayes.infer",
     "Profile": "capsbayes.profile",
+    "Quantity": "capsbayes.quantity",
+    "Session": "capsbayes.diagnosis",
     "Simulator": "capsbayes.physics.simulation",
     "Skalak": "capsbayes.physics.membrane",
     "Status": "capsbayes.status",
     "SteadyState": "capsbayes.physics.simulation",
+    "Study": "capsbayes.diagnosis",
     "Surrogate": "capsbayes.surrogate",
     "build_database": "capsbayes.physics.databases",
-    "Experiment": "capsbayes.experiment",
-    "MeasuredOutline": "capsbayes.measured_outline",
-    "Hierarchy": "capsbayes.infer.many",
-    "Measurement": "capsbayes.measurement",
-    "OutlineNoise": "capsbayes.measured_outline",
-    "Population": "capsbayes.infer.many",
-    "Posterior": "capsbayes.infer",
-    "Session": "capsbayes.diagnosis",
     "diagnose": "capsbayes.diagnosis",
+    "error_budget": "capsbayes.plan",
+    "flow_design": "capsbayes.plan",
     "hierarchy": "capsbayes.infer.many",
+    "identifiability_map": "capsbayes.plan",
     "identify": "capsbayes.infer",
     "identify_folder": "capsbayes.infer.many",
     "measure": "capsbayes.image",
-    "write_report": "capsbayes.show",
-    "LabErrors": "capsbayes.plan",
-    "error_budget": "capsbayes.plan",
-    "flow_design": "capsbayes.plan",
-    "identifiability_map": "capsbayes.plan",
+    "measure_film": "capsbayes.image.measure_film",
     "sobol_indices": "capsbayes.plan",
+    "write_report": "capsbayes.show",
 }
+_ROOMS = ("effects", "surrogate", "testing")  # as in cb.effects.catalogue()
 
-__all__ = [*sorted(_HOME), "__version__"]
+__all__ = [*sorted(_HOME), *_ROOMS, "__version__"]
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from capsbayes import effects, surrogate, testing
     from capsbayes.database import Database
-    from capsbayes.diagnosis import Session, diagnose
+    from capsbayes.diagnosis import Session, Study, diagnose
     from capsbayes.experiment import Experiment
     from capsbayes.image.measure import measure
-    from capsbayes.infer import Posterior
+    from capsbayes.image.measure_film import measure_film
+    from capsbayes.infer import Posterior, Prior
     from capsbayes.infer.identify import identify
     from capsbayes.infer.many import Hierarchy, Population
     from capsbayes.infer.many.hierarchy import hierarchy
@@ -63,14 +70,17 @@ if TYPE_CHECKING:
     from capsbayes.physics.simulation import Simulator, SteadyState
     from capsbayes.plan import LabErrors, error_budget, flow_design, identifiability_map, sobol_indices
     from capsbayes.profile import Profile
+    from capsbayes.quantity import Quantity
     from capsbayes.show.write_report import write_report
     from capsbayes.status import Status
     from capsbayes.surrogate import Surrogate
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in __all__:
         raise AttributeError(f"module 'capsbayes' has no attribute {name!r}")
+    if name in _ROOMS:
+        return importlib.import_module(f"capsbayes.{name}")
     value = getattr(importlib.import_module(_HOME[name]), name)
     globals()[name] = value
     return value

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
 from capsbayes.quantity import Quantity
+from capsbayes.readable import Readable
 
 __all__ = [
     "Experiment",
@@ -29,8 +30,8 @@ Given = Any  # a Quantity, or what `Quantity.of` makes one of: a text, a number,
 CROSS_SECTIONS = ("square", "circular")
 
 
-@dataclass(frozen=True, eq=False)
-class Experiment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Experiment(Readable):
     """Channel and suspending liquid, as far as they are known.
 
     Parameters
@@ -59,6 +60,8 @@ class Experiment:
     >>> experiment = Experiment(cross_section="square", half_width=25e-6, viscosity="0.85 +/- 0.02 Pa s")
     >>> experiment.half_width.value, experiment.viscosity.error
     (2.5e-05, 0.02)
+    >>> experiment
+    <Experiment: cross_section square; half_width 25 um; viscosity 0.85 +/- 0.02 Pa s>
     """
 
     cross_section: str
@@ -105,6 +108,15 @@ class Experiment:
         for key in [key for key in table if key != "cross_section"]:
             table[key] = Quantity.of_text(table[key], key, where=str(path))
         return cls(**table, source=str(path), sha256=file.sha256)
+
+    def described(self) -> dict[str, str]:
+        """Return channel and liquid in the units that people read."""
+        stated = {key: getattr(self, key) for key in ("half_width", "viscosity", "frame_rate")}
+        found = {
+            "cross_section": self.cross_section,
+            **{key: one.shown(key) for key, one in stated.items() if one is not None},
+        }
+        return found | ({"source": self.source} if self.source else {})
 
     def write(self, path: str | Path) -> None:
         """Write a file that `read` reads.

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from capsbayes.input_file import InputFile
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
 from capsbayes.parameters import STATED
 from capsbayes.quantity import Quantity
+from capsbayes.readable import Readable
 from capsbayes.status import Status
 
 __all__ = ["CONDITIONS", "Measurement"]
@@ -29,8 +31,8 @@ _KEYS = ("axial_extent", "capsule_velocity")
 _OPTIONAL = ("axial_length", "length_correlation", "axial_length_bound", "flow_rate")
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurement(Readable):
     """Lengths and velocity of one capsule at steady state.
 
     The error of the velocity is taken as independent of those of the lengths. A length and the velocity are given with
@@ -83,6 +85,8 @@ class Measurement:
     (array([2.14, 1.81]), (2, 2))
     >>> Measurement(axial_extent="53.5 +/- 0.3 um", capsule_velocity="5.00 +/- 0.05 mm/s").over_half_width
     False
+    >>> Measurement(axial_extent="2.14 +/- 0.01", capsule_velocity="5.00 +/- 0.05 mm/s")
+    <Measurement: axial_extent 2.14 +/- 0.01 l; capsule_velocity 5 +/- 0.05 mm/s>
     """
 
     axial_extent: Given
@@ -185,7 +189,7 @@ class Measurement:
         table = file.table("measurement", required=_KEYS, optional=_OPTIONAL)
         where = str(path)
         units: dict[str, tuple[str, ...]] = {"axial_extent": ("", "m"), "capsule_velocity": ("m/s",)}
-        found: dict[str, Quantity] = {}
+        found: dict[str, Any] = {}
         for key in ("axial_extent", "axial_length", "capsule_velocity"):
             if key in table:
                 units["axial_length"] = (found["axial_extent"].unit,) if found else ()
@@ -235,6 +239,19 @@ class Measurement:
         if self.outline is not None:
             lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
         Path(path).write_text("\n".join(lines).lstrip() + "\n")
+
+    def described(self) -> dict[str, str]:
+        """Return what was measured in the units that people read; the status alone where the measurement failed."""
+        found = {} if self.status.ok else {"status": str(self.status)}
+        for key in ("axial_extent", "axial_length", "capsule_velocity") if self.status.ok else ():
+            if getattr(self, key) is not None:
+                unit = "m/s" if key == "capsule_velocity" else "" if self.over_half_width else "m"
+                found[key] = Quantity(getattr(self, key), getattr(self, f"{key}_error"), unit).shown(key)
+        if self.flow_rate is not None:
+            found["flow_rate"] = Quantity(self.flow_rate, unit="m^3/s").shown("flow_rate")
+        if self.outline is not None:
+            found["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
+        return found | ({"source": self.source} if self.source else {})
 
     @property
     def lengths(self) -> Floats:

@@ -405,6 +405,23 @@ class Quantity:
         keywords = {name: float(one) for name, one in stated["keywords"].items()}
         return _of_frozen(family(*map(float, stated["arguments"]), **keywords), unit)
 
+    def shown(self, name: str) -> str:
+        """Return the text form in the unit that people read.
+
+        Examples
+        --------
+        >>> Quantity(25e-6, 2e-7, "m").shown("half_width")
+        '25 +/- 0.2 um'
+        """
+        known = PARAMETERS[name]
+        scale, unit = known.scale, known.shown_unit
+        if self.unit == "m" and known.unit == "l":
+            scale, unit = 1e6, "um"
+        first, second = (scale * number for number in self.parameters)
+        if self.shape in ("uniform", "log-uniform"):
+            return f"{'' if self.power else 'log-uniform '}{first:.4g} .. {second:.4g} {unit}"
+        return f"{first:.4g} {'' if self.known else f'+/- {second:.2g} '}{unit}"
+
     def __str__(self) -> str:
         if self.shape == "normal":
             number = repr(float(self.value)) + (f" +/- {float(self.error)!r}" if self.error else "")

@@ -25,6 +25,7 @@ from capsbayes.diagnosis.verification import Verification, verified
 from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
 from capsbayes.model import ForwardModel
+from capsbayes.readable import Readable
 
 __all__ = ["Study", "Verdict", "diagnose"]
 
@@ -43,8 +44,8 @@ class Verdict(Enum):
     NOT_TESTABLE = "these data cannot tell"
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(Readable):
     """Outcome of `diagnose`.
 
     Parameters
@@ -80,13 +81,13 @@ class Study:
     verification: Verification | None
     model: ForwardModel
     sizes: Mapping[str, float]
-    session: Session = field(repr=False)
+    session: Session
     seed: int
     level: float
-    discover: Compared | None = field(default=None, repr=False)
+    discover: Compared | None = None
     again: Finding | None = None
     evidence: Mapping[str, float] = field(default_factory=dict)
-    trials: Mapping[str, Trial] = field(default_factory=dict, repr=False)
+    trials: Mapping[str, Trial] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -99,6 +100,13 @@ class Study:
         found = dict(self.steps[0].scores) if self.steps else {}
         found |= {name: step.scores[name] for step in self.steps[1:] for name in step.alike}
         return dict(sorted(found.items(), key=lambda item: -item[1].gain))
+
+    def described(self) -> dict[str, str]:
+        """Return the verdict, the finding and the effects in question with their sizes."""
+        found = {"verdict": self.verdict.value, "capsules": str(len(self.session)), "finding": str(self.finding)}
+        for step in self.steps:
+            found |= {name: self._said(step.scores[name]) for name in step.alike}
+        return found | {"model": self.model.name}
 
     def __str__(self) -> str:
         """One sentence."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, Given
 from capsbayes.image.background import estimate_background, transmission
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.detection import Detection, analyse_blob
@@ -73,7 +73,7 @@ def measure(
     picture: str | Path | ArrayLike,
     experiment: Experiment,
     *,
-    capsule_velocity: Quantity,
+    capsule_velocity: Given,
     background: str | Path | ArrayLike | None = None,
     flow: str | None = None,
 ) -> Measurement:
@@ -85,7 +85,8 @@ def measure(
         A capsule in a channel along the rows, to 7 degrees.
     experiment : Experiment
     capsule_velocity : Quantity [m/s]
-        v_o with its standard error, which one picture does not show.
+        v_o with its standard error, which one picture does not show; in any form that `Quantity.of`
+        reads.
     background : path or array, optional
         The empty channel; by default it is estimated from the picture.
     flow : str, optional
@@ -103,6 +104,7 @@ def measure(
     InputError
         If a file is missing or not a picture, or `flow` is another word.
     """
+    capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure")
     seen = read_picture(picture)
     detection = detect(seen, background=None if background is None else read_picture(background), flow=flow)
     return measurement_of(detection, seen, experiment, capsule_velocity)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, Given
 from capsbayes.image.background import estimate_background, flatten, temporal_median, transmission
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.detection import analyse_blob
@@ -98,7 +98,7 @@ def measure_film(
     film: Film | str | Path,
     experiment: Experiment,
     *,
-    frame_rate: Quantity,
+    frame_rate: Given | None = None,
     background: str | Path | ArrayLike | None = None,
     flow: str | None = None,
     watch: Callable[[int], None] | None = None,
@@ -111,8 +111,8 @@ def measure_film(
         Folder of pictures, TIFF, AVI or MP4, of a channel along the rows, to 7 degrees.
     experiment : Experiment
         Its half width sets the length of a pixel.
-    frame_rate : Quantity [1/s]
-        With its standard error, zero if it is known.
+    frame_rate : Quantity, optional [1/s]
+        In any form that `Quantity.of` reads; by default that of the experiment.
     background : path or array, optional
         The empty channel; by default the median of 41 frames.
     flow : str, optional
@@ -129,6 +129,8 @@ def measure_film(
     InputError
         If a file is missing or not a film, `flow` is another word, or the film has fewer than three frames.
     """
+    given = experiment.frame_rate if frame_rate is None else frame_rate
+    rate = Quantity.of(given, "frame_rate", where=experiment.source or "measure_film")
     film = film if isinstance(film, Film) else Film.open(film)
     direction = check_flow(flow)
     empty = _background(film) if background is None else read_picture(background).grey
@@ -149,7 +151,7 @@ def measure_film(
         if watch is not None:
             watch(frames)
     sha256 = film.sha256
-    capsules = [FilmCapsule.of(record, experiment, frame_rate, film.source, sha256) for record in records.values()]
+    capsules = [FilmCapsule.of(record, experiment, rate, film.source, sha256) for record in records.values()]
     return FilmMeasurement(Status.DONE, tuple(capsules), statuses, frames, unreadable, saturated)
 
 

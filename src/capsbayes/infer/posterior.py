@@ -20,6 +20,7 @@ from capsbayes.infer.posterior_file import RECORD, read_fields, record_of, write
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.parameters import PARAMETERS
+from capsbayes.readable import as_html
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
@@ -126,6 +127,9 @@ class Posterior:
             low, middle, high = (parameter.shown(value) for value in (one.lower_95, one.median, one.upper_95))
             said.append(f"{parameter.symbol} = {middle:.4g} [{low:.4g}, {high:.4g}] {parameter.shown_unit}")
         return f"<Posterior of {self.measurement.source or 'a capsule'}: {', '.join(said)} (95 %); {self.status.name}>"
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self).strip("<>"), self.summary())
 
     def summary(self) -> pd.DataFrame:
         """Table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""

@@ -20,7 +20,7 @@ of the mechanical properties of microcapsules", section "Inverse analysis approa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +55,8 @@ class InverseResult:
     capillary_number: float
     size_ratio: float
     velocity_ratio: float
-    contour: Floats
-    neighbours: NDArray[np.int64]
+    contour: Floats = field(repr=False)
+    neighbours: NDArray[np.int64] = field(repr=False)
 
     @property
     def profile(self) -> Profile:

@@ -99,22 +99,10 @@ def _table(study: SobolStudy) -> Table:
         table.add_column(escape(PARAMETERS[answer].symbol), justify="right", no_wrap=True)
     for name, stated in study.ranges.items():
         cells = [f"{one[name].first:.2f}, {one[name].total:.2f}" for one in study.indices.values()]
-        table.add_row(escape(_range(name, stated)), *cells)
+        table.add_row(escape(f"{PARAMETERS[name].symbol} = {stated.shown(name)}"), *cells)
     errors = [max(max(one.first_error, one.total_error) for one in found.values()) for found in study.indices.values()]
     table.add_row("95 %, at most", *(f"+/- {error:.2f}" for error in errors))
     return table
-
-
-def _range(name: str, stated: Quantity) -> str:
-    from capsbayes.parameters import PARAMETERS
-
-    one = PARAMETERS[name]
-    symbol, scale, unit = one.symbol, one.scale, one.shown_unit
-    if name.startswith("axial") and stated.value < 0.01:  # in metres
-        scale, unit = 1e6, "um"
-    first, second = (scale * number for number in stated.parameters)
-    ends = f"{first:.4g} .. {second:.4g}" if stated.shape == "uniform" else f"{first:.4g} +/- {second:.2g}"
-    return f"{symbol} = {ends} {unit}"
 
 
 def _lines(study: SobolStudy) -> list[str]:

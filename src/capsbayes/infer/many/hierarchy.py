@@ -26,7 +26,9 @@ from capsbayes.infer.many.selection import Selection, kept_rows
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS as QUANTITIES
 from capsbayes.quantity import Quantity
+from capsbayes.readable import Readable
 from capsbayes.status import Status
 
 __all__ = ["Hierarchy", "hierarchy"]
@@ -41,8 +43,8 @@ _STORED = 500
 _TAKING_PART = [status.name for status in Status if status.ok or status.name.startswith("LEANS")]
 
 
-@dataclass(frozen=True, eq=False)
-class Hierarchy:
+@dataclass(frozen=True, eq=False, repr=False)
+class Hierarchy(Readable):
     """Posterior of a population.
 
     Parameters
@@ -75,6 +77,15 @@ class Hierarchy:
     def marginals(self) -> dict[str, Marginal]:
         """Summaries of the draws by name."""
         return {name: Marginal.of_draws(values) for name, values in self.draws.items()}
+
+    def described(self) -> dict[str, str]:
+        """Return the medians and 95 % intervals in the units that people read."""
+        found = {"capsules": str(self.capsules)}
+        for name, one in self.marginals.items():
+            known = QUANTITIES[name]
+            low, middle, high = (known.shown(value) for value in (one.lower_95, one.median, one.upper_95))
+            found[name] = f"{middle:.4g} [{low:.4g}, {high:.4g}] {known.shown_unit}".removesuffix(" -")
+        return found | ({} if self.passed else {"gates": "not passed"})
 
     @property
     def passed(self) -> bool:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, Given
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.listing import Listed, common_experiment, listed
 from capsbayes.infer.many.population import STATISTICS, Population
@@ -47,7 +47,7 @@ def identify_folder(
     out: str | os.PathLike[str],
     seed: int,
     prior: Prior | None = None,
-    capsule_velocity: Quantity | None = None,
+    capsule_velocity: Given | None = None,
     background: str | os.PathLike[str] | None = None,
     flow: str | None = None,
     check: float = 0.01,
@@ -78,7 +78,7 @@ def identify_folder(
         Of all randomness; stored in the result.
     prior : Prior, optional
     capsule_velocity : Quantity, optional [m/s]
-        Of the capsules in pictures, which do not show it.
+        Of the capsules in pictures, which do not show it; in any form that `Quantity.of` reads.
     background : path, optional
         Picture of the empty channel.
     flow : str, optional
@@ -110,7 +110,9 @@ def identify_folder(
     experiment = experiment or common_experiment(Path(source))
     parts = out.with_name(f"{out.name}.parts")
     where = None if background is None else Path(background)
-    run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
+    given = capsule_velocity
+    velocity = None if given is None else Quantity.of(given, "capsule_velocity", where="identify_folder")
+    run = Run(model, experiment, prior or Prior(), seed, velocity, where, flow)
     if experiment is not None:
         model.check_cross_section(experiment)
     pool = _Pool(run, scheduler, workers, progress)

@@ -21,6 +21,8 @@ from capsbayes.infer.marginal import Marginal
 from capsbayes.measurements.netcdf import opened
 from capsbayes.output_file import unfinished
 from capsbayes.parameters import PARAMETERS
+from capsbayes.quantity import Quantity
+from capsbayes.readable import Readable
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
@@ -46,8 +48,8 @@ _MEASURED_UNITS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Population:
+@dataclass(frozen=True, eq=False, repr=False)
+class Population(Readable):
     """Posteriors of many capsules, one row each, status included.
 
     Parameters
@@ -121,6 +123,15 @@ class Population:
         """One row a capsule, SI; without the mixtures."""
         along = [name for name, one in self.dataset.data_vars.items() if one.dims == ("capsule",)]
         return self.dataset[along].to_dataframe().reset_index(drop=True)
+
+    def described(self) -> dict[str, str]:
+        """Return the numbers of capsules by status, the medians over those that can be used, and the model."""
+        found = {"capsules": str(len(self))} | {status.name: str(count) for status, count in self.counts.items()}
+        for name in ("surface_shear_modulus", "capsule_radius"):
+            if self.usable.any():
+                middle = float(np.median(self[f"{name}_median"][self.usable]))
+                found[f"median {name}"] = Quantity(middle).shown(name)
+        return found | {"model": str(self.attributes.get("model", ""))}
 
     def _lines(self) -> Iterator[str]:
         """Lines of a CSV table, numbers to eight digits; formatted row by row, five times as fast as by pandas."""
