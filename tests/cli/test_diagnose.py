@@ -77,7 +77,7 @@ def test_an_effect_is_named_and_pictured(tmp_path):
     result = run(tmp_path / "set", "--candidates", "exposure,halo", "--seed", "3", "--out", tmp_path / "study")
     assert result.exit_code == 0, result.output
     assert "motion blur explains it: t_e =" in said(result)
-    assert "12 capsules laid aside, before -> after: gap" in said(result)
+    assert "12 capsules held out, before -> after: gap" in said(result)
     assert (tmp_path / "study" / "study.html").read_text().count("data:image/svg+xml") == 5
 
 

@@ -86,7 +86,7 @@ def test_a_study_tells_its_steps_and_is_stored(model):
     assert (stored["seed"], stored["level"], stored["capsules"], stored["with_outline"]) == (3, 1.0, 24, 0)
     assert {one["parameter"] for one in stored["candidates"]} == set(OPTICAL)
     assert stored["model"]["sha256"] == model.sha256
-    assert stored["finding"]["deviations"][0]["chance"] == study.finding.chance
+    assert stored["finding"]["deviations"][0]["p_value"] == study.finding.p_value
 
 
 def test_too_few_capsules_are_stored_as_well(model):

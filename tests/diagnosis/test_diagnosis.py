@@ -15,7 +15,7 @@ from capsbayes.diagnosis.finding import Deviation, Finding
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import _about_the_best, log_likelihood, population
 from capsbayes.diagnosis.summary import summary
-from capsbayes.diagnosis.verification import Gain
+from capsbayes.diagnosis.verification import MeanRatio
 from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
 from capsbayes.model import FixedParameters
 from capsbayes.show import verdict_sentence
@@ -53,8 +53,8 @@ def test_a_clear_effect_is_named_and_measured(model, name, size):
     study = diagnose(session_with(model, name, size), model, seed=3)
     assert (study.verdict, study.names) == (Verdict.NAMED, (name,))
     assert study.sizes[name] == pytest.approx(size, rel=0.25)
-    assert study.verification.before.chance < 0.01 < study.verification.after.chance
-    assert study.verification.gain > 3.0 * study.verification.error
+    assert study.verification.before.p_value < 0.01 < study.verification.after.p_value
+    assert study.verification.log_likelihood_ratio > 3.0 * study.verification.error
     assert catalogue()[name].name in str(study)
     assert study.model.name == f"{model.name} + {catalogue()[name].name}"
 
@@ -92,12 +92,12 @@ def test_a_measurement_made_elsewhere_tells_look_alikes_apart(model):
     assert (study.verdict, study.names) == (Verdict.NAMED, ("pixel_scale",))
     assert study.sizes["pixel_scale"] == pytest.approx(0.012, rel=0.25)
     assert study.verification.established == (False,)
-    weak = replace(study.verification, steps=(Gain(0.1, 0.2),), found=0.04)
+    weak = replace(study.verification, steps=(MeanRatio(0.1, 0.2),), found=0.04)
     assert not weak.holds
     assert replace(weak, found=0.001).holds  # both halves together
-    assert not replace(weak, found=0.001, steps=(Gain(-0.01, 0.2),)).holds
+    assert not replace(weak, found=0.001, steps=(MeanRatio(-0.01, 0.2),)).holds
     assert replace(weak, established=(True,)).holds
-    assert not replace(weak, steps=(Gain(-0.4, 0.2),), established=(True,)).holds
+    assert not replace(weak, steps=(MeanRatio(-0.4, 0.2),), established=(True,)).holds
     scale = {"pixel_scale": (0.013, 0.002)}
     assert diagnose(session, model, seed=3, candidates=OPTICAL, measured=scale).verification.established == (True,)
 
@@ -195,7 +195,7 @@ def test_a_capsule_that_a_model_cannot_have_made_is_less_likely_than_any_other(m
 def test_what_only_one_half_shows_is_no_disagreement(model):
     session, _ = drawn_session(model, CAPSULES, seed=12)
     study = diagnose(session, model, seed=18, candidates={}, level=0.3)
-    assert study.finding.chance <= study.level
+    assert study.finding.p_value <= study.level
     assert study.verdict is Verdict.NONE
     assert study.again is not None
     assert "not seen again" in str(study)

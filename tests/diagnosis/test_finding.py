@@ -25,7 +25,7 @@ def model():
 def claims(model, count, **how):
     """How many of the sessions drawn from the model are said to disagree with it, at 5 %."""
     sessions = (drawn_session(model, CAPSULES, seed=1000 + seed, **how)[0] for seed in range(count))
-    return sum(find(model, session, seed=1).chance < 0.05 for session in sessions)
+    return sum(find(model, session, seed=1).p_value < 0.05 for session in sessions)
 
 
 def test_a_right_model_is_not_accused_by_lengths(model):
@@ -46,7 +46,7 @@ def test_nor_where_the_noise_is_wrongly_stated(model, stated):
         session = drawn_session(model, CAPSULES, seed=2000 + seed, outline=True)[0]
         misstated = [_with_noise(one, stated) for one in session.measurements]
         finding = find(model, Session(misstated, session.experiment), seed=1)
-        accused += finding.chance < 0.05
+        accused += finding.p_value < 0.05
         assert finding.noise == pytest.approx(1.0 / stated, rel=0.2)
     assert accused <= stats.binom.ppf(0.999, count, 0.05)
 
@@ -70,7 +70,7 @@ def _with_noise(measurement, factor):
 def test_what_a_model_misses_is_found_where_it_is(model, effect, sizes, regions):
     session, _ = drawn_session(model + effect, CAPSULES, seed=7, outline=True, sizes=sizes)
     finding = find(model, session, seed=1)
-    assert finding.chance < 0.01
+    assert finding.p_value < 0.01
     assert finding.deviations[0].name in regions
     assert finding.deviations[0].name in str(finding)
 
@@ -91,7 +91,7 @@ def test_capsules_without_a_shape_are_a_disagreement(model):
     found = find(model, session, seed=1)
     assert found.deviations[0].name == "share of capsules without a shape"
     assert found.deviations[0].size > 0.4
-    assert found.chance < 1e-6
+    assert found.p_value < 1e-6
 
 
 def test_regions_are_where_their_names_say(model):

@@ -60,7 +60,7 @@ def test_no_sizes_around_are_likelier(scene, both):
 
     around = [total(top + errors * np.array(one)) for one in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1))]
     assert total(top) > max(around)
-    assert both[1].gain > frozen.gain
+    assert both[1].log_likelihood_ratio > frozen.log_likelihood_ratio
     assert both[1].total.max() == pytest.approx(total(top), abs=0.2)
 
 

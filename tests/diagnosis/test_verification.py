@@ -7,22 +7,22 @@ import pytest
 
 from capsbayes.diagnosis.verification import _in_question
 
-STEADY = np.array([0.9, 1.1] * 10)  # gains of capsules that hardly scatter
+STEADY = np.array([0.9, 1.1] * 10)  # ratios of capsules that hardly scatter
 
 
-def tried(gain, *, leaves_nothing=True, holds=None):
+def tried(ratio, *, leaves_nothing=True, holds=None):
     holds = leaves_nothing if holds is None else holds
-    return SimpleNamespace(gains=gain * STEADY, leaves_nothing=leaves_nothing, holds=holds)
+    return SimpleNamespace(log_likelihood_ratios=ratio * STEADY, leaves_nothing=leaves_nothing, holds=holds)
 
 
-def scattered(gain, *, opposite=False, leaves_nothing=True):
-    """Gains that scatter so much that a lead tells little."""
+def scattered(ratio, *, opposite=False, leaves_nothing=True):
+    """Ratios that scatter so much that a lead tells little."""
     apart = np.array([0.8, -0.8] * 10) * (-1.0 if opposite else 1.0)
-    return SimpleNamespace(gains=gain + apart, leaves_nothing=leaves_nothing, holds=leaves_nothing)
+    return SimpleNamespace(log_likelihood_ratios=ratio + apart, leaves_nothing=leaves_nothing, holds=leaves_nothing)
 
 
-def scored(gain):
-    return SimpleNamespace(gains=gain * STEADY, gain=float(np.sum(gain * STEADY)))
+def scored(ratio):
+    return SimpleNamespace(log_likelihood_ratios=ratio * STEADY, log_likelihood_ratio=float(np.sum(ratio * STEADY)))
 
 
 @pytest.mark.parametrize(
@@ -52,5 +52,5 @@ def scored(gain):
     ],
 )
 def test_effects_in_question_are_alike_in_both_halves_and_leave_nothing_over(first, second, left):
-    step = SimpleNamespace(scores={name: scored(gain) for name, gain in first.items()})
+    step = SimpleNamespace(scores={name: scored(ratio) for name, ratio in first.items()})
     assert _in_question(step, second) == left

@@ -71,7 +71,7 @@ def test_the_verdict_comes_first_and_each_part_is_there(study, page):
         "odds against none",
         "median G",
         "what would separate it",
-        "laid aside",
+        "held out",
         "7 held-out capsules",
         "residual p-value",
         "log score per capsule",
@@ -150,7 +150,7 @@ def test_two_effects_are_said_one_beside_the_other(study):
     assert "motion blur and motion blur explain it together: t_e = " in verdict_sentence(both)
     page = study_page(both)
     assert "The size of motion blur and motion blur was found on one half" in page
-    assert "are those beside the other" in page
+    assert "are those with the other" in page
     either = replace(step, alike=("exposure", "exposure", "exposure"))
     ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, steps=(either, step))
     assert verdict_sentence(ambiguous).endswith("well: motion blur, motion blur or motion blur, with motion blur.")
@@ -193,10 +193,11 @@ def test_some_outlines_are_said(study):
 
 
 @pytest.mark.parametrize(
-    ("gain", "words"), [(0.0, "1 : 1"), (1.0, "2.7 : 1"), (-3.0, "1 : 20"), (23.0, "10^10 : 1"), (-23.0, "1 : 10^10")]
+    ("ratio", "words"),
+    [(0.0, "1 : 1"), (1.0, "2.7 : 1"), (-3.0, "1 : 20"), (23.0, "10^10 : 1"), (-23.0, "1 : 10^10")],
 )
-def test_odds(gain, words):
-    assert odds_words(gain) == words
+def test_odds(ratio, words):
+    assert odds_words(ratio) == words
 
 
 def test_plain_symbols_are_typeset():

@@ -40,7 +40,7 @@ def diagnose(
     ] = 0.05,
     as_json: AsJson = False,
 ) -> None:
-    """Find where capsules disagree with the model, name what would explain it, and try that on capsules laid aside.
+    """Find where capsules disagree with the model, name what would explain it, and try that on capsules held out.
 
     Exit status: 0 whatever the verdict, 2 on bad input.
     """
@@ -150,7 +150,7 @@ def _write(study: Study, out: Path) -> None:
 
 def _print(console: Console, study: Study, out: Path | None) -> None:
     from capsbayes.show import lengths_alone, verdict_sentence
-    from capsbayes.show.study_words import chance_words, deviation_words, modulus_words
+    from capsbayes.show.study_words import deviation_words, modulus_words, p_value_words
 
     console.print(verdict_sentence(study), style="bold", markup=False)
     for words in (modulus_words(study), lengths_alone(study.session)):
@@ -164,7 +164,7 @@ def _print(console: Console, study: Study, out: Path | None) -> None:
         first = study.finding.deviations[0]
         console.print(
             f"Largest deviation: {first.name} {deviation_words(first)}, as large by chance "
-            f"{chance_words(first.chance)}, in {study.finding.capsules} capsules.",
+            f"{p_value_words(first.p_value)}, in {study.finding.capsules} capsules.",
             markup=False,
         )
     if study.scores:
@@ -191,7 +191,7 @@ def _candidate_table(study: Study) -> Table:
     table = Table(title="Effects that were tried, the likeliest first", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.title_justify = "left"
     table.add_column("effect", no_wrap=True)
-    table.add_column("gain", justify="right", no_wrap=True)
+    table.add_column("ln ratio", justify="right", no_wrap=True)
     modulus = PARAMETERS["surface_shear_modulus"]
     for heading in ("size", f"median G_s {modulus.shown_unit}", "", "would be separated by"):
         table.add_column(heading)
@@ -199,11 +199,12 @@ def _candidate_table(study: Study) -> Table:
         size = escape(f"{one.effect.parameter.symbol} = {size_words(one)}")
         median = f"{modulus.shown(one.modulus[one.best]):.1f}"
         told = told_words(study, name)
-        table.add_row(one.effect.name, f"{one.gain:.1f}", size, median, told, escape(one.effect.separated_by))
+        ratio = f"{one.log_likelihood_ratio:.1f}"
+        table.add_row(one.effect.name, ratio, size, median, told, escape(one.effect.separated_by))
     likeliest = max(study.evidence[name] for name in study.scores)
     table.caption = (
-        "gain: in log likelihood of all capsules over the model without it; odds of what is not in this list against "
-        f"the best of it: {odds_words(study.evidence[UNKNOWN] - likeliest)}"
+        "ln ratio: log-likelihood ratio of all capsules to the model without it; odds of what is not in this list "
+        f"against the best of it: {odds_words(study.evidence[UNKNOWN] - likeliest)}"
     )
     table.caption_justify = "left"
     return table
@@ -218,11 +219,11 @@ def _held_out(verification: Verification) -> str:
     before, after = (modulus.shown(one.median_modulus) for one in verification.compared)
     gaps = [1e6 * one.gap for one in verification.compared]
     gap = f"gap {gaps[0]:.3f} -> {gaps[1]:.3f} um, " if all(map(math.isfinite, gaps)) else ""
-    chances = verification.before.chance, verification.after.chance
+    p_values = verification.before.p_value, verification.after.p_value
     return (
-        f"{len(verification.gains)} capsules laid aside, before -> after: {gap}p-value {chances[0]:.2g} -> "
-        f"{chances[1]:.2g}, median G_s {before:.1f} -> {after:.1f} {modulus.shown_unit}; gain "
-        f"{verification.gain:+.2f} +/- {verification.error:.2f} in log likelihood a capsule."
+        f"{len(verification.log_likelihood_ratios)} capsules held out, before -> after: {gap}p-value "
+        f"{p_values[0]:.2g} -> {p_values[1]:.2g}, median G_s {before:.1f} -> {after:.1f} {modulus.shown_unit}; "
+        f"log-likelihood ratio {verification.log_likelihood_ratio:+.2f} +/- {verification.error:.2f} a capsule."
     )
 
 

@@ -5,13 +5,13 @@ from capsbayes.diagnosis.diagnosis import Study, Verdict, diagnose
 from capsbayes.diagnosis.evidence import NOTHING, UNKNOWN
 from capsbayes.diagnosis.finding import Deviation, Finding, find
 from capsbayes.diagnosis.scoring import Scores
-from capsbayes.diagnosis.search import LEAST_GAIN
+from capsbayes.diagnosis.search import LEAST_RATIO
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.summary import summary
 from capsbayes.diagnosis.verification import Verification
 
 __all__ = [
-    "LEAST_GAIN",
+    "LEAST_RATIO",
     "NOTHING",
     "UNKNOWN",
     "AlongOutline",

@@ -19,7 +19,7 @@ from capsbayes.diagnosis.evidence import UNKNOWN, evidences
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
-from capsbayes.diagnosis.search import LEAST_GAIN, Search, Step, searched
+from capsbayes.diagnosis.search import LEAST_RATIO, Search, Step, searched
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.verification import Verification, verified
 from capsbayes.effect import Effect
@@ -99,7 +99,7 @@ class Study(Readable):
         """Of every candidate on the first half, the likeliest first; of two effects, beside each other."""
         found = dict(self.steps[0].scores) if self.steps else {}
         found |= {name: step.scores[name] for step in self.steps[1:] for name in step.alike}
-        return dict(sorted(found.items(), key=lambda item: -item[1].gain))
+        return dict(sorted(found.items(), key=lambda item: -item[1].log_likelihood_ratio))
 
     def described(self) -> dict[str, str]:
         """Return the verdict, the finding and the effects in question with their sizes."""
@@ -179,7 +179,7 @@ def diagnose(
     fits = fitted(model, discover, white)
     finding = find(model, discover, seed=seed, white=white, fits=fits)
     made = partial(made, finding=finding, discover=Compared(discover, model, fits))
-    if finding.chance > level:
+    if finding.p_value > level:
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
         return made(verdict, steps=(), verification=None, model=model, sizes={})
     trials = {} if earlier is None else earlier.trials
@@ -187,10 +187,10 @@ def diagnose(
     steps, explained, trials = searched(search, fits)
     evidence = evidences({name: one.scores for name, one in trials.items()}, finding)
     made = partial(made, evidence=evidence, trials=trials)
-    told("the capsules laid aside")
+    told("the held-out capsules")
     verification = None
     if steps[0].alike:
-        checked = partial(verified, model, confirm=confirm, seed=seed, measured=measured or {}, found=finding.chance)
+        checked = partial(verified, model, confirm=confirm, seed=seed, measured=measured or {}, found=finding.p_value)
         steps, verification = checked(steps)
         if explained and len(steps) == 1 and not verification.leaves_nothing:
             steps, verification = _with_a_second(search, steps, verification, checked)
@@ -224,7 +224,7 @@ def _with_a_second(
 def _likely(steps: tuple[Step, ...], evidence: Mapping[str, float]) -> bool:
     """Whether one effect that explains it is far likelier than none, and not far less likely than an unknown one."""
     here = evidence[steps[0].alike[0]]
-    return len(steps) > 1 or (here >= LEAST_GAIN and here >= evidence[UNKNOWN] - LEAST_GAIN)
+    return len(steps) > 1 or (here >= LEAST_RATIO and here >= evidence[UNKNOWN] - LEAST_RATIO)
 
 
 class _Told:

@@ -51,7 +51,7 @@ class Deviation:
     size, error : float
         Amplitude and its standard error [unit].
     unit : str
-    chance : float
+    p_value : float
         Probability that under a right model the largest of all deviations is as large.
     """
 
@@ -59,7 +59,7 @@ class Deviation:
     size: float
     error: float
     unit: str
-    chance: float
+    p_value: float
 
     @property
     def sigma(self) -> float:
@@ -69,7 +69,7 @@ class Deviation:
     def __str__(self) -> str:
         """Name, amplitude and how surprising it is."""
         unit = f" {self.unit}" if self.unit else ""
-        said = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, by chance {self.chance:.2g}"
+        said = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, by chance {self.p_value:.2g}"
         return f"{self.name}: {said}"
 
 
@@ -95,26 +95,26 @@ class Finding:
     displacements: Displacements = field(default_factory=Displacements, repr=False)
 
     @property
-    def chance(self) -> float:
+    def p_value(self) -> float:
         """Probability under a right model of a deviation as large as the largest."""
-        return min((one.chance for one in self.deviations), default=1.0)
+        return min((one.p_value for one in self.deviations), default=1.0)
 
     def leaves_nothing(self, level: float) -> bool:
         """Whether nothing stands at a level, and displaced regions are less likely than none."""
-        return self.chance >= level and self.displacements.evidence <= 0.0
+        return self.p_value >= level and self.displacements.evidence <= 0.0
 
     def together(self, other: Finding, among: float) -> float:
-        """Chance of the largest deviation of this and of other capsules together.
+        """Return the p-value of the largest deviation of this and of other capsules together.
 
-        Only those are looked at that have a chance of at most `among` here. That of the other is looked for by name and
-        direction, so that it needs no correction for the number of deviations; the two are combined by Stouffer's
-        method.
+        Only deviations with a p-value of at most `among` here count. Those of the other are looked for by name and
+        direction, so that they need no correction for the number of deviations; the two p-values are combined by
+        Stouffer's method.
         """
         there = {one.name: one for one in other.deviations}
         both = (
-            float(norm.sf((norm.isf(one.chance) + _standing(one, there[one.name])) / np.sqrt(2.0)))
+            float(norm.sf((norm.isf(one.p_value) + _standing(one, there[one.name])) / np.sqrt(2.0)))
             for one in self.deviations
-            if one.chance <= among and one.name in there
+            if one.p_value <= among and one.name in there
         )
         return min(both, default=1.0)
 
@@ -165,15 +165,15 @@ def find(
     table = [one for one in table if len(one.contributions) > _FEWEST]
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
-    chances = _by_signs(table, np.random.default_rng([seed, len(done)]))
-    by_surprise = sorted(zip(table, chances, strict=True), key=lambda pair: (pair[1], -abs(pair[0].statistic)))
+    p_values = _by_signs(table, np.random.default_rng([seed, len(done)]))
+    by_surprise = sorted(zip(table, p_values, strict=True), key=lambda pair: (pair[1], -abs(pair[0].statistic)))
     found = [
-        Deviation(one.name, one.size * one.scale, one.error * one.scale, one.unit, float(chance))
-        for one, chance in by_surprise
+        Deviation(one.name, one.size * one.scale, one.error * one.scale, one.unit, float(p_value))
+        for one, p_value in by_surprise
     ]
     found += _without_a_shape(fits)
     return Finding(
-        tuple(sorted(found, key=lambda one: one.chance)), noise, len(done), Displacements.of(displaced, fits)
+        tuple(sorted(found, key=lambda one: one.p_value)), noise, len(done), Displacements.of(displaced, fits)
     )
 
 
@@ -182,15 +182,15 @@ def _without_a_shape(fits: Fits) -> list[Deviation]:
     ill, count = int(fits.ill.sum()), len(fits.ill)
     if ill <= _WITHOUT * count:
         return []
-    chance = float(binom.sf(ill - 1, count, _WITHOUT))
+    p_value = float(binom.sf(ill - 1, count, _WITHOUT))
     share, error = beta(ill + 1, count - ill + 1).stats()
-    return [Deviation(_SHAPELESS, float(share), float(np.sqrt(error)), "", chance)]
+    return [Deviation(_SHAPELESS, float(share), float(np.sqrt(error)), "", p_value)]
 
 
 def _standing(first: Deviation, second: Deviation) -> float:
     """Standard normal deviate of a deviation in the direction of the one that was found before."""
     if first.name == _SHAPELESS:
-        return float(norm.isf(second.chance))
+        return float(norm.isf(second.p_value))
     return float(second.sigma * np.sign(first.size))
 
 

@@ -89,7 +89,7 @@ class Scores:
         return np.asarray(self.log_likelihood.sum(axis=1) + self.elsewhere)
 
     @property
-    def gain(self) -> float:
+    def log_likelihood_ratio(self) -> float:
         """Of all that was measured, at the best size over that at the null value."""
         return float(self.total[self.best] - self.total[self.null])
 
@@ -109,7 +109,7 @@ class Scores:
         return float(self.sizes[self.best])
 
     @property
-    def gains(self) -> Floats:
+    def log_likelihood_ratios(self) -> Floats:
         """Log likelihood of each capsule at the best size over that at the null value : (n,) array."""
         return np.asarray(self.log_likelihood[self.best] - self.log_likelihood[self.null])
 

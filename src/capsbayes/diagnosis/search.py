@@ -17,18 +17,18 @@ from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.effect import Effect
 from capsbayes.model import FixedParameters, ForwardModel
 
-__all__ = ["LEAST_GAIN", "LEFT", "Search", "Step", "not_told_apart", "searched"]
+__all__ = ["LEAST_RATIO", "LEFT", "Search", "Step", "not_told_apart", "searched"]
 
 Floats = NDArray[np.float64]
 LEFT = 0.01
-"""Chance of what is left over, below which it is not explained."""
+"""P-value of what is left unexplained, below which it is not explained."""
 
-LEAST_GAIN = 3.0
+LEAST_RATIO = 3.0
 """In log likelihood, below which an effect explains nothing, or no more than another."""
 
 _TOGETHER = 4  # effects at most that are measured together with the first
 _FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
-_APART = 2.5  # standard errors between the gains of two effects, below which they are not told apart
+_APART = 2.5  # standard errors between the log-likelihood ratios of two effects, below which they are not told apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ class Search:
         names = [name for name in self.candidates if name != used]
         before, scores = self._beside(first.best, names)
         models = {name: _with(self.model, before[name]) if name in before else first.after for name in names}
-        second, explained = self.judged(_by_gain(scores), models, before)
+        second, explained = self.judged(_by_ratio(scores), models, before)
         if not explained:
             return (first, second), False
         pairs = self._alike_beside(first, second)
@@ -177,7 +177,7 @@ class Search:
         return {one: pairs[one] for one in (best, *sorted(alike, key=lambda one: -float(pairs[one].total.max())))}
 
     def _beside(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
-        """Effects beside one at its size; the few that gain most are measured together with it.
+        """Effects beside one at its size; the few likeliest are measured together with it.
 
         The scores of the known one beside each of these, and those of all.
         """
@@ -194,21 +194,23 @@ class Search:
 
 def _worth_measuring_together(scores: Mapping[str, Scores]) -> tuple[str, ...]:
     """The likeliest few beside the first at the size that it has alone."""
-    most = max((one.gain for one in scores.values()), default=0.0)
-    return tuple(name for name, one in scores.items() if one.gain > max(LEAST_GAIN, most - _FAR_BEHIND))[:_TOGETHER]
+    most = max((one.log_likelihood_ratio for one in scores.values()), default=0.0)
+    return tuple(
+        name for name, one in scores.items() if one.log_likelihood_ratio > max(LEAST_RATIO, most - _FAR_BEHIND)
+    )[:_TOGETHER]
 
 
 def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
     """Scores of all, the likeliest first; of those that are not far behind at more sizes."""
-    most = max((one.scores.gain for one in trials.values()), default=0.0)
+    most = max((one.scores.log_likelihood_ratio for one in trials.values()), default=0.0)
     for one in trials.values():
-        if one.scores.gain > min(0.5 * most, most - _FAR_BEHIND):
+        if one.scores.log_likelihood_ratio > min(0.5 * most, most - _FAR_BEHIND):
             one.refine()
-    return _by_gain({name: one.scores for name, one in trials.items()})
+    return _by_ratio({name: one.scores for name, one in trials.items()})
 
 
-def _by_gain(scores: Mapping[str, Scores]) -> dict[str, Scores]:
-    return dict(sorted(scores.items(), key=lambda item: -item[1].gain))
+def _by_ratio(scores: Mapping[str, Scores]) -> dict[str, Scores]:
+    return dict(sorted(scores.items(), key=lambda item: -item[1].log_likelihood_ratio))
 
 
 def _with(model: ForwardModel, scores: Scores) -> FixedParameters:
@@ -216,13 +218,15 @@ def _with(model: ForwardModel, scores: Scores) -> FixedParameters:
 
 
 def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
-    """The effect that gains most, and those that gain as much but for the scatter from capsule to capsule."""
-    names = [name for name, one in scores.items() if one.gain > LEAST_GAIN]
+    """Return the likeliest effect, and those as likely but for the scatter from capsule to capsule."""
+    names = [name for name, one in scores.items() if one.log_likelihood_ratio > LEAST_RATIO]
     return tuple(name for name in names if _alike(scores[names[0]], scores[name]))
 
 
 def _alike(best: Scores, other: Scores) -> bool:
-    return not_told_apart(best.gain - other.gain, best.gains - other.gains)
+    return not_told_apart(
+        best.log_likelihood_ratio - other.log_likelihood_ratio, best.log_likelihood_ratios - other.log_likelihood_ratios
+    )
 
 
 def _alike_in_all(best: Scores, other: Scores) -> bool:
@@ -241,4 +245,4 @@ def not_told_apart(lag: float, lags: Floats) -> bool:
     lags : (n,) array
         Of each capsule.
     """
-    return lag < max(LEAST_GAIN, _APART * float(np.sqrt(np.sum(lags**2))))
+    return lag < max(LEAST_RATIO, _APART * float(np.sqrt(np.sum(lags**2))))

@@ -58,12 +58,12 @@ def _finding(finding: Finding) -> dict[str, Any]:
             "error": _number(one.error),
             "unit": one.unit,
             "sigma": _number(one.sigma),
-            "chance": one.chance,
+            "p_value": one.p_value,
         }
         for one in finding.deviations
     ]
     return {
-        "chance": finding.chance,
+        "p_value": finding.p_value,
         "noise_over_stated": _number(finding.noise),
         "capsules": finding.capsules,
         "deviations": rows,
@@ -75,7 +75,7 @@ def _candidate(study: Study, name: str, scores: Scores) -> dict[str, Any]:
     return {
         "parameter": name,
         "effect": scores.effect.name,
-        "log_likelihood_gain": scores.gain,
+        "log_likelihood_ratio": scores.log_likelihood_ratio,
         "size": scores.size,
         "interval_68": [low, high],
         "median_surface_shear_modulus": _number(scores.modulus[scores.best]),
@@ -90,9 +90,9 @@ def _candidate(study: Study, name: str, scores: Scores) -> dict[str, Any]:
 def _verification(verification: Verification) -> dict[str, Any]:
     findings = verification.before, verification.after
     return {
-        "capsules": len(verification.gains),
-        "gain_per_capsule": verification.gain,
-        "gain_error": verification.error,
+        "capsules": len(verification.log_likelihood_ratios),
+        "log_likelihood_ratio_per_capsule": verification.log_likelihood_ratio,
+        "log_likelihood_ratio_error": verification.error,
         **{
             when: _finding(finding) | _moduli(compared)
             for when, finding, compared in zip(("before", "after"), findings, verification.compared, strict=True)

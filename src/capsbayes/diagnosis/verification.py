@@ -14,30 +14,30 @@ from capsbayes.diagnosis.compared import Compared
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import Measured, log_likelihood
-from capsbayes.diagnosis.search import LEAST_GAIN, LEFT, Step, not_told_apart
+from capsbayes.diagnosis.search import LEAST_RATIO, LEFT, Step, not_told_apart
 from capsbayes.diagnosis.session import Session
 from capsbayes.effect import Effect
 from capsbayes.model import ForwardModel
 
-__all__ = ["Gain", "Verification", "verified"]
+__all__ = ["MeanRatio", "Verification", "verified"]
 
 Floats = NDArray[np.float64]
 
 _VERIFIED = 1.64  # standard errors of what is by chance one in twenty
-_WORTH_A_LOOK = 0.5  # chance of what is left over in the first half, up to which the second is asked about it
+_WORTH_A_LOOK = 0.5  # p-value of what is left over in the first half, up to which the second is asked about it
 _ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
 
 
-class Gain(NamedTuple):
-    """Log likelihood per capsule that an effect gains, and its standard error."""
+class MeanRatio(NamedTuple):
+    """Mean log-likelihood ratio of an effect over the capsules, and its standard error."""
 
     mean: float
     error: float
 
     @classmethod
-    def of(cls, gains: Floats) -> Gain:
-        """From the gains of all capsules (n,)."""
-        return cls(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
+    def of(cls, ratios: Floats) -> MeanRatio:
+        """Average the ratios of all capsules (n,)."""
+        return cls(float(ratios.mean()), float(ratios.std(ddof=1) / np.sqrt(len(ratios))))
 
 
 @dataclass(frozen=True)
@@ -46,30 +46,30 @@ class Verification:
 
     Parameters
     ----------
-    gain, error : float
-        Log likelihood per capsule that the effect gains, and its standard error.
+    log_likelihood_ratio, error : float
+        Mean log-likelihood ratio per capsule, with the effect to without, and its standard error.
     before, after : Finding
     left : Finding
         What the effect leaves over in the first half.
-    gains : (n,) array
+    log_likelihood_ratios : (n,) array
         Of each capsule.
-    steps : tuple of Gain
+    steps : tuple of MeanRatio
         Of each effect beside those before.
     compared : (Compared, Compared)
         The capsules beside the model before and after.
     established : tuple of bool
         Of each step, whether its effect is known to be there from what was measured elsewhere.
     found : float
-        Chance of the disagreement that the first half shows.
+        P-value of the disagreement that the first half shows.
     """
 
-    gain: float
+    log_likelihood_ratio: float
     error: float
     before: Finding
     after: Finding
     left: Finding
-    gains: Floats = field(repr=False)
-    steps: tuple[Gain, ...]
+    log_likelihood_ratios: Floats = field(repr=False)
+    steps: tuple[MeanRatio, ...]
     compared: tuple[Compared, Compared] = field(repr=False)
     established: tuple[bool, ...]
     found: float
@@ -78,8 +78,8 @@ class Verification:
     def leaves_nothing(self) -> bool:
         """Whether nothing is left over, neither in these capsules nor in both halves together."""
         both = self.left.displacements + self.after.displacements
-        chance = min(self.after.chance, self.left.together(self.after, _WORTH_A_LOOK))
-        return chance >= LEFT and both.evidence <= 0.0
+        p_value = min(self.after.p_value, self.left.together(self.after, _WORTH_A_LOOK))
+        return p_value >= LEFT and both.evidence <= 0.0
 
     @property
     def holds(self) -> bool:
@@ -91,8 +91,8 @@ class Verification:
         together = max(np.sqrt(2.0) * _VERIFIED - float(norm.isf(self.found)), 0.0)
         least = (together, *(_VERIFIED for _ in self.steps[1:]))
         return self.leaves_nothing and all(
-            gain.mean >= (-_VERIFIED if known else sigma) * gain.error
-            for gain, sigma, known in zip(self.steps, least, self.established, strict=True)
+            ratio.mean >= (-_VERIFIED if known else sigma) * ratio.error
+            for ratio, sigma, known in zip(self.steps, least, self.established, strict=True)
         )
 
 
@@ -102,7 +102,7 @@ def verified(
     """The second half beside the model, and beside it with each effect more.
 
     Of the effects that the first half did not tell apart, those stay that leave nothing over here and are not told
-    apart by both halves together. Gains are of one covariance for all; what is left over in the end, of that of the
+    apart by both halves together. Ratios are of one covariance for all; what is left over in the end, of that of the
     model with the effects. Of two effects, the first comes back at the size that it has beside the second.
 
     Parameters
@@ -114,7 +114,7 @@ def verified(
     seed : int
     measured : mapping of str to (float, float)
     found : float
-        Chance of the disagreement that the first half shows.
+        P-value of the disagreement that the first half shows.
     """
     white = whitening(model, confirm)
     *before, last = (step for step in steps if step.alike)
@@ -126,18 +126,18 @@ def verified(
     def tried(name: str) -> Verification:
         extended = last.with_effect(name)
         likelihoods = np.array([*chain, log_likelihood(fitted(extended, confirm, white))])
-        gains = likelihoods[-1] - likelihoods[0]
-        whole = Gain.of(gains)
+        ratios = likelihoods[-1] - likelihoods[0]
+        whole = MeanRatio.of(ratios)
         own = whitening(extended, confirm)
         fit = fitted(extended, confirm, own)
         return Verification(
-            gain=whole.mean,
+            log_likelihood_ratio=whole.mean,
             error=whole.error,
             before=shown[0],
             after=find(extended, confirm, seed=seed, white=own, fits=fit),
             left=last.left[name],
-            gains=gains,
-            steps=tuple(Gain.of(one) for one in np.diff(likelihoods, axis=0)),
+            log_likelihood_ratios=ratios,
+            steps=tuple(MeanRatio.of(one) for one in np.diff(likelihoods, axis=0)),
             compared=(shown[1], Compared(confirm, extended, fit)),
             established=tuple(
                 _established(effect, measured)
@@ -162,12 +162,18 @@ def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ..
     The likeliest stays in question beside those that leave nothing over but are less likely: what it leaves over may be
     by chance. If it is far likelier, they are not in question themselves.
     """
-    gains = {name: np.concatenate([step.scores[name].gains, one.gains]) for name, one in tries.items()}
-    total = {name: step.scores[name].gain + float(one.gains.sum()) for name, one in tries.items()}
+    ratios = {
+        name: np.concatenate([step.scores[name].log_likelihood_ratios, one.log_likelihood_ratios])
+        for name, one in tries.items()
+    }
+    total = {
+        name: step.scores[name].log_likelihood_ratio + float(one.log_likelihood_ratios.sum())
+        for name, one in tries.items()
+    }
     best, *others = sorted(total, key=lambda name: -total[name])
-    alike = [best, *(name for name in others if not_told_apart(total[best] - total[name], gains[best] - gains[name]))]
+    alike = [best, *(name for name in others if not_told_apart(total[best] - total[name], ratios[best] - ratios[name]))]
     found = [name for name in alike if tries[name].leaves_nothing]
-    if found and best not in found and total[best] - total[found[0]] > LEAST_GAIN:
+    if found and best not in found and total[best] - total[found[0]] > LEAST_RATIO:
         found.append(best)
     return tuple(sorted(found, key=lambda name: not tries[name].holds))
 

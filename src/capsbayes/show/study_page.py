@@ -10,7 +10,7 @@ from markupsafe import Markup
 import capsbayes
 from capsbayes.diagnosis import Study, Verdict, Verification
 from capsbayes.show.page import page, picture, typeset
-from capsbayes.show.study_candidates import candidate_gains
+from capsbayes.show.study_candidates import candidate_ratios
 from capsbayes.show.study_held_out import chosen_capsules, held_out
 from capsbayes.show.study_moduli import moduli
 from capsbayes.show.study_outline import outline_finding
@@ -77,7 +77,7 @@ def _finding(study: Study) -> Iterator[str]:
     if study.again is not None:
         there = {one.name: deviation_words(one) for one in study.again.deviations}
         name = finding.deviations[0].name
-        yield f"<p>In the capsules laid aside it is {typeset(there.get(name, 'not there'))}.</p>"
+        yield f"<p>In the held-out capsules it is {typeset(there.get(name, 'not there'))}.</p>"
     along = compared.along_outline
     if along is not None:
         caption = (
@@ -101,8 +101,8 @@ def _candidates(study: Study) -> Iterator[str]:
         return
     yield "<h2>What would explain it</h2>"
     those = "the nearest, which fail" if study.verdict is Verdict.UNKNOWN else "the effects in question"
-    caption = f"In a dark colour: {those}. A gain of 3 is the least that counts."
-    yield picture(candidate_gains(study), "gain of each candidate", caption)
+    caption = f"In a dark colour: {those}. A ratio of 3 is the least that counts."
+    yield picture(candidate_ratios(study), "log-likelihood ratio of each candidate", caption)
     yield candidate_table(study)
     yield (
         '<p class="note">Odds are ratios of likelihoods, averaged over what was held possible of the size of each '
@@ -113,8 +113,8 @@ def _candidates(study: Study) -> Iterator[str]:
     )
     if len(study.steps) > 1:
         yield (
-            '<p class="note">Of effects that are added together, size, gain and G<sub>s</sub> are those beside the '
-            "other, the odds those of each alone.</p>"
+            '<p class="note">Of effects that are added together, size, log-likelihood ratio and G<sub>s</sub> are '
+            "those with the other, the odds those of each alone.</p>"
         )
     if study.verdict is Verdict.AMBIGUOUS:
         best = next((step for step in study.steps if len(step.alike) > 1), study.steps[0]).best.effect
@@ -127,7 +127,7 @@ def _candidates(study: Study) -> Iterator[str]:
 
 def _held_out(study: Study, verification: Verification) -> Iterator[str]:
     best = " and ".join(step.best.effect.name for step in study.steps if step.alike)
-    yield "<h2>Does it hold on capsules that were laid aside?</h2>"
+    yield "<h2>Does it hold on capsules that were held out?</h2>"
     yield (
         f"<p>The size of {escape(best)} was found on one half of the capsules. Here is the other half, which had no "
         "part in it, under the model before and after it is added.</p>"

@@ -10,9 +10,9 @@ from capsbayes.diagnosis import NOTHING, UNKNOWN, Finding, Scores, Study, Verifi
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.page import table, typeset
 from capsbayes.show.study_words import (
-    chance_words,
     deviation_words,
     odds_words,
+    p_value_words,
     same_by_chance,
     size_words,
     told_words,
@@ -26,7 +26,7 @@ _OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike 
 
 def finding_table(finding: Finding) -> Markup:
     """Every deviation that was looked for, the most surprising first."""
-    rows = [(typeset(one.name), deviation_words(one), chance_words(one.chance)) for one in finding.deviations]
+    rows = [(typeset(one.name), deviation_words(one), p_value_words(one.p_value)) for one in finding.deviations]
     return table(("where", "size ± standard error (significance)", "as large by chance"), rows)
 
 
@@ -68,20 +68,20 @@ def held_out_table(verification: Verification) -> Markup:
     noise = [f"{one.noise:.2f} σ" if math.isfinite(one.noise) else "nothing is left over" for one in pairs]
     medians = [one.median_modulus for one in verification.compared]
     shift = 100.0 * (medians[1] / medians[0] - 1.0)
-    gain = f"{verification.gain:+.2f} ± {verification.error:.2f}"
+    ratio = f"{verification.log_likelihood_ratio:+.2f} ± {verification.error:.2f}"
     rows = [
         ("gap: rms distance of measured and predicted edge", *gaps),
         ("the same over the stated noise, correlations counted", *noise),
         ("largest deviation", *(deviation_words(one.deviations[0]) if one.deviations else "" for one in pairs)),
         ("as large by chance (residual p-value)", *(same_by_chance(one) for one in pairs)),
-        ("log score per capsule, over that before", "0", gain),
+        ("log score per capsule, over that before", "0", ratio),
         (
             typeset("median G_s"),
             _shown_modulus(medians[0]),
             f"{_shown_modulus(medians[1])} ({shift:+.1f} %)",
         ),
     ]
-    return table((f"{len(verification.gains)} held-out capsules", "before", "after"), rows)
+    return table((f"{len(verification.log_likelihood_ratios)} held-out capsules", "before", "after"), rows)
 
 
 def flow_rate_table(verification: Verification) -> Markup | None:

@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from capsbayes.diagnosis import LEAST_GAIN, Deviation, Finding, Scores, Session, Study, Verdict
+from capsbayes.diagnosis import LEAST_RATIO, Deviation, Finding, Scores, Session, Study, Verdict
 from capsbayes.parameters import PARAMETERS
 
 __all__ = [
-    "chance_words",
     "deviation_words",
     "lengths_alone",
     "modulus_words",
     "odds_words",
+    "p_value_words",
     "same_by_chance",
     "size_words",
     "told_words",
@@ -31,7 +31,7 @@ def verdict_sentence(study: Study) -> str:
     if study.verdict is Verdict.NOT_TESTABLE:
         return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."
     if study.verdict is Verdict.NONE:
-        doubt = "" if study.again is None else ": what the first half shows, the capsules laid aside do not"
+        doubt = "" if study.again is None else ": what the first half shows, the held-out capsules do not"
         return f"No disagreement was found between the capsules and {model}{doubt}."
     accused = f"The capsules disagree with {model}, and"
     if study.verdict is Verdict.NAMED:
@@ -69,12 +69,12 @@ def lengths_alone(session: Session) -> str:
 def modulus_words(study: Study) -> str:
     """Between what the median G_s lies, by what is assumed to be missing; empty where that is settled.
 
-    Under all effects in question, or, if none explains it, under the model as it was and all that gain something.
+    Under all effects in question, or, if none explains it, under the model as it was and all that raise the likelihood.
     """
     if study.verdict is Verdict.AMBIGUOUS:
         scores = [study.scores[name] for name in study.names]
     elif study.verdict is Verdict.UNKNOWN:
-        scores = [one for one in study.scores.values() if one.gain >= LEAST_GAIN]
+        scores = [one for one in study.scores.values() if one.log_likelihood_ratio >= LEAST_RATIO]
     else:
         return ""
     moduli = [one.modulus[one.best] for one in scores]
@@ -99,14 +99,14 @@ def size_words(scores: Scores) -> str:
     return f"{one.shown(scores.size):.3g}{unit} (68 %: {low:.3g} to {high:.3g}{unit})"
 
 
-def odds_words(gain: float) -> str:
+def odds_words(log_ratio: float) -> str:
     """A likelihood ratio of which the logarithm is given."""
-    if abs(gain) > math.log(_MANY):
-        power = round(abs(gain) / math.log(10.0))
-        return f"10^{power} : 1" if gain > 0.0 else f"1 : 10^{power}"
-    odds = math.exp(abs(gain))
+    if abs(log_ratio) > math.log(_MANY):
+        power = round(abs(log_ratio) / math.log(10.0))
+        return f"10^{power} : 1" if log_ratio > 0.0 else f"1 : 10^{power}"
+    odds = math.exp(abs(log_ratio))
     text = f"{odds:.2g}" if odds < 10.0 else f"{odds:.0f}"
-    return f"{text} : 1" if gain >= 0.0 else f"1 : {text}"
+    return f"{text} : 1" if log_ratio >= 0.0 else f"1 : {text}"
 
 
 def deviation_words(one: Deviation) -> str:
@@ -117,10 +117,10 @@ def deviation_words(one: Deviation) -> str:
 
 def same_by_chance(finding: Finding) -> str:
     """How often a right model shows a deviation as large as the largest."""
-    return chance_words(finding.chance) if finding.deviations else "not tested"
+    return p_value_words(finding.p_value) if finding.deviations else "not tested"
 
 
-def chance_words(chance: float) -> str:
+def p_value_words(p_value: float) -> str:
     """A probability in per cent."""
-    share = 100.0 * chance
+    share = 100.0 * p_value
     return f"{share:.0f} %" if share >= 9.5 else f"{share:.2g} %"

@@ -1,6 +1,6 @@
 """The exam: how answers are told right from wrong, kept, and shown."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +12,7 @@ from capsbayes.evidence.blind.hideable import HIDEABLE
 from capsbayes.evidence.blind.pools import POOLS, pool_name
 from capsbayes.evidence.exam.answer import Answer, answered, outcome_of
 from capsbayes.evidence.exam.cells import CELLS, Cell
-from capsbayes.evidence.exam.exam import _rounds, examine
+from capsbayes.evidence.exam.exam import _read, _records, _rounds, examine
 from capsbayes.evidence.exam.exam_page import exam_page
 from capsbayes.surrogate import Surrogate
 from capsbayes.testing import check_effect
@@ -25,19 +25,19 @@ DECOY = Cell("halo, a random pattern tried", "halo", 5e-7, known=False, decoy=Tr
 ANSWER = Answer(
     outcome="right",
     names=["halo"],
-    chance=2e-4,
+    p_value=2e-4,
     size=4.9e-7,
     low=4.2e-7,
     high=5.6e-7,
     bias_before=0.2,
     bias_after=0.01,
-    gain=4.0,
-    gain_error=1.0,
+    log_likelihood_ratio=4.0,
+    log_likelihood_ratio_error=1.0,
     misfit_before=1.6,
     misfit_after=1.01,
     gap_before=5e-7,
     gap_after=2.5e-7,
-    told_apart="",
+    distinguished="",
     measurements=0,
     seconds=10.0,
 )
@@ -83,7 +83,7 @@ def test_the_page_counts_what_was_required():
     none = replace(wrong, outcome="none", names=[], bias_after=np.nan)
     answers = {
         "halo": dict.fromkeys(range(1, 18), ANSWER)
-        | dict.fromkeys((18, 19), replace(ANSWER, outcome="ambiguous", told_apart="right", measurements=2))
+        | dict.fromkeys((18, 19), replace(ANSWER, outcome="ambiguous", distinguished="right", measurements=2))
         | {20: wrong},
         "halo, a random pattern tried": dict.fromkeys(range(1, 11), replace(none, outcome="unknown", gap_after=4.9e-7)),
         "pattern": dict.fromkeys(range(1, 11), replace(none, outcome="unknown")),
@@ -98,7 +98,7 @@ def test_the_page_counts_what_was_required():
         "| pattern: unknown or ambiguous, at least 90 % | 10 of 10, 100.0% [69.2%, 100.0%] | met |",
         "| halo: bias of G_s at least 5 times smaller with the effect | +20.0% to +1.0% | met |",
         "| 95 % intervals of the size cover 90 to 98 % | 19 of 19, 100.0% [82.4%, 100.0%] | **missed** |",
-        "| halo, a random pattern tried: gap laid aside shrinks by at most 5 % | 0.500 to 0.490 um | met |",
+        "| halo, a random pattern tried: gap held out shrinks by at most 5 % | 0.500 to 0.490 um | met |",
         "| halo | 20 | 0 | 17 | 2 | 0 | 1 | 2 of 2 by 2.0 | +20.0%, +1.0% | 1.60, 1.01 | 0.50, 0.25 | 19 of 19 |",
     ):
         assert row in page
@@ -115,8 +115,8 @@ def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
     more = examine([replace(few, sessions=3)], tmp_path, tmp_path / "out", workers=1, tell=told.append)
     said = "of each of 1 cells:"
     assert told == [f"sessions 1 to 2 {said} 2 to diagnose", f"sessions 1 to 3 {said} 1 to diagnose"]
-    assert {seed: more["nothing"][seed].chance for seed in (1, 2)} == {
-        seed: answer.chance for seed, answer in first["nothing"].items()
+    assert {seed: more["nothing"][seed].p_value for seed in (1, 2)} == {
+        seed: answer.p_value for seed, answer in first["nothing"].items()
     }
     assert sorted(more["nothing"]) == [1, 2, 3]
 
@@ -128,7 +128,7 @@ def test_look_alikes_are_told_apart_by_what_is_measured_elsewhere(square_databas
     answer = answered(cell, 1, square_database, model)
     assert answer.outcome == "ambiguous"
     assert {"halo", "pixel_scale"} <= set(answer.names)
-    assert answer.told_apart == "right"
+    assert answer.distinguished == "right"
     assert 1 <= answer.measurements <= len(answer.names)
     assert answer.gap_after < answer.gap_before
 
@@ -149,3 +149,17 @@ def test_a_decoy_moves_edges_by_its_size_and_nothing_at_its_null_value():
 )
 def test_a_few_sessions_of_every_cell_come_first(last, rounds):
     assert list(_rounds(last)) == rounds
+
+
+def test_answers_of_earlier_versions_are_read(tmp_path):
+    cell = CELLS[0]
+    former = {
+        "p_value": "chance",
+        "log_likelihood_ratio": "gain",
+        "log_likelihood_ratio_error": "gain_error",
+        "distinguished": "told_apart",
+    }
+    old = {former.get(key, key): value for key, value in asdict(ANSWER).items()}
+    records = _records(tmp_path, cell)
+    records.add({"seed": 1, **old})
+    assert _read(tmp_path, cell)[1] == ANSWER

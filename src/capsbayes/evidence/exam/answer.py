@@ -34,19 +34,19 @@ class Answer:
         has it), "unknown", or "wrong".
     names : list of str
         Effects that were named.
-    chance : float
+    p_value : float
         Of the finding.
     size, low, high : float
         Of what is hidden, as found, with its 95 % interval; NaN if it is not among the names.
     bias_before, bias_after : float
-        Of the median of ln G_s of the capsules laid aside; after is NaN if nothing was named.
-    gain, gain_error : float
-        Log likelihood per capsule laid aside.
+        Of the median of ln G_s of the held-out capsules; after is NaN if nothing was named.
+    log_likelihood_ratio, log_likelihood_ratio_error : float
+        Log likelihood ratio per held-out capsule.
     misfit_before, misfit_after : float
         Of those capsules, over its freedom.
     gap_before, gap_after : float [m]
         Root mean square distance of their edges from the predicted ones.
-    told_apart : str
+    distinguished : str
         Outcome once some of the effects in question were measured apart from the capsules; "" if one was named.
     measurements : int
         How many were.
@@ -56,19 +56,19 @@ class Answer:
 
     outcome: str
     names: list[str]
-    chance: float
+    p_value: float
     size: float
     low: float
     high: float
     bias_before: float
     bias_after: float
-    gain: float
-    gain_error: float
+    log_likelihood_ratio: float
+    log_likelihood_ratio_error: float
     misfit_before: float
     misfit_after: float
     gap_before: float
     gap_after: float
-    told_apart: str
+    distinguished: str
     measurements: int
     seconds: float
 
@@ -97,16 +97,16 @@ def answered(cell: Cell, seed: int, shapes: Database, model: ForwardModel) -> An
     candidates = _candidates(cell, seed)
     study = diagnose(drawn.session, model, seed=seed, candidates=candidates)
     outcome = outcome_of(cell, study)
-    told_apart, measurements = "", 0
+    distinguished, measurements = "", 0
     if cell.known and outcome == "ambiguous":
-        told_apart, measurements = _told_apart(cell, seed, drawn, model, study, candidates)
+        distinguished, measurements = _distinguished(cell, seed, drawn, model, study, candidates)
     return Answer(
         outcome=outcome,
         names=list(study.names),
-        chance=study.finding.chance,
+        p_value=study.finding.p_value,
         **_size(cell, study),
         **_held_out(drawn, study),
-        told_apart=told_apart,
+        distinguished=distinguished,
         measurements=measurements,
         seconds=time.process_time() - begin,
     )
@@ -118,7 +118,7 @@ def _candidates(cell: Cell, seed: int) -> dict[str, Effect]:
     return {name: effect for name, effect in catalogue().items() if name not in cell.removed}
 
 
-def _told_apart(
+def _distinguished(
     cell: Cell,
     seed: int,
     drawn: HiddenSession,
@@ -162,11 +162,19 @@ def _size(cell: Cell, study: Study) -> Mapping[str, float]:
     return {"size": scores.size, "low": low, "high": high}
 
 
-_OF_HELD_OUT = ("gain", "gain_error", "misfit_before", "misfit_after", "gap_before", "gap_after", "bias_after")
+_OF_HELD_OUT = (
+    "log_likelihood_ratio",
+    "log_likelihood_ratio_error",
+    "misfit_before",
+    "misfit_after",
+    "gap_before",
+    "gap_after",
+    "bias_after",
+)
 
 
 def _held_out(drawn: HiddenSession, study: Study) -> Mapping[str, float]:
-    """Gain and misfit of the capsules laid aside, and bias: of these, or of the first half if none were compared."""
+    """Return ratio, misfit and bias of the held-out capsules; the bias of the first half if none were compared."""
     seen = study.verification
     if seen is None:
         found = dict.fromkeys(_OF_HELD_OUT, np.nan)
@@ -174,8 +182,8 @@ def _held_out(drawn: HiddenSession, study: Study) -> Mapping[str, float]:
     before, after = (_bias(drawn, one) for one in seen.compared)
     named = study.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     return {
-        "gain": seen.gain,
-        "gain_error": seen.error,
+        "log_likelihood_ratio": seen.log_likelihood_ratio,
+        "log_likelihood_ratio_error": seen.error,
         "misfit_before": seen.before.noise**2,
         "misfit_after": seen.after.noise**2,
         "gap_before": seen.compared[0].gap,

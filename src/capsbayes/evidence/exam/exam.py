@@ -20,6 +20,13 @@ __all__ = ["Answers", "examine"]
 Answers = dict[str, dict[int, Answer]]
 """By name of the cell and seed."""
 
+_RENAMED = {
+    "chance": "p_value",
+    "gain": "log_likelihood_ratio",
+    "gain_error": "log_likelihood_ratio_error",
+    "told_apart": "distinguished",
+}  # keys of answers of earlier versions
+
 
 def examine(
     cells: Sequence[Cell],
@@ -95,4 +102,5 @@ def _records(folder: Path, cell: Cell) -> Records:
 
 def _read(folder: Path, cell: Cell) -> dict[int, Answer]:
     """Return the answers of a cell by seed."""
-    return {record.pop("seed"): Answer(**record) for record in _records(folder, cell).read()}
+    records = ({_RENAMED.get(key, key): value for key, value in one.items()} for one in _records(folder, cell).read())
+    return {record.pop("seed"): Answer(**record) for record in records}

@@ -78,7 +78,7 @@ def exam_page(cells: Sequence[Cell], answers: Answers) -> str:
         "several). Told apart: of the ambiguous ones, how many are right once effects in question were measured apart",
         "from the capsules, the likeliest first, each to a tenth of the width of its prior, and how many measurements",
         "that took on average. Bias is that of the median of ln G_s; misfit, over its freedom, and gap, the root mean",
-        "square distance of the edges, are those of the capsules laid aside; all are medians over the sessions.",
+        "square distance of the edges, are those of the held-out capsules; all are medians over the sessions.",
         "Covered counts 95 % intervals of the size.",
         "",
         *_table(
@@ -109,7 +109,7 @@ def _requirements(known: list[tuple[Cell, list[Answer]]]) -> Iterator[tuple[str,
         yield "wrong names in every cell: at most 2 %", f"{wrong[worst]} ({worst})", wrong[worst].at_most(0.02)
     for cell, given in hidden:
         if cell.known and (cell.clear or abs(_median(given, "bias_before")) >= _CLEAR_BIAS):
-            found = _Count(sum("right" in (one.outcome, one.told_apart) for one in given), len(given))
+            found = _Count(sum("right" in (one.outcome, one.distinguished) for one in given), len(given))
             yield f"{cell.name}: right, if need be after measurements, at least 90 %", str(found), found.at_least(0.9)
     for cell, given in hidden:
         if not cell.known:
@@ -117,7 +117,7 @@ def _requirements(known: list[tuple[Cell, list[Answer]]]) -> Iterator[tuple[str,
             yield f"{cell.name}: unknown or ambiguous, at least 90 %", str(found), found.at_least(0.9)
         if cell.decoy:
             before, after = 1e6 * _median(given, "gap_before"), 1e6 * _median(given, "gap_after")
-            words = f"{cell.name}: gap laid aside shrinks by at most 5 %"
+            words = f"{cell.name}: gap held out shrinks by at most 5 %"
             yield words, f"{before:.3f} to {after:.3f} um", _met(after >= _KEPT * before)
     yield from _of_what_was_added(hidden)
 
@@ -136,7 +136,7 @@ def _of_what_was_added(hidden: list[tuple[Cell, list[Answer]]]) -> Iterator[tupl
         error = misfits.std() / np.sqrt(len(misfits))
         found = f"{misfits.mean():.3f} +/- {error:.3f}, sessions scatter by {misfits.std():.3f}"
         yield (
-            "misfit laid aside with the effect: 1 within its scatter",
+            "misfit held out with the effect: 1 within its scatter",
             found,
             _met(abs(misfits.mean() - 1) < misfits.std()),
         )
@@ -158,17 +158,17 @@ def _row(cell: Cell, given: list[Answer]) -> tuple[str, ...]:
         cell.name,
         str(len(given)),
         *(str(outcomes[one]) for one in _OUTCOMES),
-        _told_apart(given),
+        _distinguished(given),
         *(_before_after(given, name, form) for name, form in _BEFORE_AFTER.items()),
         f"{covered.counted} of {covered.of}" if covered.of else "",
     )
 
 
-def _told_apart(given: list[Answer]) -> str:
-    asked = [one for one in given if one.told_apart]
+def _distinguished(given: list[Answer]) -> str:
+    asked = [one for one in given if one.distinguished]
     if not asked:
         return ""
-    right = sum(one.told_apart == "right" for one in asked)
+    right = sum(one.distinguished == "right" for one in asked)
     return f"{right} of {len(asked)} by {np.mean([one.measurements for one in asked]):.1f}"
 
 
