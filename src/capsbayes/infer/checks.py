@@ -1,4 +1,4 @@
-"""The gates a posterior passes before its intervals are believed, and the agreement of two engines."""
+"""Gates, which a posterior must pass before its intervals are used, and the agreement of two engines."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Gate:
     ----------
     name : str
     value : float
-        What was found.
+        The number found.
     least, most : float
-        Between which it is wanted.
+        Limits between which it must lie.
 
     Examples
     --------
@@ -44,17 +44,17 @@ class Gate:
 
     @property
     def passed(self) -> bool:
-        """Whether the number is where it is wanted; NaN is not."""
+        """True if the number lies within the limits; NaN does not."""
         return bool(self.least <= self.value <= self.most)
 
     @property
     def wanted(self) -> str:
-        """What is wanted, for people."""
+        """The limits in words."""
         ends = {"at least": self.least, "at most": self.most}
         return " and ".join(f"{words} {end:g}" for words, end in ends.items() if np.isfinite(end))
 
     def as_dict(self) -> dict[str, float | str | bool]:
-        """Name, value, what is wanted and whether it passed, for files."""
+        """Return name, value, limits in words and the outcome, for files."""
         return {"name": self.name, "value": float(self.value), "wanted": self.wanted, "passed": self.passed}
 
     def __str__(self) -> str:
@@ -63,7 +63,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far two engines differ.
+    """Largest differences of two engines.
 
     Parameters
     ----------
@@ -117,10 +117,10 @@ def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) ->
 
 
 def _widths_differ(this: Marginal, other: Marginal) -> float:
-    """Relative difference of the widths of the intervals, the larger of the two.
+    """Return the relative difference of the widths of the 68 % and of the 95 % intervals, the larger of the two.
 
-    A shape far away with 1e-5 of the probability widens the standard deviation of the grid by 10 % and no interval, and
-    walkers do not find it: then these decide.
+    A distant shape with 1e-5 of the probability widens the standard deviation of the grid by 10 %, but no interval, and
+    walkers do not find it: then the widths decide.
     """
-    widths = [(one.upper_68 - one.lower_68, one.upper_95 - one.lower_95) for one in (this, other)]
+    widths = [(summary.upper_68 - summary.lower_68, summary.upper_95 - summary.lower_95) for summary in (this, other)]
     return max(abs(here / there - 1.0) for here, there in zip(*widths, strict=True))

@@ -1,4 +1,4 @@
-"""The posterior density over (log Ca, a/l) with the other inputs integrated out, and their draws given the shape.
+"""Posterior density over (log Ca, a/l), the other inputs integrated out; draws of these inputs given the shape.
 
 The shape depends on (Ca, a/l), on the further coordinate of the model if it has
 one, and on the half width l where the lengths are in metres. Viscosity mu and velocity v_o enter only through
@@ -41,7 +41,7 @@ _ROUNDS = 13  # of redrawing inputs that leave the prior ranges, twice as many o
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDensity:
-    """Posterior of one capsule, up to a constant.
+    """Posterior density of one capsule, up to a constant.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ class PosteriorDensity:
     prior : Prior
     inputs : Inputs
     error_scale : float
-        Factor on the model's own standard errors, one but for studies.
+        Factor on the standard errors of the model, one except in sensitivity studies.
     coordinate : Coordinate, optional
         Further coordinate of the model, on which the shape depends too.
     outline : OutlineLikelihood or TabulatedOutline, optional
-        Takes the place of the lengths' likelihood, which then only says where to look.
+        Replaces the likelihood of the lengths, which then only serves to find the posterior.
     """
 
     likelihood: LengthsLikelihood
@@ -72,7 +72,7 @@ class PosteriorDensity:
         error_scale: float = 1.0,
         coordinate: Coordinate | None = None,
     ) -> PosteriorDensity:
-        """Posterior given a measurement."""
+        """Return the posterior density given a measurement."""
         return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale, coordinate)
 
     def evaluated(
@@ -84,7 +84,7 @@ class PosteriorDensity:
         *,
         outline: bool = True,
     ) -> tuple[ModelAtPoints, Floats]:
-        """Evaluate a model and read Lambda too; outside its domain everything is NaN.
+        """Evaluate a model, Lambda included; everything is NaN outside its domain.
 
         Parameters
         ----------
@@ -104,11 +104,11 @@ class PosteriorDensity:
 
     @property
     def shape_depends_on_half_width(self) -> bool:
-        """Whether l is a third dimension: lengths in metres and l uncertain."""
+        """True if l is a third dimension: the lengths are in metres and l is uncertain."""
         return not (self.likelihood.over_half_width or self.inputs.half_width.known)
 
     def width_at(self, half_width: Floats | None) -> Floats | float:
-        """Half width to use with a node: its own where l is a dimension, else the centre."""
+        """Return the half width of a node: its own where l is a dimension, else the central value."""
         return self.inputs.half_width.value if half_width is None else half_width
 
     @cached_property
@@ -134,7 +134,7 @@ class PosteriorDensity:
     def log_density(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats:
-        """Log of the integrated posterior density over (log Ca, a/l), without the ranges' share.
+        """Return the log of the integrated posterior density over (log Ca, a/l), without the factor of `log_share`.
 
         Parameters
         ----------
@@ -142,7 +142,7 @@ class PosteriorDensity:
             The model there.
         log_ca, size : arrays of one shape
         half_width : array that broadcasts with them, optional [m]
-            Where l is a dimension of its own; else its centre is used.
+            Given where l is a dimension of its own; else its central value is used.
 
         Returns
         -------
@@ -161,7 +161,10 @@ class PosteriorDensity:
     def log_share(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats | float:
-        """Log probability that G_s and a lie within their prior ranges, given (log Ca, a/l); 0.0 if all surely do."""
+        """Return the log probability that G_s and a lie within their prior ranges, given (log Ca, a/l).
+
+        It is the number 0.0 if they surely do everywhere.
+        """
         divisor = log_ca + _log(model.velocity_ratio)
         share = _within(self.prior.surface_shear_modulus, self.force_scale, -divisor)
         if half_width is None:
@@ -172,7 +175,7 @@ class PosteriorDensity:
         return share
 
     def velocity_ratio(self, model: ModelAtPoints, half_width: Floats | None) -> tuple[Floats, Floats]:
-        """Mean and variance of the true v_o/U, which the lengths correct and the outline does not : arrays."""
+        """Return mean and variance of the true v_o/U, which the lengths correct and the outline does not : arrays."""
         if self.outline is not None:
             return model.velocity_ratio, model.rr
         return self.likelihood.velocity_ratio(model, self.width_at(half_width))
@@ -227,7 +230,7 @@ class PosteriorDensity:
         }
 
     def _in_range(self, draws: Mapping[str, Floats], model: ModelAtPoints) -> NDArray[np.bool_]:
-        """Whether G_s, by the model's mean v_o/U as in the prior, and a are within their ranges : (n,) array."""
+        """Return where G_s, by the mean v_o/U as in the prior, and a are within their ranges : (n,) bool array."""
         modulus = draws["viscosity"] * draws["capsule_velocity"] / (draws["capillary_number"] * model.velocity_ratio)
         radius = draws["size_ratio"] * draws["half_width"]
         g, a = self.prior.surface_shear_modulus, self.prior.capsule_radius
@@ -244,13 +247,13 @@ def _derived(draws: dict[str, Floats]) -> dict[str, Floats]:
 
 
 def _log(values: Floats) -> Floats:
-    """Logarithm, NaN where a model's answer makes no sense: no answer."""
+    """Return the logarithm, NaN where a model predicts a number that is not positive."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.log(values)
 
 
 def _within(limits: Quantity, factor: LogGrid, logs: Floats) -> Floats | float:
-    """Log probability that exp(logs) times an independent factor is within limits; 0.0 if it surely is everywhere."""
+    """Return the log probability that exp(logs) times an independent factor is within limits; 0.0 if it surely is."""
     low, high = np.log(limits.low), np.log(limits.high)
     first, last = factor.start - factor.step, factor.end + factor.step
     if np.fmin.reduce(logs, axis=None) + first > low and np.fmax.reduce(logs, axis=None) + last < high:

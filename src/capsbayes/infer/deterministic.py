@@ -1,4 +1,4 @@
-"""The paper's deterministic answer for the same capsule: no errors, one number each."""
+"""Deterministic identification of the same capsule by the procedure of the paper: one number each, no errors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class DeterministicAnswer:
     assumed: Mapping[str, float] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, float]:
-        """Quantities by name, those assumed among them."""
+        """Return the quantities by name, those assumed included."""
         quantities = asdict(self)
         return quantities | quantities.pop("assumed")
 

@@ -72,7 +72,7 @@ def identify(
     Returns
     -------
     Posterior
-        Its status says whether the intervals can be used.
+        Its status tells whether the intervals can be used.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
 
 
 def _tabulated(grid: ExactPosterior) -> tuple[PosteriorDensity, list[Gate]]:
-    """The density with the outline's likelihood interpolated on the grid, and whether that is as good as exact."""
+    """Return the density with the likelihood of the outline interpolated on the grid, and the gate on its error."""
     exact = grid.density.outline
     if not isinstance(grid, GridPosterior) or not isinstance(exact, OutlineLikelihood):
         return grid.density, []
@@ -167,7 +167,7 @@ def _tabulated(grid: ExactPosterior) -> tuple[PosteriorDensity, list[Gate]]:
 
 
 def _spread_out(axis: Floats) -> Floats:
-    """The nodes of an axis and a few more on either side, of the same spacing."""
+    """Return the nodes of an axis and a few more on either side, of the same spacing."""
     more = (axis[1] - axis[0]) * np.arange(1, _BEYOND + 1)
     return np.concatenate([axis[0] - more[::-1], axis, axis[-1] + more])
 
@@ -181,7 +181,7 @@ def _gridded(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
 
 
 class _Run(NamedTuple):
-    """What an engine gives: (chain, draw) arrays, the ensemble of each chain, gates, agreement with the grid."""
+    """Result of an engine: (chain, draw) arrays, the ensemble of each chain, gates, agreement with the grid."""
 
     draws: dict[str, Floats]
     ensemble: NDArray[np.int64]

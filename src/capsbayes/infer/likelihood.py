@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ModelAtPoints:
-    """What the likelihood reads of a prediction: any batch shape.
+    """Predictions of a model as the likelihood reads them, of any batch shape.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class ModelAtPoints:
 
     @classmethod
     def of(cls, prediction: Prediction, *, error_scale: float = 1.0) -> ModelAtPoints:
-        """Take the numbers out of a prediction; `error_scale` multiplies the model's standard errors."""
+        """Return the numbers of a prediction; `error_scale` multiplies the standard errors of the model."""
         c = prediction.covariance if error_scale == 1.0 else prediction.covariance * error_scale**2
         return cls(
             prediction.axial_extent,
@@ -60,13 +60,13 @@ class ModelAtPoints:
         )
 
     def taken(self, index: Any) -> ModelAtPoints:
-        """Some of the points, by a numpy index."""
-        return ModelAtPoints(*(None if one is None else one[index] for one in self._arrays))  # type: ignore[arg-type]
+        """Return some of the points, by a numpy index."""
+        return ModelAtPoints(*(None if values is None else values[index] for values in self._arrays))  # type: ignore[arg-type]
 
     def joined(self, other: ModelAtPoints) -> ModelAtPoints:
-        """These points and others."""
+        """Return these points followed by others."""
         pairs = zip(self._arrays, other._arrays, strict=True)
-        joined = (None if one is None or rest is None else np.concatenate([one, rest]) for one, rest in pairs)
+        joined = (None if first is None or rest is None else np.concatenate([first, rest]) for first, rest in pairs)
         return ModelAtPoints(*joined)  # type: ignore[arg-type]
 
     @property
@@ -87,7 +87,7 @@ class LengthsLikelihood:
     zz, za, aa : float
         Covariance of the measurement.
     over_half_width : bool
-        Whether they are over l or in metres.
+        True if they are over l, else they are in metres.
 
     Examples
     --------
@@ -107,7 +107,7 @@ class LengthsLikelihood:
 
     @classmethod
     def of(cls, measurement: Measurement) -> LengthsLikelihood:
-        """Likelihood of one measurement."""
+        """Return the likelihood of one measurement."""
         c = measurement.covariance
         both = len(c) == 2
         return cls(
@@ -120,7 +120,7 @@ class LengthsLikelihood:
         )
 
     def log_density(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> Floats:
-        """Log density of the measured lengths.
+        """Return the log density of the measured lengths.
 
         Parameters
         ----------
@@ -142,7 +142,7 @@ class LengthsLikelihood:
         return log_density - (1 if self.length is None else 2) * np.log(half_width)
 
     def distance(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> Floats:
-        """Mahalanobis distance of the lengths from the model, in standard deviations : array."""
+        """Return the Mahalanobis distance of the lengths from the predicted ones : array."""
         return np.sqrt(misfits(*self._differences(model, half_width))[0])
 
     def velocity_ratio(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> tuple[Floats, Floats]:
@@ -151,7 +151,7 @@ class LengthsLikelihood:
         return velocity_ratios(*differences, model.velocity_ratio, model.zr, model.ar, model.rr)
 
     def with_half_width(self, centre: float, error: float) -> LengthsLikelihood:
-        """The same lengths over l, the error of l put into their covariance: good enough to look for a posterior."""
+        """Return the same lengths over l with the error of l in their covariance: an approximation."""
         if self.over_half_width:
             return self
         z, a = self.extent / centre, None if self.length is None else self.length / centre

@@ -306,20 +306,20 @@ def resampled(grid: LogGrid, step: float) -> LogGrid:
 
 
 @compiled
-def product(one: LogGrid, other: LogGrid) -> LogGrid:
+def product(first: LogGrid, other: LogGrid) -> LogGrid:
     """Return the distribution of the product of two independent quantities."""
-    if len(one.masses) == 1:
+    if len(first.masses) == 1:
         step = other.step
     elif len(other.masses) == 1:
-        step = one.step
+        step = first.step
     else:
-        step = max(one.step, other.step)
-    a, b = resampled(one, step), resampled(other, step)
+        step = max(first.step, other.step)
+    a, b = resampled(first, step), resampled(other, step)
     masses = np.zeros(len(a.masses) + len(b.masses) - 1)
     for i in range(len(a.masses)):
         for k in range(len(b.masses)):
             masses[i + k] += a.masses[i] * b.masses[k]
-    return LogGrid(a.start + b.start, step, masses, one.mean + other.mean, one.variance + other.variance)
+    return LogGrid(a.start + b.start, step, masses, first.mean + other.mean, first.variance + other.variance)
 
 
 @compiled

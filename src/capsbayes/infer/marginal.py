@@ -1,4 +1,4 @@
-"""What is reported of one quantity: mean, standard deviation, median, equal-tailed 68 % and 95 % intervals."""
+"""Summary of one quantity: mean, standard deviation, median, equal-tailed 68 % and 95 % intervals."""
 
 from __future__ import annotations
 
@@ -46,21 +46,21 @@ class Marginal:
 
     @classmethod
     def known(cls, value: float) -> Marginal:
-        """A number without spread."""
+        """Return the summary of a number without error."""
         return cls(value, 0.0, value, value, value, value, value)
 
     @classmethod
     def of_draws(cls, draws: ArrayLike) -> Marginal:
-        """Summary of equally weighted draws of any shape."""
+        """Return the summary of equally weighted draws of any shape."""
         flat = np.ravel(draws)
         quantiles = (float(value) for value in np.quantile(flat, cls.LEVELS))
         return cls(float(flat.mean()), float(flat.std()), *quantiles)
 
     def contains(self, value: float, *, level: int) -> bool:
-        """Whether the 68 % or the 95 % interval holds a value."""
+        """Return whether the 68 % or the 95 % interval holds a value."""
         lower, upper = {68: (self.lower_68, self.upper_68), 95: (self.lower_95, self.upper_95)}[level]
         return lower <= value <= upper
 
     def as_dict(self) -> dict[str, float]:
-        """Fields by name, for files."""
+        """Return the fields by name, for files."""
         return asdict(self)

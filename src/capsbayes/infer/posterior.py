@@ -1,4 +1,4 @@
-"""The posterior of one capsule: draws, summaries, checks, and everything needed to repeat it. Data, no plots."""
+"""Posterior of one capsule: draws, summaries, checks, and everything needed to repeat it. Data, no plots."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ REPORTED = (
     "velocity_ratio",
     "stretch_ratio",
 )
-"""Quantities whose intervals are reported and whose chains are checked, beside a further coordinate of the model."""
+"""Quantities whose intervals are reported and whose chains are checked; a further coordinate of the model is added."""
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What is known of one capsule after it was seen.
+    """Posterior of one capsule.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Posterior:
     agreement : Agreement or None
         Of the engine with quadrature.
     shares : mapping of float
-        Share of the variance of log G_s owed to each input.
+        Share of the variance of log G_s due to each input.
     deterministic : DeterministicAnswer or None
         The paper's answer.
     leaning : mapping of float
@@ -102,7 +102,7 @@ class Posterior:
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
-        """Read a file that `write` wrote: what comes back reports, draws and writes the same.
+        """Read a file that `write` wrote.
 
         Parameters
         ----------
@@ -123,8 +123,10 @@ class Posterior:
     def __repr__(self) -> str:
         said = []
         for name in ("surface_shear_modulus", "capsule_radius"):
-            parameter, one = PARAMETERS[name], self.marginals[name]
-            low, middle, high = (parameter.shown(value) for value in (one.lower_95, one.median, one.upper_95))
+            parameter, marginal = PARAMETERS[name], self.marginals[name]
+            low, middle, high = (
+                parameter.shown(value) for value in (marginal.lower_95, marginal.median, marginal.upper_95)
+            )
             said.append(f"{parameter.symbol} = {middle:.4g} [{low:.4g}, {high:.4g}] {parameter.shown_unit}")
         return f"<Posterior of {self.measurement.source or 'a capsule'}: {', '.join(said)} (95 %); {self.status.name}>"
 
@@ -132,7 +134,7 @@ class Posterior:
         return as_html(repr(self).strip("<>"), self.summary())
 
     def summary(self) -> pd.DataFrame:
-        """Table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""
+        """Return a table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""
         import pandas as pd
 
         rows = {name: marginal.as_dict() for name, marginal in self.marginals.items()}
@@ -141,7 +143,7 @@ class Posterior:
         return table
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything but the draws, ready for JSON."""
+        """Return everything but the draws, ready for JSON."""
         return {
             "status": self.status.name,
             "sentence": str(self.status),
@@ -165,9 +167,9 @@ class Posterior:
 
     def _priors(self) -> dict[str, Any]:
         described = self.prior.described()
-        for name, one in self.prior.coordinates.items():
-            described[name] = {"distribution": one.shape, "low": one.low, "high": one.high}
-            described[name] |= {"mean": one.mean, "sd": one.sd, "unit": PARAMETERS[name].unit}
+        for name, quantity in self.prior.coordinates.items():
+            described[name] = {"distribution": quantity.shape, "low": quantity.low, "high": quantity.high}
+            described[name] |= {"mean": quantity.mean, "sd": quantity.sd, "unit": PARAMETERS[name].unit}
         return described
 
     def _inputs(self) -> dict[str, Any]:
@@ -184,11 +186,11 @@ class Posterior:
             **{name: dict(zip(("value", "error", "unit"), pair, strict=True)) for name, pair in pairs.items()},
             "length_correlation": seen.length_correlation,
             "cross_section": known.cross_section,
-            "files": {Path(one.source).name: one.sha256 for one in (seen, known) if one.source},
+            "files": {Path(origin.source).name: origin.sha256 for origin in (seen, known) if origin.source},
         }
 
     def groups(self) -> dict[str, xr.Dataset]:
-        """The groups of an ArviZ InferenceData, as datasets."""
+        """Return the groups of an ArviZ InferenceData, as datasets."""
         import xarray as xr
 
         number = next(iter(self.draws.values())).shape[1]
@@ -207,8 +209,10 @@ class Posterior:
             outline = xr.DataArray(self.outlines[None], dims=("chain", "draw", "point", "plane"))
             outline = outline.assign_attrs(units="l", long_name="predicted outline, columns (z, y) from the nose")
             groups["posterior_predictive"] = outline.to_dataset(name="outline")
-        inputs = {name: one for name, one in self._inputs().items() if isinstance(one, dict) and "value" in one}
-        seen = {name: one for name, one in inputs.items() if one["value"] is not None}
+        inputs = {
+            name: stated for name, stated in self._inputs().items() if isinstance(stated, dict) and "value" in stated
+        }
+        seen = {name: stated for name, stated in inputs.items() if stated["value"] is not None}
         measured = ("axial_extent", "axial_length", "capsule_velocity")
         groups["observed_data"] = xr.Dataset(
             {name: ((), seen[name]["value"], {"units": seen[name]["unit"]}) for name in measured if name in seen}
@@ -217,8 +221,12 @@ class Posterior:
             points = self.measurement.outline.points, {"units": "l", "long_name": "measured outline, columns (z, y)"}
             groups["observed_data"]["outline"] = (("measured_point", "plane"), *points)
         groups["constant_data"] = xr.Dataset(
-            {f"{name}_error": ((), one["error"], {"units": one["unit"]}) for name, one in seen.items()}
-            | {name: ((), one["value"], {"units": one["unit"]}) for name, one in seen.items() if name not in measured}
+            {f"{name}_error": ((), stated["error"], {"units": stated["unit"]}) for name, stated in seen.items()}
+            | {
+                name: ((), stated["value"], {"units": stated["unit"]})
+                for name, stated in seen.items()
+                if name not in measured
+            }
         )
         return groups
 
@@ -249,5 +257,5 @@ class Posterior:
 
 
 def _attributes(name: str) -> dict[str, str]:
-    one = PARAMETERS[name]
-    return {"long_name": one.meaning, "symbol": one.symbol, "units": one.unit}
+    parameter = PARAMETERS[name]
+    return {"long_name": parameter.meaning, "symbol": parameter.symbol, "units": parameter.unit}

@@ -44,7 +44,7 @@ _MEASURED = (
     "axial_length_bound",
     "flow_rate",
 )
-_MARGINAL = tuple(one.name for one in fields(Marginal))
+_MARGINAL = tuple(field.name for field in fields(Marginal))
 
 
 def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequence[Gate]) -> dict[str, Any]:
@@ -68,8 +68,8 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
             "sha256": known.sha256,
             "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
-        "coordinates": {name: one.as_record() for name, one in prior.coordinates.items()},
-        "gates": [[one.name, *map(_number, (one.value, one.least, one.most))] for one in gates],
+        "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
+        "gates": [[gate.name, *map(_number, (gate.value, gate.least, gate.most))] for gate in gates],
     }
 
 
@@ -119,7 +119,9 @@ def read_fields(path: Path) -> dict[str, Any]:
     try:
         with h5netcdf.File(path, "r") as file:
             attributes = {name: file.attrs[name] for name in file.attrs}
-            groups = {name: {key: one[...] for key, one in file[name].variables.items()} for name in file.groups}
+            groups = {
+                name: {key: variable[...] for key, variable in file[name].variables.items()} for name in file.groups
+            }
     except OSError as error:
         reason = " ".join(str(error).split())[:120]
         raise InputError(str(path), "", "the file of a posterior", f"a damaged or foreign file ({reason})") from None
@@ -141,10 +143,10 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
     outlines = groups.get("posterior_predictive", {}).get("outline")
     agreement, answer = tables["agreement"], tables["deterministic"]
     return {
-        "draws": draws | {name: one for name, one in groups.get("sample_stats", {}).items() if name == "lp"},
+        "draws": draws | {name: values for name, values in groups.get("sample_stats", {}).items() if name == "lp"},
         "ensemble": groups["posterior"]["ensemble"],
-        "marginals": {name: _marginal(one) for name, one in tables["quantities"].items()},
-        "reference": {name: _marginal(one) for name, one in tables["quadrature"].items()},
+        "marginals": {name: _marginal(table) for name, table in tables["quantities"].items()},
+        "reference": {name: _marginal(table) for name, table in tables["quadrature"].items()},
         "measurement": measurement,
         "experiment": experiment,
         "prior": Prior.of_record(tables["prior"], record["coordinates"]),
@@ -207,5 +209,5 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
 
 
 def _number(value: float) -> float | str:
-    """A number that JSON knows; an infinite one or NaN as text."""
+    """Return a number that JSON knows; an infinite one or NaN as text."""
     return float(value) if math.isfinite(value) else repr(float(value))

@@ -1,13 +1,13 @@
-"""Which input owns how much of the uncertainty of G_s, and of that of a.
+"""Shares of the inputs in the uncertainty of G_s and of a.
 
-Viscosity and velocity multiply G_s and are independent of the shape: they own
-their variance of log G_s, exactly, and nothing of that of log a. Where the
+Viscosity and velocity multiply G_s and are independent of the shape: their shares are
+their variances of log G_s, exactly, and nothing of that of log a. Where the
 lengths are over l, the half width multiplies a in the same way. A further
-coordinate of the model owns the variance of the mean of the logarithm from one
+coordinate of the model contributes the variance of the mean of the logarithm from one
 of its values to another. For every other input the posterior is worked out
 again with that input's error halved. Were the logarithm linear in it, its
 part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved),
-and the parts would add up to V; what is missing to one is owed to the prior
+and the parts would add up to V; what is missing to one is due to the prior
 and to the curvature of the model.
 """
 
@@ -27,7 +27,7 @@ QUANTITIES = ("surface_shear_modulus", "capsule_radius")
 
 
 def variance_shares(engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior) -> dict[str, float]:
-    """Share of the variance of log G_s owed to each input: see `shares_of_each`."""
+    """Return the share of the variance of log G_s due to each input: see `shares_of_each`."""
     return shares_of_each(engine, measurement, posterior, ("surface_shear_modulus",))["surface_shear_modulus"]
 
 
@@ -37,7 +37,7 @@ def shares_of_each(
     posterior: ExactPosterior,
     quantities: Sequence[str] = QUANTITIES,
 ) -> dict[str, dict[str, float]]:
-    """Share of the variance of the logarithm of each quantity owed to each input.
+    """Return the share of the variance of the logarithm of each quantity due to each input.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def shares_of_each(
 
 
 def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[str, float]:
-    """Shares of the inputs that the shape does not depend on, and of a further coordinate."""
+    """Return the shares of the inputs that the shape does not depend on, and of a further coordinate."""
     density = posterior.density
     of_modulus = quantity == "surface_shear_modulus"
     shares = {

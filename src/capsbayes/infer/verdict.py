@@ -1,4 +1,4 @@
-"""What a posterior leans on, and the status that follows from that and from its gates."""
+"""Share of a posterior next to borders, and the status that follows from that and from its gates."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DOUBTS = {TWO_SHAPES: Status.LEANS_ON_TWO_SHAPES, WRINKLES: Status.LEANS_ON_WRI
 
 
 def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
-    """Share of a posterior next to the border of the model and to the ends of the prior ranges, and where doubts are.
+    """Return the shares of a posterior next to the border of the model, next to the ends of the prior, and at caveats.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
     shares = {"model": leaning(draws, place, model.domain.contains, tuple(model.coordinates))}
     drawn = {name: np.ravel(draws[name]) for name in (*place, *model.coordinates)}
     shares |= {kind: float(np.mean(concerned)) for kind, concerned in model.caveats(drawn).items()}
-    for name, one in (
+    for name, limits in (
         ("surface_shear_modulus", prior.surface_shear_modulus),
         ("capsule_radius", prior.capsule_radius),
     ):
-        low, high = one.low, one.high
+        low, high = limits.low, limits.high
         shares[f"prior of {name}"] = leaning(draws, (name,), lambda x, a=low, b=high: (x >= a) & (x <= b))
     return shares
 
@@ -49,7 +49,7 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
 def leaning(  # type: ignore[no-untyped-def]
     draws: Mapping[str, Floats], names: Sequence[str], contains, held: Sequence[str] = ()
 ) -> float:
-    """Share of the posterior within half a standard deviation of a border.
+    """Return the share of a posterior within half a standard deviation of a border.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def leaning(  # type: ignore[no-untyped-def]
     names : sequence of str
         Those in which the border lies.
     contains : callable
-        Takes one array for each name and says which points are within.
+        From one array for each name to the points that are within : bool array.
     held : sequence of str
         Further quantities that it takes, which are not moved; the steps are those of the others given these.
 
@@ -78,19 +78,19 @@ def leaning(  # type: ignore[no-untyped-def]
 
 
 def _given(logs: Floats, held: Sequence[Floats]) -> Floats:
-    """What is left of each row once a parabola in each of the held quantities is taken out : (names, n) array."""
+    """Return the residuals of each row after a regression on parabolas in the held quantities : (names, n) array."""
     if not held:
         return logs
-    basis = np.stack([np.ones(logs.shape[1]), *held, *(one**2 for one in held)], axis=1)
+    basis = np.stack([np.ones(logs.shape[1]), *held, *(quantity**2 for quantity in held)], axis=1)
     return logs - (basis @ np.linalg.lstsq(basis, logs.T, rcond=None)[0]).T
 
 
 def verdict(
     gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str, float], fit: Gate | None = None
 ) -> Status:
-    """Status of a posterior, worst first: what makes the intervals wrong, then what makes them those of the border.
+    """Return the status of a posterior: first what makes the intervals wrong, then what makes them those of a border.
 
-    `fit` says whether the outline fits a shape at all, where one was measured.
+    `fit` is the gate on the misfit of the outline, where one was measured.
     """
     if not all(gate.passed for gate in gates):
         return Status.NOT_MIXED if agreed is not None else Status.GRID_TOO_COARSE

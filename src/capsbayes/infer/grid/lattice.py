@@ -1,4 +1,7 @@
-"""Lattices over (log Ca, a/l): the coarse one of a model, kept, and the fine one around a posterior."""
+"""Lattices over (log Ca, a/l): the coarse one of a model, which is kept, and the fine one around a posterior.
+
+A window is a rectangle of that plane, cut into cells; the model is evaluated at nodes, the centres of the cells.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ _COARSE = (48, 72)
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Points that stand for pieces of the (log Ca, a/l) plane, and the model there.
+    """Nodes of the (log Ca, a/l) plane, each the centre of a piece of it, and the predictions of a model there.
 
     Parameters
     ----------
@@ -45,7 +48,7 @@ class Nodes:
     def at(
         cls, forward: ForwardModel, log_ca: Floats, size: Floats, side: Floats, density: PosteriorDensity | None
     ) -> Nodes:
-        """Evaluate a model at centres of pieces: what a posterior needs of it, or its lengths."""
+        """Evaluate a model at centres of pieces: all that a posterior density reads, by default the lengths."""
         ca = np.exp(log_ca)
         if density is not None:
             return cls(log_ca, size, side, *density.evaluated(forward, ca, size))
@@ -53,12 +56,12 @@ class Nodes:
         return cls(log_ca, size, side, ModelAtPoints.of(prediction), prediction.stretch_ratio)
 
     def taken(self, index: NDArray[np.intp] | Booleans) -> Nodes:
-        """Some of the nodes."""
+        """Return some of the nodes."""
         arrays = (self.log_ca[index], self.size[index], self.side[index])
         return Nodes(*arrays, self.model.taken(index), self.stretch_ratio[index])
 
     def joined(self, other: Nodes) -> Nodes:
-        """These nodes and others."""
+        """Return these nodes followed by others."""
         return Nodes(
             np.concatenate([self.log_ca, other.log_ca]),
             np.concatenate([self.size, other.size]),
@@ -99,7 +102,7 @@ class Window:
         return tuple(self.low[k] + steps[k] * (np.arange(self.shape[k]) + 0.5) for k in (0, 1))  # type: ignore[return-value]
 
     def nodes(self, forward: ForwardModel, density: PosteriorDensity | None = None) -> Nodes:
-        """One node for each cell, row by row of log Ca."""
+        """Return one node for each cell, row by row of log Ca."""
         log_ca, size = self.axes
         places = np.repeat(log_ca, len(size)), np.tile(size, len(log_ca))
         return Nodes.at(forward, *places, np.ones(len(places[0])), density)
@@ -127,7 +130,7 @@ class Window:
         return nodes.taken(~chosen).joined(pieces.taken(np.isfinite(pieces.model.extent)))
 
     def around(self, likely: Booleans, shape: tuple[int, int], bounds: Window) -> Window:
-        """Rectangle around the likely cells, within bounds, cut anew.
+        """Return a window around the likely cells, within bounds, cut anew.
 
         One more cell is added on each side, or a quarter of this window where
         the likely cells reach its edge and may go on beyond it.
@@ -138,7 +141,7 @@ class Window:
         shape : tuple of int
             Cells of the new window.
         bounds : Window
-            Never left.
+            Window that contains the result.
         """
         low, high = [], []
         for k in (0, 1):
@@ -150,11 +153,11 @@ class Window:
         return Window((low[0], low[1]), (high[0], high[1]), shape)
 
     def open_ends(self, bounds: Window, axis: int) -> tuple[bool, bool]:
-        """Whether the low and the high end of an axis are no ends of `bounds`."""
+        """Return whether the low and the high end of an axis lie inside `bounds`."""
         return self.low[axis] > bounds.low[axis], self.high[axis] < bounds.high[axis]
 
     def wider(self, bounds: Window, shape: tuple[int, int]) -> Window:
-        """Window three times as wide along both axes, within bounds, cut anew."""
+        """Return a window three times as wide along both axes, within bounds, cut anew."""
         width = [self.high[k] - self.low[k] for k in (0, 1)]
         low = [max(self.low[k] - width[k], bounds.low[k]) for k in (0, 1)]
         high = [min(self.high[k] + width[k], bounds.high[k]) for k in (0, 1)]
@@ -163,7 +166,7 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class CoarseTable:
-    """A model on a coarse lattice over its whole domain: where posteriors are looked for first.
+    """A model on a coarse lattice over its whole domain, in which the search for a posterior begins.
 
     Parameters
     ----------
@@ -179,12 +182,12 @@ class CoarseTable:
 
     @classmethod
     def of(cls, forward: ForwardModel) -> CoarseTable:
-        """Tabulate a model; done once for many capsules."""
+        """Tabulate a model, once for many capsules."""
         (ca_low, ca_high), (size_low, size_high) = forward.domain.bounds
         window = Window((float(np.log(ca_low)), size_low), (float(np.log(ca_high)), size_high), _COARSE)
         nodes = window.nodes(forward)
         model = nodes.model
-        (z_u, z_s), (a_u, a_s) = (_changes(one.reshape(_COARSE)) for one in (model.extent, model.length))
+        (z_u, z_s), (a_u, a_s) = (_changes(lengths.reshape(_COARSE)) for lengths in (model.extent, model.length))
         wide = replace(
             model,
             zz=model.zz + (z_u**2 + z_s**2).ravel(),
@@ -195,7 +198,7 @@ class CoarseTable:
 
 
 def _changes(values: Floats) -> tuple[Floats, Floats]:
-    """Half of the larger change to a neighbour along each axis, zero where no neighbour has a value."""
+    """Return half of the larger change to a neighbour along each axis, zero where no neighbour has a value."""
     halves = []
     for axis in (0, 1):
         step = np.nan_to_num(np.diff(values, axis=axis))

@@ -103,7 +103,7 @@ class MixedPosterior(ExactPosterior):
         return float(self.weights @ np.array([part.probability_below(name, value) for part in self.parts]))
 
     def variance_between(self, name: str) -> float:
-        """Variance of the mean of the logarithm of a quantity from cell to cell: what the coordinate owns of it."""
+        """Return the variance of the mean of the logarithm of a quantity from cell to cell."""
         means = np.array([part.log_marginal(name).mean for part in self.parts])
         return float(self.weights @ (means - self.weights @ means) ** 2)
 
@@ -111,7 +111,7 @@ class MixedPosterior(ExactPosterior):
         """See `ExactPosterior`; the coordinate is spread within its cells too."""
         numbers = rng.multinomial(count, self.weights)
         drawn = [part.drawn(rng, number) for part, number in zip(self.parts, numbers, strict=True) if number]
-        draws = {name: np.concatenate([one[name] for one in drawn]) for name in drawn[0]}
+        draws = {name: np.concatenate([part[name] for part in drawn]) for name in drawn[0]}
         shares = np.repeat(self.shares, numbers) + self.width * rng.uniform(-0.5, 0.5, count)
         draws[self.coordinate.name] = self.coordinate.values(shares)
         order = rng.permutation(count)
@@ -166,13 +166,13 @@ class MixedQuadrature:
     def __call__(
         self, measurement: Measurement, *, inputs: Inputs | None = None, error_scale: float = 1.0
     ) -> MixedPosterior:
-        """Posterior of one capsule.
+        """Compute the posterior of one capsule.
 
         Parameters
         ----------
         measurement : Measurement
         inputs : Inputs, optional
-            In place of those of the measurement and the experiment.
+            Replace those of the measurement and of the experiment.
         error_scale : float
             Factor on the model's own standard errors.
 
@@ -200,7 +200,7 @@ class MixedQuadrature:
     def _on(
         self, cells: NDArray[np.int64], width: float, measurement: Measurement, density: PosteriorDensity
     ) -> MixedPosterior:
-        """Posterior on given cells of the prior."""
+        """Compute the posterior on given cells of the prior."""
         shares, parts, refused = [], [], None
         for share in (cells + 0.5) * width:
             try:
@@ -213,7 +213,7 @@ class MixedQuadrature:
         return MixedPosterior(self.model, density, np.array(shares), width, parts)
 
     def _outline(self, measurement: Measurement, density: PosteriorDensity) -> AnyOutline | None:
-        """That whose pilot is the likeliest shape at the first value near the middle that has such a shape."""
+        """Return the likelihood of the outline with the likeliest shape near the middle of the prior as its pilot."""
         for share in _PILOTS:
             with contextlib.suppress(InputError):
                 return self._part(share, measurement, density).density.outline
@@ -240,12 +240,12 @@ def exact_engine(model: ForwardModel, experiment: Experiment, prior: Prior | Non
 
 
 def _resolution(posterior: MixedPosterior) -> tuple[Gate, Gate]:
-    """Whether the cells resolve the coordinate, and the grids of neighbours overlap."""
+    """Return the gates on the resolution of the coordinate and on the overlap of the grids of neighbouring cells."""
     name, weights = posterior.coordinate.name, posterior.weights
     place = np.round(posterior.shares / posterior.width)
     spread = float(np.sqrt(weights @ (place - weights @ place) ** 2))
     logs = [part.log_marginal("capillary_number") for part in posterior.parts]
-    means, sds = (np.array([getattr(one, what) for one in logs]) for what in ("mean", "sd"))
+    means, sds = (np.array([getattr(summary, what) for summary in logs]) for what in ("mean", "sd"))
     pairs = np.minimum(weights[1:], weights[:-1]) > _COUNTS
     shift = np.abs(np.diff(means)) / np.minimum(sds[1:], sds[:-1])
     widest = float(np.max(shift, where=pairs, initial=1e-9))
@@ -256,7 +256,7 @@ def _resolution(posterior: MixedPosterior) -> tuple[Gate, Gate]:
 
 
 def _of_parts(posterior: MixedPosterior) -> list[Gate]:
-    """The gates of the grids, each as it is at its worst."""
+    """Return the gates of the grids, of each the worst."""
     counting = [part for part, weight in zip(posterior.parts, posterior.weights, strict=True) if weight > _COUNTS]
     together = zip(*(part.gates for part in counting), strict=True)
     return [min(gates, key=lambda gate: gate.value) for gates in together]

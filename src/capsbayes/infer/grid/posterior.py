@@ -1,4 +1,4 @@
-"""The posterior of one capsule on a grid of (log Ca, a/l), and what follows from it for every quantity.
+"""Posterior of one capsule on a grid of (log Ca, a/l), and the distributions of all quantities that follow from it.
 
 A quantity is a function of the node times independent inputs, so its
 distribution is a product of `LogGrid`: exact, without draws.
@@ -93,11 +93,11 @@ class GridPosterior(ExactPosterior):
     free : (k or 1, n) array
         Probability of each node before the prior ranges of G_s and a cut, over that of the likeliest.
     log_scale : float
-        Log density of the likeliest, so that posteriors of one measurement can be weighed against each other.
+        Log density of the likeliest, by which posteriors of one measurement are weighted.
     share : array that broadcasts with it
         Probability that G_s and a lie within their ranges there.
     gates : tuple of Gate
-        Whether the cells resolve the posterior.
+        On the resolution of the posterior by the cells.
     """
 
     forward: ForwardModel
@@ -130,7 +130,7 @@ class GridPosterior(ExactPosterior):
 
     @cached_property
     def cut(self) -> bool:
-        """Whether a prior range of G_s or a cuts into the posterior."""
+        """True if a prior range of G_s or a cuts off part of the posterior."""
         share = np.broadcast_to(self.share, self.free.shape)[self.free > _NEGLIGIBLE * self.free.max()]
         return bool(share.min() < 1.0 - 1e-6)
 

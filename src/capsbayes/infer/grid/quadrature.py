@@ -1,4 +1,4 @@
-"""The exact engine: a grid over (log Ca, a/l), refined around the posterior until it is resolved.
+"""The exact engine: a grid over (log Ca, a/l), refined around the posterior until the cells resolve it.
 
 Viscosity and velocity of the capsule are integrated out exactly, and so is
 the half width where the lengths are over l; where they are in metres it is a
@@ -44,9 +44,9 @@ _FIRST, _THEN, _LARGEST = 32, 56, 512
 _COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
 _EDGE_DROP = 12.0  # at the edge of a window: what is cut off there is below 1e-5
 _ROUNDS = 12
-_FINER = 3.0  # at most from window to window with an outline, each node of which costs: most are beside the posterior
-_PILOTS = 2, 5  # shapes at which the covariance of an outline is made, one after the other: at least, at most
-_SETTLED = 1.0  # standard deviations of log Ca or a/l between the pilot and the likeliest shape, up to which it will do
+_FINER = 3.0  # at most from window to window with an outline, where each node is costly and most lie off the posterior
+_PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
+_SETTLED = 1.0  # standard deviations of log Ca or a/l between pilot and likeliest shape, up to which it suffices
 _WIDTHS = (33, 129)  # fewest and most nodes of the half width
 _WIDTH_REACH = 5.5  # standard deviations of l on either side
 
@@ -78,17 +78,17 @@ class Quadrature:
         error_scale: float = 1.0,
         outline: AnyOutline | None = None,
     ) -> GridPosterior:
-        """Posterior of one capsule.
+        """Compute the posterior of one capsule.
 
         Parameters
         ----------
         measurement : Measurement
         inputs : Inputs, optional
-            In place of those of the measurement and the experiment.
+            Replace those of the measurement and of the experiment.
         error_scale : float
             Factor on the model's own standard errors.
         outline : OutlineLikelihood, optional
-            In place of that of the measured outline with the likeliest shape as its pilot.
+            Replaces that of the measured outline whose pilot is the likeliest shape.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class Quadrature:
         return posterior
 
     def _refined(self, window: Window, density: PosteriorDensity) -> GridPosterior:
-        """Posterior on a window that shows it well."""
+        """Compute the posterior on a window that contains and resolves it."""
         widths = _half_widths(density) if density.shape_depends_on_half_width else None
         for _ in range(_ROUNDS):
             posterior = self._on(window, window.nodes(self.model, density), density, widths)
@@ -133,7 +133,7 @@ class Quadrature:
         return replace(posterior, gates=(*(gate for gates in resolution for gate in gates), whole))
 
     def check_shape(self, measurement: Measurement, density: PosteriorDensity) -> None:
-        """Refuse lengths that lie far from every shape of the model."""
+        """Refuse lengths that lie far from those of every shape of the model."""
         width = density.inputs.half_width
         nodes = self.table.nodes
         distance = density.likelihood.with_half_width(width.value, width.error).distance(nodes.model)
@@ -170,7 +170,7 @@ class Quadrature:
     def _on(
         self, window: Window, nodes: Nodes, density: PosteriorDensity, widths: tuple[Floats, Floats] | None
     ) -> GridPosterior:
-        """Posterior on given nodes, of any sum."""
+        """Compute the posterior on given nodes."""
         points, half_width = nodes.model, None if widths is None else widths[0][:, None]
         log_density = density.log_density(points, nodes.log_ca, nodes.size, half_width)
         if widths is not None:
@@ -192,7 +192,7 @@ class Quadrature:
 
 
 def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:
-    """Nodes of l and their probabilities: close enough that the shape moves by less than its own error between two."""
+    """Return nodes of l, so close that the shape changes by less than its error between them, and their masses."""
     masses, likelihood = density.half_width, density.likelihood
     sd = float(np.sqrt(masses.variance))
     relative_error = np.sqrt(likelihood.zz) / likelihood.extent
@@ -203,7 +203,7 @@ def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:
 
 
 def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Window) -> Window | None:
-    """Window that shows the posterior better, or None if this one will do."""
+    """Return a window that resolves the posterior better, or None if this one suffices."""
     window = posterior.window
     weights = posterior.weights.reshape(-1, *window.shape)
     both = weights.max(axis=0)
@@ -227,7 +227,7 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
 
 
 def _resolution(posterior: GridPosterior) -> Resolution:
-    """Whether the cells are small enough, along log Ca and along a/l, on a window that is not split."""
+    """Return the gates on the size of the cells, along log Ca and along a/l, of a window that is not split."""
     weights = posterior.weights.reshape(-1, *posterior.window.shape)
     both = weights.sum(axis=0)
     across = weights[int(weights.sum(axis=(1, 2)).argmax())]
@@ -246,17 +246,17 @@ def _resolution(posterior: GridPosterior) -> Resolution:
 
 
 def _farthest_off(posterior: GridPosterior, there: tuple[float, float]) -> float:
-    """Distance of the likeliest shape from another, along log Ca or a/l, in standard deviations."""
+    """Return the distance of the likeliest shape from another, along log Ca or a/l, in standard deviations."""
     weights = posterior.weights.sum(axis=0)
     off = []
-    for values, one, other in zip(
+    for values, here, other in zip(
         (posterior.nodes.log_ca, posterior.nodes.size),
         (np.log(posterior.likeliest[0]), posterior.likeliest[1]),
         (np.log(there[0]), there[1]),
         strict=True,
     ):
         mean = weights @ values / weights.sum()
-        off.append(abs(one - other) / np.sqrt(weights @ (values - mean) ** 2 / weights.sum()))
+        off.append(abs(here - other) / np.sqrt(weights @ (values - mean) ** 2 / weights.sum()))
     return float(max(off))
 
 
@@ -270,7 +270,7 @@ def _feature_in_cells(masses: Floats) -> float:
 
 
 def _cut_cells(posterior: GridPosterior) -> Booleans | None:
-    """Cells beside the border of the domain : (i, j) bool array, or None where they carry no density."""
+    """Return the cells next to the border of the domain : (i, j) bool array, or None if they carry no density."""
     shape = posterior.window.shape
     outside = np.asarray(np.isnan(posterior.nodes.model.extent)).reshape(shape)
     if not outside.any():
@@ -281,7 +281,7 @@ def _cut_cells(posterior: GridPosterior) -> Booleans | None:
 
 
 def _spread(cells: Booleans) -> Booleans:
-    """The cells and their eight neighbours."""
+    """Return the cells and their eight neighbours."""
     rows = cells.copy()
     rows[1:] |= cells[:-1]
     rows[:-1] |= cells[1:]
@@ -292,13 +292,13 @@ def _spread(cells: Booleans) -> Booleans:
 
 
 def _at_open_end(index: int, window: Window, bounds: Window, axis: int) -> bool:
-    """Whether a cell is the last but one, or the last, before an end of the window that is no end of the domain."""
+    """Return whether a cell is one of the last two before an end of the window that is no end of the domain."""
     low, high = window.open_ends(bounds, axis)
     return (low and index <= 1) or (high and index >= window.shape[axis] - 2)
 
 
 def _whole(posterior: GridPosterior, bounds: Window) -> Gate:
-    """Whether the posterior ends within a window that is not split, but for the ends of the domain."""
+    """Return the gate on the density at those ends of a window, not split, that are no ends of the domain."""
     window = posterior.window
     both = posterior.weights.max(axis=0).reshape(window.shape)
     found = [0.0]

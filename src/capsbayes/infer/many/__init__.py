@@ -1,4 +1,4 @@
-"""Populations: many capsules identified at once, what they have in common, and how they differ."""
+"""Many capsules: identified at once, and the population they belong to."""
 
 from capsbayes.infer.many.hierarchy import Hierarchy, hierarchy
 from capsbayes.infer.many.identify_folder import identify_folder

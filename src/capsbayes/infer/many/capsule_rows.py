@@ -1,4 +1,4 @@
-"""Results of capsules row by row: the arrays that a run is made of, and how they are joined, kept and read back."""
+"""Results of capsules, one row each, as arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 Strings = NDArray[Any]  # of str, or of objects that are
 
 LEANINGS = ("border", "prior", "two_shapes", "wrinkles")
-"""What a posterior may lean on: the border of the model, the ends of the prior ranges, the doubts of the model."""
+"""Borders next to which a posterior may lie: of the model, of the prior ranges, of regions with a caveat."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +29,11 @@ class CapsuleRows:
     Parameters
     ----------
     name, source, sha256 : (n,) arrays of str
-        What the capsule is called, the file it was read from, and the fingerprint of that.
+        Name of the capsule, the file it was read from, and the hash of the file.
     status, reason, engine : (n,) arrays of str
-        Name of a `Status`; why, where the status does not say it all; ``table`` or ``grid``.
+        Name of a `Status`; the reason, where the status alone does not tell it; ``table`` or ``grid``.
     numbers : (n, k) array
-        What was measured, the `NUMBERS` of `capsbayes.infer.many.measured_lengths`.
+        Measured numbers, the `NUMBERS` of `capsbayes.infer.many.measured_lengths`.
     summaries : (n, 7, 7) array
         Mean, standard deviation, median and ends of the 68 % and 95 % intervals of the `QUANTITIES`, SI.
     distance : (n,) array
@@ -61,7 +61,7 @@ class CapsuleRows:
 
     @classmethod
     def empty(cls, name: Strings, source: Strings, sha256: Strings, numbers: Floats) -> CapsuleRows:
-        """Rows without results, to be filled."""
+        """Return rows without results, to be filled."""
         count = len(name)
         blank = np.full(count, "", dtype=object)
         return cls(
@@ -80,7 +80,7 @@ class CapsuleRows:
 
     @classmethod
     def joined(cls, parts: Iterable[CapsuleRows], count: int) -> CapsuleRows:
-        """All rows of several, filled in one after the other so that they are held once.
+        """Join the rows of several, one after the other, so that memory holds them once.
 
         Parameters
         ----------
@@ -93,13 +93,13 @@ class CapsuleRows:
         first = 0
         for part in parts:
             rows = slice(first, first + len(part))
-            for one in fields(cls):
-                values = getattr(part, one.name)
+            for field in fields(cls):
+                values = getattr(part, field.name)
                 if values.dtype.kind in "OU":
                     values = np.array([known.setdefault(text, text) for text in values.tolist()], dtype=object)
-                if one.name not in whole:
-                    whole[one.name] = np.empty((count, *values.shape[1:]), values.dtype)
-                whole[one.name][rows] = values
+                if field.name not in whole:
+                    whole[field.name] = np.empty((count, *values.shape[1:]), values.dtype)
+                whole[field.name][rows] = values
             first += len(part)
         return cls(**whole)
 

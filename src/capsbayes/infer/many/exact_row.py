@@ -1,4 +1,4 @@
-"""The row of one capsule by the exact engine: outlines, lengths in metres, models with a further coordinate."""
+"""Row of one capsule by the exact engine: outlines, lengths in metres, models with a further coordinate."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DRAWS = 10_000  # from which the mixture is laid out and what the posterior lea
 
 
 def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
-    """Identify one capsule by quadrature and fill its row; what cannot be identified gets a status and a reason.
+    """Identify one capsule by quadrature and fill its row; one that cannot be identified gets a status and a reason.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
     flat = np.exp(-powers[0] * (moduli - moduli.max()) - powers[1] * (radii - radii.min()))
     into = np.empty(rows.components.shape[1:])
     logs = np.log([draws[name] for name in _SHARED])
-    # what a capsule's own viscosity and half width are beside those of all is not among what all share
+    # a capsule's own viscosity and half width, over those of all, are not among what all share
     of_all = own if run.experiment is None else run.experiment
     shift = [np.log(_centre(own, name) / _centre(of_all, name)) for name in _SHARED]
     mixture(flat, moduli - logs[0] + shift[0], radii - logs[1] + shift[1], into)
@@ -84,6 +84,6 @@ def _centre(experiment: Experiment, name: str) -> float:
 
 
 def numbers_of(measurement: Measurement) -> Floats:
-    """What was measured as a row of `NUMBERS`, lengths in metres as they are."""
+    """Return the measured numbers as a row of `NUMBERS`, lengths in metres as they are."""
     found = [measurement.conditions.get(name, getattr(measurement, name, None)) for name in NUMBERS]
-    return np.array([np.nan if one is None else one for one in found], dtype=np.float64)
+    return np.array([np.nan if number is None else number for number in found], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What the capsules of a session have in common: mean and spread of G_s and a with the errors removed.
+"""Population of the capsules of a session: mean and spread of G_s and a with the errors removed.
 
 Each capsule has its own (log G_s, log a), drawn from a Gaussian population with a slope d ln G_s / d ln a. Viscosity
 and half width are those of all capsules: their errors do not shrink with the number of capsules, so they are integrated
@@ -89,19 +89,19 @@ class Hierarchy(Readable):
 
     @property
     def passed(self) -> bool:
-        """Whether the intervals can be used."""
+        """True if the intervals can be used."""
         return all(gate.passed for gate in self.gates)
 
     @property
     def shared_share(self) -> dict[str, float]:
-        """Share of the variance of the logarithm of each median that is owed to what all capsules share."""
+        """Share of the variance of the logarithm of each median that is due to what all capsules share."""
         found = {}
         for name, values in self.without_shared.items():
             found[name] = 1.0 - float(np.var(np.log(values)) / np.var(np.log(self.draws[name])))
         return found
 
     def beside(self, population: Population) -> Population:
-        """The capsules with this result beside them: draws as ``population_surface_shear_modulus`` and so on."""
+        """Return the capsules with this result added: draws as ``population_surface_shear_modulus`` and so on."""
         every = slice(None, None, max(len(self.draws["modulus_slope"]) // _STORED, 1))
         variables = {
             f"{PREFIX}{name}": ("draw", values[every], {"units": _UNITS.get(name, "1")})
@@ -111,10 +111,10 @@ class Hierarchy(Readable):
         return Population(known.assign(variables).assign_attrs(hierarchy=json.dumps(self.as_dict())))
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything but the draws, ready for JSON."""
+        """Return everything but the draws, ready for JSON."""
         return {
             "capsules": self.capsules,
-            "quantities": {name: one.as_dict() for name, one in self.marginals.items()},
+            "quantities": {name: marginal.as_dict() for name, marginal in self.marginals.items()},
             "share_of_variance_owed_to_what_all_share": self.shared_share,
             "least_stretch": self.least_stretch,
             "share_leaning_on_border": self.leaning,
@@ -141,7 +141,7 @@ def hierarchy(
     seed : int
         Of the draws.
     least_stretch : float, optional
-        Keep the capsules with a larger median Lambda only, as the published cut of 1.04 does, and account for it.
+        Keep only the capsules with a larger median Lambda, as the published cut of 1.04 does, and account for it.
     model : ForwardModel, optional
         That of the population; read where capsules were selected.
     experiment : Experiment, optional
@@ -171,7 +171,7 @@ def hierarchy(
     selection = None
     if least_stretch is not None:
         if model is None:
-            raise InputError("hierarchy", "model", "the model of the population, beside least_stretch", "nothing")
+            raise InputError("hierarchy", "model", "the model of the population, with least_stretch", "nothing")
         kept &= kept_rows(population, least_stretch)
         pyramid = Pyramid.of(model)
         selection = Selection.of(population, least_stretch, pyramid, viscosity.value, half_width.value)
@@ -186,8 +186,8 @@ def hierarchy(
     plain = dict(zip(PARAMETERS, parameters.T, strict=True))
     count = len(parameters)
     shifts = {
-        name: LogGrid.of(one).drawn(rng, count) / one.value
-        for name, one in (("viscosity", viscosity), ("half_width", half_width))
+        name: LogGrid.of(quantity).drawn(rng, count) / quantity.value
+        for name, quantity in (("viscosity", viscosity), ("half_width", half_width))
     }
     scale = np.exp(shared_velocity_error * rng.standard_normal(count))
     spread, of_radius, slope = np.exp(plain["log_spread"]), np.exp(plain["log_radius_spread"]), plain["slope"]
@@ -205,7 +205,7 @@ def hierarchy(
 
 
 def _shared(population: Population, experiment: Experiment | None) -> tuple[Quantity, Quantity]:
-    """Viscosity and half width of all capsules."""
+    """Return viscosity and half width of all capsules."""
     if experiment is not None:
         return experiment.viscosity, experiment.half_width
     stated = population.attributes.get("experiment") or {}

@@ -187,7 +187,7 @@ def _attributes(run: Run, source: Path) -> dict[str, Any]:
     stated: dict[str, Any] = {}
     if known is not None:
         inputs = {"half_width": known.half_width, "viscosity": known.viscosity}
-        pairs = {name: {"value": one.mean, "error": one.sd} for name, one in inputs.items()}
+        pairs = {name: {"value": quantity.mean, "error": quantity.sd} for name, quantity in inputs.items()}
         stated = {"cross_section": known.cross_section, **pairs}
     return {
         "title": "posteriors of capsules",

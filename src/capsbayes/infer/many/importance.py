@@ -16,7 +16,7 @@ __all__ = ["drawn"]
 Floats = NDArray[np.float64]
 
 _DRAWS, _KEPT, _FEWEST_DRAWS = 4000, 4000, 800
-_BUDGET = 1e9  # Gaussians that are worked out for the draws: some ten seconds
+_BUDGET = 1e9  # Gaussians that are evaluated for the draws: some ten seconds
 _STEP = 1e-3  # of the parameters, for derivatives
 _ROUNDS = 4
 _FREEDOM = 8  # of the t distribution that is drawn from
@@ -24,7 +24,7 @@ _LEAST_ESS, _MOST_PARETO = 400.0, 0.7
 
 
 def drawn(log_posterior: LogPosterior, rng: np.random.Generator) -> tuple[Floats, list[Gate]]:
-    """Draws of a posterior and whether they can be trusted : (d, 5) array and gates.
+    """Draw from a posterior; return the draws (d, 5) and the gates on their weights.
 
     Where the weights fail their gates, the proposal is fitted to the weighted draws and drawn from again.
     """
@@ -50,7 +50,7 @@ def drawn(log_posterior: LogPosterior, rng: np.random.Generator) -> tuple[Floats
 
 
 def _mode(log_posterior: LogPosterior) -> tuple[Floats, Floats]:
-    """Likeliest parameters and the covariance that the curvature there says : (5,), (5, 5) arrays."""
+    """Find the mode and the covariance by the curvature there : (5,), (5, 5) arrays."""
     steps = np.eye(len(PARAMETERS)) * _STEP
 
     def downhill(place: Floats) -> tuple[float, Floats]:
@@ -68,7 +68,7 @@ def _mode(log_posterior: LogPosterior) -> tuple[Floats, Floats]:
 
 
 def _smoothed(log_weights: Floats) -> tuple[Floats, float]:
-    """Pareto-smoothed log weights and the shape k of the tail."""
+    """Return Pareto-smoothed log weights and the shape k of their tail."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of ArviZ itself
         import arviz

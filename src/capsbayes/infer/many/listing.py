@@ -1,4 +1,4 @@
-"""What a run consists of: the capsules of a folder, of a table or of a file of outlines, as tasks."""
+"""The capsules of a run, of a folder, of a table or of a file of outlines, as tasks."""
 
 from __future__ import annotations
 
@@ -96,13 +96,13 @@ def listed(source: Path, run: Run, store: Store) -> Listed:
 
 
 def capsule_files(folder: Path) -> list[Path]:
-    """Measurement files and pictures of a folder, and measurement files one folder down, as a film leaves them."""
+    """Return measurement files and pictures of a folder, and measurement files one folder down, as of a film."""
     pictures = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PICTURES]
     return [*measurement_files(folder), *pictures]
 
 
 def common_experiment(source: Path) -> Experiment | None:
-    """The experiment that all measurement files of a folder name, None if they name several or a file names none."""
+    """Return the experiment that all measurement files of a folder name, None if they name several or none."""
     if not source.is_dir() or not (files := capsule_files(source)):
         return None
     named: set[Path | None] = set()
@@ -138,10 +138,12 @@ def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple
                 if file.suffix.lower() in PICTURES:
                     view = SILHOUETTE
                     break
-                one = Measurement.read(file)
-                experiment = experiment or (Experiment.read(one.experiment_file) if one.experiment_file else None)
-                if one.outline is not None:
-                    view = one.outline.view
+                measurement = Measurement.read(file)
+                experiment = experiment or (
+                    Experiment.read(measurement.experiment_file) if measurement.experiment_file else None
+                )
+                if measurement.outline is not None:
+                    view = measurement.outline.view
                     break
     elif source.suffix == ".nc" and not is_table_of_lengths(source):
         view = check_view(opened(source).attrs.get("view", MID_PLANE), str(source), "view")

@@ -44,7 +44,7 @@ class LogPosterior:
     selection: Selection | None = None
 
     def __call__(self, parameters: Floats) -> Floats:
-        """Log density of some populations, up to a constant : (d, 5) -> (d,) array."""
+        """Return the log density of some populations, up to a constant : (d, 5) -> (d,) array."""
         parameters = np.ascontiguousarray(np.atleast_2d(parameters))
         values = np.empty(len(parameters))
         halves = np.array_split(np.arange(len(parameters)), min(_THREADS, len(parameters)))
@@ -63,12 +63,12 @@ class LogPosterior:
         """Moments of the capsules, to begin from : (5,) array."""
         weights = self.components[:, :, 0]
         x, y = ((weights * self.components[:, :, k]).sum(axis=1) / weights.sum(axis=1) for k in (1, 2))
-        spread = [0.5 * np.std(one) + 0.02 for one in (x, y)]
+        spread = [0.5 * np.std(means) + 0.02 for means in (x, y)]
         return np.array([np.median(x), np.median(y), *np.log(spread), 0.0], dtype=np.float64)
 
 
 def _log_prior(parameters: Floats) -> Floats:
-    """Half-normal spreads, as densities of their logarithms, and a normal slope; nothing below a thousandth."""
+    """Return the log prior: half-normal spreads, as densities of their logarithms and none below 1e-3; normal slope."""
     spreads, slope = parameters[:, 2:4], parameters[:, 4]
     values = np.sum(spreads - 0.5 * (np.exp(spreads) / SPREADS) ** 2, axis=1) - 0.5 * (slope / SLOPES) ** 2
     return np.where((spreads > _LOWEST_SPREAD).all(axis=1), values, -1e10)
@@ -76,7 +76,7 @@ def _log_prior(parameters: Floats) -> Floats:
 
 @compiled
 def log_likelihood(components: NDArray[np.float32], parameters: Floats, into: Floats) -> None:
-    """Log likelihood of all capsules for some populations.
+    """Compute the log likelihood of all capsules for some populations.
 
     Parameters
     ----------

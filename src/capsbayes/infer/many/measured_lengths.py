@@ -1,4 +1,4 @@
-"""Lengths and velocities of many capsules as arrays: what a table of a million rows is read into."""
+"""Lengths and velocities of many capsules as arrays, for tables of up to a million rows."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 Strings = NDArray[np.str_]
 
 NUMBERS = (*COLUMNS, *OPTIONAL, *CONDITIONS)
-"""What a row may hold: lengths over l, the rest in SI."""
+"""Columns of a row: lengths over l, the rest in SI."""
 
 _NEEDED = tuple(COLUMNS)
 
@@ -38,7 +38,7 @@ class MeasuredLengths:
         Each of `NUMBERS`, NaN where it was not measured.
     names : (n,) array of str
     refusals : (n,) array of str
-        Why a row cannot be used, empty if it can.
+        Reason why a row cannot be used, empty if it can.
     source, sha256 : str
         The file and its fingerprint.
     """
@@ -69,7 +69,7 @@ class MeasuredLengths:
         headers = COLUMNS | OPTIONAL | CONDITION_COLUMNS
         numbers, refusals = {}, np.full(len(frame), "", dtype=object)
         for name in NUMBERS:
-            header = next((one for one in headers[name] if one in frame), None)
+            header = next((header for header in headers[name] if header in frame), None)
             numbers[name] = np.full(len(frame), np.nan)
             if header is not None:
                 numbers[name], wrong = _numbers(frame[header])
@@ -79,13 +79,13 @@ class MeasuredLengths:
             given = frame["status"].fillna("DONE").astype(str).str.strip().to_numpy()
             for status in np.unique(given[given != "DONE"]):
                 refusals[given == status] = f"status: {status}"
-        names = next((frame[one].astype(str).to_numpy() for one in NAMES if one in frame), None)
+        names = next((frame[header].astype(str).to_numpy() for header in NAMES if header in frame), None)
         if names is None:
             names = np.arange(1, len(frame) + 1).astype(str)
         return cls(numbers, np.asarray(names, dtype=np.str_), refusals.astype(np.str_), str(path), digest).checked()
 
     def checked(self) -> MeasuredLengths:
-        """The same, with the rows refused that no single measurement may hold."""
+        """Return the same with those rows refused that are no valid measurement."""
         refusals = self.refusals.astype(object)
         numbers = self.numbers
 
@@ -110,17 +110,23 @@ class MeasuredLengths:
         return replace(self, refusals=refusals.astype(np.str_))
 
     def taken(self, rows: slice | NDArray[np.intp]) -> MeasuredLengths:
-        """Some of the rows."""
+        """Return some of the rows."""
         numbers = {name: values[rows] for name, values in self.numbers.items()}
         return replace(self, numbers=numbers, names=self.names[rows], refusals=self.refusals[rows])
 
     @property
     def lengths(self) -> Floats:
         """L_z, L_a (NaN where missing) and the covariance zz, za, aa : (n, 5) array [l]."""
-        one = self.numbers
-        error_a = np.nan_to_num(one["axial_length_error"])
-        cross = np.nan_to_num(one["length_correlation"]) * one["axial_extent_error"] * error_a
-        columns = (one["axial_extent"], one["axial_length"], one["axial_extent_error"] ** 2, cross, error_a**2)
+        numbers = self.numbers
+        error_a = np.nan_to_num(numbers["axial_length_error"])
+        cross = np.nan_to_num(numbers["length_correlation"]) * numbers["axial_extent_error"] * error_a
+        columns = (
+            numbers["axial_extent"],
+            numbers["axial_length"],
+            numbers["axial_extent_error"] ** 2,
+            cross,
+            error_a**2,
+        )
         return np.stack(columns, axis=1)
 
     @property
@@ -130,7 +136,7 @@ class MeasuredLengths:
 
 
 def is_table_of_lengths(path: Path) -> bool:
-    """Whether a file is read as arrays: a CSV or Parquet table, or a NetCDF file without outlines."""
+    """Return whether a file is read as arrays: a CSV or Parquet table, or a NetCDF file without outlines."""
     if path.suffix in (".csv", ".parquet"):
         return True
     if path.suffix != ".nc":
@@ -163,7 +169,7 @@ def _frame(path: Path):  # type: ignore[no-untyped-def]  # a pandas.DataFrame
 
 
 def _numbers(column) -> tuple[Floats, NDArray[np.bool_]]:  # type: ignore[no-untyped-def]  # a pandas.Series
-    """Numbers of a column, and where it holds something else."""
+    """Return the numbers of a column, and where it holds something else."""
     import pandas as pd
 
     found = pd.to_numeric(column, errors="coerce")

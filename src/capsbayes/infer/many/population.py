@@ -1,4 +1,4 @@
-"""Many capsules after they were identified: one row each, with everything needed to repeat it."""
+"""Posteriors of many capsules: one row each, with everything needed to repeat it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Population(Readable):
     Parameters
     ----------
     dataset : xarray.Dataset
-        Along ``capsule``: ``name``, ``source``, ``sha256``, ``status``, ``reason``, ``engine``; what was measured; the
+        Along ``capsule``: ``name``, ``source``, ``sha256``, ``status``, ``reason``, ``engine``; measured numbers; the
         `STATISTICS` of each quantity as ``surface_shear_modulus_median`` [SI]; what the posterior leans on; the
         ``likelihood`` of (log(G_s / mu), log(a / l)) as a mixture of Gaussians. Attributes: model and its fingerprint,
         experiment, prior, seed, version, agreement of the engines.
@@ -69,7 +69,7 @@ class Population(Readable):
 
     @classmethod
     def of(cls, rows: CapsuleRows, attributes: dict[str, Any]) -> Population:
-        """Gather rows with what they have in common."""
+        """Gather rows and the attributes they share."""
         import xarray as xr
 
         along = ("capsule",)
@@ -78,9 +78,13 @@ class Population(Readable):
             unit = _MEASURED_UNITS.get(name.removesuffix("_error"), "1")
             variables[name] = (along, rows.numbers[:, number], {"units": unit})
         for number, name in enumerate(QUANTITIES):
-            one = PARAMETERS[name]
+            parameter = PARAMETERS[name]
             for k, statistic in enumerate(STATISTICS):
-                about = {"units": one.unit, "symbol": one.symbol, "long_name": f"{statistic} of the {one.meaning}"}
+                about = {
+                    "units": parameter.unit,
+                    "symbol": parameter.symbol,
+                    "long_name": f"{statistic} of the {parameter.meaning}",
+                }
                 variables[f"{name}_{statistic}"] = (along, rows.summaries[:, number, k], about)
         variables["distance"] = (along, rows.distance, {"units": "1", "long_name": "standard errors to the likeliest"})
         for number, name in enumerate(LEANINGS):
@@ -120,8 +124,8 @@ class Population(Readable):
         return path
 
     def table(self) -> pd.DataFrame:
-        """One row a capsule, SI; without the mixtures."""
-        along = [name for name, one in self.dataset.data_vars.items() if one.dims == ("capsule",)]
+        """Return one row a capsule, SI, without the mixtures."""
+        along = [name for name, variable in self.dataset.data_vars.items() if variable.dims == ("capsule",)]
         return self.dataset[along].to_dataframe().reset_index(drop=True)
 
     def described(self) -> dict[str, str]:
@@ -134,8 +138,8 @@ class Population(Readable):
         return found | {"model": str(self.attributes.get("model", ""))}
 
     def _lines(self) -> Iterator[str]:
-        """Lines of a CSV table, numbers to eight digits; formatted row by row, five times as fast as by pandas."""
-        along = [str(name) for name, one in self.dataset.data_vars.items() if one.dims == ("capsule",)]
+        """Yield the lines of a CSV table, numbers to eight digits; row by row, five times as fast as pandas."""
+        along = [str(name) for name, variable in self.dataset.data_vars.items() if variable.dims == ("capsule",)]
         texts = [name for name in along if self.dataset[name].dtype.kind not in "fiu"]
         numbers = [name for name in along if name not in texts]
         yield ",".join([*texts, *(_quoted(self._header(name)) for name in numbers)]) + "\n"
@@ -144,8 +148,8 @@ class Population(Readable):
             rows = slice(first, first + _LINES)
             words = zip(*(map(_quoted, self[name][rows].tolist()) for name in texts), strict=True)
             values = np.stack([self[name][rows] for name in numbers], axis=1).tolist()
-            for begin, one in zip(words, values, strict=True):
-                yield ",".join(begin) + (line % tuple(one)).replace("nan", "")
+            for begin, row in zip(words, values, strict=True):
+                yield ",".join(begin) + (line % tuple(row)).replace("nan", "")
 
     def _header(self, name: str) -> str:
         unit = self.dataset[name].attrs.get("units", "1")
@@ -164,12 +168,12 @@ class Population(Readable):
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Whether the intervals of each capsule are those of its measurement, not of a border : (n,) array."""
-        return np.isin(self["status"], [one.name for one in _USABLE])
+        """True where the intervals are those of the measurement, not of a border : (n,) array."""
+        return np.isin(self["status"], [status.name for status in _USABLE])
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """What all capsules have in common, JSON values read."""
+        """Attributes of the run, JSON values read."""
         found = {}
         for name, value in self.dataset.attrs.items():
             try:
@@ -180,5 +184,5 @@ class Population(Readable):
 
 
 def _quoted(text: str) -> str:
-    """A text as a cell of a CSV table."""
+    """Return a text as a cell of a CSV table."""
     return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text

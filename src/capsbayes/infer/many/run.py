@@ -1,4 +1,4 @@
-"""What all capsules of a run have in common; each worker process gets it once."""
+"""Settings that all capsules of a run share; each worker process gets them once."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ class Run:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of everything that decides the results beside the capsules themselves."""
+        """Hash of everything that decides the results, the capsules themselves excepted."""
         known = self.experiment
         parts: list[object] = [__version__, self.model.name, self.model.sha256, self.seed, self.prior.described()]
-        parts += [(name, one.as_record()) for name, one in sorted(self.prior.coordinates.items())]
+        parts += [(name, quantity.as_record()) for name, quantity in sorted(self.prior.coordinates.items())]
         if known is not None:
             parts += [known.cross_section, known.half_width.as_record(), known.viscosity.as_record()]
         parts += [self.capsule_velocity, self.flow]
@@ -66,7 +66,7 @@ class Run:
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     def experiment_of(self, measurement: Measurement) -> Experiment:
-        """That of the run, or the one that the measurement names; with the capsule's own half width and viscosity.
+        """Return the experiment of the run, or that which the measurement names, with the conditions of the capsule.
 
         Raises
         ------

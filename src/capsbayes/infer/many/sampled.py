@@ -26,7 +26,7 @@ _AGREES = 0.1  # standard deviation
 
 @dataclass(frozen=True)
 class Compared:
-    """How far sampling is from the rows, over all quantities of the capsules drawn.
+    """Differences of sampling from the rows, over all quantities of the capsules drawn.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Compared:
         )
 
     def as_dict(self) -> dict[str, float]:
-        """Fields by name."""
+        """Return the fields by name."""
         return asdict(self)
 
 
@@ -102,15 +102,15 @@ class CheckTask(StoredTask):
 
 
 def compared(differences: Sequence[Floats]) -> Compared:
-    """Summary of the differences of several capsules."""
-    largest = np.array([one.max(axis=0) for one in differences])
+    """Summarise the differences of several capsules."""
+    largest = np.array([of_capsule.max(axis=0) for of_capsule in differences])
     agreeing = int(np.count_nonzero((largest[:, :2] <= _AGREES).all(axis=1)))
-    median, ends_68, ends_95 = (float(one) for one in np.median(largest, axis=0))
+    median, ends_68, ends_95 = np.median(largest, axis=0).tolist()
     return Compared(len(largest), agreeing, median, ends_68, ends_95, worst=float(largest[:, 0].max()))
 
 
 def drawn_rows(usable: NDArray[np.bool_], share: float, most: int, seed: int) -> NDArray[np.intp]:
-    """Rows to check: a share of those that can be, at least one, drawn at random."""
+    """Draw the rows to check at random: a share of those that can be checked, at least one."""
     rows = np.flatnonzero(usable)
     number = min(int(np.ceil(share * len(rows))), most, len(rows))
     return np.sort(np.random.default_rng([seed, 2]).choice(rows, size=number, replace=False))
@@ -137,7 +137,7 @@ class ChainTask:
 
     @property
     def done(self) -> bool:
-        """Whether it is there: it is written whole or not at all."""
+        """True if the file is there: it is written whole or not at all."""
         return self.file.exists()
 
     def __call__(self, run: Run) -> None:

@@ -1,7 +1,7 @@
-"""Capsules that were kept because they are stretched: how likely one of a population is to be kept.
+"""Selection of stretched capsules: the probability that a capsule of a population is kept.
 
 A cut on Lambda, as the published 1.04 below which the deterministic procedure fails, keeps the soft and the large
-ones. Left out of the likelihood, it makes a population look softer than it is.
+ones. If the likelihood ignores it, a population looks softer than it is.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ Floats = NDArray[np.float64]
 
 _FLOWS = 16  # groups of capsules of like velocity
 _SLOPE = 4  # cells of log Ca on either side over which the rise of Lambda is taken
-_EVERY = 8  # columns of a/l: those between them are alike enough
+_EVERY = 8  # columns of a/l: those between them hardly differ
 _LEAST_SHARE = 1e-12
 _NEAR = 0.05  # of Lambda from the cut: capsules whose errors say how sharp it is
 
 
 def kept_rows(population: Population, least: float) -> NDArray[np.bool_]:
-    """Whether each capsule's median Lambda is above the cut : (n,) array; capsules without a result are not."""
+    """Return where the median Lambda is above the cut : (n,) array, False for capsules without a result."""
     with np.errstate(invalid="ignore"):
         return population["stretch_ratio_median"] > least
 
@@ -43,7 +43,7 @@ class Selection:
     least : float
         Smallest Lambda that was kept.
     error : float
-        Standard error of Lambda beside the cut.
+        Standard error of Lambda near the cut.
     mean_velocity : (f,) array [m/s]
         Of groups of the capsules kept.
     number : (f,) array
@@ -65,7 +65,7 @@ class Selection:
     def of(
         cls, population: Population, least: float, pyramid: Pyramid, viscosity: float, half_width: float
     ) -> Selection:
-        """Read velocities and errors off a population.
+        """Return the selection with velocities and errors of a population.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class Selection:
         return edges, cut, error, limit
 
     def log_probability(self, parameters: Floats) -> Floats:
-        """Log probability that all capsules would have been kept, for some populations : (d, 5) -> (d,) array."""
+        """Return the log probability that all capsules are kept, for some populations : (d, 5) -> (d,) array."""
         edges, cut, error, limit = self._limits
         log_flow = np.log(self.viscosity * self.mean_velocity)[:, None]
         middle = 0.5 * (edges[1:] + edges[:-1]) + np.log(self.half_width)

@@ -1,4 +1,4 @@
-"""Rows of a table of lengths: from the tabulated model, and by the exact engine where that does not resolve them."""
+"""Rows of a table of lengths: from the tabulated model, or by the exact engine where that does not resolve them."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ __all__ = ["measurement_of_row", "rows_of_table"]
 
 Floats = NDArray[np.float64]
 
-_ALL_WITHIN = 1.0 - 1e-6  # of a posterior away from the ends of the prior's ranges, else the exact engine weighs them
+_ALL_WITHIN = 1.0 - 1e-6  # share of a posterior within the prior ranges, below which the exact engine takes over
 
 
 def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -> CapsuleRows:
-    """Rows of a table, those that its lattices cannot resolve by the exact engine."""
+    """Compute the rows of a table; those that the lattices do not resolve by the exact engine."""
     count = len(measured)
     numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
     source = np.full(count, measured.source, dtype=object)
@@ -65,7 +65,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
 
 
 def _refuse(rows: CapsuleRows, measured: MeasuredLengths) -> None:
-    """Status and reason of the rows that cannot be used; a row may bring the status of its measurement."""
+    """Set status and reason of the rows that cannot be used; a row may bring the status of its measurement."""
     for row in np.flatnonzero(measured.refusals != ""):
         why = str(measured.refusals[row])
         status = why.removeprefix("status: ")
@@ -75,7 +75,7 @@ def _refuse(rows: CapsuleRows, measured: MeasuredLengths) -> None:
 
 
 def _own(measured: MeasuredLengths, name: str, experiment: Experiment) -> Floats:
-    """Logarithm of a condition of each capsule over that of the experiment, zero where it is the same."""
+    """Return the logarithm of a condition of each capsule over that of the experiment, zero where it is the same."""
     usual = getattr(experiment, name).mean
     return np.nan_to_num(np.log(measured.numbers[name] / usual))
 
@@ -86,7 +86,7 @@ def _status(leaning: Floats) -> Status:
 
 
 def measurement_of_row(measured: MeasuredLengths, row: int) -> Measurement:
-    """One row as a measurement."""
+    """Return one row as a measurement."""
     numbers = {name: float(values[row]) for name, values in measured.numbers.items()}
     seen = {name: value for name, value in numbers.items() if name not in CONDITIONS and np.isfinite(value)}
     own = {name: numbers[name] for name in CONDITIONS if np.isfinite(numbers[name])}

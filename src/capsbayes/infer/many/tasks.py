@@ -196,14 +196,16 @@ class OutlinesTask(RowsTask):
     def compute(self, run: Run) -> CapsuleRows:
         """Compute the rows on a grid for each outline."""
         assert run.experiment is not None
-        names = [one.source.rpartition(": ")[2] for one in self.measurements]
+        names = [measurement.source.rpartition(": ")[2] for measurement in self.measurements]
         names += [line.partition(": expected ")[0] for line in self.left_out]
-        sources = [one.source.rpartition(": ")[0] for one in self.measurements] + [""] * len(self.left_out)
+        sources = [measurement.source.rpartition(": ")[0] for measurement in self.measurements] + [""] * len(
+            self.left_out
+        )
         blank = [""] * len(names)
         rows = CapsuleRows.empty(_texts(names), _texts(sources), _texts(blank), _no_numbers(len(names)))
-        for row, one in enumerate(self.measurements):
-            rows.numbers[row] = numbers_of(one)
-            fill_exactly(rows, row, one, run)
+        for row, measurement in enumerate(self.measurements):
+            rows.numbers[row] = numbers_of(measurement)
+            fill_exactly(rows, row, measurement, run)
         for row, line in enumerate(self.left_out, start=len(self.measurements)):
             rows.status[row], rows.reason[row] = Status.UNUSABLE.name, line
         return rows
@@ -218,20 +220,20 @@ def _no_numbers(count: int) -> Floats:
 
 
 def _named_in(file: Path) -> list[Path]:
-    """Files that a measurement names, as its experiment and its outline."""
+    """Return the files that a measurement names, as its experiment and its outline."""
     if file.suffix != ".toml":
         return []
     try:
         content = InputFile.read(file).content
-    except InputError:  # said when it is read in earnest
+    except InputError:  # reported when the measurement itself is read
         return []
     texts = [value for table in (content, *content.values()) if isinstance(table, Mapping) for value in table.values()]
     named = [file.parent / text for text in texts if isinstance(text, str) and len(text) < _LONGEST_NAME]
-    return [one for one in named if one.is_file()]
+    return [path for path in named if path.is_file()]
 
 
 def measured_file(file: Path, run: Run) -> Measurement:
-    """Measurement of a file: read from it, or measured in a picture.
+    """Return the measurement of a file: read from it, or measured in a picture.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Likelihood of a measured outline: normal distances with errors that are correlated along the arc.
 
-An edge that is found too far out at one place is found too far out beside it
+An edge that is found too far out at one place is found too far out next to it
 as well: taken as independent, the errors of neighbouring points would make the
 posterior far too narrow. Where on the picture the capsule is, how it is tilted
 and by how much all edges are found too far out does not belong to its shape;
@@ -8,8 +8,8 @@ these nuisances are integrated out, each with a Gaussian prior, as is the
 model's own error. All of it is one covariance matrix, made at a pilot shape
 near the posterior and kept for all others.
 
-A silhouette hides a concave rear. Where its depth was seen all the same, L_a is
-one more number beside the normal distances; it ends at the nose of the same
+A silhouette hides a concave rear. Where its depth was measured all the same, L_a is
+one more number next to the normal distances; it ends at the nose of the same
 picture, whose error it shares.
 """
 
@@ -36,7 +36,7 @@ _SHARED = 0.9  # of the error of L_a that the nose's may be: some is that of the
 
 
 class LengthBeside(NamedTuple):
-    """L_a measured beside a silhouette.
+    """L_a measured together with a silhouette.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class OutlineLikelihood:
         object.__setattr__(self, "_factor", scipy.linalg.cholesky(covariance, lower=True))
 
     def _bordered(self, covariance: Floats, length: LengthBeside, nose: int) -> Floats:
-        """Covariance (m + 1, m + 1) with that of L_a, which shares the error of the nose."""
+        """Return the covariance (m + 1, m + 1) with that of L_a, which shares the error of the nose."""
         own = OutlineNoise(self.noise.scale, self.noise.correlation_length)
         shared = (1.0 - self.noise.white) * own.covariance(self.points)[nose] + self.pose.offset**2
         shared *= min(1.0, _SHARED * length.error / np.sqrt(shared[nose])) if shared[nose] > 0.0 else 1.0
@@ -111,7 +111,7 @@ class OutlineLikelihood:
         return np.block([[covariance, shared[:, None]], [shared, np.array(variance)]])
 
     def whitened(self, outlines: Floats, axial_lengths: Floats | None = None, *, posed: bool = False) -> Floats:
-        """What is left beside predictions, as independent standard normal numbers.
+        """Return the differences from predictions as independent numbers, standard normal under a right model.
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class OutlineLikelihood:
         axial_lengths : (n,) array, optional [l]
             L_a as predicted, read if L_a was measured too.
         posed : bool
-            Whether to shift and turn the measured outline onto each prediction: for those far from the pilot.
+            Shift and turn the measured outline onto each prediction: for those far from the pilot.
 
         Returns
         -------
@@ -136,12 +136,12 @@ class OutlineLikelihood:
         return white
 
     def _independent(self, numbers: Floats) -> Floats:
-        """Rows (n, m) of numbers with the covariance as ones that are independent, of variance one."""
+        """Return rows (n, m) of numbers with the covariance as independent ones of variance one."""
         found = scipy.linalg.solve_triangular(self._factor, numbers.T, lower=True, check_finite=False)
         return np.asarray(found.T)
 
     def whitened_displacement(self, displacement: Floats) -> Floats:
-        """What `whitened` becomes more by where the measured outline lies farther out.
+        """Return the change of `whitened` if the measured outline lies farther out.
 
         Parameters
         ----------
@@ -158,13 +158,13 @@ class OutlineLikelihood:
         return self._independent(at_points)
 
     def log_density(self, outlines: Floats, axial_lengths: Floats | None = None) -> Floats:
-        """Log density given each of n outlines (n, p, 2), and L_a (n,) : (n,) array, NaN for a row of NaN."""
+        """Return the log density given n outlines (n, p, 2), and L_a (n,) : (n,) array, NaN for a row of NaN."""
         square = np.sum(self.whitened(outlines, axial_lengths) ** 2, axis=1)
         constant = np.sum(np.log(np.diag(self._factor))) + 0.5 * len(self._factor) * np.log(2.0 * np.pi)
         return np.asarray(-0.5 * square - constant)
 
     def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
-        """Log density given what a model predicts at a batch of points : (n,) array, NaN outside its domain."""
+        """Return the log density given the predictions of a model at n points : (n,) array, NaN outside its domain."""
         predicted = model(theta, outline=True)
         assert predicted.outline is not None, "asked for"
         return self.log_density(predicted.outline, predicted.axial_length)
@@ -191,7 +191,7 @@ def outline_likelihood(
     *,
     length: tuple[float, float] | None = None,
 ) -> OutlineLikelihood:
-    """Likelihood of a measured outline with the shape of a model as its pilot.
+    """Return the likelihood of a measured outline with the shape of a model as its pilot.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def outline_likelihood(
     error_scale : float
         Factor on the model's own error.
     length : tuple of two float, optional [l]
-        L_a and its standard error, where they count beside the outline.
+        L_a and its standard error, where they count in addition to the outline.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
     Returns
     -------
     (m, 2) array, Footing
-        The points moved, and where they stand on the outline.
+        The points moved, and their nearest places on the outline.
     """
     return posed_on(points - _middle(points) + _middle(outline), outline)
 
@@ -242,7 +242,7 @@ def _middle(points: Floats) -> Floats:
 
 
 def _at_places(modes: Floats, place: Floats) -> Floats:
-    """Values (k, m) between the vertices of those at them (k, p)."""
+    """Interpolate values (k, p) at the vertices to places between them : (k, m) array."""
     count = modes.shape[1]
     before = np.floor(place).astype(int) % count
     share = place - np.floor(place)

@@ -1,4 +1,4 @@
-"""Whether any shape of a posterior fits the outline that was measured, as well as its stated errors promise."""
+"""Goodness of fit of the outline: does any shape of a posterior fit it within its stated errors?"""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FITTED = 5  # Ca and a/l; place and tilt
 def drawn_outlines(
     model: ForwardModel, draws: Mapping[str, Floats], count: int
 ) -> tuple[dict[str, Floats], Floats | None]:
-    """Parameters of some draws, evenly taken, and their outlines (count, p, 2) [l], if the model has them."""
+    """Return the parameters of evenly spaced draws and their outlines (count, p, 2) [l], if the model has them."""
     names = [name for name in ("capillary_number", "size_ratio", *COORDINATES) if name in draws]
     some = np.linspace(0, draws[names[0]].size - 1, count).astype(int)
     theta = {name: np.ravel(draws[name])[some] for name in names}
@@ -33,7 +33,7 @@ def drawn_outlines(
 
 
 def outline_misfit(measured: MeasuredOutline, model: ForwardModel, draws: Mapping[str, Floats]) -> Gate:
-    """Squared misfit of the best of some draws over its degrees of freedom: one, where the errors are as stated.
+    """Return the squared misfit of the best of some draws per degree of freedom: one if the errors are as stated.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def outline_misfit(measured: MeasuredOutline, model: ForwardModel, draws: Mappin
     """
     theta, outlines = drawn_outlines(model, draws, _TRIED)
     assert outlines is not None, "asked for"
-    off = [np.sum(aligned_with(measured.points, one)[1].distance ** 2) for one in outlines]
+    off = [np.sum(aligned_with(measured.points, outline)[1].distance ** 2) for outline in outlines]
     best = int(np.nanargmin(off))
     likelihood = outline_likelihood(model, measured, {name: float(values[best]) for name, values in theta.items()})
     square = float(np.sum(likelihood.whitened(outlines[best : best + 1]) ** 2))

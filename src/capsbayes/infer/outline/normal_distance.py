@@ -18,7 +18,7 @@ _DAMPED = 1e-3  # mean square change by a turn, below which it is damped: a circ
 
 
 class Footing(NamedTuple):
-    """Where measured points (m, 2) stand on one outline.
+    """Nearest places of measured points (m, 2) on one outline.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Footing(NamedTuple):
 
 
 def footing(points: Floats, outline: Floats) -> Footing:
-    """Where measured points stand on one closed outline.
+    """Find the nearest places of measured points on one closed outline.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def footing(points: Floats, outline: Floats) -> Footing:
 
 
 def posed_on(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
-    """Shift and turn points (m, 2) onto one outline by least squares, and say where they stand then."""
+    """Shift and turn points (m, 2) onto one outline by least squares; return them and their nearest places on it."""
     moved, count = np.array(points, dtype=np.float64, order="C"), len(points)
     distance, place, normal = np.empty(count), np.empty(count), np.empty((count, 2))
     _pose(moved, _contiguous(outline), _FITS, 0.0, distance, place, normal)
@@ -60,7 +60,7 @@ def posed_on(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
 
 
 def normal_distances(points: Floats, outlines: Floats, *, posed: bool = False) -> Floats:
-    """Normal distances of measured points from each of n outlines, positive outside.
+    """Return the normal distances of measured points from each of n outlines, positive outside.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def normal_distances(points: Floats, outlines: Floats, *, posed: bool = False) -
     outlines : (n, p, 2) array
         A row of NaN gives NaN.
     posed : bool
-        Whether to shift and turn the points onto each outline first, by least squares.
+        Shift and turn the points onto each outline first, by least squares.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def _all_distances(points, outlines, fits, distances):  # type: ignore[no-untype
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _pose(points, outline, fits, stands, distance, place, normal):  # type: ignore[no-untyped-def]
-    """Shift and turn points in place, a few times or until they stand well, and say where they stand."""
+    """Shift and turn points in place, a few times or until nothing changes, and find their nearest places."""
     _nearest(points, outline, distance, place, normal)
     for _ in range(fits):
         if not _moved(points, stands, distance, normal):
@@ -175,7 +175,7 @@ def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyp
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _normal_at(outline, edge, share, out):  # type: ignore[no-untyped-def]
-    """Outward unit normal, turning from that of one vertex to that of the next along the edge."""
+    """Interpolate the outward unit normal along an edge between those of its two vertices."""
     count = len(outline)
     before, after, next_after = (edge - 1) % count, (edge + 1) % count, (edge + 2) % count
     # the normal of a vertex is that of the chord between its neighbours

@@ -1,4 +1,4 @@
-"""The likelihood of an outline on a grid around its posterior, for an engine that asks for it very often."""
+"""Likelihood of an outline interpolated on a grid around its posterior, for the sampling engine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _AROUND = 2  # nodes that must be known on every side of a point
 
 @dataclass(frozen=True, eq=False)
 class TabulatedOutline:
-    """Log density of a measured outline by bicubic interpolation where that is sure, else from the model's outline.
+    """Log density of a measured outline by bicubic interpolation away from the border of the domain, exact elsewhere.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class TabulatedOutline:
         object.__setattr__(self, "_sure", binary_erosion(known, around))
 
     def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
-        """Log density at a batch of points : (n,) array, NaN outside the model's domain."""
+        """Return the log density at n points : (n,) array, NaN outside the domain of the model."""
         log_ca, size = np.log(theta["capillary_number"]), np.asarray(theta["size_ratio"])
         rows, columns = (
             np.round((place - nodes[0]) / (nodes[1] - nodes[0]))
@@ -59,11 +59,13 @@ class TabulatedOutline:
         density = np.empty(len(log_ca))
         density[within] = self._spline.ev(log_ca[within], size[within])
         if not within.all():
-            density[~within] = self.exact.at(model, {name: np.asarray(one)[~within] for name, one in theta.items()})
+            density[~within] = self.exact.at(
+                model, {name: np.asarray(values)[~within] for name, values in theta.items()}
+            )
         return density
 
     def error(self, model: ForwardModel, theta: Mapping[str, Floats]) -> float:
-        """Largest difference from the exact log density at a batch of points."""
+        """Return the largest difference from the exact log density at n points."""
         return float(np.nanmax(np.abs(self.at(model, theta) - self.exact.at(model, theta))))
 
 

@@ -1,6 +1,7 @@
-"""Convergence of walkers: R-hat between ensembles, autocorrelation time, bulk and tail effective sample size.
+"""Convergence of walkers: R-hat between ensembles, autocorrelation time, bulk and tail effective sample size; gates.
 
-The same definitions as ArviZ uses, whose import alone takes most of a second.
+The definitions are those of ArviZ, with which the tests compare. ArviZ itself is not used: its import takes one to two
+seconds, longer than the sampling, and its R-hat takes the walkers of an ensemble for independent chains.
 
 References
 ----------
@@ -30,7 +31,7 @@ ACCEPTANCE = (0.1, 0.9)
 
 
 def chain_gates(chain: Floats) -> list[Gate]:
-    """Gates that need every step: R-hat, length in autocorrelation times, their stability, acceptance, stuck walkers.
+    """Return the gates that need every step: R-hat, length in autocorrelation times, acceptance, stuck walkers.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def chain_gates(chain: Floats) -> list[Gate]:
 
 
 def ess_gates(draws: Mapping[str, Floats]) -> list[Gate]:
-    """Gates on the effective sample sizes of the reported quantities that vary.
+    """Return the gates on the effective sample sizes of the reported quantities that vary.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def ess_gates(draws: Mapping[str, Floats]) -> list[Gate]:
 
 
 def split_rhat(draws: Floats) -> float:
-    """Rank-normalised R-hat between the halves of independent ensembles.
+    """Return the rank-normalised R-hat between the halves of independent ensembles.
 
     Walkers of one ensemble are pooled: they are not independent chains.
 
@@ -93,7 +94,7 @@ def split_rhat(draws: Floats) -> float:
 
 
 def autocorrelation_time(draws: Floats) -> float:
-    """Integrated autocorrelation time in steps, by emcee's window of five times itself.
+    """Return the integrated autocorrelation time in steps, by emcee's window of five times itself.
 
     The covariances of the walkers are averaged, so that one that never moves counts as such.
 
@@ -108,7 +109,7 @@ def autocorrelation_time(draws: Floats) -> float:
 
 
 def bulk_ess(draws: Floats) -> float:
-    """Effective sample size of the rank-normalised draws.
+    """Return the effective sample size of the rank-normalised draws.
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ def bulk_ess(draws: Floats) -> float:
 
 
 def tail_ess(draws: Floats) -> float:
-    """Smaller effective sample size of the 5 % and of the 95 % quantile.
+    """Return the smaller effective sample size of the 5 % and of the 95 % quantile.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def _split(draws: Floats) -> Floats:
 
 
 def _normal_scores(draws: Floats) -> Floats:
-    """Normal quantiles of the ranks, ties left in order: repeated draws are neighbours in any case."""
+    """Return the normal quantiles of the ranks, ties in order: repeated draws are neighbours in any case."""
     from scipy.special import ndtri
 
     order = np.argsort(draws, axis=None, kind="stable")
@@ -145,7 +146,7 @@ def _normal_scores(draws: Floats) -> Floats:
 
 
 def _autocovariance(chains: Floats) -> Floats:
-    """Autocovariance of each row : (chains, draws) array."""
+    """Return the autocovariance of each row : (chains, draws) array."""
     count = chains.shape[1]
     size = 1 << (2 * count - 1).bit_length()
     spectrum = np.fft.rfft(chains - chains.mean(axis=1, keepdims=True), size, axis=1)
@@ -153,7 +154,7 @@ def _autocovariance(chains: Floats) -> Floats:
 
 
 def _ess(chains: Floats) -> float:
-    """Effective sample size by Geyer's initial monotone sequence, chains weighed against each other."""
+    """Return the effective sample size by Geyer's initial monotone sequence, differences between chains included."""
     number, count = chains.shape
     covariance = _autocovariance(chains).mean(axis=0)
     within = covariance[0] * count / (count - 1.0)

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Effort:
-    """How much sampling is done.
+    """Amount of sampling.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ class Effort:
     walkers : int
         Of each ensemble.
     steps : int
-        Before the gates are looked at first.
+        Before the gates are evaluated for the first time.
     extension : float
         Share of the steps done by which the run grows while a gate fails.
     budget : int
-        Steps at which it ends in any case.
+        Steps after which sampling ends in any case.
     doublings : int
-        How often a run that passed its gates is doubled because it is not precise enough.
+        Largest number of times that a run which passed its gates is doubled because it is not precise enough.
     """
 
     ensembles: int = 4
@@ -59,7 +59,7 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """What the walkers visited after burn-in.
+    """Chains of the walkers after burn-in.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Chains:
     time : float
         Longest autocorrelation time, in steps.
     burn_in, steps : int
-        Steps left out and kept.
+        Steps omitted and kept.
     gates : list of Gate
     """
 
@@ -83,12 +83,12 @@ class Chains:
     gates: list[Gate]
 
     def named(self) -> dict[str, Floats]:
-        """Coordinates by name, Ca itself in place of its logarithm : (steps, ensembles, walkers) arrays."""
+        """Return the coordinates by name, Ca itself in place of its logarithm : (steps, ensembles, walkers) arrays."""
         named = dict(zip(self.names, np.moveaxis(self.coordinates, -1, 0), strict=True))
         return named | {"capillary_number": np.exp(named["capillary_number"])}
 
     def thinned(self) -> Chains:
-        """Every so many steps that two kept in a row share little."""
+        """Return the chains thinned so much that consecutive steps are nearly independent."""
         every = max(1, int(self.time / 2.0))
         return Chains(
             self.names,
@@ -117,7 +117,7 @@ def sampled(
         Of the starts and of every ensemble.
     effort : Effort, optional
     enough : callable
-        Asked once the gates hold; while it says no the run is doubled, at most `Effort.doublings` times.
+        Called once the gates hold; while it returns False the run is doubled, at most `Effort.doublings` times.
 
     Returns
     -------
@@ -156,7 +156,7 @@ def _sampler(log_density: LogDensity, start: Floats, seed: int) -> Any:
 
 
 def _gathered(samplers: list[Any], log_density: LogDensity) -> Chains:
-    """Chains of all ensembles without the burn-in, and their gates."""
+    """Return the chains of all ensembles without the burn-in, and their gates."""
     chain = np.stack([sampler.get_chain() for sampler in samplers], axis=1)
     steps, _, _, dimensions = chain.shape
     flat = chain[steps // 4 :].reshape(steps - steps // 4, -1, dimensions)

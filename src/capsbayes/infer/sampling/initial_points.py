@@ -1,4 +1,4 @@
-"""Where walkers start: points of finite density, spread somewhat wider than the posterior.
+"""Initial points of the walkers: of finite density, spread somewhat wider than the posterior.
 
 Points are drawn over the whole domain, weighted by a power of their density
 that keeps enough of them alive, and the cloud they describe is drawn from
@@ -24,7 +24,7 @@ _WIDENING = 1.5
 
 
 def starting_points(log_density: LogDensity, ensembles: int, walkers: int, rng: np.random.Generator) -> Floats:
-    """Draw starts for several ensembles.
+    """Draw initial points for several ensembles.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def _over_domain(log_density: LogDensity, rng: np.random.Generator) -> Floats:
 
 
 def _power_that_keeps(values: Floats, count: int) -> float:
-    """Largest power, at most one, at which the weights are worth `count` points."""
+    """Return the largest power, at most one, at which the weights have an effective number of `count` points."""
 
     def worth(power: float) -> float:
         weights = np.exp(power * (values - values.max()))
@@ -85,13 +85,13 @@ def _power_that_keeps(values: Floats, count: int) -> float:
 
 
 def _jittered(points: Floats, rng: np.random.Generator, factor: float) -> Floats:
-    """Points moved by a share of their own spread, so that no two coincide."""
+    """Move points by a share of their own spread, so that no two coincide."""
     spread = np.linalg.cholesky(np.cov(points.T) + 1e-18 * np.eye(points.shape[1]))
     return points + factor * rng.standard_normal(points.shape) @ spread.T
 
 
 def _finite(log_density: LogDensity, points: Floats, shape: tuple[int, int], rng: np.random.Generator) -> Floats:
-    """Starts around the points, drawn again until every one has a finite density."""
+    """Draw initial points around the points until every one has a finite density."""
     count = shape[0] * shape[1]
     centre = points.mean(axis=0)
     starts = np.empty((0, points.shape[1]))

@@ -1,4 +1,4 @@
-"""The function that walkers climb: the log posterior density of a batch of parameter vectors."""
+"""Log posterior density of a batch of parameter vectors, which the walkers sample."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class LogDensity:
         self.not_a_number = 0
 
     def __call__(self, coordinates: Floats) -> Floats:
-        """Log density : (n, d) -> (n,) array, -inf where the density vanishes or is not a number."""
+        """Return the log density : (n, d) -> (n,) array, -inf where the density vanishes or is not a number."""
         theta = self.named(coordinates)
         impossible = np.zeros(len(coordinates), dtype=bool)
         for name in self.sampled:
@@ -71,7 +71,7 @@ class LogDensity:
         return np.where(wrong | outside | impossible, -np.inf, density)
 
     def named(self, coordinates: Floats) -> dict[str, Floats]:
-        """Coordinates (n, d) by name, Ca itself in place of its logarithm."""
+        """Return the coordinates (n, d) by name, Ca itself in place of its logarithm."""
         theta = dict(zip(self.names, coordinates.T, strict=True))
         theta["capillary_number"] = np.exp(theta["capillary_number"])
         return theta

@@ -1,4 +1,4 @@
-"""Compiled: the likelihood of (log G_s, log a) of one capsule as a mixture of Gaussians.
+"""Likelihood of (log G_s, log a) of one capsule as a mixture of Gaussians; compiled.
 
 The nodes of a posterior are shared linearly among overlapping slices along their longest axis; each slice is a
 component with its own mean and covariance. The mixture keeps the bend of a ridge, on which L_z alone was measured, and
@@ -24,7 +24,7 @@ _REACH = 4.0  # standard deviations on either side that the slices divide
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mixture(weights: Floats, x: Floats, y: Floats, into: Floats) -> None:
-    """Lay weighted points out as components.
+    """Represent weighted points by components.
 
     Parameters
     ----------
@@ -49,19 +49,19 @@ def mixture(weights: Floats, x: Floats, y: Floats, into: Floats) -> None:
         place = (along[k] - low) / width if width > 0.0 else 0.0
         place = min(max(place, 0.0), slices - 1.000001)
         left = int(place)
-        for one, share in ((left, 1.0 - (place - left)), (left + 1, place - left)):
+        for slot, share in ((left, 1.0 - (place - left)), (left + 1, place - left)):
             part = share * weights[k] / total
-            into[one, 0] += part
-            into[one, 1] += part * dx[k]
-            into[one, 2] += part * dy[k]
-            into[one, 3] += part * dx[k] * dx[k]
-            into[one, 4] += part * dx[k] * dy[k]
-            into[one, 5] += part * dy[k] * dy[k]
-    for one in into:
-        if one[0] > 0.0:
-            one[1:] /= one[0]
-            one[3] -= one[1] * one[1]
-            one[4] -= one[1] * one[2]
-            one[5] -= one[2] * one[2]
-            one[1] += mx
-            one[2] += my
+            into[slot, 0] += part
+            into[slot, 1] += part * dx[k]
+            into[slot, 2] += part * dy[k]
+            into[slot, 3] += part * dx[k] * dx[k]
+            into[slot, 4] += part * dx[k] * dy[k]
+            into[slot, 5] += part * dy[k] * dy[k]
+    for component in into:
+        if component[0] > 0.0:
+            component[1:] /= component[0]
+            component[3] -= component[1] * component[1]
+            component[4] -= component[1] * component[2]
+            component[5] -= component[2] * component[2]
+            component[1] += mx
+            component[2] += my

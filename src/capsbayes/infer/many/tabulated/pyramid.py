@@ -1,4 +1,4 @@
-"""A model tabulated on finer and finer lattices of (log Ca, a/l), once for many capsules."""
+"""Pyramid: a model tabulated on finer and finer lattices of (log Ca, a/l), once for many capsules."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ COLUMNS = (
     "to_border",
     "doubts",
 )
-"""What is tabulated at each node; the last two are the number of cells to the next one without an answer, along rows,
+"""Columns at each node; the last two are the number of cells to the next one without an answer, along rows,
 columns or diagonals, and the sum of the `DOUBTS` that concern it."""
 
 DOUBTS = {TWO_SHAPES: 1, WRINKLES: 2}

@@ -1,6 +1,6 @@
-"""Compiled: what is reported of capsules whose lengths were measured, one after the other, from a pyramid.
+"""Compiled rows of capsules whose lengths were measured, one after the other, from a pyramid.
 
-The same numbers as those of `capsbayes.infer.GridPosterior`, without an object for each capsule.
+The numbers are those of a `GridPosterior`, without an object for each capsule.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 QUANTITIES = REPORTED
-"""Those that are summarised, in the order of the rows."""
+"""Quantities that are summarised, in this order."""
 
 FACTS = ("end", "level", "distance", "log_evidence", "border", "two_shapes", "wrinkles", "within")
-"""Of each row besides: how the search ended, on which lattice, how far the lengths are from those of the likeliest
-shape in standard deviations, the log evidence, the shares of the posterior beside the border of the model and where
-the model has doubts, and the probability that G_s and a lie well within the ranges of their prior."""
+"""Further numbers of each row: end of the search, number of the lattice, distance of the lengths from those of the
+likeliest shape in standard deviations, log evidence, shares of the posterior next to the border of the model and at the
+caveats of the model, and the probability that G_s and a lie well within the ranges of their prior."""
 
 _NEGLIGIBLE, _MOVED = 1e-7, 1e-6  # of the largest probability
 
 
 class Shared(NamedTuple):
-    """What all capsules share: distributions of mu [Pa s] and l [m], limits of the priors of log G_s and log a."""
+    """Shared by all capsules: distributions of mu [Pa s] and l [m], limits of the priors of log G_s and log a."""
 
     viscosity: LogGrid
     half_width: LogGrid
@@ -149,7 +149,7 @@ def _fill_row(
         facts[5] += weights[k] * (doubts & 1)
         facts[6] += weights[k] * (doubts >> 1)
     finest = levels[len(levels) - 1]
-    facts[4] = _beside_border(finest, low, step * (levels[0].shape[0] / finest.shape[0]), log_ca, log_size, weights)
+    facts[4] = _next_to_border(finest, low, step * (levels[0].shape[0] / finest.shape[0]), log_ca, log_size, weights)
 
     log_modulus = -log_ca - log_ratio
     by_size = laid(log_size, weights, cell[1] / low[1])
@@ -177,10 +177,10 @@ def _fill_row(
 
 
 @compiled
-def _beside_border(
+def _next_to_border(
     finest: Floats, low: Floats, cell: Floats, log_ca: Floats, log_size: Floats, weights: Floats
 ) -> float:
-    """Share of the posterior that half a standard deviation along a principal axis takes out of the domain."""
+    """Return the share of the posterior that half a standard deviation takes out of the domain."""
     mean_u, mean_s = np.sum(weights * log_ca), np.sum(weights * log_size)
     uu = np.sum(weights * (log_ca - mean_u) ** 2)
     us = np.sum(weights * (log_ca - mean_u) * (log_size - mean_s))
@@ -208,20 +208,20 @@ def _beside_border(
 
 
 @compiled
-def _well_within(one: LogGrid, low: float, high: float) -> float:
-    """Probability that log x is farther than half a standard deviation from both limits."""
-    margin = NUDGE * np.sqrt(one.variance)
-    return share_between(one, low + margin, high - margin)
+def _well_within(grid: LogGrid, low: float, high: float) -> float:
+    """Return the probability that log x is farther than half a standard deviation from both limits."""
+    margin = NUDGE * np.sqrt(grid.variance)
+    return share_between(grid, low + margin, high - margin)
 
 
 @compiled
 def _fill_components(
     seen: Seen, velocity: Floats, variance: float, weights: Floats, x: Floats, y: Floats, components: Floats
 ) -> None:
-    """The likelihood: the posterior without the priors of G_s and a."""
+    """Fill in the likelihood: the posterior without the priors of G_s and a."""
     flat = weights * np.exp(-seen.radius_power * y - seen.modulus_power * (x - np.max(x)))
     mixture(flat, x, y, components)
     speed = positive_normal(velocity[0], velocity[1], -1.0, 1.0)
-    for one in components:
-        one[1] += speed.mean
-        one[3] += speed.variance + variance
+    for component in components:
+        component[1] += speed.mean
+        component[3] += speed.variance + variance

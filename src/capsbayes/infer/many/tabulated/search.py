@@ -1,4 +1,4 @@
-"""Compiled: where on a pyramid of lattices the posterior of one capsule lives, and its probabilities there.
+"""Search on a pyramid of lattices for the cells that carry the posterior of one capsule; compiled.
 
 The search begins on the coarse lattice with widened covariances and goes down: at every level only the cells are
 visited that are likely one level above, until the cells resolve the posterior, by the gates of
@@ -23,12 +23,12 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FOUND, FAR, UNRESOLVED = 0, 1, 2
-"""Ends of a descent: resolved; no shape of the model near; not resolved on the finest lattice."""
+"""Ends of a search: resolved; no shape of the model near; not resolved on the finest lattice."""
 
 _CELLS_PER_SD, _CELLS_PER_FEATURE, _CELLS_ACROSS = 3.0, 1.25, 0.9
-_COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
+_COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which cells carry a posterior
 _AT_BORDER = 1e-4  # of the largest density: cells at the border of the domain that carry more ask for smaller ones
-_NARROWED = 0.7  # cells across a ridge, from which on what a level shows as unlikely is left out below
+_NARROWED = 0.7  # cells across a ridge, from which on the cells unlikely on a level are omitted below
 _HOPELESS = 100.0  # more squared distance than the nearest node so far: not worth a logarithm
 _TO_BORDER = 10  # column of the pyramid
 _INTERPOLATED = 3  # levels below the finest lattice, each twice as fine as the one before
@@ -58,7 +58,10 @@ def differences(seen: Seen, node: Floats) -> tuple[float, float, float, float, f
 
 @compiled
 def _log_density(seen: Seen, node: Floats, log_ca: float, size: float, farthest: float) -> tuple[float, float]:
-    """Log posterior density at a node, and the squared distance of the lengths; NaN outside the domain, -inf if far."""
+    """Return the log posterior density at a node and the squared distance of the lengths.
+
+    The density is NaN outside the domain, -inf if far.
+    """
     square, volume = misfit(*differences(seen, node))
     if square > farthest:
         return -np.inf, square
@@ -72,15 +75,15 @@ def _log_density(seen: Seen, node: Floats, log_ca: float, size: float, farthest:
 
 @compiled
 def finer_than_tabulated(levels: tuple[Floats, ...], level: int) -> int:
-    """Cells of a level along a side of one of the lattice in which it is looked up."""
+    """Return how many cells of a level lie along a side of a cell of the lattice in which it is looked up."""
     return 2 ** max(level - (len(levels) - 1), 0)
 
 
 @compiled
 def look_up(lattice: Floats, i: int, j: int, finer: int, room: Floats) -> Floats:
-    """The columns at the centre of a cell of a lattice `finer` times as fine; NaN beside a node without an answer.
+    """Return the columns at the centre of a cell of a lattice `finer` times as fine; NaN next to a node without answer.
 
-    What is interpolated is written into `room`.
+    Interpolated columns are written into `room`.
     """
     if finer == 1:
         return lattice[i, j]
@@ -98,7 +101,7 @@ def look_up(lattice: Floats, i: int, j: int, finer: int, room: Floats) -> Floats
 
 @compiled
 def _widened(first: Integers, last: Integers, factor: int, columns: int) -> tuple[Integers, Integers]:
-    """Spans on a lattice `factor` times finer: those given and one cell more on every side."""
+    """Return spans on a lattice `factor` times finer: those given and one cell more on every side."""
     rows = len(first)
     low, high = np.full(rows, columns), np.full(rows, -1)
     for i in range(rows):
@@ -116,7 +119,7 @@ def _widened(first: Integers, last: Integers, factor: int, columns: int) -> tupl
 
 @compiled
 def _first_spans(seen: Seen, lattice: Floats, low: Floats, step: Floats) -> tuple[float, float, Integers, Integers]:
-    """Distance from the nearest shape, the largest log density, and the likely spans of the coarse lattice."""
+    """Return the distance of the nearest shape, the largest log density, and the likely spans of the first lattice."""
     rows, columns = lattice.shape[:2]
     log_density = np.empty((rows, columns))
     nearest, best = np.inf, -np.inf
@@ -140,7 +143,7 @@ def _first_spans(seen: Seen, lattice: Floats, low: Floats, step: Floats) -> tupl
 
 @compiled
 def _resolution(weights: Floats, row: Integers, column: Integers) -> tuple[bool, float]:
-    """Whether the cells resolve the posterior, and the cells in a feature of a/l at given Ca."""
+    """Return whether the cells resolve the posterior, and the cells in a feature of a/l at given Ca."""
     first_row, first_column = row.min(), column.min()
     rows, columns = np.zeros(row.max() - first_row + 1), np.zeros(column.max() - first_column + 1)
     squares, steps = 0.0, 0.0
@@ -162,7 +165,7 @@ def _resolution(weights: Floats, row: Integers, column: Integers) -> tuple[bool,
 def _visited(
     seen: Seen, lattice: Floats, finer: int, low: Floats, step: Floats, first: Integers, last: Integers
 ) -> tuple[float, float, Integers, Integers, Floats]:
-    """Largest log density, the squared distance there, and row, column and log density of the cells of some spans."""
+    """Return the largest log density, the squared distance there, and row, column and log density of cells in spans."""
     count = 0
     for i in range(len(first)):
         count += max(last[i] - first[i] + 1, 0)
@@ -208,7 +211,7 @@ def _at_border(lattice: Floats, finer: int, row: Integers, column: Integers, wei
 def descend(
     seen: Seen, levels: tuple[Floats, ...], low: Floats, step: Floats
 ) -> tuple[int, int, float, float, float, Integers, Integers, Floats]:
-    """Find the cells in which the posterior of one capsule lives.
+    """Find the cells that carry the posterior of one capsule.
 
     Parameters
     ----------
