@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from capsbayes.database import Database
 from capsbayes.surrogate import DiffuseApproximation, Surrogate
 from capsbayes.surrogate.branches import Branch
-from capsbayes.surrogate.chart import Chart
+from capsbayes.surrogate.scaling import PlaneScaling
 
 Floats = NDArray[np.float64]
 Predict = Callable[[Floats], Floats]
@@ -55,20 +55,20 @@ def main() -> None:
     name = parser.parse_args().database
     database = Database.read(name) if name.endswith(".nc") else Database.open(name)
     surrogate = Surrogate(database)
-    sheet = surrogate.sheets[0]
-    known, held_out = split(sheet.cases, sheet.branch)
-    chart = sheet.chart
-    methods: dict[str, tuple[Callable[[Database, Chart], Predict], int]] = {
+    part = surrogate.branches[0]
+    known, held_out = split(part.cases, part.branch)
+    scaling = part.scaling
+    methods: dict[str, tuple[Callable[[Database, PlaneScaling], Predict], int]] = {
         "MLS, no table": (moving_least_squares, BATCH),
         "RBF, thin plate": (radial("thin_plate_spline"), SMALL_BATCH),
         "RBF, cubic": (radial("cubic"), SMALL_BATCH),
         "RBF, quintic": (radial("quintic"), SMALL_BATCH),
         "GPR, Matern 5/2": (gaussian_process, SMALL_BATCH),
     }
-    rows = [surrogate_row(surrogate, known, held_out, chart)]
+    rows = [surrogate_row(surrogate, known, held_out, scaling)]
     for method, (learn, batch) in methods.items():
-        predict = learn(known, chart)
-        rows.append(Row(method, *accuracy(predict, held_out, chart), *speed(predict, surrogate, chart, batch)))
+        predict = learn(known, scaling)
+        rows.append(Row(method, *accuracy(predict, held_out, scaling), *speed(predict, surrogate, scaling, batch)))
     Console().print(table(rows, len(known), len(held_out)))
 
 
@@ -83,35 +83,35 @@ def split(cases: Database, branch: Branch) -> tuple[Database, Database]:
     return Database(members.dataset.isel(case=rest)), Database(members.dataset.isel(case=chosen))
 
 
-def surrogate_row(surrogate: Surrogate, known: Database, held_out: Database, chart: Chart) -> Row:
+def surrogate_row(surrogate: Surrogate, known: Database, held_out: Database, scaling: PlaneScaling) -> Row:
     """The surrogate as users call it: table, mask and covariance included in the time."""
     learnt = Surrogate(known)
 
     def predict(points: Floats) -> Floats:
-        ca, size = chart.from_plane(points).T
+        ca, size = scaling.from_plane(points).T
         return learnt({"capillary_number": ca, "size_ratio": size}).values
 
-    rms, largest = accuracy(predict, held_out, chart)
+    rms, largest = accuracy(predict, held_out, scaling)
     theta = dict(zip(("capillary_number", "size_ratio"), some_points(surrogate, BATCH).T, strict=True))
     return Row("surrogate", rms, largest, *timed(lambda: surrogate(theta), BATCH))
 
 
-def moving_least_squares(known: Database, chart: Chart) -> Predict:
-    return DiffuseApproximation(nodes_of(known, chart), values_of(known))
+def moving_least_squares(known: Database, scaling: PlaneScaling) -> Predict:
+    return DiffuseApproximation(nodes_of(known, scaling), values_of(known))
 
 
-def radial(kernel: str) -> Callable[[Database, Chart], Predict]:
-    def learn(known: Database, chart: Chart) -> Predict:
-        return RBFInterpolator(nodes_of(known, chart), values_of(known), kernel=kernel)
+def radial(kernel: str) -> Callable[[Database, PlaneScaling], Predict]:
+    def learn(known: Database, scaling: PlaneScaling) -> Predict:
+        return RBFInterpolator(nodes_of(known, scaling), values_of(known), kernel=kernel)
 
     return learn
 
 
-def gaussian_process(known: Database, chart: Chart) -> Predict:
+def gaussian_process(known: Database, scaling: PlaneScaling) -> Predict:
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
-    nodes, values = nodes_of(known, chart), values_of(known)
+    nodes, values = nodes_of(known, scaling), values_of(known)
     mean, spread = values.mean(axis=0), values.std(axis=0)
     kernel = ConstantKernel(10.0, (1e-2, 1e6)) * Matern([10.0, 10.0], (1.0, 1e4), nu=2.5)
     process = GaussianProcessRegressor(kernel, alpha=1e-10)
@@ -121,17 +121,17 @@ def gaussian_process(known: Database, chart: Chart) -> Predict:
     return lambda points: mean + spread * process.predict(points)
 
 
-def nodes_of(cases: Database, chart: Chart) -> Floats:
-    return chart.to_plane(cases["capillary_number"], cases["size_ratio"])
+def nodes_of(cases: Database, scaling: PlaneScaling) -> Floats:
+    return scaling.to_plane(cases["capillary_number"], cases["size_ratio"])
 
 
 def values_of(cases: Database) -> Floats:
     return np.stack([cases[name] for name in QUANTITIES], axis=1)
 
 
-def accuracy(predict: Predict, held_out: Database, chart: Chart) -> tuple[Floats, Floats]:
+def accuracy(predict: Predict, held_out: Database, scaling: PlaneScaling) -> tuple[Floats, Floats]:
     truth = values_of(held_out)
-    error = (predict(nodes_of(held_out, chart)) - truth) / truth
+    error = (predict(nodes_of(held_out, scaling)) - truth) / truth
     return np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)
 
 
@@ -142,8 +142,8 @@ def some_points(surrogate: Surrogate, count: int) -> Floats:
     return points[surrogate.domain.contains(*points.T)][:count]
 
 
-def speed(predict: Predict, surrogate: Surrogate, chart: Chart, batch: int) -> tuple[float, int]:
-    points = chart.to_plane(*some_points(surrogate, batch).T)
+def speed(predict: Predict, surrogate: Surrogate, scaling: PlaneScaling, batch: int) -> tuple[float, int]:
+    points = scaling.to_plane(*some_points(surrogate, batch).T)
     return timed(lambda: predict(points), batch)
 
 

@@ -141,7 +141,7 @@ def test_maps_show_the_values_of_the_cases(surrogate, draw, names):
 def test_the_filled_contours_cover_the_domain_and_no_more(surrogate):
     ax = velocity_figure(surrogate).axes[0]
     filled = [one for one in ax.collections if hasattr(one, "levels") and one.filled]
-    assert len(filled) == len(surrogate.sheets) == 2
+    assert len(filled) == len(surrogate.branches) == 2
     vertices = np.vstack([path.vertices for one in filled for path in one.get_paths() if len(path.vertices)])
     (low, high), (first, last) = surrogate.domain.bounds
     np.testing.assert_allclose(vertices.min(axis=0), [low, first], rtol=1e-4)

@@ -42,7 +42,7 @@ def test_the_forward_map_gives_the_papers_capsule(surrogate):
 
 
 def test_both_branches_are_there_and_every_case_inside(surrogate, database):
-    assert [sheet.branch.name for sheet in surrogate.sheets] == ["parachute", "convex"]
+    assert [part.branch.name for part in surrogate.branches] == ["parachute", "convex"]
     cases = database.converged
     prediction = surrogate({name: cases[name] for name in ("capillary_number", "size_ratio")})
     assert np.mean(prediction.inside) > 0.99
@@ -56,9 +56,9 @@ def test_both_branches_are_there_and_every_case_inside(surrogate, database):
 def test_the_table_adds_little_to_the_error(surrogate):
     (ca_low, ca_high), (size_low, size_high) = surrogate.domain.bounds
     ca, size = np.random.default_rng(0).uniform([ca_low, size_low], [ca_high, size_high], (4000, 2)).T
-    for sheet in surrogate.sheets:
-        here = sheet.branch.region.contains(ca, size)
-        exact = sheet.approximation(sheet.chart.to_plane(ca[here], size[here]))[:, :3]
+    for part in surrogate.branches:
+        here = part.branch.region.contains(ca, size)
+        exact = part.approximation(part.scaling.to_plane(ca[here], size[here]))[:, :3]
         exact[:, 0] = exact[:, :2].max(axis=1)  # no capsule is longer on the axis than along the flow
         tabulated = surrogate({"capillary_number": ca[here], "size_ratio": size[here]})
         error, sd = np.abs(tabulated.values - exact), np.sqrt(tabulated.covariance[:, range(3), range(3)])

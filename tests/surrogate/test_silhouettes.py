@@ -10,10 +10,10 @@ from capsbayes.database import Database
 from capsbayes.effects import Halo
 from capsbayes.errors import InputError
 from capsbayes.surrogate import Surrogate
+from capsbayes.surrogate.branch_surrogate import OUTLINES, approximation_of
 from capsbayes.surrogate.branches import branches_of
-from capsbayes.surrogate.chart import Chart
 from capsbayes.surrogate.diffuse import leave_one_out
-from capsbayes.surrogate.sheet import OUTLINES, approximation_of
+from capsbayes.surrogate.scaling import PlaneScaling
 
 LARGER = 1.1
 PLACE = {"capillary_number": np.array([0.05]), "size_ratio": np.array([0.9])}
@@ -78,10 +78,10 @@ def test_shipped_silhouettes_are_approximated_as_well_as_mid_plane_outlines():
     """Median and largest root mean square of a case left out, over all branches [l]."""
     database = Database.open("square-neo-hookean")
     cases = database.converged
-    chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
+    scaling = PlaneScaling.of(cases["capillary_number"], cases["size_ratio"])
     errors = {view: [] for view in OUTLINES}
     for branch in branches_of(database):
-        smooth = approximation_of(cases, branch, chart)
+        smooth = approximation_of(cases, branch, scaling)
         for view, name in OUTLINES.items():
             values = cases[name][branch.rows].reshape(len(branch.rows), -1)
             left_out = leave_one_out(replace(smooth, values=values)) - values

@@ -41,8 +41,8 @@ def test_it_gives_the_manufactured_lengths(manufactured_surrogate):
 
 def test_the_table_adds_nothing_to_the_error(manufactured_surrogate):
     ca, size = some_points(manufactured_surrogate)
-    (sheet,) = manufactured_surrogate.sheets
-    exact = sheet.approximation(sheet.chart.to_plane(ca, size))
+    (part,) = manufactured_surrogate.branches
+    exact = part.approximation(part.scaling.to_plane(ca, size))
     assert np.abs(manufactured_surrogate(theta(ca, size)).values - exact[:, :3]).max() < 1e-8
 
 
@@ -102,7 +102,7 @@ def test_no_branch_speaks_for_the_other():
     surrogate = Surrogate(manufactured.two_branches())
     ca, size = some_points(surrogate)
     prediction = surrogate(theta(ca, size), outline=True)
-    gap = surrogate.sheets[0].branch.gap.contains(ca, size)
+    gap = surrogate.branches[0].branch.gap.contains(ca, size)
     convex = manufactured.is_convex(ca, size)
     branch = manufactured.convex_lengths(ca, size)
     expected = np.where(

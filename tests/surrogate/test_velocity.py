@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.surrogate.velocity import VelocityTriangulation
+from capsbayes.surrogate.inverse import VelocityTriangulation
 
 RNG = np.random.default_rng(3)
 POINTS = np.concatenate(

@@ -2,8 +2,8 @@
 
 from capsbayes.surrogate.diffuse import DiffuseApproximation
 from capsbayes.surrogate.domain import DomainOfExistence
-from capsbayes.surrogate.effect_surrogate import EffectSurrogate
 from capsbayes.surrogate.inverse import Inverse, InverseResult, inverse
+from capsbayes.surrogate.joint.surrogate import EffectSurrogate
 from capsbayes.surrogate.surrogate import Surrogate
 
 __all__ = [

@@ -1,40 +1,22 @@
-"""The surrogate: a database of steady shapes as a fast forward model with its own error.
-
-Each branch of steady shapes is a smooth sheet over its part of the (Ca, a/l)
-plane. A query is answered by the sheet whose region it lies in; outside all of
-them there is no answer.
-"""
+"""The surrogate of a database, shipped or one's own, as a fast forward model."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.errors import InputError
 from capsbayes.measured_outline import MID_PLANE, check_view
-from capsbayes.model import ForwardModel
-from capsbayes.prediction import Prediction
-from capsbayes.surrogate.branches import branches_of
-from capsbayes.surrogate.chart import Chart
-from capsbayes.surrogate.domain import DomainOfExistence
-from capsbayes.surrogate.doubts import Doubts
-from capsbayes.surrogate.effect_surrogate import SLICE_CELLS, EffectSurrogate, check_values
-from capsbayes.surrogate.sheet import CELLS, COLUMNS, Sheet, approximation_of
+from capsbayes.surrogate.joint.surrogate import SLICE_CELLS, EffectSurrogate, check_values
+from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
 
 __all__ = ["Surrogate", "joint_surrogate"]
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
-class Surrogate(ForwardModel):
+class Surrogate(PlaneSurrogate):
     """Forward model (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline) over a database.
 
     Parameters
@@ -42,7 +24,7 @@ class Surrogate(ForwardModel):
     database : Database
         Steady shapes, in columns of equal a/l.
     cells : tuple of int
-        Of the tables of its sheets, along sqrt(Ca) and a/l.
+        Number of cells of its tables along sqrt(Ca) and a/l.
     view : str
         Outlines that it predicts: ``"mid-plane"``, in the plane x = 0, or ``"silhouette"``, as in a photograph.
 
@@ -50,11 +32,11 @@ class Surrogate(ForwardModel):
     ----------
     domain : DomainOfExistence
         Where it has an answer.
-    sheets : tuple of Sheet
+    branches : tuple of BranchSurrogate
         One for each branch of steady shapes.
-
     Examples
     --------
+    >>> import numpy as np
     >>> model = Surrogate.open("square-neo-hookean")
     >>> capsule = model.at(capillary_number=0.082, size_ratio=0.96)
     >>> [round(float(value), 2) for value in capsule.values[0]]
@@ -62,31 +44,6 @@ class Surrogate(ForwardModel):
     >>> int(model({"capillary_number": np.array([0.05, 0.5]), "size_ratio": np.array([0.9, 0.9])}).inside.sum())
     1
     """
-
-    database: Database = field()
-    cells: tuple[int, int] = CELLS
-    view: str = MID_PLANE
-    domain: DomainOfExistence = field(init=False, repr=False)
-    sheets: tuple[Sheet, ...] = field(init=False, repr=False)
-    _doubts: Doubts = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "view", check_view(self.view, "Surrogate", "view"))
-        cases = self.database.converged
-        branches = branches_of(self.database)
-        chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
-        object.__setattr__(self, "domain", DomainOfExistence(tuple(branch.region for branch in branches)))
-        smooth = [approximation_of(cases, branch, chart) for branch in branches]
-        rivals = smooth[::-1] if len(branches) == 2 else [None]
-        pairs = zip(branches, rivals, strict=True)
-        sheets = tuple(Sheet(cases, branch, chart, rival, self.cells, self.view) for branch, rival in pairs)
-        object.__setattr__(self, "sheets", sheets)
-        object.__setattr__(self, "_doubts", Doubts.of(cases, chart))
-        attributes = self.database.dataset.attrs
-        name = re.sub(r"[^a-z0-9]+", "-", f"{attributes['section']}-{attributes['law']}".lower())
-        object.__setattr__(self, "name", name + ("" if self.view == MID_PLANE else f" ({self.view}s)"))
-        object.__setattr__(self, "sha256", self.database.sha256)
-        object.__setattr__(self, "cross_section", attributes["section"])
 
     @classmethod
     def open(cls, source: str | Path, *, view: str = MID_PLANE) -> Surrogate | EffectSurrogate:
@@ -147,68 +104,9 @@ class Surrogate(ForwardModel):
             database, tuple(slices.values()), slices[database.null_value] if plain is None else plain
         )
 
-    def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outside the domain NaN, with ``inside`` False.
-
-        Parameters
-        ----------
-        theta : mapping
-            ``"capillary_number"`` and ``"size_ratio"``, arrays (n,) [-].
-        outline : bool
-            Whether to predict the outlines of its view too.
-        """
-        self.check_names(theta)
-        ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
-        values, covariance = np.full((len(COLUMNS), len(ca)), np.nan), np.full((len(ca), 3, 3), np.nan)
-        inside = np.zeros(len(ca), dtype=np.bool_)
-        for sheet in self.sheets:
-            sheet.predict(ca, size, values.T, covariance, inside)
-        shapes = self._outlines(ca, size) if outline else None
-        return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
-
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
-        """Return by kind whether a caveat concerns each point of a batch : (n,) arrays."""
-        return self._doubts(*_pair(theta["capillary_number"], theta["size_ratio"]))
-
-    def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals.
-
-        Returns
-        -------
-        (k, p) array [l]
-            Each one standard deviation.
-
-        Raises
-        ------
-        OutsideDatabaseError
-            When the point lies outside the domain.
-        """
-        self.check_names(theta)
-        point = theta["capillary_number"], theta["size_ratio"]
-        for sheet in self.sheets:
-            if sheet.branch.region.contains(np.array(point[:1]), np.array(point[1:]))[0]:
-                return sheet.outline_modes(*point)
-        raise self._outside(theta)
-
     def joined(self, effect_database: str) -> EffectSurrogate:
         """Return the model with a shipped effect database as a further coordinate, and this one as its base."""
         return joint_surrogate(effect_database, self, self.view)
-
-    def gradient(self, *, capillary_number: ArrayLike, size_ratio: ArrayLike) -> Floats:
-        """Derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) : (n, 3, 2) array, NaN outside the domain."""
-        ca, size = _pair(capillary_number, size_ratio)
-        gradient = np.full((len(ca), 3, 2), np.nan)
-        for sheet in self.sheets:
-            here = sheet.branch.region.contains(ca, size)
-            gradient[here] = sheet.slopes(ca[here], size[here])
-        return gradient
-
-    def _outlines(self, ca: Floats, size: Floats) -> Floats:
-        outlines = np.full((len(ca), self.database.dataset.sizes["point"], 2), np.nan)
-        for sheet in self.sheets:
-            here = sheet.branch.region.contains(ca, size)
-            outlines[here] = sheet.outlines(ca[here], size[here])
-        return outlines
 
 
 @lru_cache(maxsize=16)
@@ -228,8 +126,3 @@ def joint_surrogate(effect_database: str, base: Surrogate | None, view: str) -> 
         found = Surrogate.from_database(Database.open(effect_database), base=base, view=view)
     assert isinstance(found, EffectSurrogate), "an effect database"
     return found
-
-
-def _pair(capillary_number: ArrayLike, size_ratio: ArrayLike) -> tuple[Floats, Floats]:
-    ca, size = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio))
-    return np.ascontiguousarray(ca, np.float64), np.ascontiguousarray(size, np.float64)

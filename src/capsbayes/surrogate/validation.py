@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.database import Database
+from capsbayes.surrogate.branch_surrogate import approximation_of
 from capsbayes.surrogate.branches import CONVEX, branches_of
-from capsbayes.surrogate.chart import Chart
 from capsbayes.surrogate.diffuse import DiffuseApproximation, each_left_out
 from capsbayes.surrogate.inverse import DISTANCE_WEIGHTS, Inverse, inverse, rotated
-from capsbayes.surrogate.newton import solve
-from capsbayes.surrogate.sheet import approximation_of
+from capsbayes.surrogate.inversion import solve
+from capsbayes.surrogate.scaling import PlaneScaling
 
 __all__ = ["CHOICES", "PAPER_CASES", "PAPER_ERRORS", "PARAMETERS", "STRETCH_LIMIT", "LeaveOneOut"]
 __all__ += ["Summary", "even_subset", "validate_forward_map", "validate_inverse"]
@@ -114,13 +114,13 @@ def validate_forward_map(database: Database) -> LeaveOneOut:
     lengths exactly, the nearest one in least squares is the answer.
     """
     cases = database.converged
-    chart = Chart.of(cases["capillary_number"], cases["size_ratio"])
+    scaling = PlaneScaling.of(cases["capillary_number"], cases["size_ratio"])
     answers = np.full((len(cases), 3), np.nan)
     for branch in branches_of(database):
-        whole = approximation_of(cases, branch, chart)
+        whole = approximation_of(cases, branch, scaling)
         for row, i, rest in zip(branch.rows, range(len(branch.rows)), each_left_out(whole), strict=True):
             point = _searched(rest, whole.values[i, :2])
-            answers[row, :2] = chart.from_plane(point)
+            answers[row, :2] = scaling.from_plane(point)
             answers[row, 2] = rest(point[None])[0, 2]
     return _study("forward map", database, answers)
 

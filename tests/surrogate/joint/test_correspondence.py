@@ -1,10 +1,10 @@
-"""Corresponding points have the same place between the borders of their sheet."""
+"""Corresponding points have the same place between the borders of their branch."""
 
 import numpy as np
 import pytest
 
-from capsbayes.surrogate.effect_kernel import moved_along
-from capsbayes.surrogate.registration import Borders, matched, moving_borders, place
+from capsbayes.surrogate.joint.correspondence import Borders, matched, moving_borders, place
+from capsbayes.surrogate.joint.kernel import moved_along
 
 COLUMNS = np.array([0.8, 0.9, 1.0])
 PARACHUTE, CONVEX, NONE = 0, 1, -1
@@ -21,12 +21,12 @@ KNOTS = np.array([0.0, 0.02, 0.05])
 
 def placed(ca, size, distance, cubics):
     position = np.full(4, np.nan)
-    sheet, column = place(ca, size, distance, COLUMNS, cubics, position)
-    return sheet, column, *position[:2]
+    branch, column = place(ca, size, distance, COLUMNS, cubics, position)
+    return branch, column, *position[:2]
 
 
 @pytest.mark.parametrize(
-    ("ca", "size", "sheet", "column", "position"),
+    ("ca", "size", "branch", "column", "position"),
     [
         (0.010, 0.80, CONVEX, 0, (0.5, 0.0)),
         (0.005, 0.85, CONVEX, 0, (0.0, 0.5)),
@@ -35,9 +35,9 @@ def placed(ca, size, distance, cubics):
         (0.0625, 0.95, PARACHUTE, 1, (0.5, 0.5)),
     ],
 )
-def test_a_point_has_a_place_on_its_sheet(ca, size, sheet, column, position):
+def test_a_point_has_a_place_on_its_branch(ca, size, branch, column, position):
     cubics = moving_borders(KNOTS, SLICES, 0, SLICES[0])[0]
-    assert placed(ca, size, 0.0, cubics) == pytest.approx((sheet, column, *position))
+    assert placed(ca, size, 0.0, cubics) == pytest.approx((branch, column, *position))
 
 
 @pytest.mark.parametrize(

@@ -10,23 +10,23 @@ from scipy.spatial import KDTree
 
 from capsbayes.database import LOST_FROM_REST, SNAP_THROUGH, Database
 from capsbayes.model import TWO_SHAPES, WRINKLES
-from capsbayes.surrogate.chart import Chart
 from capsbayes.surrogate.domain import Region
+from capsbayes.surrogate.scaling import PlaneScaling
 
-__all__ = ["Doubts"]
+__all__ = ["Caveats"]
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Doubts:
+class Caveats:
     """What the cases leave open.
 
     Parameters
     ----------
     two_shapes : Region or None
         Where it is not known which shape is reached from rest, or another than that is stable too.
-    chart : Chart
+    scaling : PlaneScaling
         In whose plane the nearest case is sought.
     cases : (c, 2) array
         Cases in that plane.
@@ -35,15 +35,15 @@ class Doubts:
     """
 
     two_shapes: Region | None
-    chart: Chart
+    scaling: PlaneScaling
     cases: Floats
     wrinkled: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, cases: Database, chart: Chart) -> Doubts:
+    def of(cls, cases: Database, scaling: PlaneScaling) -> Caveats:
         """Those of converged cases."""
-        places = chart.to_plane(cases["capillary_number"], cases["size_ratio"])
-        return cls(_two_shapes(cases), chart, places, np.asarray(cases["wrinkling_rate"] > 0.0))
+        places = scaling.to_plane(cases["capillary_number"], cases["size_ratio"])
+        return cls(_two_shapes(cases), scaling, places, np.asarray(cases["wrinkling_rate"] > 0.0))
 
     def __call__(self, capillary_number: Floats, size_ratio: Floats) -> dict[str, NDArray[np.bool_]]:
         """By kind of doubt, whether it concerns each point : (n,) arrays."""
@@ -51,7 +51,7 @@ class Doubts:
         if self.two_shapes is not None:
             found[TWO_SHAPES] = self.two_shapes.contains(capillary_number, size_ratio)
         if self.wrinkled.any():
-            places = self.chart.to_plane(capillary_number, size_ratio)
+            places = self.scaling.to_plane(capillary_number, size_ratio)
             known: NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=1))
             nearest = np.asarray(KDTree(self.cases).query(np.where(known[:, None], places, 0.0))[1])
             found[WRINKLES] = np.logical_and(known, self.wrinkled[nearest])

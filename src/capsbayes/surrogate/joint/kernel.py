@@ -11,7 +11,7 @@ the query's own Ca, or at the border next to it, as it depends on the shape and
 some borders move far with an effect; near a limit of existence, at the same
 share of it. At the null value, where w is one for the
 null slice alone, the prediction is the base. Where base or null slice do not
-have the sheet, the slices stand alone.
+have the branch, the slices stand alone.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from capsbayes.surrogate.registration import border, place
-from capsbayes.surrogate.sheet import bilinear
+from capsbayes.surrogate.branch_surrogate import bilinear
+from capsbayes.surrogate.joint.correspondence import border, place
 from capsbayes.surrogate.table import hermite
 
 __all__ = ["Stack", "Weighing", "corresponding", "covered", "evaluate", "located", "moved_along"]
@@ -40,16 +40,16 @@ class Stack(NamedTuple):
     Parameters
     ----------
     frames : (2, k, 6) array
-        For each sheet what `Sheet.frame` says.
+        For each branch what `BranchSurrogate.frame` says.
     rows : int
         Number i of lattice points of a table along sqrt(Ca).
     coefficients : (2 k i, j, 4, q) array
-        The tables one behind the other, sheet by sheet: taking one out of an array costs as much as reading it.
+        The tables one behind the other, branch by branch: taking one out of an array costs as much as reading it.
     errors : (2 k i, j, 3, 3) array
     borders : (k, 3, c) array
         Lowest Ca, division, highest Ca in each column.
     known : (2, k, c - 1) bool array
-        Which of them have a sheet between two columns.
+        Which of them have a branch between two columns.
     """
 
     frames: Floats
@@ -72,11 +72,11 @@ class Weighing(NamedTuple):
     columns : (c,) array
         Columns of a/l.
     borders : (k - 1, 4, 3, c) array
-        Borders of the sheets as functions of the effect, see `moving_borders`.
+        Borders of the branches as functions of the effect, see `moving_borders`.
     folds : (k - 1, c - 1) bool array
         Whether the highest Ca is a limit of existence for both slices and for the base, between two columns.
     which : (2, c - 1) int array
-        Row of the following arrays to use for each sheet between two columns, -1 for none.
+        Row of the following arrays to use for each branch between two columns, -1 for none.
     cubics, left_out, ends : (m, k - 1, ...) arrays
         See `CardinalCubics`.
     """
@@ -94,7 +94,7 @@ class Weighing(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def located(ca, size, effect, weighing, position):  # type: ignore[no-untyped-def]
-    """Interval of the effect, sheet, column and row of the weights for one point; the last is -1 outside the domain."""
+    """Return interval of the effect, branch, column and row of the weights for one point; row -1 outside the domain."""
     knots = weighing.knots
     if not (knots[0] <= effect <= knots[-1]):
         return 0, 0, 0, -1
@@ -102,15 +102,15 @@ def located(ca, size, effect, weighing, position):  # type: ignore[no-untyped-de
     while interval < len(knots) - 2 and effect >= knots[interval + 1]:
         interval += 1
     distance = effect - knots[interval]
-    sheet, column = place(ca, size, distance, weighing.columns, weighing.borders[interval], position)
-    if sheet < 0:
+    branch, column = place(ca, size, distance, weighing.columns, weighing.borders[interval], position)
+    if branch < 0:
         return interval, 0, column, -1
-    row = weighing.which[sheet, column]
+    row = weighing.which[branch, column]
     if row >= 0 and np.isnan(weighing.ends[row, interval, 0]):
         if distance > 0.0 or interval == 0 or np.isnan(weighing.ends[row, interval - 1, 0]):
-            return interval, sheet, column, -1
-        interval -= 1  # exactly on the last slice that has the sheet
-    return interval, sheet, column, row
+            return interval, branch, column, -1
+        interval -= 1  # exactly on the last slice that has the branch
+    return interval, branch, column, row
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -132,9 +132,9 @@ def _weigh(effect, interval, row, weighing, weights):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _ends(j, sheet, column, share, stack):  # type: ignore[no-untyped-def]
-    """Lowest and highest Ca of a sheet of surrogate j, between two columns."""
-    below, above = (1, 2) if sheet == 0 else (0, 1)
+def _ends(j, branch, column, share, stack):  # type: ignore[no-untyped-def]
+    """Lowest and highest Ca of a branch of surrogate j, between two columns."""
+    below, above = (1, 2) if branch == 0 else (0, 1)
     borders = stack.borders
     low = (1.0 - share) * borders[j, below, column] + share * borders[j, below, column + 1]
     high = (1.0 - share) * borders[j, above, column] + share * borders[j, above, column + 1]
@@ -164,59 +164,59 @@ def _steep(x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _there(j, sheet, column, position, stack):  # type: ignore[no-untyped-def]
+def _there(j, branch, column, position, stack):  # type: ignore[no-untyped-def]
     """Ca at which surrogate j has the point that corresponds."""
-    low, high = _ends(j, sheet, column, position[1], stack)
+    low, high = _ends(j, branch, column, position[1], stack)
     return moved_along(position[0], position[2], position[3], low, high)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _within_base(ca, distance, interval, sheet, column, share, weighing, base, own):  # type: ignore[no-untyped-def]
+def _within_base(ca, distance, interval, branch, column, share, weighing, base, own):  # type: ignore[no-untyped-def]
     """Fill in the position (4,) between the borders of the base of the query's own Ca, or of the nearest of them.
 
     Where a fold moves with the effect, the Ca of parachutes is taken over that of the fold.
     """
     there = ca
-    low, high = _ends(0, sheet, column, share, base)
-    if sheet == 0 and weighing.folds[interval, column]:
+    low, high = _ends(0, branch, column, share, base)
+    if branch == 0 and weighing.folds[interval, column]:
         there *= high / border(weighing.borders[interval], 2, column, share, distance)
     own[0], own[1] = min(max((there - low) / max(high - low, 1e-300), 0.0), 1.0), share
     own[2], own[3] = low, high
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _read(j, sheet, column, position, size, stack, value, no_slopes, error):  # type: ignore[no-untyped-def]
+def _read(j, branch, column, position, size, stack, value, no_slopes, error):  # type: ignore[no-untyped-def]
     """Fill in value (q,) and error (3, 3) of surrogate j at the point that corresponds."""
     frames, rows = stack.frames, stack.rows
-    x = (np.sqrt(_there(j, sheet, column, position, stack)) / frames[sheet, j, 0] - frames[sheet, j, 2]) / frames[
-        sheet, j, 4
+    x = (np.sqrt(_there(j, branch, column, position, stack)) / frames[branch, j, 0] - frames[branch, j, 2]) / frames[
+        branch, j, 4
     ]
-    y = (size / frames[sheet, j, 1] - frames[sheet, j, 3]) / frames[sheet, j, 5]
-    x = min(max(x, 0.0), rows - 1.000000001) + rows * (sheet * frames.shape[1] + j)  # never in the next table
+    y = (size / frames[branch, j, 1] - frames[branch, j, 3]) / frames[branch, j, 5]
+    x = min(max(x, 0.0), rows - 1.000000001) + rows * (branch * frames.shape[1] + j)  # never in the next table
     hermite(x, y, stack.coefficients, value, no_slopes)
     bilinear(x, y, stack.errors, error)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def corresponding(ca, size, effect, stack, base, weighing, sheets, places, weights):  # type: ignore[no-untyped-def]
-    """Fill in for each point its sheet (n,), -1 outside, and Ca and weight (n, k + 2).
+def corresponding(ca, size, effect, stack, base, weighing, branches, places, weights):  # type: ignore[no-untyped-def]
+    """Fill in for each point its branch (n,), -1 outside, and Ca and weight (n, k + 2).
 
     Those of each slice, of the null slice as it is taken away, and of the base.
     """
     position, own, count = np.empty(4), np.empty(4), len(weighing.knots)
     for n in range(len(ca)):
-        interval, sheet, column, row = located(ca[n], size[n], effect[n], weighing, position)
-        sheets[n] = sheet if row >= 0 else -1
+        interval, branch, column, row = located(ca[n], size[n], effect[n], weighing, position)
+        branches[n] = branch if row >= 0 else -1
         if row < 0:
             continue
         _weigh(effect[n], interval, row, weighing, weights[n, :count])
         for j in range(count):
-            places[n, j] = _there(j, sheet, column, position, stack)
-        corrected = base.known[sheet, 0, column] and stack.known[sheet, weighing.null, column]
+            places[n, j] = _there(j, branch, column, position, stack)
+        corrected = base.known[branch, 0, column] and stack.known[branch, weighing.null, column]
         distance = effect[n] - weighing.knots[interval]
-        _within_base(ca[n], distance, interval, sheet, column, position[1], weighing, base, own)
-        places[n, count] = _there(weighing.null, sheet, column, own, stack)
-        places[n, count + 1] = _there(0, sheet, column, own, base)
+        _within_base(ca[n], distance, interval, branch, column, position[1], weighing, base, own)
+        places[n, count] = _there(weighing.null, branch, column, own, stack)
+        places[n, count + 1] = _there(0, branch, column, own, base)
         weights[n, count] = -1.0 if corrected else 0.0
         weights[n, count + 1] = 1.0 if corrected else 0.0
         if corrected and abs(places[n, count] - places[n, weighing.null]) < 1e-12:  # one place: one reading, or none
@@ -239,24 +239,24 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     position, own, weights, no_slopes = np.empty(4), np.empty(4), np.empty(count), np.empty((0, 2))
     found, of_base, of_null, error = np.zeros((count, q)), np.empty(q), np.empty(q), np.empty((3, 3))
     for n in range(len(ca)):
-        interval, sheet, column, row = located(ca[n], size[n], effect[n], weighing, position)
+        interval, branch, column, row = located(ca[n], size[n], effect[n], weighing, position)
         if row < 0:
             continue
         _weigh(effect[n], interval, row, weighing, weights)
         left_out, total = weighing.left_out[row, interval], covariance[n]
         values[n] = 0.0
         total[:] = 0.0
-        corrected = base.known[sheet, 0, column] and stack.known[sheet, null, column]
+        corrected = base.known[branch, 0, column] and stack.known[branch, null, column]
         if corrected:
             distance = effect[n] - weighing.knots[interval]
-            _within_base(ca[n], distance, interval, sheet, column, position[1], weighing, base, own)
-            _read(null, sheet, column, own, size[n], stack, of_null, no_slopes, error)
-            _read(0, sheet, column, own, size[n], base, of_base, no_slopes, total)
+            _within_base(ca[n], distance, interval, branch, column, position[1], weighing, base, own)
+            _read(null, branch, column, own, size[n], stack, of_null, no_slopes, error)
+            _read(0, branch, column, own, size[n], base, of_base, no_slopes, total)
             values[n] = of_base - of_null
         for j in range(count):
             if weights[j] == 0.0 and left_out[0, j] == 0.0 and left_out[1, j] == 0.0:
                 continue
-            _read(j, sheet, column, position, size[n], stack, found[j], no_slopes, error)
+            _read(j, branch, column, position, size[n], stack, found[j], no_slopes, error)
             for k in range(q):
                 values[n, k] += weights[j] * found[j, k]
             weight = weights[j] - 1.0 if corrected and j == null else weights[j]

@@ -20,13 +20,13 @@ from capsbayes.errors import DatabaseError
 from capsbayes.measured_outline import MID_PLANE, SILHOUETTE
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.branches import Branch
-from capsbayes.surrogate.chart import Chart
 from capsbayes.surrogate.diffuse import DiffuseApproximation, leave_one_out
 from capsbayes.surrogate.domain import Region, inside_borders
 from capsbayes.surrogate.own_error import OwnError, mesh_error_of
+from capsbayes.surrogate.scaling import PlaneScaling
 from capsbayes.surrogate.table import HermiteTable, hermite
 
-__all__ = ["COLUMNS", "Sheet", "approximation_of", "bilinear"]
+__all__ = ["COLUMNS", "BranchSurrogate", "approximation_of", "bilinear"]
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases 
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class BranchSurrogate:
     """Fast forward map of one branch.
 
     Parameters
@@ -47,7 +47,7 @@ class Sheet:
         The converged cases.
     branch : Branch
         Which of them belong to the sheet, and the region it stands for.
-    chart : Chart
+    scaling : PlaneScaling
         Coordinates of the approximation.
     rival : DiffuseApproximation, optional
         The other branch: in the gap between the two, their difference is part of the error.
@@ -59,7 +59,7 @@ class Sheet:
 
     cases: Database
     branch: Branch
-    chart: Chart
+    scaling: PlaneScaling
     rival: DiffuseApproximation | None = None
     cells: tuple[int, int] = CELLS
     view: str = MID_PLANE
@@ -71,15 +71,15 @@ class Sheet:
 
     def __post_init__(self) -> None:
         region, rows = self.branch.region, self.branch.rows
-        lattice, wanted = _lattice(region, self.chart, self.cells)
+        lattice, wanted = _lattice(region, self.scaling, self.cells)
         try:
-            approximation = approximation_of(self.cases, self.branch, self.chart).covering(_scouts(lattice, wanted))
+            approximation = approximation_of(self.cases, self.branch, self.scaling).covering(_scouts(lattice, wanted))
         except ValueError as error:
             raise DatabaseError(f"the {self.branch.name} cases cannot be approximated: {error}") from error
         low, high = lattice[0, 0], lattice[-1, -1]
         outlines = self.cases[OUTLINES[self.view]][rows].reshape(len(rows), -1)
         table = HermiteTable.of(approximation.with_gradient, low, high, cells=self.cells, wanted=wanted)
-        steps = (self.chart.ca_step, self.chart.size_step, *table.origin, *table.step)
+        steps = (self.scaling.ca_step, self.scaling.size_step, *table.origin, *table.step)
         made = {
             "approximation": approximation,
             "table": table,
@@ -98,7 +98,7 @@ class Sheet:
         mesh = mesh_error_of(self.cases.dataset.attrs) * values
         covariance[..., range(3), range(3)] += mesh**2 + FLOOR**2
         if self.rival is not None and self.branch.gap is not None:
-            ca, size = self.chart.from_plane(lattice.reshape(-1, 2)).T.copy()
+            ca, size = self.scaling.from_plane(lattice.reshape(-1, 2)).T.copy()
             doubtful = self.branch.gap.contains(ca, size).reshape(wanted.shape) & wanted
             points = lattice[doubtful]
             jump = self.rival(points)[:, :3] - values[doubtful]
@@ -113,17 +113,17 @@ class Sheet:
 
     @property
     def frame(self) -> tuple[float, ...]:
-        """Steps of the chart along sqrt(Ca) and a/l, origin of the table (2), its steps (2)."""
+        """Steps of the scaling along sqrt(Ca) and a/l, origin of the table (2), its steps (2)."""
         return self._frame[3:]
 
     def slopes(self, ca: Floats, size: Floats) -> Floats:
         """Derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) at points of the region : (n, 3, 2) array."""
-        by_plane = self.table.with_gradient(self.chart.to_plane(ca, size))[1][:, :3]
-        return by_plane * self.chart.slopes(ca)[:, None, :]
+        by_plane = self.table.with_gradient(self.scaling.to_plane(ca, size))[1][:, :3]
+        return by_plane * self.scaling.slopes(ca)[:, None, :]
 
     def outlines(self, ca: Floats, size: Floats) -> Floats:
         """Outlines at points of the region : (n, p, 2) array."""
-        return self._outlines(self.chart.to_plane(ca, size)).reshape(len(ca), self._outlines.values.shape[1] // 2, 2)
+        return self._outlines(self.scaling.to_plane(ca, size)).reshape(len(ca), self._outlines.values.shape[1] // 2, 2)
 
     def outline_modes(self, ca: float, size: float) -> Floats:
         """Own error of the outline at one point, as displacements along its normals : (k, p) array.
@@ -131,7 +131,7 @@ class Sheet:
         Independent of each other, each one standard deviation: those of left-out cases around, as far as they count
         there, and the mesh's, as a stretch along the flow and, in the mid-plane, of the rear on the axis.
         """
-        place = self.chart.to_plane(np.array([ca]), np.array([size]))
+        place = self.scaling.to_plane(np.array([ca]), np.array([size]))
         outline = self.outlines(np.array([ca]), np.array([size]))[0]
         normal = vertex_normals(outline)
         shares = self._own_error.shares(place)[0]
@@ -158,23 +158,23 @@ class Sheet:
         return np.asarray(np.nan_to_num(np.sum(away * normals, axis=-1)))
 
 
-def approximation_of(cases: Database, branch: Branch, chart: Chart) -> DiffuseApproximation:
+def approximation_of(cases: Database, branch: Branch, scaling: PlaneScaling) -> DiffuseApproximation:
     """Moving least squares of (L_z, L_a, v_o/U, Lambda) over one branch, of a degree that its cases can bear."""
     rows = branch.rows
-    nodes = chart.to_plane(cases["capillary_number"][rows], cases["size_ratio"][rows])
+    nodes = scaling.to_plane(cases["capillary_number"][rows], cases["size_ratio"][rows])
     values = np.stack([cases[name][rows] for name in COLUMNS], axis=1)
     columns = len(branch.region.size_ratio)
     degree, neighbours = next((d, k) for fewest, d, k in BASES if len(rows) >= fewest and columns > d)
     return DiffuseApproximation(nodes, values, degree=degree, neighbours=min(neighbours, len(rows) - 2))
 
 
-def _lattice(region: Region, chart: Chart, cells: tuple[int, int]) -> tuple[Floats, NDArray[np.bool_]]:
+def _lattice(region: Region, scaling: PlaneScaling, cells: tuple[int, int]) -> tuple[Floats, NDArray[np.bool_]]:
     """Points of the table's lattice (i, j, 2), and which of them lie in the region or within two cells of it."""
     ends = region.lowest.min(), region.highest.max()
-    low, high = chart.to_plane(np.array(ends), region.size_ratio[[0, -1]])
+    low, high = scaling.to_plane(np.array(ends), region.size_ratio[[0, -1]])
     axes = [np.linspace(low[k], high[k], cells[k] + 1) for k in range(2)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    ca, size = chart.from_plane(lattice.reshape(-1, 2)).T
+    ca, size = scaling.from_plane(lattice.reshape(-1, 2)).T
     size = np.clip(size, region.size_ratio[0], region.size_ratio[-1])  # rounding must not push the outer rows out
     inside = region.contains(np.ascontiguousarray(ca), size).reshape(lattice.shape[:2])
     return lattice, binary_dilation(inside, np.ones((5, 5), dtype=bool))

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,14 +20,12 @@ from capsbayes.errors import DatabaseError
 from capsbayes.model import CoordinateRange, ForwardModel
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
-from capsbayes.surrogate.cardinal import FEWEST_KNOTS, CardinalCubics
-from capsbayes.surrogate.effect_domain import EffectDomain
-from capsbayes.surrogate.effect_kernel import Stack, Weighing, corresponding, evaluate, located
-from capsbayes.surrogate.registration import SHEETS, Borders, common_folds, matched, moving_borders
-from capsbayes.surrogate.sheet import COLUMNS
-
-if TYPE_CHECKING:
-    from capsbayes.surrogate.surrogate import Surrogate
+from capsbayes.surrogate.branch_surrogate import COLUMNS
+from capsbayes.surrogate.joint.cardinal import FEWEST_KNOTS, CardinalCubics
+from capsbayes.surrogate.joint.correspondence import BRANCHES, Borders, common_folds, matched, moving_borders
+from capsbayes.surrogate.joint.domain import EffectDomain
+from capsbayes.surrogate.joint.kernel import Stack, Weighing, corresponding, evaluate, located
+from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
 
 __all__ = ["SLICE_CELLS", "EffectSurrogate", "check_values"]
 
@@ -46,28 +43,28 @@ class EffectSurrogate(ForwardModel):
     ----------
     effect_database : Database
         Steady shapes at a few values of one parameter.
-    base : Surrogate, optional
+    base : PlaneSurrogate, optional
         Of a finer mesh at the null value; by default the null slice itself.
 
     Attributes
     ----------
-    slices : tuple of Surrogate
+    slices : tuple of PlaneSurrogate
         One for each value.
     domain : EffectDomain
         Where it has an answer; for parachutes and for convex shapes alike between values that have them.
     """
 
     effect_database: Database
-    slices: tuple[Surrogate, ...] = field(repr=False)
-    base: Surrogate = field(repr=False)
+    slices: tuple[PlaneSurrogate, ...] = field(repr=False)
+    base: PlaneSurrogate = field(repr=False)
     domain: EffectDomain = field(init=False, repr=False)
     _stack: Stack = field(init=False, repr=False)
     _base_stack: Stack = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         database, slices, base = self.effect_database, self.slices, self.base
-        if base.database.dataset.attrs["section"] != database.dataset.attrs["section"]:
-            expected = f"a {database.dataset.attrs['section']} section"
+        if base.cross_section != database.dataset.attrs["section"]:
+            expected = f"a {database.dataset.attrs['section']} cross-section"
             raise DatabaseError(f"base of {database.effect!r}: expected {expected}, got {base.name}")
         values, null = database.values, int(np.searchsorted(database.values, database.null_value))
         columns = _common_columns([*slices, base])
@@ -142,7 +139,7 @@ class EffectSurrogate(ForwardModel):
         interval, _, _, row = located(ca[0], size[0], effect[0], weighing, np.empty(4))
         if row < 0:
             raise self._outside(theta)
-        sheets, places, weights = self._corresponding(ca, size, effect)
+        branches, places, weights = self._corresponding(ca, size, effect)
         normal = vertex_normals(self._outlines(ca, size, effect)[0])
         left_out, (first, last) = weighing.left_out[row, interval], weighing.ends[row, interval]
         corrected = weights[0, -1] != 0.0
@@ -151,10 +148,10 @@ class EffectSurrogate(ForwardModel):
         own[weighing.null] += weights[0, -2]  # the same error in both places
         modes, along = [], np.zeros((len(needed), len(normal)))
         for j in np.flatnonzero(needed):
-            sheet = next(one for one in self._surrogates[j].sheets if one.branch.name == SHEETS[sheets[0]])
-            along[j] = np.sum(sheet.outlines(places[:, j], size)[0] * normal, axis=1)
+            part = next(one for one in self._surrogates[j].branches if one.branch.name == BRANCHES[branches[0]])
+            along[j] = np.sum(part.outlines(places[:, j], size)[0] * normal, axis=1)
             if own[j] != 0.0:
-                modes.append(own[j] * sheet.outline_modes(places[0, j], size[0]))
+                modes.append(own[j] * part.outline_modes(places[0, j], size[0]))
         bump = 4.0 * (effect[0] - first) * (last - effect[0]) / (last - first) ** 2
         far = (effect[0] - weighing.knots[weighing.null]) / np.ptp(weighing.knots)
         return np.concatenate([*modes, bump * left_out @ along[:-2], far * (along[-1] - along[-2])[None]])
@@ -179,25 +176,25 @@ class EffectSurrogate(ForwardModel):
         return [np.array(array, np.float64) for array in np.broadcast_arrays(*arrays)]
 
     @property
-    def _surrogates(self) -> list[Surrogate]:
+    def _surrogates(self) -> list[PlaneSurrogate]:
         """Slices, null slice as it is taken away, base."""
         return [*self.slices, self.slices[self.domain.weighing.null], self.base]
 
     def _corresponding(self, ca: Floats, size: Floats, effect: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Sheet (n,), and Ca and weight (n, k + 2) of each of `_surrogates`."""
-        sheets, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(self.slices) + 2))
+        """BranchSurrogate (n,), and Ca and weight (n, k + 2) of each of `_surrogates`."""
+        branches, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(self.slices) + 2))
         places = np.empty_like(weights)
-        corresponding(ca, size, effect, self._stack, self._base_stack, self.domain.weighing, sheets, places, weights)
-        return sheets, places, weights
+        corresponding(ca, size, effect, self._stack, self._base_stack, self.domain.weighing, branches, places, weights)
+        return branches, places, weights
 
     def _outlines(self, ca: Floats, size: Floats, effect: Floats) -> Floats:
-        sheets, places, weights = self._corresponding(ca, size, effect)
+        branches, places, weights = self._corresponding(ca, size, effect)
         outlines = np.full((len(ca), self.effect_database.dataset.sizes["point"], 2), np.nan)
-        outlines[sheets >= 0] = 0.0
+        outlines[branches >= 0] = 0.0
         for j, surrogate in enumerate(self._surrogates):
-            for sheet in surrogate.sheets:
-                here = (sheets == SHEETS.index(sheet.branch.name)) & (weights[:, j] != 0.0)
-                outlines[here] += weights[here, j, None, None] * sheet.outlines(places[here, j], size[here])
+            for part in surrogate.branches:
+                here = (branches == BRANCHES.index(part.branch.name)) & (weights[:, j] != 0.0)
+                outlines[here] += weights[here, j, None, None] * part.outlines(places[here, j], size[here])
         return outlines
 
 
@@ -209,9 +206,9 @@ def check_values(database: Database) -> None:
         raise DatabaseError(f"effect database: expected {expected}, got {', '.join(f'{value:g}' for value in values)}")
 
 
-def _common_columns(surrogates: list[Surrogate]) -> Floats:
+def _common_columns(surrogates: list[PlaneSurrogate]) -> Floats:
     """Every column of a/l of any surrogate that lies within the columns of all of them."""
-    regions = [[sheet.branch.region.size_ratio for sheet in one.sheets] for one in surrogates]
+    regions = [[part.branch.region.size_ratio for part in one.branches] for one in surrogates]
     first = max(min(columns[0] for columns in several) for several in regions)
     last = min(max(columns[-1] for columns in several) for several in regions)
     every = np.unique(np.round(np.concatenate([columns for several in regions for columns in several]), 6))
@@ -219,8 +216,8 @@ def _common_columns(surrogates: list[Surrogate]) -> Floats:
 
 
 def _cardinal(knots: Floats, borders: list[Borders]) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
-    """Which weights hold for each sheet between each two columns, and the weights for each set of known slices."""
-    known = np.stack([one.known for one in borders], axis=-1)  # (sheet, column, slice)
+    """Which weights hold for each branch between each two columns, and the weights for each set of known slices."""
+    known = np.stack([one.known for one in borders], axis=-1)  # (branch, column, slice)
     enough = known.sum(axis=-1) >= FEWEST_KNOTS
     sets, which = np.unique(known[enough], axis=0, return_inverse=True)
     cardinal = [CardinalCubics(knots, one) for one in sets]
@@ -232,17 +229,17 @@ def _cardinal(knots: Floats, borders: list[Borders]) -> tuple[NDArray[np.int64],
     return rows, cubics, left_out, ends
 
 
-def _stacked(surrogates: Sequence[Surrogate], borders: Sequence[Borders]) -> Stack:
+def _stacked(surrogates: Sequence[PlaneSurrogate], borders: Sequence[Borders]) -> Stack:
     cells = tuple(count + 1 for count in surrogates[0].cells)
-    shape = (len(SHEETS), len(surrogates))
+    shape = (len(BRANCHES), len(surrogates))
     frames = np.ones((*shape, 6))
     coefficients = np.full((*shape, *cells, 4, len(COLUMNS)), np.nan)
     errors = np.full((*shape, *cells, 3, 3), np.nan)
     for j, surrogate in enumerate(surrogates):
-        for sheet in surrogate.sheets:
-            k = SHEETS.index(sheet.branch.name)
-            frames[k, j], errors[k, j] = sheet.frame, sheet.lattice_covariance
-            coefficients[k, j] = sheet.table.coefficients
+        for part in surrogate.branches:
+            k = BRANCHES.index(part.branch.name)
+            frames[k, j], errors[k, j] = part.frame, part.lattice_covariance
+            coefficients[k, j] = part.table.coefficients
     return Stack(
         frames,
         cells[0],

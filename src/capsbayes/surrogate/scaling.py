@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Chart"]
+__all__ = ["PlaneScaling"]
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Chart:
+class PlaneScaling:
     """Plane (sqrt(Ca) / ca_step, (a/l) / size_step).
 
     Parameters
@@ -25,7 +25,7 @@ class Chart:
 
     Examples
     --------
-    >>> Chart(ca_step=0.01, size_step=0.025).to_plane(0.09, 0.9).round(6)
+    >>> PlaneScaling(ca_step=0.01, size_step=0.025).to_plane(0.09, 0.9).round(6)
     array([30., 36.])
     """
 
@@ -33,7 +33,7 @@ class Chart:
     size_step: float
 
     @classmethod
-    def of(cls, capillary_number: Floats, size_ratio: Floats) -> Chart:
+    def of(cls, capillary_number: Floats, size_ratio: Floats) -> PlaneScaling:
         """Steps from cases in columns of equal a/l: the gap between columns, 3/4 of the gap along them (medians)."""
         sizes = np.round(size_ratio, 6)
         columns = np.unique(sizes)

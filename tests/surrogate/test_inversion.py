@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.surrogate.newton import solve
+from capsbayes.surrogate.inversion import solve
 
 
 def fold(x):

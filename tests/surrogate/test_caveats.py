@@ -3,13 +3,13 @@ import numpy as np
 
 from capsbayes.database import Database
 from capsbayes.model import TWO_SHAPES, WRINKLES
-from capsbayes.surrogate.chart import Chart
-from capsbayes.surrogate.doubts import Doubts
+from capsbayes.surrogate.caveats import Caveats
+from capsbayes.surrogate.scaling import PlaneScaling
 
 
 def doubts(dataset):
     cases = Database(dataset)
-    return Doubts.of(cases, Chart.of(cases["capillary_number"], cases["size_ratio"]))
+    return Caveats.of(cases, PlaneScaling.of(cases["capillary_number"], cases["size_ratio"]))
 
 
 def test_a_database_without_borders_or_wrinkles_leaves_no_doubt():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.model import CoordinateRange, Domain
-from capsbayes.surrogate.effect_kernel import Weighing, covered
+from capsbayes.surrogate.joint.kernel import Weighing, covered
 
 __all__ = ["EffectDomain", "FixedDomain"]
 
@@ -70,7 +70,7 @@ class EffectDomain(Domain):
         return f"at {self.coordinate} = {value:.4g}, of {low:.4g} to {high:.4g}, no steady shape is stored there"
 
     def borders(self, value: float) -> Floats:
-        """Lowest Ca, division of the sheets and highest Ca in each column at one value : (3, c) array."""
+        """Lowest Ca, division of the branches and highest Ca in each column at one value : (3, c) array."""
         place, knots = float(self.place(value)), self.weighing.knots
         interval = int(np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2))
         powers = (place - knots[interval]) ** np.arange(4)

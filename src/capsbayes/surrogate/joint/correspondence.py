@@ -1,41 +1,39 @@
-"""Which point of one slice corresponds to which point of another: the borders of the sheets move with the effect.
+"""Which point of one slice corresponds to which point of another: the borders of the branches move with the effect.
 
 A *slice* is the surrogate of one value of the effect. In every column of a/l
 its convex shapes lie between a lowest Ca and a division, its parachutes
 between the division and a highest Ca. All three move: a pre-inflated capsule
 stays convex up to a higher Ca and exists up to a higher one. Points of two
-slices correspond when they have the same a/l, lie on the same sheet, and have
+slices correspond when they have the same a/l, lie on the same branch, and have
 the same Ca, but next to the borders, which they follow. So a capsule at the
 onset of its dimple is compared with one at the onset, and no value of one
-sheet is ever mixed with one of the other.
+branch is ever mixed with one of the other.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-if TYPE_CHECKING:
-    from capsbayes.surrogate.surrogate import Surrogate
+from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
 
-__all__ = ["SHEETS", "Borders", "border", "common_folds", "matched", "moving_borders", "place"]
+__all__ = ["BRANCHES", "Borders", "border", "common_folds", "matched", "moving_borders", "place"]
 
 Floats = NDArray[np.float64]
 
 PARACHUTE, CONVEX = 0, 1
-SHEETS = ("parachute", "convex")
+BRANCHES = ("parachute", "convex")
 """Names of the branches, in the order of the numbers that stand for them."""
 ROUNDING = 1e-9  # of a/l
 
 
 @dataclass(frozen=True, eq=False)
 class Borders:
-    """Borders of the sheets of one slice.
+    """Borders of the branches of one slice.
 
     Parameters
     ----------
@@ -55,12 +53,12 @@ class Borders:
     known: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, surrogate: Surrogate, columns: Floats) -> Borders:
+    def of(cls, surrogate: PlaneSurrogate, columns: Floats) -> Borders:
         """Read them off a surrogate at given columns, within its own."""
-        regions = {sheet.branch.name: sheet.branch.region for sheet in surrogate.sheets}
+        regions = {part.branch.name: part.branch.region for part in surrogate.branches}
         middle = (columns[1:] + columns[:-1]) / 2
         known, ends = np.zeros((2, len(middle)), dtype=np.bool_), np.full((2, 2, len(columns)), np.nan)
-        for row, name in enumerate(SHEETS):
+        for row, name in enumerate(BRANCHES):
             region = regions.get(name)
             if region is not None:
                 first, last = region.size_ratio[[0, -1]]
@@ -72,7 +70,7 @@ class Borders:
         division = np.where(np.isnan(highest_convex), lowest_parachute, highest_convex)
         lowest = np.where(np.isnan(lowest_convex), lowest_parachute, lowest_convex)
         highest = np.where(np.isnan(highest_parachute), highest_convex, highest_parachute)
-        last = surrogate.sheets[0].branch.region  # of the parachutes, if it has any
+        last = surrogate.branches[0].branch.region  # of the parachutes, if it has any
         limit = np.interp(columns, last.size_ratio, last.limit) == 1.0
         return cls(columns, np.stack([lowest, division, highest]), limit, known)
 
@@ -136,7 +134,7 @@ def common_folds(slices: list[Borders], base: Borders) -> NDArray[np.bool_]:
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-def]
-    """Sheet (0 or 1, -1 if none), column and position of one point between the borders of one interval.
+    """BranchSurrogate (0 or 1, -1 if none), column and position of one point between the borders of one interval.
 
     Parameters
     ----------
@@ -146,7 +144,7 @@ def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-
     cubics : (4, 3, c) array
         Borders in this interval.
     out : (4,) array
-        Filled with the position within the range of Ca of the sheet, from 0 to 1, that between the columns, and both
+        Filled with the position within the range of Ca of the branch, from 0 to 1, that between the columns, and both
         ends of the range.
     """
     if not (columns[0] <= size <= columns[-1]):
