@@ -44,7 +44,7 @@ def test_build_hands_the_section_to_the_simulator(monkeypatch, capsys, tmp_path)
     case = ("--cases", str(tmp_path / "cases.csv"), "--out", str(tmp_path / "shapes.nc"))
     status, _, _ = run(monkeypatch, capsys, "build", *case, "--scheduler", "synchronous", *OPTIONS)
     assert status == 0
-    assert (given["section"], given["corner_radius"], given["section_aspect"]) == ("square", 0.1, 1.0)
+    assert (given["cross_section"], given["corner_radius"], given["section_aspect"]) == ("square", 0.1, 1.0)
     assert given["rest_aspect"] == 1.05
 
 
@@ -54,9 +54,12 @@ def test_build_hands_the_section_to_the_simulator(monkeypatch, capsys, tmp_path)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--section", "oval"), "section: expected one of square, rectangular, circular, got 'oval'"),
-        (("--section", "circular", "--section-aspect", "1.1"), "section_aspect: expected 1 for a circular section"),
-        (("--corner-radius", "1.5"), "section: corner_radius: expected a number between 0 and 1, got 1.5"),
+        (("--section", "oval"), "cross_section: expected one of square, rectangular, circular, got 'oval'"),
+        (
+            ("--section", "circular", "--section-aspect", "1.1"),
+            "section_aspect: expected 1 for a circular cross-section",
+        ),
+        (("--corner-radius", "1.5"), "cross_section: corner_radius: expected a number between 0 and 1, got 1.5"),
         (("--rest-aspect", "3"), "rest_aspect: expected a number from 0.5 to 2, got 3.0"),
     ],
 )

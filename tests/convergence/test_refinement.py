@@ -7,8 +7,8 @@ from capsbayes import Database, Simulator, Status
 from capsbayes.evidence.verification.rigid_sphere import rigid_sphere
 from capsbayes.physics.capsule.problem import Problem
 from capsbayes.physics.membrane import NeoHookean
+from capsbayes.physics.stokes.rectangular import SquareChannel
 from capsbayes.physics.stokes.single_layer import SingleLayer
-from capsbayes.physics.stokes.square import SquareChannel
 from capsbayes.physics.surface import octasphere
 
 REFINEMENTS = np.array([6, 8, 10])

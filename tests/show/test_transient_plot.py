@@ -10,7 +10,7 @@ from capsbayes.show.transient_plot import transient_figure
 @pytest.fixture(scope="module", params=["square", "circular"])
 def moment(request):
     walls = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
-    simulator = Simulator(refinement=4, section=request.param, walls=walls)
+    simulator = Simulator(refinement=4, cross_section=request.param, walls=walls)
     return next(simulator.transient(capillary_number=0.1, size_ratio=0.8, until=1.0))
 
 

@@ -9,10 +9,9 @@ from capsbayes.evidence.verification.rigid_sphere import rigid_sphere
 from capsbayes.physics.capsule.problem import Problem
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.stokes.circular import CircularChannel
-from capsbayes.physics.stokes.rectangular import RectangularChannel
+from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
 from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
 from capsbayes.physics.stokes.single_layer import SingleLayer
-from capsbayes.physics.stokes.square import SquareChannel
 from capsbayes.physics.stokes.walls import WallDiscretisation
 from capsbayes.physics.surface import octasphere
 

@@ -20,7 +20,7 @@ from capsbayes.physics.stokes.circular import FourfoldTube
 
 def test_inflated_capsule_from_rest():
     """Ca = 0.01, a/R = 0.8, alpha = 0.02: stiff enough for Newton's iteration to converge from the sphere at rest."""
-    problem = Simulator(section="circular", refinement=6, pre_inflation=0.02).problem
+    problem = Simulator(cross_section="circular", refinement=6, pre_inflation=0.02).problem
     result = steady_state(problem, problem.at_rest(0.01, 0.8))
     outline = profile(problem.mesh, problem.mesh.expanded(result.iterate.free))
     assert result.converged
@@ -31,7 +31,7 @@ def test_inflated_capsule_from_rest():
 
 @cache
 def steady(capillary_number, size_ratio, pre_inflation):
-    simulator = Simulator(section="circular", refinement=8, pre_inflation=pre_inflation)
+    simulator = Simulator(cross_section="circular", refinement=8, pre_inflation=pre_inflation)
     return simulator.run(capillary_number=capillary_number, size_ratio=size_ratio)
 
 
@@ -68,7 +68,7 @@ def test_wrinkles_grow_where_the_belly_is_compressed():
 @pytest.mark.slow
 def test_wrinkled_capsule_is_longer_on_its_axis():
     """Ca = 0.05, a/R = 1.0, B = 1e-3, shapes that keep the mesh's symmetry: stable, unlike the smooth one."""
-    problem = replace(Simulator(section="circular", bending=1e-3).problem, flow=FourfoldTube())
+    problem = replace(Simulator(cross_section="circular", bending=1e-3).problem, flow=FourfoldTube())
     result = parachute(problem, 0.05, 1.0).result
     nodes = problem.mesh.expanded(result.iterate.free)
     rim = nodes[np.abs(problem.mesh.nodes[:, 2]) < 1e-9]

@@ -99,7 +99,7 @@ def simulator_of(
 
     return Simulator(
         law=membrane,
-        section=section,
+        cross_section=section,
         refinement=refinement,
         bending=bending,
         pre_inflation=pre_inflation,

@@ -8,7 +8,7 @@ from capsbayes.physics.capsule.steady_state import bordered, steady_residual, st
 from capsbayes.physics.continuation.arclength import fold, interpolated, traced
 from capsbayes.physics.continuation.branches import near_rest
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.square import SquareChannel
+from capsbayes.physics.stokes.rectangular import SquareChannel
 from capsbayes.physics.stokes.walls import WallDiscretisation
 
 COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)

@@ -12,7 +12,7 @@ from capsbayes.physics.capsule.transient import transient
 from capsbayes.physics.continuation.branches import near_rest, parachute
 from capsbayes.physics.continuation.settling import is_shallow, is_stable, may_buckle, settled
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.square import SquareChannel
+from capsbayes.physics.stokes.rectangular import SquareChannel
 from capsbayes.status import Status
 
 

@@ -9,7 +9,7 @@ from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.transient import STEADY, growth_rates, stable_step, transient
 from capsbayes.physics.membrane import NeoHookean, Skalak
 from capsbayes.physics.simulation.snapshot import save_series
-from capsbayes.physics.stokes.square import SquareChannel
+from capsbayes.physics.stokes.rectangular import SquareChannel
 from capsbayes.physics.stokes.walls import WallDiscretisation
 
 COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)

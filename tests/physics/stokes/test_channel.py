@@ -5,10 +5,9 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.physics.stokes.circular import CircularChannel
-from capsbayes.physics.stokes.rectangular import RectangularChannel
+from capsbayes.physics.stokes.cross_sections import cross_section_named
+from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
 from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
-from capsbayes.physics.stokes.sections import section_named
-from capsbayes.physics.stokes.square import SquareChannel
 from capsbayes.physics.surface import C_INF_V, D4
 
 CHANNELS = [
@@ -115,12 +114,16 @@ def test_rounded_corners_leave_no_velocity_on_the_wall(radius):
     assert np.max(np.abs(RoundedSquareChannel(radius).undisturbed(at(wall))[0])) < 2e-8
 
 
-def test_sections_by_name():
-    assert section_named("square") == SquareChannel()
-    assert section_named("square", corner_radius=0.1) == RoundedSquareChannel(0.1)
-    assert section_named("square", aspect=0.9) == section_named("rectangular", aspect=0.9) == RectangularChannel(0.9)
-    assert section_named("rectangular") == RectangularChannel(1.0)
-    assert section_named("circular") == CircularChannel()
+def test_cross_sections_by_name():
+    assert cross_section_named("square") == SquareChannel()
+    assert cross_section_named("square", corner_radius=0.1) == RoundedSquareChannel(0.1)
+    assert (
+        cross_section_named("square", aspect=0.9)
+        == cross_section_named("rectangular", aspect=0.9)
+        == RectangularChannel(0.9)
+    )
+    assert cross_section_named("rectangular") == RectangularChannel(1.0)
+    assert cross_section_named("circular") == CircularChannel()
     assert all(pickle.loads(pickle.dumps(channel)) == channel for channel in CHANNELS)
     assert len(set(CHANNELS)) == len(CHANNELS)
     assert SquareChannel().symmetry is RoundedSquareChannel(0.1).symmetry is D4
@@ -130,16 +133,16 @@ def test_sections_by_name():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("hexagon",), "section: expected one of square, rectangular, circular, got 'hexagon'"),
-        (("circular", 0.1), "corner_radius: expected 0, or a square section of equal sides, got 0.1"),
-        (("rectangular", 0.1), "corner_radius: expected 0, or a square section of equal sides, got 0.1"),
-        (("square", 0.1, 0.9), "corner_radius: expected 0, or a square section of equal sides, got 0.1"),
+        (("hexagon",), "cross_section: expected one of square, rectangular, circular, got 'hexagon'"),
+        (("circular", 0.1), "corner_radius: expected 0, or a square cross-section of equal sides, got 0.1"),
+        (("rectangular", 0.1), "corner_radius: expected 0, or a square cross-section of equal sides, got 0.1"),
+        (("square", 0.1, 0.9), "corner_radius: expected 0, or a square cross-section of equal sides, got 0.1"),
         (("square", -0.1), "corner_radius: expected a number between 0 and 1, got -0.1"),
         (("square", float("nan")), "corner_radius: expected a number between 0 and 1, got nan"),
-        (("circular", 0.0, 0.9), "section_aspect: expected 1 for a circular section, got 0.9"),
+        (("circular", 0.0, 0.9), "section_aspect: expected 1 for a circular cross-section, got 0.9"),
         (("rectangular", 0.0, 3.0), "section_aspect: expected a number from 0.5 to 2, got 3.0"),
     ],
 )
 def test_impossible_sections_are_refused(arguments, message):
     with pytest.raises(InputError, match=message):
-        section_named(*arguments)
+        cross_section_named(*arguments)

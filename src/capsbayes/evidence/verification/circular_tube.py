@@ -56,7 +56,7 @@ def _bendings(case: Case) -> tuple[float, ...]:
 
 
 def _state(case: Case, bending: float, refinement: int) -> Values:
-    simulator = Simulator(section="circular", refinement=refinement, bending=bending, pre_inflation=case[2])
+    simulator = Simulator(cross_section="circular", refinement=refinement, bending=bending, pre_inflation=case[2])
     return numbers(steady(simulator, case[0], case[1]))
 
 

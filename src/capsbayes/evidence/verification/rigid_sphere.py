@@ -13,7 +13,7 @@ from capsbayes.evidence.verification.row import Row, Target
 from capsbayes.evidence.verification.section import Results, Section, Values
 from capsbayes.physics.capsule.problem import Problem
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.sections import section_named
+from capsbayes.physics.stokes.cross_sections import cross_section_named
 from capsbayes.physics.stokes.single_layer import SingleLayer
 from capsbayes.physics.stokes.walls import wall_operator
 
@@ -47,7 +47,7 @@ def _item(name: str, size_ratio: float) -> str:
 
 
 def _motion(name: str, size_ratio: float, refinement: int) -> Values:
-    return rigid_sphere(Problem(NeoHookean(), section_named(name), refinement, 0.0), size_ratio)._asdict()
+    return rigid_sphere(Problem(NeoHookean(), cross_section_named(name), refinement, 0.0), size_ratio)._asdict()
 
 
 class RigidMotion(NamedTuple):

@@ -12,9 +12,8 @@ from capsbayes.evidence.verification.row import Reference, Row, Target
 from capsbayes.evidence.verification.section import Results, Section, Values
 from capsbayes.physics.stokes.channel import Channel
 from capsbayes.physics.stokes.circular import CircularChannel
-from capsbayes.physics.stokes.rectangular import RectangularChannel
+from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
 from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
-from capsbayes.physics.stokes.square import SquareChannel
 
 __all__ = ["section"]
 

@@ -60,27 +60,29 @@ _LAWS = {
 _INFLATIONS = (0.0, 0.01, 0.025, 0.05, 0.1)
 
 
-def _plain(section: str, law: str, cases: Cases) -> Recipe:
-    return Recipe(replace(_FINE, section=section, law=_LAWS[law]), cases, compare=16)
+def _plain(cross_section: str, law: str, cases: Cases) -> Recipe:
+    return Recipe(replace(_FINE, cross_section=cross_section, law=_LAWS[law]), cases, compare=16)
 
 
 def _effect(
-    effect: str, *values: float, section: str = "square", law: str = "neo-hookean", mesh: Simulator = _COARSE
+    effect: str, *values: float, cross_section: str = "square", law: str = "neo-hookean", mesh: Simulator = _COARSE
 ) -> Recipe:
-    return Recipe(replace(mesh, section=section, law=_LAWS[law]), effect_grid(), effect, values)
+    return Recipe(replace(mesh, cross_section=cross_section, law=_LAWS[law]), effect_grid(), effect, values)
 
 
 RECIPES: dict[str, Recipe] = {
     "square-neo-hookean": _plain("square", "neo-hookean", default_grid()),
     "circular-neo-hookean": _plain("circular", "neo-hookean", default_grid()),
     **{
-        f"{section}-{law}": _plain(section, law, stiffening_grid())
-        for section in ("square", "circular")
+        f"{cross_section}-{law}": _plain(cross_section, law, stiffening_grid())
+        for cross_section in ("square", "circular")
         for law in ("skalak", "hooke")
     },
     # inflation moves the snap-through and the limit of existence, and with them the coarse mesh's error
     "square-pre-inflation": Recipe(_MEDIUM, wide_grid(), "pre_inflation", _INFLATIONS),
-    "circular-pre-inflation": Recipe(replace(_COARSE, section="circular"), wide_grid(), "pre_inflation", _INFLATIONS),
+    "circular-pre-inflation": Recipe(
+        replace(_COARSE, cross_section="circular"), wide_grid(), "pre_inflation", _INFLATIONS
+    ),
     "square-hardening": _effect("hardening", 0.1, 0.3, 1.0, 3.0, 10.0, law="skalak"),
     # strain hardening and bending round the sharp rim, and with it the coarse mesh's error is not the same
     "square-strain-hardening": _effect("strain_hardening", 0.0, 0.25, 0.5, 1.0, law="strain-hardening", mesh=_FINE),
@@ -89,7 +91,7 @@ RECIPES: dict[str, Recipe] = {
     "square-corner-radius": _effect("corner_radius", 0.0, 0.05, 0.1, 0.15, 0.2),
     "square-unsteadiness": Recipe(UnsteadySimulator(_COARSE), parachute_grid(), "unsteadiness", (0.0, 0.5, 1.0, 2.0)),
     "square-section-aspect": replace(
-        _effect("section_aspect", 0.9, 0.95, 1.0, 1.05, 1.1, section="rectangular"), cases=parachute_grid()
+        _effect("section_aspect", 0.9, 0.95, 1.0, 1.05, 1.1, cross_section="rectangular"), cases=parachute_grid()
     ),
 }
 """By name of the database."""

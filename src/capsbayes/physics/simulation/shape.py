@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError
 from capsbayes.physics.capsule import outlines
 from capsbayes.physics.stokes.channel import Channel
-from capsbayes.physics.stokes.sections import section_named
+from capsbayes.physics.stokes.cross_sections import cross_section_named
 from capsbayes.physics.surface.octasphere import OctaSphere, octasphere
 from capsbayes.profile import Profile
 
@@ -48,7 +48,7 @@ class Shape:
     @property
     def channel(self) -> Channel:
         """The channel that the capsule is in."""
-        return section_named(*(self.settings[key] for key in ("section", "corner_radius", "section_aspect")))
+        return cross_section_named(*(self.settings[key] for key in ("section", "corner_radius", "section_aspect")))
 
     @property
     def mesh(self) -> OctaSphere:

@@ -20,7 +20,7 @@ from capsbayes.physics.continuation.settling import wrinkling_rate
 from capsbayes.physics.membrane import MembraneLaw, NeoHookean
 from capsbayes.physics.simulation.shape import Shape
 from capsbayes.physics.simulation.snapshot import Snapshot, snapshots, taken_from
-from capsbayes.physics.stokes.sections import section_named
+from capsbayes.physics.stokes.cross_sections import cross_section_named
 from capsbayes.physics.stokes.walls import WallDiscretisation
 from capsbayes.physics.surface.prolongation import prolonged
 from capsbayes.status import Status
@@ -59,7 +59,7 @@ class SteadyState(Shape):
         Where a branch of steady states ended in a fold, the Ca there; else NaN.
     wrinkling_rate : float
         In a circular tube the shape is axisymmetric: rate [U/l] at which fourfold wrinkles about its axis grow, if
-        positive. NaN in other sections and where the membrane is hardly compressed.
+        positive. NaN in other cross-sections and where the membrane is hardly compressed.
     along_ca : (f + 2,) array
         Derivative of shape, velocity and slack along Ca: starts the next case.
     """
@@ -91,8 +91,9 @@ class Simulator:
     ----------
     law : MembraneLaw
         Law of the membrane.
-    section : str
-        Section of the channel: ``"square"``, ``"rectangular"`` or ``"circular"``, in which shapes are axisymmetric.
+    cross_section : str
+        Cross-section of the channel: ``"square"``, ``"rectangular"`` or ``"circular"``; in the last, shapes are
+        axisymmetric.
     refinement : int
         Elements along the edge of an octahedron's face, at least 4; 8 is good to about 0.3 % in L_z, 12 to 0.07 %.
     bending : float
@@ -100,10 +101,10 @@ class Simulator:
     pre_inflation : float
         Inflation alpha of the sphere at rest from its unstressed radius a / (1 + alpha) [-].
     corner_radius : float
-        Radius of the corners of a square section over l [-].
+        Radius of the corners of a square cross-section over l [-].
     section_aspect : float
-        Depth of the section along the direction of view over the width seen, b / l, of a rectangle or of a square that
-        is not quite one, from 0.5 to 2 [-]; from 0.8 to 1.5 the first state is found.
+        Depth of the cross-section along the direction of view over the width seen, b / l, of a rectangle or of a square
+        that is not quite one, from 0.5 to 2 [-]; the first state is known to be found from 0.8 to 1.5.
     rest_aspect : float
         Axis of the shape at rest along the flow over that across, from 0.5 to 2 [-].
     walls : WallDiscretisation
@@ -118,7 +119,7 @@ class Simulator:
     """
 
     law: MembraneLaw = field(default_factory=NeoHookean)
-    section: str = "square"
+    cross_section: str = "square"
     refinement: int = 8
     bending: float = 2e-4
     pre_inflation: float = 0.0
@@ -128,7 +129,7 @@ class Simulator:
     walls: WallDiscretisation = field(default_factory=WallDiscretisation)
 
     def __post_init__(self) -> None:
-        section_named(self.section, self.corner_radius, self.section_aspect)
+        cross_section_named(self.cross_section, self.corner_radius, self.section_aspect)
         if self.refinement < 4:
             raise InputError("Simulator", "refinement", "at least 4", str(self.refinement))
         for name in ("bending", "pre_inflation"):
@@ -140,10 +141,10 @@ class Simulator:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Everything that decides the result, in types that JSON knows."""
+        """Everything that decides the result, in types that JSON has, by the keys of databases."""
         return {
             "law": self.law.name,
-            "section": self.section,
+            "section": self.cross_section,
             "refinement": self.refinement,
             "bending": self.bending,
             "pre_inflation": self.pre_inflation,
@@ -160,7 +161,7 @@ class Simulator:
     @property
     def problem(self) -> Problem:
         """The discrete equations."""
-        channel = section_named(self.section, self.corner_radius, self.section_aspect)
+        channel = cross_section_named(self.cross_section, self.corner_radius, self.section_aspect)
         return Problem(
             self.law, channel, self.refinement, self.bending, self.pre_inflation, self.rest_aspect, self.walls
         )

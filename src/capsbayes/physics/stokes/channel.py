@@ -1,4 +1,4 @@
-"""An undisturbed flow, and the channels that have one: what the sections share.
+"""Undisturbed flows and straight channels: what all cross-sections share.
 
 Lengths are over the half width l, velocities over the mean velocity U. The
 flow is along z; the picture shows y, in which the half width is one; x is the
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class WallPoints(NamedTuple):
-    """Points (p, 3), one of each orbit of the section's symmetry, and the wall area (p,) each stands for."""
+    """Points (p, 3), one of each orbit of the cross-section's symmetry, and the wall area (p,) each stands for."""
 
     points: Array
     areas: Array
@@ -39,14 +39,14 @@ class Flow(ABC):
 
     @abstractmethod
     def undisturbed(self, points: Array) -> tuple[Array, Array]:
-        """Velocity (p, 3) at `points` (p, 3), and its gradient: entry [p, i, j] is that of component i along j."""
+        """Return the velocity (p, 3) at `points` (p, 3) and its gradient (p, 3, 3), [p, i, j] that of v_i along j."""
 
 
 class Channel(Flow):
     """A straight channel along z.
 
-    A section says where its points are; those of `outline` and `filling` lie in the wedge of the section's symmetry,
-    0 <= y <= x under D4 and 0 <= x, y under D2.
+    A subclass places the points of its cross-section; those of `outline` and `filling` lie in the wedge of its
+    symmetry, 0 <= y <= x under D4 and 0 <= x, y under D2.
     """
 
     name: ClassVar[str]
@@ -54,24 +54,24 @@ class Channel(Flow):
     @property
     @abstractmethod
     def area(self) -> float:
-        """Area of the section over l^2."""
+        """Area of the cross-section over l^2."""
 
     @abstractmethod
     def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """Points (p, 2) `spacing` apart on the wall moved `outwards`, and the length (p,) each stands for."""
+        """Return points (p, 2) `spacing` apart on the wall moved `outwards`, and the length (p,) of each."""
 
     @abstractmethod
     def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """Points (p, 2) `spacing` apart that fill the section so widened, and the area (p,) each stands for."""
+        """Return points (p, 2) `spacing` apart that fill the widened cross-section, and the area (p,) of each."""
 
     def wall_points(self, axial: Array, steps: Array, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
-        """Points on the downstream half of the section's wall and on its end cap, moved outwards.
+        """Return points on the downstream half of the cross-section's wall and on its end cap, moved outwards.
 
         Parameters
         ----------
         axial, steps : (m,) arrays
             Positive axial positions of the rings of points, and the length each stands for, which is also the
-            distance of its points along the section's outline.
+            distance of its points along the cross-section's outline.
         cap_spacing : float
             Distance of the points on the cap.
         offset : float
@@ -95,7 +95,7 @@ def _at(points: Array, z: float) -> Array:
 
 
 def midpoints(length: float, spacing: float) -> tuple[Array, float]:
-    """Midpoints of equal steps of at most `spacing` that fill `length`, and the step.
+    """Return the midpoints of equal steps of at most `spacing` that fill `length`, and the step.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def midpoints(length: float, spacing: float) -> tuple[Array, float]:
 
 
 def unidirectional(axial: Array, along_x: Array, along_y: Array) -> tuple[Array, Array]:
-    """Velocity (p, 3) and gradient (p, 3, 3) of a flow along z from its axial component and that one's slopes (p,)."""
+    """Return velocity (p, 3) and gradient (p, 3, 3) of a flow along z from its axial component and its slopes (p,)."""
     velocity, gradient = np.zeros((len(axial), 3)), np.zeros((len(axial), 3, 3))
     velocity[:, 2], gradient[:, 2, 0], gradient[:, 2, 1] = axial, along_x, along_y
     return velocity, gradient

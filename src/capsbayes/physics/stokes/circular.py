@@ -1,4 +1,4 @@
-"""Channel of circular section."""
+"""Channel of circular cross-section."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Channel of rectangular section, with the Fourier series of its flow."""
+"""Channels of rectangular and square cross-section, with the Fourier series of their flow."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.physics.stokes.channel import Channel, midpoints, unidirectional
-from capsbayes.physics.surface.symmetry import D2, Symmetry
+from capsbayes.physics.surface.symmetry import D2, D4, Symmetry
 
-__all__ = ["RectangularChannel", "pressure_gradient", "series"]
+__all__ = ["RectangularChannel", "SquareChannel"]
 
 Array = NDArray[np.float64]
 
@@ -22,18 +22,18 @@ _SIGN = (-1.0) ** ((_ODD - 1) // 2)
 _SERIES = 16 / np.pi**3 * _SIGN / _ODD**3
 
 
-def pressure_gradient(depth: float) -> float:
+def _pressure_gradient(depth: float) -> float:
     """-(dp/dz) l^2 / (mu U) in the rectangle |x| <= `depth`, |y| <= 1 (White, Viscous Fluid Flow, 3-48).
 
     Examples
     --------
-    >>> round(pressure_gradient(1.0), 6)
+    >>> round(_pressure_gradient(1.0), 6)
     7.113538
     """
     return float(1.0 / (depth**2 * (1 / 3 - np.sum(64 * depth * np.tanh(_RATE / depth) / (np.pi * _ODD) ** 5))))
 
 
-def series(points: Array, depth: float) -> tuple[Array, Array]:
+def _flow(points: Array, depth: float) -> tuple[Array, Array]:
     """Undisturbed flow in the rectangle |x| <= `depth`, |y| <= 1; see :meth:`Flow.undisturbed`."""
     x, y = points[:, :1] / depth, points[:, 1:2] / depth
     cosine, sine = np.cos(_RATE * x), np.sin(_RATE * x)
@@ -41,7 +41,7 @@ def series(points: Array, depth: float) -> tuple[Array, Array]:
     rise, fall = np.exp(_RATE * (np.abs(y) - 1 / depth)), np.exp(-_RATE * (np.abs(y) + 1 / depth))
     even = (rise + fall) / (1 + np.exp(-2 * _RATE / depth))
     odd = np.sign(y) * (rise - fall) / (1 + np.exp(-2 * _RATE / depth))
-    scale = pressure_gradient(depth) * depth
+    scale = _pressure_gradient(depth) * depth
     return unidirectional(
         0.5 * scale * depth * ((1 - x[:, 0] ** 2) - 2 * (_SERIES * cosine * even).sum(1)),
         scale * (-x[:, 0] + (_SERIES * _RATE * sine * even).sum(1)),
@@ -51,7 +51,7 @@ def series(points: Array, depth: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class RectangularChannel(Channel):
-    """Rectangular section |x| <= aspect, |y| <= 1.
+    """Rectangular cross-section |x| <= aspect, |y| <= 1.
 
     Parameters
     ----------
@@ -66,21 +66,21 @@ class RectangularChannel(Channel):
 
     def __post_init__(self) -> None:
         if not 0.5 <= self.aspect <= 2.0:
-            raise InputError("section", "section_aspect", "a number from 0.5 to 2", str(self.aspect))
+            raise InputError("cross_section", "section_aspect", "a number from 0.5 to 2", str(self.aspect))
 
     @property
     def area(self) -> float:
-        """Area of the section over l^2."""
+        """Area of the cross-section over l^2."""
         return 4.0 * self.aspect
 
     @property
     def pressure_gradient(self) -> float:
         """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
-        return pressure_gradient(self.aspect)
+        return _pressure_gradient(self.aspect)
 
     def undisturbed(self, points: Array) -> tuple[Array, Array]:
         """Fourier series; see :meth:`Flow.undisturbed`."""
-        return series(points, self.aspect)
+        return _flow(points, self.aspect)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
         """Half of the wall x = aspect and half of y = 1; see :meth:`Channel.outline`."""
@@ -97,3 +97,29 @@ class RectangularChannel(Channel):
         y, y_step = midpoints(1.0 + outwards, spacing)
         points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
         return points, np.full(len(points), x_step * y_step)
+
+
+@dataclass(frozen=True)
+class SquareChannel(Channel):
+    """Square cross-section of half width one: a rectangle with twice its symmetry."""
+
+    name: ClassVar[str] = "square"
+    symmetry: ClassVar[Symmetry] = D4
+    area: ClassVar[float] = 4.0
+    pressure_gradient: ClassVar[float] = _pressure_gradient(1.0)
+
+    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+        """Fourier series; see :meth:`Flow.undisturbed`."""
+        return _flow(points, 1.0)
+
+    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+        """Half of the wall x = 1; see :meth:`Channel.outline`."""
+        side = 1.0 + outwards
+        across, step = midpoints(side, spacing)
+        return np.column_stack([np.full_like(across, side), across]), np.full_like(across, step)
+
+    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+        """A grid on the eighth 0 <= y <= x; see :meth:`Channel.filling`."""
+        across, step = midpoints(1.0 + outwards, spacing)
+        i, j = np.tril_indices(len(across))
+        return np.column_stack([across[i], across[j]]), step**2 * np.where(i == j, 0.5, 1.0)

@@ -1,7 +1,7 @@
-"""Channel of square section with rounded corners, and the flow in it.
+"""Channel of square cross-section with rounded corners, and the flow in it.
 
 The axial velocity is w = dp (h - r^2 / 4) with h harmonic and equal to r^2 / 4
-on the wall. With the section's symmetry, h = Re F(Z) of Z = (x + i y)^4, where
+on the wall. With the cross-section's symmetry, h = Re F(Z) of Z = (x + i y)^4, where
 F has real coefficients. F is fitted on the wall by a polynomial and by poles
 that crowd, from outside, towards the points where straight walls become arcs:
 there the wall's curvature jumps, and a polynomial alone would converge slowly
@@ -78,7 +78,7 @@ def _area(radius: float) -> float:
 
 
 def _flow_rate(harmonic: _Harmonic, radius: float) -> float:
-    """Integral of h - r^2 / 4 over the section, along rays from the axis to the wall."""
+    """Integral of h - r^2 / 4 over the cross-section, along rays from the axis to the wall."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     share, weight = (nodes + 1.0) / 2, weights / 2
     straight, arc = _wall(radius, share)
@@ -92,7 +92,7 @@ def _flow_rate(harmonic: _Harmonic, radius: float) -> float:
 
 @dataclass(frozen=True)
 class RoundedSquareChannel(Channel):
-    """Square section of half width one whose corners are arcs.
+    """Square cross-section of half width one whose corners are arcs.
 
     Parameters
     ----------
@@ -112,11 +112,11 @@ class RoundedSquareChannel(Channel):
 
     def __post_init__(self) -> None:
         if not 0.0 < self.corner_radius < 1.0:
-            raise InputError("section", "corner_radius", "a number between 0 and 1", str(self.corner_radius))
+            raise InputError("cross_section", "corner_radius", "a number between 0 and 1", str(self.corner_radius))
 
     @property
     def area(self) -> float:
-        """Area of the section over l^2."""
+        """Area of the cross-section over l^2."""
         return _area(self.corner_radius)
 
     @property
@@ -137,5 +137,5 @@ class RoundedSquareChannel(Channel):
         return rounded_outline(self.corner_radius, spacing, outwards)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """Rings on an eighth of the section; see :meth:`Channel.filling`."""
+        """Rings on an eighth of the cross-section; see :meth:`Channel.filling`."""
         return rounded_filling(self.corner_radius, spacing, outwards)

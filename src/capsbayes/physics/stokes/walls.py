@@ -3,7 +3,7 @@
 Stokeslets outside the channel cancel, in the least-squares sense, the velocity
 that the membrane induces on the walls and on two far caps (Fairweather &
 Karageorghis 1998, doi 10.1023/A:1018981221740). Walls stay put in the
-capsule's frame, so the system is factorised once per section.
+capsule's frame, so the system is factorised once per cross-section.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def _mirrored_columns(matrix: Array) -> Array:
 
 
 def wall_operator(channel: Channel, walls: WallDiscretisation) -> WallOperator:
-    """The operator of a section; the same one is returned for the same arguments."""
+    """The operator of a cross-section; the same one is returned for the same arguments."""
     key = (channel, walls)
     if key not in _OPERATORS:
         _OPERATORS[key] = WallOperator(channel, walls)
