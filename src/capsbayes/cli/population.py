@@ -55,7 +55,7 @@ def population(
         shared_velocity_error=_share(velocity_error),
     )
     if found.passed:
-        found.beside(read).write(capsules)
+        found.added_to(read).write(capsules)
     if as_json:
         typer.echo(json.dumps(found.as_dict(), indent=2))
     else:
@@ -76,7 +76,7 @@ def together(read: Population, out: Path, *, seed: int) -> Hierarchy | None:
     except InputError:
         return None
     if found.passed:
-        found.beside(read).write(out)
+        found.added_to(read).write(out)
     return found
 
 

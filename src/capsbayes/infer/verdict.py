@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 LEANING_SHARE = 0.05
 """Share of a posterior next to a border from which on it leans on it."""
 
-_DOUBTS = {TWO_SHAPES: Status.LEANS_ON_TWO_SHAPES, WRINKLES: Status.LEANS_ON_WRINKLES}
+_CAVEATS = {TWO_SHAPES: Status.LEANS_ON_TWO_SHAPES, WRINKLES: Status.LEANS_ON_WRINKLES}
 
 
 def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
@@ -100,7 +100,7 @@ def verdict(
         return Status.OUTLINE_MISFIT
     if leans["model"] > LEANING_SHARE:
         return Status.LEANS_ON_BORDER
-    if max(share for name, share in leans.items() if name not in _DOUBTS) > LEANING_SHARE:
+    if max(share for name, share in leans.items() if name not in _CAVEATS) > LEANING_SHARE:
         return Status.LEANS_ON_PRIOR
-    doubts = (status for kind, status in _DOUBTS.items() if leans.get(kind, 0.0) > LEANING_SHARE)
-    return next(doubts, Status.DONE)
+    caveats = (status for kind, status in _CAVEATS.items() if leans.get(kind, 0.0) > LEANING_SHARE)
+    return next(caveats, Status.DONE)

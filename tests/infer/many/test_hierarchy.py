@@ -127,12 +127,12 @@ def test_probability_to_be_kept_is_that_of_drawn_capsules(pyramid, population):
 
 def test_result_lies_beside_the_capsules(tmp_path, population):
     found = hierarchy(population, seed=1)
-    found.beside(population).write(tmp_path / "p.nc")
+    found.added_to(population).write(tmp_path / "p.nc")
     again = Population.read(tmp_path / "p.nc")
     draws = again["population_surface_shear_modulus"]
     assert np.median(draws) == pytest.approx(found.marginals["surface_shear_modulus"].median, rel=0.02)
     assert again.attributes["hierarchy"]["capsules"] == 150
-    hierarchy(again, seed=2).beside(again).write(tmp_path / "p.nc")
+    hierarchy(again, seed=2).added_to(again).write(tmp_path / "p.nc")
 
 
 def test_a_velocity_error_of_all_widens_the_mean_alone(population):

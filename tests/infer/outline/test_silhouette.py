@@ -10,7 +10,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
 from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.infer.outline.likelihood import LengthBeside, OutlineLikelihood
+from capsbayes.infer.outline.likelihood import OutlineLikelihood, SilhouetteLength
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 from capsbayes.profile import vertex_normals
@@ -50,7 +50,7 @@ def test_the_length_adds_its_own_number():
     """With white errors only, nothing is shared: the density is a product."""
     white = OutlineNoise(0.01, 0.0, 1.0)
     alone = OutlineLikelihood(0.9 * CIRCLE, white, 0.9 * CIRCLE)
-    both = replace(alone, length=LengthBeside(1.5, 0.03, 0.04))
+    both = replace(alone, length=SilhouetteLength(1.5, 0.03, 0.04))
     outlines = np.array([0.9, 0.905])[:, None, None] * CIRCLE
     lengths = np.array([1.53, 1.46])
     added = both.log_density(outlines, lengths) - alone.log_density(outlines)
@@ -60,20 +60,20 @@ def test_the_length_adds_its_own_number():
 def test_the_length_shares_the_error_of_the_nose():
     """Where the nose was found too far out, L_a was found too long."""
     pose = Pose(offset=0.01)
-    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, pose, length=LengthBeside(1.5, 0.02))
+    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, pose, length=SilhouetteLength(1.5, 0.02))
     smaller = 0.89 * CIRCLE[None]  # so that all edges were found too far out
     longer, shorter = seen.log_density(np.repeat(smaller, 2, axis=0), np.array([1.49, 1.51]))
     assert longer > shorter + 0.1
 
 
 def test_an_error_of_the_length_below_that_of_the_nose_is_no_trouble():
-    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, length=LengthBeside(1.5, 1e-4))
+    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, length=SilhouetteLength(1.5, 1e-4))
     assert np.isfinite(seen.log_density(0.9 * CIRCLE[None], np.array([1.5]))).all()
 
 
 def test_whitened_displacements_reach_the_length():
     """A measured outline that lies farther out at the nose has a longer L_a, one that does at the rear has not."""
-    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, length=LengthBeside(1.5, 0.02))
+    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, length=SilhouetteLength(1.5, 0.02))
     nose, rear = (np.exp(-4.0 * (1.0 - side * CIRCLE[:, 0]) ** 2)[None] for side in (1.0, -1.0))
     assert seen.whitened_displacement(nose).shape == (1, 65)
     plain = replace(seen, noise=OutlineNoise(0.01, 0.0, 1.0))

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from density_of_all_inputs import DensityOfAllInputs
 
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.quadrature import Quadrature
@@ -9,13 +10,13 @@ from capsbayes.infer.sampling.ensembles import Effort, sampled
 from capsbayes.infer.sampling.log_density import LogDensity
 
 
-def density_of(model, experiment, seen, **options):
-    return LogDensity(model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()), **options)
+def density_of(model, experiment, seen, kind=LogDensity):
+    return kind(model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()))
 
 
 def test_a_run_that_has_every_input_as_a_coordinate_agrees_with_the_grid(model, experiment, capsule):
     """Nothing is integrated by hand here: the factored posterior and its grid are checked from outside."""
-    density = density_of(model, experiment, capsule, sample_inputs=True)
+    density = density_of(model, experiment, capsule, DensityOfAllInputs)
     chains = sampled(density, seed=3, effort=Effort(walkers=48, steps=900, budget=900))
     draws = chains.named()
     modulus = draws["viscosity"] * draws["capsule_velocity"]

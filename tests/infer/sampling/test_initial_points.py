@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from density_of_all_inputs import DensityOfAllInputs
 
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.quadrature import Quadrature
@@ -12,12 +13,10 @@ from capsbayes.infer.sampling.log_density import LogDensity
 
 
 @pytest.mark.parametrize("name", ["capsule", "capsule_in_metres", "capsule_from_the_side"])
-@pytest.mark.parametrize("sample_inputs", [False, True])
-def test_all_walkers_start_at_finite_density_and_none_twice(model, experiment, name, sample_inputs, request):
+@pytest.mark.parametrize("kind", [LogDensity, DensityOfAllInputs])
+def test_all_walkers_start_at_finite_density_and_none_twice(model, experiment, name, kind, request):
     seen = request.getfixturevalue(name)
-    density = LogDensity(
-        model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()), sample_inputs=sample_inputs
-    )
+    density = kind(model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()))
     starts = starting_points(density, 4, 32, np.random.default_rng(18))
     assert starts.shape == (4, 32, len(density.names))
     flat = starts.reshape(128, -1)

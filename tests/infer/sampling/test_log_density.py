@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from density_of_all_inputs import DensityOfAllInputs
 
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.inputs import Inputs
@@ -8,15 +9,15 @@ from capsbayes.infer.sampling.log_density import LogDensity
 from capsbayes.prediction import Prediction
 
 
-def density_of(model, experiment, seen, **options):
-    return LogDensity(model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()), **options)
+def density_of(model, experiment, seen, kind=LogDensity):
+    return kind(model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()))
 
 
 def test_coordinates(model, experiment, capsule, capsule_in_metres):
     assert density_of(model, experiment, capsule).names == ("capillary_number", "size_ratio")
     in_metres = density_of(model, experiment, capsule_in_metres)
     assert in_metres.names == ("capillary_number", "size_ratio", "half_width")
-    every = density_of(model, experiment, capsule, sample_inputs=True)
+    every = density_of(model, experiment, capsule, DensityOfAllInputs)
     assert every.names[2:] == ("viscosity", "half_width", "capsule_velocity")
     named = every.named(np.array([[np.log(0.08), 0.96, 0.8, 25e-6, 5e-3]]))
     assert named["capillary_number"][0] == pytest.approx(0.08)
@@ -32,7 +33,7 @@ def test_inputs_sampled_or_integrated_differ_by_their_own_densities(model, exper
     width = np.full((3, 1), 25.05e-6)
     few = np.hstack([shapes, width]) if len(integrated.names) == 3 else shapes
     every = np.hstack([shapes, np.tile([0.84, 25.05e-6, 5.01e-3], (3, 1))])
-    difference = integrated(few) - density_of(model, experiment, seen, sample_inputs=True)(every)
+    difference = integrated(few) - density_of(model, experiment, seen, DensityOfAllInputs)(every)
     np.testing.assert_allclose(difference, difference[0], atol=1e-8)
 
 
@@ -43,7 +44,7 @@ def test_outside_the_domain_is_impossible_and_not_counted(model, experiment, cap
 
 
 def test_negative_inputs_are_impossible(model, experiment, capsule):
-    density = density_of(model, experiment, capsule, sample_inputs=True)
+    density = density_of(model, experiment, capsule, DensityOfAllInputs)
     assert density(np.array([[np.log(0.08), 0.96, -0.8, 25e-6, 5e-3]]))[0] == -np.inf
 
 

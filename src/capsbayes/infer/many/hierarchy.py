@@ -100,7 +100,7 @@ class Hierarchy(Readable):
             found[name] = 1.0 - float(np.var(np.log(values)) / np.var(np.log(self.draws[name])))
         return found
 
-    def beside(self, population: Population) -> Population:
+    def added_to(self, population: Population) -> Population:
         """Return the capsules with this result added: draws as ``population_surface_shear_modulus`` and so on."""
         every = slice(None, None, max(len(self.draws["modulus_slope"]) // _STORED, 1))
         variables = {

@@ -28,14 +28,14 @@ from capsbayes.infer.outline.normal_distance import Footing, normal_distances, p
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.model import ForwardModel
 
-__all__ = ["LengthBeside", "OutlineLikelihood", "aligned_with", "check_view_of", "outline_likelihood"]
+__all__ = ["OutlineLikelihood", "SilhouetteLength", "aligned_with", "check_view_of", "outline_likelihood"]
 
 Floats = NDArray[np.float64]
 
 _SHARED = 0.9  # of the error of L_a that the nose's may be: some is that of the rear
 
 
-class LengthBeside(NamedTuple):
+class SilhouetteLength(NamedTuple):
     """L_a measured together with a silhouette.
 
     Parameters
@@ -66,7 +66,7 @@ class OutlineLikelihood:
     pose : Pose
     modes : (k, p) array [l], optional
         Displacements of the pilot's vertices along their normals, each one standard deviation of the model's own error.
-    length : LengthBeside, optional
+    length : SilhouetteLength, optional
 
     Examples
     --------
@@ -82,7 +82,7 @@ class OutlineLikelihood:
     pilot: Floats
     pose: Pose = field(default_factory=Pose)
     modes: Floats | None = None
-    length: LengthBeside | None = None
+    length: SilhouetteLength | None = None
     _aligned: Floats = field(init=False, repr=False)
     _place: Floats = field(init=False, repr=False)
     _factor: Floats = field(init=False, repr=False)
@@ -102,7 +102,7 @@ class OutlineLikelihood:
         object.__setattr__(self, "_place", feet.place)
         object.__setattr__(self, "_factor", scipy.linalg.cholesky(covariance, lower=True))
 
-    def _bordered(self, covariance: Floats, length: LengthBeside, nose: int) -> Floats:
+    def _bordered(self, covariance: Floats, length: SilhouetteLength, nose: int) -> Floats:
         """Return the covariance (m + 1, m + 1) with that of L_a, which shares the error of the nose."""
         own = OutlineNoise(self.noise.scale, self.noise.correlation_length)
         shared = (1.0 - self.noise.white) * own.covariance(self.points)[nose] + self.pose.offset**2
@@ -215,10 +215,10 @@ def outline_likelihood(
     pilot, modes = there.outline[0], model.outline_modes(**theta)
     if modes is not None:
         modes = error_scale * modes
-    beside = None
+    with_length = None
     if length is not None:
-        beside = LengthBeside(*length, error_scale * float(np.sqrt(there.covariance[0, 1, 1])))
-    return OutlineLikelihood(measured.points, measured.noise, pilot, measured.pose, modes, beside)
+        with_length = SilhouetteLength(*length, error_scale * float(np.sqrt(there.covariance[0, 1, 1])))
+    return OutlineLikelihood(measured.points, measured.noise, pilot, measured.pose, modes, with_length)
 
 
 def aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:

@@ -6,29 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.infer.density import PosteriorDensity
+from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.model import ForwardModel
 
 __all__ = ["LogDensity"]
 
 Floats = NDArray[np.float64]
 
-_INPUTS = ("viscosity", "half_width", "capsule_velocity")
-
 
 class LogDensity:
-    """Log posterior density over (log Ca, a/l), the model's further coordinate, and the inputs sampled with them.
+    """Log posterior density over (log Ca, a/l), the further coordinate of the model, and l if the shape depends on it.
 
-    Only the inputs that the shape depends on are sampled by default; the
-    others are integrated out exactly and drawn afterwards. With
-    `sample_inputs` every uncertain input is a coordinate and the density is
-    written with the prior of `capsbayes.infer.prior` term by term: slower,
-    and a check of the former.
+    The inputs that the shape does not depend on are integrated out exactly and drawn afterwards.
 
     Parameters
     ----------
     model : ForwardModel
     density : PosteriorDensity
-    sample_inputs : bool
 
     Attributes
     ----------
@@ -40,14 +34,11 @@ class LogDensity:
         Points inside the model's domain whose density came out NaN; they count as impossible.
     """
 
-    def __init__(self, model: ForwardModel, density: PosteriorDensity, *, sample_inputs: bool = False) -> None:
-        self.model, self.density, self.sample_inputs = model, density, sample_inputs
-        sampled = [name for name in _INPUTS if sample_inputs and not getattr(density.inputs, name).known]
-        if not sample_inputs and density.shape_depends_on_half_width:
-            sampled = ["half_width"]
-        self.sampled = tuple(sampled)
+    def __init__(self, model: ForwardModel, density: PosteriorDensity) -> None:
+        self.model, self.density = model, density
+        self.sampled = self._sampled()
         further = () if density.coordinate is None else (density.coordinate.name,)
-        self.names = ("capillary_number", "size_ratio", *further, *sampled)
+        self.names = ("capillary_number", "size_ratio", *further, *self.sampled)
         self.not_a_number = 0
 
     def __call__(self, coordinates: Floats) -> Floats:
@@ -57,18 +48,19 @@ class LogDensity:
         for name in self.sampled:
             impossible |= theta[name] <= 0.0
             theta[name] = np.where(impossible, getattr(self.density.inputs, name).value, theta[name])
-        further = {name: theta[name] for name in self.names[2 : len(self.names) - len(self.sampled)]}
+        coordinate = self.density.coordinate
+        further = {} if coordinate is None else {coordinate.name: theta[coordinate.name]}
         place = theta["capillary_number"], theta["size_ratio"]
         points, _ = self.density.evaluated(self.model, *place, further)
         outside = np.isnan(points.extent)
-        density = self._all(theta, points) if self.sample_inputs else self._integrated(theta, points, coordinates)
-        if self.density.coordinate is not None:
-            density = density + self.density.coordinate.log_density(theta[self.density.coordinate.name])
-        wrong = np.isnan(density)
+        log_density = self._of_points(points, coordinates[:, 0], theta)
+        if coordinate is not None:
+            log_density = log_density + coordinate.log_density(theta[coordinate.name])
+        wrong = np.isnan(log_density)
         if wrong.any():
             inside = self.model.domain.contains(*place, *further.values())
             self.not_a_number += int(np.count_nonzero(wrong & inside))
-        return np.where(wrong | outside | impossible, -np.inf, density)
+        return np.where(wrong | outside | impossible, -np.inf, log_density)
 
     def named(self, coordinates: Floats) -> dict[str, Floats]:
         """Return the coordinates (n, d) by name, Ca itself in place of its logarithm."""
@@ -76,20 +68,14 @@ class LogDensity:
         theta["capillary_number"] = np.exp(theta["capillary_number"])
         return theta
 
-    def _integrated(self, theta: dict[str, Floats], points, coordinates: Floats) -> Floats:  # type: ignore[no-untyped-def]
-        posterior, width = self.density, theta.get("half_width")
-        place = (points, coordinates[:, 0], theta["size_ratio"], width)
-        density = posterior.log_density(*place) + posterior.log_share(*place)
-        if width is not None:
-            power = posterior.prior.capsule_radius.power
-            density = density + posterior.inputs.half_width.logpdf(width) + power * np.log(width)
-        return density
+    def _sampled(self) -> tuple[str, ...]:
+        return ("half_width",) if self.density.shape_depends_on_half_width else ()
 
-    def _all(self, theta: dict[str, Floats], points) -> Floats:  # type: ignore[no-untyped-def]
-        inputs, count = self.density.inputs, len(points.extent)
-        full = {name: theta.get(name, np.full(count, getattr(inputs, name).value)) for name in _INPUTS} | theta
-        density = self.density.likelihood.log_density(points, full["half_width"])
-        density = density + self.density.prior.log_density(full, points.velocity_ratio)
-        for name in self.sampled:
-            density = density + getattr(inputs, name).logpdf(theta[name])
-        return density
+    def _of_points(self, points: ModelAtPoints, log_ca: Floats, theta: dict[str, Floats]) -> Floats:
+        width = theta.get("half_width")
+        place = (points, log_ca, theta["size_ratio"], width)
+        log_density = self.density.log_density(*place) + self.density.log_share(*place)
+        if width is not None:
+            power = self.density.prior.capsule_radius.power
+            log_density = log_density + self.density.inputs.half_width.logpdf(width) + power * np.log(width)
+        return log_density

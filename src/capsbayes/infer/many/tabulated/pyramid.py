@@ -11,7 +11,7 @@ from scipy import ndimage
 from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
 from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
 
-__all__ = ["COLUMNS", "DOUBTS", "Pyramid"]
+__all__ = ["CAVEATS", "COLUMNS", "Pyramid"]
 
 Floats = NDArray[np.float64]
 
@@ -27,12 +27,12 @@ COLUMNS = (
     "rr",
     "log_stretch_ratio",
     "to_border",
-    "doubts",
+    "caveats",
 )
 """Columns at each node; the last two are the number of cells to the next one without an answer, along rows,
-columns or diagonals, and the sum of the `DOUBTS` that concern it."""
+columns or diagonals, and the sum of the `CAVEATS` that concern it."""
 
-DOUBTS = {TWO_SHAPES: 1, WRINKLES: 2}
+CAVEATS = {TWO_SHAPES: 1, WRINKLES: 2}
 
 _FINER = (4, 8, 16)  # cells along each side of a cell of the coarse table
 
@@ -84,13 +84,13 @@ def _columns(model: ForwardModel, nodes: Nodes, shape: tuple[int, int]) -> Float
     if not answered.all():
         to_border = ndimage.distance_transform_cdt(answered, "chessboard").ravel()
     columns = [getattr(nodes.model, name) for name in COLUMNS[:-3]]
-    columns += [np.log(nodes.stretch_ratio), to_border, _doubts(model, nodes)]
+    columns += [np.log(nodes.stretch_ratio), to_border, _caveats(model, nodes)]
     return np.ascontiguousarray(np.stack(columns, axis=1).reshape(*shape, -1), dtype=np.float64)
 
 
-def _doubts(model: ForwardModel, nodes: Nodes) -> Floats:
-    doubts = np.zeros(len(nodes.size))
+def _caveats(model: ForwardModel, nodes: Nodes) -> Floats:
+    caveats = np.zeros(len(nodes.size))
     theta = {"capillary_number": np.exp(nodes.log_ca), "size_ratio": nodes.size}
     for kind, concerned in model.caveats(theta).items():
-        doubts += DOUBTS[kind] * concerned
-    return doubts
+        caveats += CAVEATS[kind] * concerned
+    return caveats

@@ -145,9 +145,9 @@ def _fill_row(
         mean, left = velocity_ratio(*differences(seen, node), node[2], node[6], node[7], node[8])
         log_ratio[k], log_stretch[k] = np.log(mean), node[9]
         variance += weights[k] * max(left, 0.0) / mean**2
-        doubts = int(node[11])
-        facts[5] += weights[k] * (doubts & 1)
-        facts[6] += weights[k] * (doubts >> 1)
+        caveats = int(node[11])
+        facts[5] += weights[k] * (caveats & 1)
+        facts[6] += weights[k] * (caveats >> 1)
     finest = levels[len(levels) - 1]
     facts[4] = _next_to_border(finest, low, step * (levels[0].shape[0] / finest.shape[0]), log_ca, log_size, weights)
 
