@@ -42,18 +42,14 @@ def build(
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """
     from capsbayes.physics.databases.build import build_database
-    from capsbayes.physics.databases.build_effect import build_effect_database
 
     chosen, varied = _chosen_cases(cases, grid), _values(effect, values)
     _require("--compare", compare is None or compare > simulator.refinement, "more than --refinement", compare)
     _require("--compare", compare is None or effect is None, "nothing beside --effect", compare)
 
     def make() -> Database:
-        if effect is None:
-            return build_database(simulator, chosen, out=out, scheduler=scheduler, workers=workers, compare=compare)
-        return build_effect_database(
-            simulator, chosen, effect=effect, values=varied, out=out, scheduler=scheduler, workers=workers
-        )
+        how: dict[str, Any] = {"scheduler": scheduler, "workers": workers, "compare": compare}
+        return build_database(simulator, chosen, out=out, effect=effect, values=varied, **how)
 
     report(make, out, as_json=as_json)
 

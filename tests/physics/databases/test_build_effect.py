@@ -11,7 +11,6 @@ from analytic_simulator import CASES, AnalyticSimulator
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError, InputError
 from capsbayes.physics.databases.build import build_database
-from capsbayes.physics.databases.build_effect import build_effect_database
 from capsbayes.physics.membrane import Skalak
 
 HERE = "synchronous"
@@ -35,9 +34,7 @@ class WithLaw(AnalyticSimulator):
 
 def build(out, simulator=None, values=VALUES, effect="limit", scheduler=HERE, **options):
     simulator = simulator or AnalyticSimulator()
-    return build_effect_database(
-        simulator, CASES, effect=effect, values=values, out=out, scheduler=scheduler, **options
-    )
+    return build_database(simulator, CASES, effect=effect, values=values, out=out, scheduler=scheduler, **options)
 
 
 def test_it_holds_every_case_at_every_value_with_its_pedigree(tmp_path):

@@ -1,6 +1,5 @@
 """Databases of steady shapes: the cases of each size ratio, computed in parallel and resumed after an interruption."""
 
 from capsbayes.physics.databases.build import build_database
-from capsbayes.physics.databases.build_effect import build_effect_database
 
-__all__ = ["build_database", "build_effect_database"]
+__all__ = ["build_database"]

@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,10 @@ from capsbayes.physics.databases.gather import gathered, pedigree
 from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error
 from capsbayes.physics.databases.outcome import Outcome, count_ended
 from capsbayes.physics.databases.sweep import Cases, SteadySimulator, Sweep, sweep
+from capsbayes.physics.databases.variation import null_value, simulators_at
 from capsbayes.work import Store, progress_bar, run_tasks
 
-__all__ = ["Case", "build_database", "checked_cases", "run_sweeps", "sweep_tasks"]
+__all__ = ["build_database"]
 
 _logger = logging.getLogger(__name__)
 
@@ -35,6 +37,8 @@ def build_database(
     cases: Iterable[Case],
     *,
     out: str | os.PathLike[str],
+    effect: str | None = None,
+    values: Iterable[float] = (),
     scheduler: str | None = None,
     workers: int | None = None,
     progress: bool = True,
@@ -43,17 +47,24 @@ def build_database(
     """Simulate many cases and write them as one database.
 
     Finished cases are kept in the folder ``<out>.parts``. The same call made again, after an interruption or with more
-    cases, computes only what is missing; the result does not depend on interruptions or on the number of workers. A
-    case that fails is a row with its status.
+    cases or values, computes only what is missing; the result does not depend on interruptions or on the number of
+    workers. A case that fails is a row with its status.
+
+    An effect database has the same cases at each of a few values of one more parameter. It serves for differences from
+    the null value on the same mesh, which are added to a database of a finer mesh; so its own mesh may be coarser.
 
     Parameters
     ----------
     simulator : Simulator
-        Must be picklable.
+        Must be picklable; for an effect database a dataclass, whose own value of the parameter is the null value.
     cases : iterable of (capillary_number, size_ratio)
         In any order; cases of one size ratio are run one after the other.
     out : path
         The NetCDF file to write.
+    effect : str, optional
+        Name of a parameter of the simulator, as ``"pre_inflation"``, or of its membrane law, as ``"hardening"``.
+    values : iterable of float
+        Values of the effect: at least three, the null value among them.
     scheduler : str, optional
         Address of a dask cluster (``"tcp://host:port"``) that sees the same files, or ``"synchronous"`` for this
         process alone. By default, worker processes on this machine.
@@ -63,33 +74,43 @@ def build_database(
         Whether to show a progress bar, on a terminal only.
     compare : int, optional
         Refinement of a finer mesh on which five of the cases are run again; the differences are stored in the
-        attribute ``mesh_error``. The simulator then needs a method ``refined(refinement)``.
+        attribute ``mesh_error``. The simulator then needs a method ``refined(refinement)``. Not for an effect.
 
     Returns
     -------
     Database
-        As written, sorted by size ratio, then capillary number.
+        As written, sorted by value of the effect, size ratio, capillary number; that of an effect without nodes.
 
     Raises
     ------
     InputError
-        If there are no cases, or one is not positive, or no cluster answers.
+        If there are no cases, or one is not positive, there is no such parameter, the values are too few or lack the
+        null value, or no cluster answers.
     DatabaseError
         If ``<out>.parts`` was made with other settings.
     """
-    ordered = checked_cases(cases)
-    store = Store.open(Path(f"{os.fspath(out)}.parts"), simulator.settings)
-    tasks = sweep_tasks(simulator, store, ordered)
-    sweeps = run_sweeps(tasks, [store], ordered, scheduler, workers, progress=progress)
-    attributes = pedigree(simulator.settings)
-    if compare is not None:
-        attributes |= {"mesh_error": _compared(simulator, store, sweeps, compare, scheduler, workers)}
-    database = gathered({0.0: sweeps}, simulator.settings, attributes)
+    ordered, folder = _checked_cases(cases), Path(f"{os.fspath(out)}.parts")
+    if effect is None:
+        attributes = pedigree(simulator.settings)
+        at_values = [(0.0, simulator, Store.open(folder, simulator.settings))]
+    else:
+        attributes = pedigree(simulator.settings, effect, null_value(simulator, effect))
+        at_values = [
+            (value, varied, Store.open(folder / f"{effect}-{value!r}", varied.settings))
+            for value, varied in simulators_at(simulator, effect, values).items()
+        ]
+    tasks = [_sweep_tasks(varied, store, ordered) for _, varied, store in at_values]
+    stores = [store for _, _, store in at_values]
+    sweeps = iter(_run_sweeps(list(chain(*tasks)), stores, ordered, scheduler, workers, progress=progress))
+    by_value = {value: list(islice(sweeps, len(some))) for (value, _, _), some in zip(at_values, tasks, strict=True)}
+    if compare is not None and effect is None:
+        attributes |= {"mesh_error": _compared(simulator, stores[0], by_value[0.0], compare, scheduler, workers)}
+    database = gathered(by_value, simulator.settings, attributes)
     database.write(out)
     return database
 
 
-def checked_cases(cases: Iterable[Case]) -> list[Case]:
+def _checked_cases(cases: Iterable[Case]) -> list[Case]:
     """Return the cases without repetition, sorted by size ratio, then capillary number.
 
     Raises
@@ -106,13 +127,13 @@ def checked_cases(cases: Iterable[Case]) -> list[Case]:
     return [(ca, size) for size, ca in ordered]
 
 
-def sweep_tasks(simulator: SteadySimulator, store: Store, cases: list[Case]) -> list[Callable[[], Sweep]]:
+def _sweep_tasks(simulator: SteadySimulator, store: Store, cases: list[Case]) -> list[Callable[[], Sweep]]:
     """Return one task for each size ratio of sorted cases."""
     sizes = sorted({size for _, size in cases})
     return [partial(_run_sweep, simulator, store, size, [ca for ca, other in cases if other == size]) for size in sizes]
 
 
-def run_sweeps(
+def _run_sweeps(
     tasks: list[Callable[[], Sweep]],
     stores: list[Store],
     cases: list[Case],

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.physics.databases.build import build_database
-from capsbayes.physics.databases.build_effect import build_effect_database
 from capsbayes.physics.databases.grid import (
     Cases,
     default_grid,
@@ -34,8 +33,8 @@ class Recipe:
     simulator : SteadySimulator
     cases : list of (float, float)
         Capillary number and size ratio.
-    effect : str
-        Parameter of the simulator or of its law, or "" for a plain database.
+    effect : str or None
+        Parameter of the simulator or of its law; None for a plain database.
     values : tuple of float
     compare : int or None
         Refinement of the finer mesh for the mesh's error.
@@ -43,7 +42,7 @@ class Recipe:
 
     simulator: SteadySimulator
     cases: Cases
-    effect: str = ""
+    effect: str | None = None
     values: tuple[float, ...] = ()
     compare: int | None = None
 
@@ -120,21 +119,12 @@ def build_shipped(
 ) -> Database:
     """Build a database that comes with the library; parameters as of `build_database`."""
     recipe = recipe_named(name)
-    if recipe.effect:
-        return build_effect_database(
-            recipe.simulator,
-            recipe.cases,
-            effect=recipe.effect,
-            values=recipe.values,
-            out=out,
-            scheduler=scheduler,
-            workers=workers,
-            progress=progress,
-        )
     return build_database(
         recipe.simulator,
         recipe.cases,
         out=out,
+        effect=recipe.effect,
+        values=recipe.values,
         scheduler=scheduler,
         workers=workers,
         progress=progress,
