@@ -71,5 +71,5 @@ def same(printed, text):
 
 def test_every_public_name_is_in_the_reference():
     pages = "".join(page.read_text() for page in (ROOT / "docs" / "reference").glob("*.md"))
-    documented = set(re.findall(r"^::: capsbayes\.(\w+)$", pages, re.MULTILINE))
+    documented = set(re.findall(r"^::: capsbayes\.(\w+)", pages, re.MULTILINE))  # of a room, by its members
     assert documented >= set(capsbayes.__all__) - {"__version__"}

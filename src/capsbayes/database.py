@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import DatabaseError
 from capsbayes.output_file import unfinished
+from capsbayes.parameters import PARAMETERS
 from capsbayes.status import Status
 
 __all__ = [
@@ -73,24 +74,31 @@ class Variable(NamedTuple):
 
 _CASE, _BORDER = ("case",), ("border",)
 
+
+def _quantity(name: str, kind: str = "f") -> Variable:
+    """Return the variable over the cases that holds a quantity of the one table."""
+    known = PARAMETERS[name]
+    return Variable(_CASE, kind, known.symbol, "1" if known.unit == "-" else known.unit, known.meaning)
+
+
 VARIABLES: dict[str, Variable] = {
-    "capillary_number": Variable(_CASE, "f", "Ca", "1", "capillary number mu U / G_s"),
-    "size_ratio": Variable(_CASE, "f", "a/l", "1", "radius at rest over half width"),
+    "capillary_number": _quantity("capillary_number"),
+    "size_ratio": _quantity("size_ratio"),
     "effect_value": Variable(_CASE, "f", "e", "1", "value of the parameter named by the attribute effect"),
-    "axial_extent": Variable(_CASE, "f", "L_z", "l", "maximum extension along the flow"),
-    "axial_length": Variable(_CASE, "f", "L_a", "l", "length on the axis"),
-    "parachute_depth": Variable(_CASE, "f", "L_p", "l", "depth of the concave rear L_z - L_a"),
-    "perimeter": Variable(_CASE, "f", "P", "l", "length of the profile in the plane x = 0"),
-    "stretch_ratio": Variable(_CASE, "f", "Lambda", "1", "perimeter over that at rest P / (2 pi a)"),
-    "velocity_ratio": Variable(_CASE, "f", "v_o/U", "1", "velocity of the capsule over mean undisturbed velocity"),
-    "inner_pressure": Variable(_CASE, "f", "p_in", "mu U/l", "pressure of the inner liquid"),
-    "extra_pressure_drop": Variable(_CASE, "f", "dP+", "mu U/l", "pressure drop added by the capsule"),
-    "residual": Variable(_CASE, "f", "R", "U", "largest collocation residual of the steady state"),
-    "slack": Variable(_CASE, "f", "s", "U", "uniform normal velocity left over, an indicator of the mesh's error"),
-    "minimum_tension": Variable(_CASE, "f", "tau_min", "G_s", "smallest principal tension of the membrane"),
-    "wrinkling_rate": Variable(_CASE, "f", "sigma", "U/l", "growth rate of wrinkles about the axis, where checked"),
-    "iterations": Variable(_CASE, "i", "k", "1", "Newton iterations"),
-    "refinement": Variable(_CASE, "i", "n", "1", "subdivisions of an edge of the octahedron"),
+    "axial_extent": _quantity("axial_extent"),
+    "axial_length": _quantity("axial_length"),
+    "parachute_depth": _quantity("parachute_depth"),
+    "perimeter": _quantity("perimeter"),
+    "stretch_ratio": _quantity("stretch_ratio"),
+    "velocity_ratio": _quantity("velocity_ratio"),
+    "inner_pressure": _quantity("inner_pressure"),
+    "extra_pressure_drop": _quantity("extra_pressure_drop"),
+    "residual": _quantity("residual"),
+    "slack": _quantity("slack"),
+    "minimum_tension": _quantity("minimum_tension"),
+    "wrinkling_rate": _quantity("wrinkling_rate"),
+    "iterations": _quantity("iterations", "i"),
+    "refinement": _quantity("refinement", "i"),
     "status": Variable(_CASE, "U", "status", "1", "why the computation ended, a name of capsbayes.Status"),
     "nodes": Variable(("case", "node", "axis"), "f", "x", "l", "nodes of the symmetry wedge"),
     "profile": Variable(("case", "point", "plane"), "f", "(z, y)", "l", "outline in the plane x = 0, from the nose"),

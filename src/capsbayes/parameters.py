@@ -95,20 +95,22 @@ _TABLE = (
     Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
     Parameter("frame_rate", "f", "f", "1/s", "1/s", 1.0, "pictures per second of a film"),
     # of the flow problem
-    _ratio("capillary_number", "Ca", r"\mathrm{Ca}", "viscous over elastic forces, mu U / G_s"),
-    _ratio("size_ratio", "a/l", r"a/\ell", "radius of the capsule over the half width of the channel"),
-    _ratio("velocity_ratio", "v_o/U", r"v_\mathrm{o}/U", "velocity of the capsule over that of the undisturbed flow"),
+    _ratio("capillary_number", "Ca", r"\mathrm{Ca}", "capillary number mu U / G_s"),
+    _ratio("size_ratio", "a/l", r"a/\ell", "radius at rest over half width"),
+    _ratio("velocity_ratio", "v_o/U", r"v_\mathrm{o}/U", "velocity of the capsule over mean undisturbed velocity"),
     _ratio(
         "unsteadiness", "l/(U t)", r"\ell/(Ut)", "inverse of the time since the capsule was put into the flow", "U/l"
     ),
     # of the steady shape
     _ratio("axial_extent", "L_z", r"L_z/\ell", "maximum extension along the flow", "l"),
     _ratio("axial_length", "L_a", r"L_a/\ell", "length on the axis", "l"),
-    _ratio("parachute_depth", "L_p", r"L_p/\ell", "depth of the concave rear, L_z - L_a", "l"),
-    _ratio("perimeter", "P", r"P/\ell", "length of the mid-plane profile", "l"),
-    _ratio("stretch_ratio", "Lambda", r"\Lambda", "perimeter of the profile over that at rest, P / (2 pi a)"),
-    _ratio("inner_pressure", "p_in", r"p_\mathrm{in}", "pressure of the inner liquid over the outer", "mu U/l"),
-    _ratio("extra_pressure_drop", "dP+", r"\Delta P^+", "pressure drop the capsule adds", "mu U/l"),
+    _ratio("parachute_depth", "L_p", r"L_p/\ell", "depth of the concave rear L_z - L_a", "l"),
+    _ratio("perimeter", "P", r"P/\ell", "length of the profile in the plane x = 0", "l"),
+    _ratio("stretch_ratio", "Lambda", r"\Lambda", "perimeter over that at rest P / (2 pi a)"),
+    _ratio("inner_pressure", "p_in", r"p_\mathrm{in}", "pressure of the inner liquid", "mu U/l"),
+    _ratio("extra_pressure_drop", "dP+", r"\Delta P^+", "pressure drop added by the capsule", "mu U/l"),
+    _ratio("minimum_tension", "tau_min", r"\tau_\mathrm{min}", "smallest principal tension of the membrane", "G_s"),
+    _ratio("wrinkling_rate", "sigma", r"\sigma", "growth rate of wrinkles about the axis, where checked", "U/l"),
     # of the picture, and of what the flow does to the channel
     Parameter("halo", "delta", r"\delta", "m", "um", 1e6, "distance by which all edges are found too far out"),
     Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "us", 1e6, "time for which a picture is exposed"),
@@ -132,9 +134,10 @@ _TABLE = (
     ),
     Parameter("radius_spread", "sd ln a", r"\sigma_{\ln a}", "-", "%", 1e2, "spread of a among capsules"),
     # of a simulation
+    _ratio("iterations", "k", "k", "Newton iterations"),
     _ratio("refinement", "n", "n", "subdivisions of an edge of the octahedron"),
-    _ratio("residual", "R", "R", "largest velocity of the membrane in the frame of the capsule", "U"),
-    _ratio("slack", "s", "s", "uniform normal velocity that absorbs the redundant equation; an error indicator", "U"),
+    _ratio("residual", "R", "R", "largest collocation residual of the steady state", "U"),
+    _ratio("slack", "s", "s", "uniform normal velocity left over, an indicator of the mesh's error", "U"),
 )
 
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _TABLE})

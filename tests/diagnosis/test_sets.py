@@ -184,7 +184,7 @@ def test_conditions_may_be_in_micrometres_and_are_checked(tmp_path):
     path.write_text(f"{header},half_width_um,viscosity_mpa_s\n{row},27.5,\n{row},0,800\n")
     found = Session.read(path, EXPERIMENT)
     assert found.circumstances["half_width"] == pytest.approx([27.5e-6])
-    assert "capsule 2: half_width: expected a positive number" in found.left_out[0]
+    assert "capsule 2: half_width: expected a positive finite number, got " in found.left_out[0]
 
 
 TABLE = (

@@ -11,8 +11,8 @@ from capsbayes.infer import Prior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.capsule_rows import CapsuleRows
-from capsbayes.infer.many.measured_lengths import NUMBERS
 from capsbayes.infer.many.tabulated.rows import lengths_rows
+from capsbayes.measurements.table import NUMBERS
 from capsbayes.quantity import Quantity
 
 VISCOSITY, HALF_WIDTH = (0.85, 0.0425), (25e-6, 0.25e-6)

@@ -1,4 +1,4 @@
-"""A set as a table: a CSV file of lengths, one row a capsule.
+"""A set as a table: lengths and velocities, one row a capsule, as a CSV, Parquet or NetCDF file or a pandas DataFrame.
 
 Headers carry their units. Lengths are over l; velocities may be in m/s or mm/s. The ``capsules.csv`` that the
 measurement of a film leaves is such a table too.
@@ -6,42 +6,213 @@ measurement of a film leaves is such a table too.
 
 from __future__ import annotations
 
-import csv
+import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.measurement import Measurement
+from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
+from capsbayes.measurements.netcdf import opened
+from capsbayes.parameters import PARAMETERS, STATED
 from capsbayes.status import Status
 
-__all__ = ["COLUMNS", "CONDITIONS", "NAMES", "OPTIONAL", "check_columns", "read_table", "write_table"]
+if TYPE_CHECKING:
+    import pandas as pd
 
-Row = Mapping[str, str]
+__all__ = ["NUMBERS", "MeasuredLengths", "is_table_of_lengths", "read_table", "write_table"]
+
+Floats = NDArray[np.float64]
+Strings = NDArray[np.str_]
+Rows = NDArray[np.bool_]
 
 # name in a measurement, headers under which it is found, and their factors to SI
 _VELOCITY = {"_m_per_s": 1.0, "_mm_per_s": 1e-3}
-COLUMNS: dict[str, dict[str, float]] = {
+_HEADERS: dict[str, dict[str, float]] = {
     "axial_extent": {"axial_extent_over_l": 1.0},
     "axial_extent_error": {"axial_extent_error_over_l": 1.0},
     "capsule_velocity": {f"capsule_velocity{unit}": scale for unit, scale in _VELOCITY.items()} | {"velocity_m_s": 1.0},
     "capsule_velocity_error": {f"capsule_velocity_error{unit}": scale for unit, scale in _VELOCITY.items()}
     | {"velocity_error_m_s": 1.0},
-}
-OPTIONAL: dict[str, dict[str, float]] = {
     "axial_length": {"axial_length_over_l": 1.0},
     "axial_length_error": {"axial_length_error_over_l": 1.0},
     "length_correlation": {"length_correlation": 1.0},
     "flow_rate": {"flow_rate_m3_per_s": 1.0, "flow_rate_ul_per_min": 1e-9 / 60.0},
-}
-CONDITIONS: dict[str, dict[str, float]] = {
     "half_width": {"half_width_m": 1.0, "half_width_um": 1e-6},
     "viscosity": {"viscosity_pa_s": 1.0, "viscosity_mpa_s": 1e-3},
 }
-NAMES = ("name", "capsule")
-_PASSED_OVER = ("status", "frames")
+NUMBERS = tuple(_HEADERS)
+"""Numbers that a row may hold: lengths over l, the others in SI."""
+
+_NEEDED = NUMBERS[:4]
+_NAMES = ("name", "capsule")
+_IGNORED = ("status", "frames")
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredLengths:
+    """Measured numbers of n capsules.
+
+    Parameters
+    ----------
+    numbers : mapping of (n,) array
+        Each of `NUMBERS`, NaN where it was not measured.
+    names : (n,) array of str
+    refusals : (n,) array of str
+        Why a row cannot be used, empty if it can; ``"status: NAME"`` for the status of a failed measurement.
+    source, sha256 : str
+        The file and its fingerprint.
+    """
+
+    numbers: Mapping[str, Floats]
+    names: Strings
+    refusals: Strings
+    source: str = ""
+    sha256: str = ""
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @classmethod
+    def read(cls, path: str | Path) -> MeasuredLengths:
+        """Read a CSV or Parquet table, or a NetCDF file without outlines.
+
+        Parameters
+        ----------
+        path : path
+            Table with the columns ``axial_extent_over_l``, ``axial_extent_error_over_l``, ``capsule_velocity_m_per_s``
+            and ``capsule_velocity_error_m_per_s`` (or both ``..._mm_per_s``); optionally ``axial_length_over_l`` and
+            ``axial_length_error_over_l``, whose cells may be empty where the rear is hidden, ``length_correlation``,
+            ``flow_rate_ul_per_min`` (or ``_m3_per_s``), ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or
+            ``_mpa_s``) where they are not those of the experiment, ``name``, and ``status``, which is DONE for a
+            capsule to be used.
+
+        Raises
+        ------
+        InputError
+            On a file that cannot be read, a column that is missing or unknown, or a table without rows.
+        """
+        path = Path(path)
+        frame = _frame(path)
+        return cls.of_frame(frame, source=str(path), sha256=hashlib.sha256(path.read_bytes()).hexdigest())
+
+    @classmethod
+    def of_frame(cls, frame: pd.DataFrame, *, source: str = "table", sha256: str = "") -> MeasuredLengths:
+        """Take the numbers from a pandas DataFrame with the columns of `read`.
+
+        Raises
+        ------
+        InputError
+            On a column that is missing or unknown, or a table without rows.
+        """
+        import pandas as pd
+
+        frame = frame.rename(columns=lambda name: str(name).strip()).reset_index(drop=True)
+        _check_columns(source, list(frame.columns))
+        if not len(frame):
+            raise InputError(source, "", "at least one capsule", "none")
+        if not sha256:
+            sha256 = hashlib.sha256(pd.util.hash_pandas_object(frame).to_numpy().tobytes()).hexdigest()
+        numbers, refusals = {}, np.full(len(frame), "", dtype=object)
+        for name, headers in _HEADERS.items():
+            header = next((header for header in headers if header in frame), None)
+            numbers[name] = np.full(len(frame), np.nan)
+            if header is None:
+                continue
+            found = pd.to_numeric(frame[header], errors="coerce")
+            numbers[name] = headers[header] * found.to_numpy(dtype=np.float64)
+            text = frame[header].astype(str).str.strip()
+            for row in np.flatnonzero(found.isna() & ~frame[header].isna() & ~text.str.lower().isin(["", "nan"])):
+                refusals[row] = refusals[row] or f"{header}: expected a number, got {text[row]!r}"
+        if "status" in frame:
+            given = frame["status"].fillna("DONE").astype(str).str.strip().to_numpy()
+            refusals[given != "DONE"] = [f"status: {status}" for status in given[given != "DONE"]]
+        names = np.arange(1, len(frame) + 1).astype(str).astype(object)
+        label = next((header for header in _NAMES if header in frame), None)
+        if label is not None:
+            names = np.where(frame[label].isna(), names, frame[label].astype(str))
+        read = cls(numbers, names.astype(np.str_), refusals.astype(np.str_), source, sha256)
+        return read._checked()
+
+    def _checked(self) -> MeasuredLengths:
+        """Refuse the rows that no single measurement may hold."""
+        numbers, checked = self.numbers, self
+        length = numbers["axial_length"]
+        for name in NUMBERS:
+            if name == "length_correlation":
+                continue
+            given = ~np.isnan(length if name == "axial_length_error" else numbers[name]) | (name in _NEEDED)
+            wrong = given & ~(np.isfinite(numbers[name]) & (numbers[name] > 0.0))
+            checked = checked.refused(wrong, name, "a positive finite number")
+            if name in STATED:
+                (_, least, most), unit = STATED[name], PARAMETERS[name].unit
+                beyond = given & ((numbers[name] < least) | (numbers[name] > most))
+                checked = checked.refused(beyond, name, f"a value from {least:g} to {most:g} {unit}")
+        checked = checked.refused(length > numbers["axial_extent"], "axial_length", "at most the axial extent")
+        wrong = np.abs(np.nan_to_num(numbers["length_correlation"])) >= 1.0
+        return checked.refused(wrong, "length_correlation", "a number between -1 and 1")
+
+    def refused(self, rows: Rows, name: str, expected: str) -> MeasuredLengths:
+        """Return the same with further rows refused.
+
+        Parameters
+        ----------
+        rows : (n,) bool array
+        name : str
+            The number at fault.
+        expected : str
+            What would have been right.
+        """
+        rows = rows & (self.refusals == "")
+        if not rows.any():
+            return self
+        refusals = self.refusals.astype(object)
+        refusals[rows] = [f"{name}: expected {expected}, got {value:g}" for value in self.numbers[name][rows]]
+        return replace(self, refusals=refusals.astype(np.str_))
+
+    def taken(self, rows: slice | NDArray[np.intp]) -> MeasuredLengths:
+        """Return some of the rows."""
+        numbers = {name: values[rows] for name, values in self.numbers.items()}
+        return replace(self, numbers=numbers, names=self.names[rows], refusals=self.refusals[rows])
+
+    def measurement(self, row: int) -> Measurement:
+        """Return one row as a measurement.
+
+        Raises
+        ------
+        InputError
+            If it is refused.
+        """
+        where = f"{self.source}: capsule {self.names[row]}"
+        if why := str(self.refusals[row]):
+            key, _, words = why.partition(": ")
+            expected, _, got = words.removeprefix("expected ").partition(", got ")
+            if key == "status":
+                expected, got = "DONE", str(Status.__members__.get(words, repr(words)))
+            raise InputError(where, key, expected, got)
+        numbers = {name: float(values[row]) for name, values in self.numbers.items() if np.isfinite(values[row])}
+        own = {name: numbers.pop(name) for name in CONDITIONS if name in numbers}
+        return Measurement(**numbers, conditions=own, source=where)  # type: ignore[arg-type]
+
+    @property
+    def lengths(self) -> Floats:
+        """L_z, L_a (NaN where missing) and the covariance zz, za, aa : (n, 5) array [l]."""
+        extent, error_z = self.numbers["axial_extent"], self.numbers["axial_extent_error"]
+        error_a = np.nan_to_num(self.numbers["axial_length_error"])
+        cross = np.nan_to_num(self.numbers["length_correlation"]) * error_z * error_a
+        return np.stack((extent, self.numbers["axial_length"], error_z**2, cross, error_a**2), axis=1)
+
+    @property
+    def velocities(self) -> Floats:
+        """v_o and its standard error : (n, 2) array [m/s]."""
+        return np.stack([self.numbers["capsule_velocity"], self.numbers["capsule_velocity_error"]], axis=1)
 
 
 def read_table(path: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
@@ -50,12 +221,7 @@ def read_table(path: Path, experiment: Experiment | str | Path | None = None) ->
     Parameters
     ----------
     path : Path
-        CSV file with the columns ``axial_extent_over_l``, ``axial_extent_error_over_l``, ``capsule_velocity_m_per_s``
-        and ``capsule_velocity_error_m_per_s`` (or both ``..._mm_per_s``); optionally ``axial_length_over_l`` and
-        ``axial_length_error_over_l``, whose cells may be empty where the rear is hidden, ``length_correlation``,
-        ``flow_rate_ul_per_min`` (or ``_m3_per_s``), ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or
-        ``_mpa_s``) where they are not those of the experiment, ``name``, and ``status``, which is
-        DONE for a capsule to be used.
+        As `MeasuredLengths.read` reads it.
     experiment : Experiment or path
 
     Raises
@@ -64,10 +230,8 @@ def read_table(path: Path, experiment: Experiment | str | Path | None = None) ->
         On a column that is missing or unknown, or if no capsule can be used.
     """
     known = known_experiment(path, experiment)
-    columns, rows = _rows(path)
-    check_columns(path, columns)
-    readers = [partial(_measurement, path, number, row) for number, row in enumerate(rows, start=1)]
-    measurements, left_out = gathered(readers, path)
+    lengths = MeasuredLengths.read(path)
+    measurements, left_out = gathered([partial(lengths.measurement, row) for row in range(len(lengths))], path)
     return MeasuredSet(measurements, known, left_out)
 
 
@@ -79,70 +243,49 @@ def write_table(path: Path, measurements: Sequence[Measurement]) -> None:
     InputError
         If a capsule has an outline, for which a table has no place.
     """
-    for one in measurements:
-        if one.outline is not None:
-            raise InputError(str(path), "outline", "capsules without outlines", "one with", "write a folder or a .nc")
-    seen = {name for name in COLUMNS | OPTIONAL if any(getattr(one, name) is not None for one in measurements)}
-    headers = {name: next(iter(found)) for name, found in (COLUMNS | OPTIONAL).items() if name in seen}
-    stated = {name for one in measurements for name in one.conditions}
-    own = {name: next(iter(found)) for name, found in CONDITIONS.items() if name in stated}
-    with path.open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["name", *headers.values(), *own.values()])
-        for number, one in enumerate(measurements, start=1):
-            numbers = [*(getattr(one, name) for name in headers), *(one.conditions.get(name) for name in own)]
-            table.writerow([number, *("" if value is None else repr(float(value)) for value in numbers)])
+    import pandas as pd
+
+    if any(one.outline is not None for one in measurements):
+        raise InputError(str(path), "outline", "capsules without outlines", "one with", "write a folder or a .nc")
+    columns: dict[str, list[float | None]] = {}
+    for name, headers in _HEADERS.items():
+        values = [one.conditions.get(name) if name in CONDITIONS else getattr(one, name) for one in measurements]
+        if any(value is not None for value in values):
+            columns[next(iter(headers))] = values
+    frame = pd.DataFrame(columns, index=pd.RangeIndex(1, len(measurements) + 1, name="name"), dtype=np.float64)
+    frame.to_csv(path)
 
 
-def _rows(path: Path) -> tuple[list[str], list[Row]]:
+def is_table_of_lengths(path: Path) -> bool:
+    """Return True for a CSV or Parquet table, and for a NetCDF file without outlines."""
+    return path.suffix in (".csv", ".parquet") or (path.suffix == ".nc" and "outline" not in opened(path).variables)
+
+
+def _frame(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    if not path.exists():
+        raise InputError(str(path), "", "a table of lengths (.csv, .parquet or .nc)", "nothing there")
+    if path.suffix == ".nc":
+        dataset = opened(path)
+        kept = [str(name) for name in dataset.variables if dataset[name].dims == ("capsule",)]
+        return pd.DataFrame({next(iter(_HEADERS.get(name, {name: 1.0}))): dataset[name].values for name in kept})
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin with a mark
-            table = csv.DictReader(file, skipinitialspace=True)
-            table.fieldnames = [name.strip() for name in table.fieldnames or []]
-            return list(table.fieldnames), list(table)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(str(path), "", "a readable CSV file", str(error)) from None
+        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, skipinitialspace=True)
+    except ImportError:
+        advice = "pip install 'capsbayes[parquet]', or write the table as .csv"
+        raise InputError(str(path), "", "a reader of Parquet files", "none is installed", advice) from None
+    except Exception as error:  # each reader has errors of its own for a damaged file
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(str(path), "", f"a readable {path.suffix} table", reason) from None
 
 
-def check_columns(path: Path, columns: list[str]) -> None:
-    """Refuse a table with an unknown column, or without one that is needed.
-
-    Raises
-    ------
-    InputError
-    """
-    headers = {name: tuple(found) for name, found in (COLUMNS | OPTIONAL | CONDITIONS).items()}
-    known = [header for found in headers.values() for header in found] + [*NAMES, *_PASSED_OVER]
+def _check_columns(source: str, columns: list[str]) -> None:
+    """Refuse a table with an unknown column, or without one that is needed."""
+    known = [header for headers in _HEADERS.values() for header in headers] + [*_NAMES, *_IGNORED]
     for column in columns:
         if column not in known:
-            raise InputError(str(path), column, f"one of the columns {', '.join(known)}", "an unknown column")
-    for name in COLUMNS:
-        if not any(header in columns for header in headers[name]):
-            raise InputError(str(path), headers[name][0], "a column of this name", f"only {', '.join(columns)}")
-
-
-def _measurement(path: Path, number: int, row: Row) -> Measurement:
-    """One row; what is wrong in it is said with its name."""
-    label = next((row[name] for name in NAMES if row.get(name)), str(number))
-    where = f"{path}: capsule {label}"
-    status = (row.get("status") or "DONE").strip()
-    if status != "DONE":
-        said = Status.__members__.get(status)
-        raise InputError(where, "status", "DONE", str(said) if said else repr(status))
-    numbers = {name: _number(row, where, found) for name, found in COLUMNS.items()}
-    numbers |= {name: _number(row, where, found, optional=True) for name, found in OPTIONAL.items()}
-    correlation = numbers.pop("length_correlation") or 0.0
-    conditions = {name: _number(row, where, found, optional=True) for name, found in CONDITIONS.items()}
-    own = {name: value for name, value in conditions.items() if value is not None}
-    return Measurement(**numbers, length_correlation=correlation, conditions=own, source=where)  # type: ignore[arg-type]
-
-
-def _number(row: Row, where: str, headers: Mapping[str, float], *, optional: bool = False) -> float | None:
-    header = next((one for one in headers if one in row), "")
-    text = (row.get(header) or "").strip()
-    if optional and text.lower() in ("", "nan"):
-        return None
-    try:
-        return headers[header] * float(text)
-    except ValueError:
-        raise InputError(where, header, "a number", repr(text)) from None
+            raise InputError(source, column, f"one of the columns {', '.join(known)}", "an unknown column")
+    for name in _NEEDED:
+        if not any(header in columns for header in _HEADERS[name]):
+            raise InputError(source, next(iter(_HEADERS[name])), "a column of this name", f"only {', '.join(columns)}")

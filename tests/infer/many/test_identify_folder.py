@@ -80,9 +80,11 @@ def test_every_row_of_a_table_has_a_result_or_a_reason(tmp_path):
     found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
     status, reason = found["status"], found["reason"]
     assert len(found) == len(frame)
-    assert (status[1], reason[1]) == ("UNUSABLE", "axial_extent_over_l: expected a number")
+    assert (status[1], reason[1]) == ("UNUSABLE", "axial_extent_over_l: expected a number, got 'n/k'")
     assert status[2] == "NO_SHAPE"
-    assert reason[3].startswith("capsule_velocity: expected a standard error below 25%")
+    assert reason[3].startswith(
+        "capsule_velocity_error: expected a standard error below 25% of the velocity, got 0.004"
+    )
     assert status[5] == "DOUBLET"
     done = np.isin(np.arange(len(frame)), [1, 2, 3, 5], invert=True)
     assert np.isfinite(found["surface_shear_modulus_median"][done]).all()
@@ -93,6 +95,21 @@ def test_every_row_of_a_table_has_a_result_or_a_reason(tmp_path):
     header = (tmp_path / "r.csv").read_text().splitlines()[0]
     assert "surface_shear_modulus_median [N/m]" in header
     assert "capsule_radius_lower_95 [m]" in header
+
+
+def test_a_frame_is_identified_like_its_file(tmp_path):
+    frame = write_table(tmp_path / "t.csv", 4).astype(object)
+    frame.loc[1, "axial_extent_over_l"] = 53.5
+    found = identify_folder(frame, MODEL, EXPERIMENT, out=tmp_path / "frame.nc", **HERE)
+    frame.to_csv(tmp_path / "t.csv", index=False)
+    wanted = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "file.nc", **HERE)
+    assert found["reason"][1] == "axial_extent: expected a value from 0.01 to 20 l, got 53.5"
+    assert set(found["source"]) == {"table"}
+    for name in ("surface_shear_modulus_median", "status", "reason", "axial_extent", "name"):
+        np.testing.assert_array_equal(found[name], wanted[name])
+    assert not (tmp_path / "frame.nc.parts").exists()
+    with pytest.raises(InputError, match="table: experiment: expected the experiment of the capsules"):
+        identify_folder(frame, MODEL, out=tmp_path / "none.nc", **HERE)
 
 
 def test_row_is_that_of_the_exact_engine(tmp_path):

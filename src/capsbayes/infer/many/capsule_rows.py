@@ -33,7 +33,7 @@ class CapsuleRows:
     status, reason, engine : (n,) arrays of str
         Name of a `Status`; the reason, where the status alone does not tell it; ``table`` or ``grid``.
     numbers : (n, k) array
-        Measured numbers, the `NUMBERS` of `capsbayes.infer.many.measured_lengths`.
+        Measured numbers, the `NUMBERS` of `capsbayes.measurements.table`.
     summaries : (n, 7, 7) array
         Mean, standard deviation, median and ends of the 68 % and 95 % intervals of the `QUANTITIES`, SI.
     distance : (n,) array

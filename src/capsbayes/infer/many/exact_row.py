@@ -10,7 +10,6 @@ from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.mixed import exact_engine
 from capsbayes.infer.many.capsule_rows import CapsuleRows
-from capsbayes.infer.many.measured_lengths import NUMBERS
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.mixture import mixture
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
@@ -18,6 +17,7 @@ from capsbayes.infer.outline.likelihood import check_view_of
 from capsbayes.infer.outline.misfit import outline_misfit
 from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
+from capsbayes.measurements.table import NUMBERS
 from capsbayes.model import TWO_SHAPES, WRINKLES
 from capsbayes.status import Status
 

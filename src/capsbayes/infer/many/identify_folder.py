@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,13 @@ from capsbayes.infer.many.sampled import ChainTask, CheckTask, Compared, compare
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import RowsTask, StoredTask
 from capsbayes.infer.prior import Prior
+from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
 from capsbayes.work import Store, progress_bar, run_tasks
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["identify_folder"]
 
@@ -40,7 +44,7 @@ _ATTEMPTS = 3  # at tasks whose workers are killed
 
 
 def identify_folder(
-    source: str | os.PathLike[str],
+    source: str | os.PathLike[str] | pd.DataFrame,
     model: ForwardModel,
     experiment: Experiment | None = None,
     *,
@@ -67,8 +71,9 @@ def identify_folder(
 
     Parameters
     ----------
-    source : path
-        A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc).
+    source : path or pandas DataFrame
+        A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc);
+        or a DataFrame with the columns of a table, see `capsbayes.measurements.table.MeasuredLengths.read`.
     model : ForwardModel
     experiment : Experiment, optional
         By default the one that each measurement of a folder names.
@@ -107,22 +112,24 @@ def identify_folder(
         If there is nothing to identify, no cluster answers, or the disk is full: what is finished is then kept.
     """
     out = Path(out)
-    experiment = experiment or common_experiment(Path(source))
+    given = Path(source) if isinstance(source, (str, os.PathLike)) else MeasuredLengths.of_frame(source)
+    if experiment is None and isinstance(given, Path):
+        experiment = common_experiment(given)
     parts = out.with_name(f"{out.name}.parts")
     where = None if background is None else Path(background)
-    given = capsule_velocity
-    velocity = None if given is None else Quantity.of(given, "capsule_velocity", where="identify_folder")
-    run = Run(model, experiment, prior or Prior(), seed, velocity, where, flow)
+    if capsule_velocity is not None:
+        capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="identify_folder")
+    run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
     if experiment is not None:
         model.check_cross_section(experiment)
     pool = _Pool(run, scheduler, workers, progress)
     store = Store(parts, run.fingerprint)
     with _room_on_the_disk(parts):
-        found = listed(Path(source), run, store)
+        found = listed(given, run, store)
         parts.mkdir(parents=True, exist_ok=True)
         pool.finish(found.tasks, "parts")
         rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
-        population = Population.of(rows, _attributes(run, Path(source)))
+        population = Population.of(rows, _attributes(run, str(given) if isinstance(given, Path) else given.source))
         population.write(out.with_suffix(".csv"))
         agreement = _checked(population, found, store, check, most_checked, pool)
         if agreement is not None:
@@ -131,7 +138,7 @@ def identify_folder(
         if chains is not None:
             tasks = [_chain(population, found, Path(chains), int(row)) for row in _with_result(population)]
             pool.finish(tasks, "chains")
-        if not Path(source).is_dir():
+        if not (isinstance(given, Path) and given.is_dir()):
             shutil.rmtree(parts)
     return population
 
@@ -182,7 +189,7 @@ def _read(task: RowsTask) -> CapsuleRows:
     return rows
 
 
-def _attributes(run: Run, source: Path) -> dict[str, Any]:
+def _attributes(run: Run, source: str) -> dict[str, Any]:
     known = run.experiment
     stated: dict[str, Any] = {}
     if known is not None:
@@ -191,7 +198,7 @@ def _attributes(run: Run, source: Path) -> dict[str, Any]:
         stated = {"cross_section": known.cross_section, **pairs}
     return {
         "title": "posteriors of capsules",
-        "source": str(source),
+        "source": source,
         "model": run.model.name,
         "model_sha256": run.model.sha256,
         "experiment": json.dumps(stated),

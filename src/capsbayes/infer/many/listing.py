@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.many.measured_lengths import MeasuredLengths, is_table_of_lengths
+from capsbayes.infer.inputs import LOOSEST_VELOCITY
 from capsbayes.infer.many.run import Run
-from capsbayes.infer.many.table_rows import measurement_of_row
 from capsbayes.infer.many.tasks import (
     PICTURES,
     FileTask,
@@ -27,6 +25,7 @@ from capsbayes.measurement import Measurement
 from capsbayes.measurements import read_set
 from capsbayes.measurements.folder import measurement_files
 from capsbayes.measurements.netcdf import opened
+from capsbayes.measurements.table import MeasuredLengths, is_table_of_lengths
 from capsbayes.work import Store
 
 __all__ = ["Listed", "capsule_files", "common_experiment", "cross_section_and_view", "listed"]
@@ -52,12 +51,12 @@ class Listed:
     measurement: Callable[[int], Measurement]
 
 
-def listed(source: Path, run: Run, store: Store) -> Listed:
+def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
     """List the capsules of a run.
 
     Parameters
     ----------
-    source : Path
+    source : Path or MeasuredLengths
         A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc).
     run : Run
     store : Store
@@ -68,6 +67,9 @@ def listed(source: Path, run: Run, store: Store) -> Listed:
     InputError
         If there is nothing to identify, or a table comes without its experiment.
     """
+    if isinstance(source, MeasuredLengths):
+        _check_experiment(run, source.source)
+        return _table(source, store)
     _check_there(source)
     if source.is_dir():
         files = capsule_files(source)
@@ -78,21 +80,34 @@ def listed(source: Path, run: Run, store: Store) -> Listed:
     if source.suffix not in (".csv", ".parquet", ".nc"):
         expected = "a folder, a .csv, .parquet or .nc file"
         raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
-    if run.experiment is None:
-        advice = "say which with experiment=..., or --experiment"
-        raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
+    _check_experiment(run, str(source))
     if is_table_of_lengths(source):
-        measured = MeasuredLengths.read(source)
-        tasks: list[RowsTask] = [
-            TableTask(store, measured.taken(slice(first, first + ROWS))) for first in range(0, len(measured), ROWS)
-        ]
-        return Listed(tasks, partial(measurement_of_row, measured))
+        return _table(MeasuredLengths.read(source), store)
     found = read_set(source, run.experiment)
     seen = found.measurements
-    tasks = [OutlinesTask(store, seen[first : first + _OUTLINES]) for first in range(0, len(seen), _OUTLINES)]
+    tasks: list[RowsTask] = [
+        OutlinesTask(store, seen[first : first + _OUTLINES]) for first in range(0, len(seen), _OUTLINES)
+    ]
     if found.left_out:
         tasks.append(OutlinesTask(store, (), found.left_out))
     return Listed(tasks, lambda row: seen[row])
+
+
+def _check_experiment(run: Run, source: str) -> None:
+    if run.experiment is None:
+        advice = "say which with experiment=..., or --experiment"
+        raise InputError(source, "experiment", "the experiment of the capsules", "nothing", advice)
+
+
+def _table(measured: MeasuredLengths, store: Store) -> Listed:
+    """List the rows of a table; a velocity that is hardly known is refused."""
+    velocity, error = measured.velocities.T
+    expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the velocity"
+    measured = measured.refused(error > LOOSEST_VELOCITY * velocity, "capsule_velocity_error", expected)
+    tasks: list[RowsTask] = [
+        TableTask(store, measured.taken(slice(first, first + ROWS))) for first in range(0, len(measured), ROWS)
+    ]
+    return Listed(tasks, measured.measurement)
 
 
 def capsule_files(folder: Path) -> list[Path]:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
-from capsbayes.infer.many.measured_lengths import NUMBERS
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.marginal import Marginal
 from capsbayes.measurements.netcdf import opened
+from capsbayes.measurements.table import NUMBERS
 from capsbayes.output_file import unfinished
 from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity

@@ -10,15 +10,15 @@ from capsbayes.infer.grid.quadrature import FARTHEST
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly
-from capsbayes.infer.many.measured_lengths import NUMBERS, MeasuredLengths
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.rows import lengths_rows
 from capsbayes.infer.many.tabulated.search import FAR, FOUND
 from capsbayes.infer.verdict import LEANING_SHARE
-from capsbayes.measurement import CONDITIONS, Measurement
+from capsbayes.measurement import CONDITIONS
+from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
 
-__all__ = ["measurement_of_row", "rows_of_table"]
+__all__ = ["rows_of_table"]
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     _refuse(rows, measured)
     if run.model.coordinates:  # one lattice cannot hold it
         for row in map(int, usable):
-            fill_exactly(rows, row, measurement_of_row(measured, row), run)
+            fill_exactly(rows, row, measured.measurement(row), run)
         return rows
     shifts = np.stack([_own(measured, name, experiment) for name in reversed(CONDITIONS)], axis=1)
     found = lengths_rows(
@@ -60,7 +60,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     rows.leaning[far] = np.nan
     resolved = (facts["end"] == FOUND) & (facts["within"] >= _ALL_WITHIN)
     for row in map(int, usable[~resolved & (facts["end"] != FAR)]):
-        fill_exactly(rows, row, measurement_of_row(measured, row), run)
+        fill_exactly(rows, row, measured.measurement(row), run)
     return rows
 
 
@@ -83,11 +83,3 @@ def _own(measured: MeasuredLengths, name: str, experiment: Experiment) -> Floats
 def _status(leaning: Floats) -> Status:
     kinds = (Status.LEANS_ON_BORDER, Status.LEANS_ON_PRIOR, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
     return next((kind for kind, share in zip(kinds, leaning, strict=True) if share > LEANING_SHARE), Status.DONE)
-
-
-def measurement_of_row(measured: MeasuredLengths, row: int) -> Measurement:
-    """Return one row as a measurement."""
-    numbers = {name: float(values[row]) for name, values in measured.numbers.items()}
-    seen = {name: value for name, value in numbers.items() if name not in CONDITIONS and np.isfinite(value)}
-    own = {name: numbers[name] for name in CONDITIONS if np.isfinite(numbers[name])}
-    return Measurement(**seen, conditions=own, source=f"{measured.source}: {measured.names[row]}")  # type: ignore[arg-type]

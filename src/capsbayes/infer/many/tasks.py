@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
-from capsbayes.infer.many.measured_lengths import NUMBERS, MeasuredLengths
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.table_rows import rows_of_table
 from capsbayes.input_file import InputFile
 from capsbayes.measurement import Measurement
+from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
 from capsbayes.work import Store
 
