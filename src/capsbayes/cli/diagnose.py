@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,6 +49,7 @@ def diagnose(
     from capsbayes.cli.paths import check_folder
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
+    from capsbayes.work.progress import progress_bar
 
     check_folder("--out", out)
     session = Session.read(capsules, experiment)
@@ -58,9 +57,15 @@ def diagnose(
     effects = _effects(candidates, cross_section)
     elsewhere = _measured(measured or [], effects)
     model = named_model(database, cross_section, _view(session))
-    with _progress_bar() as progress:
+    with progress_bar(None, "reading") as update:
         study = diagnosed(
-            session, model, seed=seed, candidates=effects, level=level, measured=elsewhere, progress=progress
+            session,
+            model,
+            seed=seed,
+            candidates=effects,
+            level=level,
+            measured=elsewhere,
+            progress=lambda step, done, steps: update(done, step, steps),
         )
     if out is not None:
         _write(study, out)
@@ -118,21 +123,6 @@ def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[f
             raise InputError("--measured", name, f'a standard error, as in "{example}"', repr(stated))
         found[name] = read.value, read.error
     return found
-
-
-@contextlib.contextmanager
-def _progress_bar() -> Iterator[Callable[[str, int, int], None] | None]:
-    """Bar over the candidates, on a terminal only."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    layout = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*layout, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("reading", total=None)
-        yield lambda step, done, steps: bar.update(task, description=step, completed=done, total=steps)
 
 
 def _write(study: Study, out: Path) -> None:

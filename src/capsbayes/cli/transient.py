@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -65,16 +64,13 @@ def transient(
 
 def _followed(way: Iterator[Snapshot], until: float) -> list[Snapshot]:
     """All snapshots, with a progress bar on a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from capsbayes.work.progress import progress_bar
 
-    layout = (BarColumn(), TextColumn("U t / l = {task.completed:.2f} of {task.total:g}"), TimeElapsedColumn())
     snapshots = []
-    with Progress(*layout, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("time", total=until)
+    with progress_bar(until, "l / U") as update:
         for snapshot in way:
             snapshots.append(snapshot)
-            bar.update(task, completed=snapshot.time)
+            update(snapshot.time)
     return snapshots
 
 

@@ -54,16 +54,16 @@ def flow(
     from capsbayes.cli.paths import check_folder
     from capsbayes.cli.sensitivity.inputs import read_lab
     from capsbayes.cli.sensitivity.output import as_json as text_of
-    from capsbayes.cli.sensitivity.output import progress
     from capsbayes.plan import flow_design, simulated_widths
     from capsbayes.quantity import Quantity
+    from capsbayes.work.progress import tracked
 
     check_folder("--out", out)
     modulus = Quantity.of_text(shear_modulus, "surface_shear_modulus", where="flow", key="--shear-modulus")
     size = Quantity.of_text(radius, "capsule_radius", where="flow", key="--radius")
     errors, known = read_lab("flow", like, experiment, extent_error, length_error, velocity_error)
     lab = (modulus, size, known, errors, named_model(database, known.cross_section))
-    design = flow_design(*lab, seed=seed, margin=margin, risk=risk, progress=progress)
+    design = flow_design(*lab, seed=seed, margin=margin, risk=risk, progress=tracked)
     tried = None
     if simulate and design.best is not None:
         tried = simulated_widths(*lab, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)

@@ -47,13 +47,14 @@ def identifiability(
     from capsbayes.cli.paths import check_folder, filled
     from capsbayes.cli.sensitivity.inputs import read_lab
     from capsbayes.cli.sensitivity.output import as_json as text_of
-    from capsbayes.cli.sensitivity.output import progress, write_study
+    from capsbayes.cli.sensitivity.output import write_study
     from capsbayes.plan import identifiability_map
+    from capsbayes.work.progress import tracked
 
     check_folder("--out", out)
     errors, known = read_lab("map", like, experiment, extent_error, length_error, velocity_error)
     model = named_model(database, known.cross_section)
-    found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=progress)
+    found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)
     short = _short(found)
     if out is not None:
         from capsbayes.show import identifiability_figure

@@ -1,10 +1,8 @@
-"""How the commands of ``capsbayes sensitivity`` show their progress and write their files."""
+"""Write the files of the commands of ``capsbayes sensitivity``."""
 
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,18 +10,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def progress(points: Iterable, number: int, what: str) -> Iterable:
-    """Bar over what is worked on, on a terminal only."""
-    if not sys.stderr.isatty():
-        return points
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(points, what, total=number, console=Console(stderr=True), transient=True)
-
-
 def as_json(found: dict[str, Any]) -> str:
-    """A result as text of JSON."""
+    """Return a result as JSON text."""
     return json.dumps(found, indent=2)
 
 
