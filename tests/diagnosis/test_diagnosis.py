@@ -92,10 +92,10 @@ def test_a_measurement_made_elsewhere_tells_look_alikes_apart(model):
     assert (study.verdict, study.names) == (Verdict.NAMED, ("pixel_scale",))
     assert study.sizes["pixel_scale"] == pytest.approx(0.012, rel=0.25)
     assert study.verification.established == (False,)
-    weak = replace(study.verification, steps=(MeanRatio(0.1, 0.2),), found=0.04)
+    weak = replace(study.verification, steps=(MeanRatio(0.1, 0.2),), first_p_value=0.04)
     assert not weak.holds
-    assert replace(weak, found=0.001).holds  # both halves together
-    assert not replace(weak, found=0.001, steps=(MeanRatio(-0.01, 0.2),)).holds
+    assert replace(weak, first_p_value=0.001).holds  # both halves together
+    assert not replace(weak, first_p_value=0.001, steps=(MeanRatio(-0.01, 0.2),)).holds
     assert replace(weak, established=(True,)).holds
     assert not replace(weak, steps=(MeanRatio(-0.4, 0.2),), established=(True,)).holds
     scale = {"pixel_scale": (0.013, 0.002)}
@@ -126,12 +126,12 @@ def test_what_looks_likeliest_alone_is_not_named_where_another_is_beside_the_sec
     session, _ = drawn_session(both, CAPSULES, seed=9, outline=True, sizes=sizes)
     study = diagnose(session, model, seed=3, candidates=candidates)
     assert study.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    assert {frozenset(step.alike) & frozenset(sizes) for step in study.steps} == {
+    assert {frozenset(step.in_question) & frozenset(sizes) for step in study.steps} == {
         frozenset({"pixel_scale"}),
         frozenset({"rest_aspect"}),
     }
     for step in study.steps:
-        for name in step.alike:
+        for name in step.in_question:
             if name in sizes:
                 low, high = step.scores[name].interval(1.92)
                 assert low < sizes[name] < high
@@ -197,8 +197,8 @@ def test_what_only_one_half_shows_is_no_disagreement(model):
     study = diagnose(session, model, seed=18, candidates={}, level=0.3)
     assert study.finding.p_value <= study.level
     assert study.verdict is Verdict.NONE
-    assert study.again is not None
-    assert "not seen again" in str(study)
+    assert study.second_finding is not None
+    assert "not confirmed" in str(study)
     assert summary(study)["not_seen_again"]["capsules"] == CAPSULES // 2
     assert "what the first half shows" in verdict_sentence(study)
 
@@ -211,4 +211,4 @@ def test_a_deviation_stands_together_with_that_of_other_capsules(there, level, s
     """Chance 0.01 is 2.33 standard deviations; with -0.2 that makes 1.51, less than the 1.64 of 5 %."""
     first = Finding((Deviation("nose", 3.0, 1.0, "um", 0.01), Deviation("flanks", -1.0, 1.0, "um", 0.9)), 1.0, 20)
     second = Finding((Deviation("flanks", -5.0, 1.0, "um", 0.001), Deviation("nose", there, 1.0, "um", 0.5)), 1.0, 20)
-    assert (first.together(second, among=level) <= level) is seen
+    assert (first.combined_p_value(second, among=level) <= level) is seen

@@ -9,10 +9,10 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Scores
-from capsbayes.diagnosis.displacements import _DISPLACED, Displacements, displaced_regions
-from capsbayes.diagnosis.evidence import evidences
 from capsbayes.diagnosis.finding import find
 from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.regions import _DISPLACED, Displacements, displaced_regions
+from capsbayes.diagnosis.search import evidences
 from capsbayes.effects import Halo, PixelScale
 
 

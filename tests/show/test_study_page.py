@@ -93,27 +93,27 @@ def test_a_page_is_whole_and_needs_nothing_else(page):
 
 
 def test_the_outline_names_its_regions(study):
-    figure = outline_finding(study.discover.along_outline, study.finding)
+    figure = outline_finding(study.first_half.along_outline, study.finding)
     words = " ".join(text.get_text() for text in figure.axes[0].texts)
     for name in ("nose", "flanks", "rear rim", "rear on the axis"):
         assert name in words
     assert "µm (" in words
     assert {"mean residual [µm]", "mean residual [standard errors]"} <= {ax.get_xlabel() for ax in figure.axes}
-    share = arc_share(study.discover.along_outline.outline)
+    share = arc_share(study.first_half.along_outline.outline)
     assert (share[0], share[-1] < 100.0) == (0.0, True)
     assert np.all(np.diff(share) > 0.0)
 
 
 def test_trends_show_every_capsule_and_the_slopes(study):
-    left, right = trends(study.discover, study.finding).axes
+    left, right = trends(study.first_half, study.finding).axes
     for ax, name in ((left, r"v_\mathrm{o}"), (right, r"a/\ell")):
         assert name in ax.get_xlabel()
         assert "σ" in ax.get_title()
-        assert len(ax.containers[0].lines[0].get_xdata()) == int(study.discover.fits.settled.sum())
+        assert len(ax.containers[0].lines[0].get_xdata()) == int(study.first_half.fits.settled.sum())
 
 
 def test_medians_stand_at_each_flow_rate(study, page):
-    before, after = (one.modulus_at_flow_rates for one in study.verification.compared)
+    before, after = (one.modulus_at_flow_rates for one in study.verification.comparisons)
     assert len(before) >= 3
     for rate, (count, median) in before.items():
         cells = [
@@ -126,13 +126,13 @@ def test_medians_stand_at_each_flow_rate(study, page):
 
 
 def test_held_out_capsules_are_of_different_sizes(study):
-    sizes = study.verification.compared[1].fits.size[list(chosen_capsules(study.verification))]
+    sizes = study.verification.comparisons[1].fits.size[list(chosen_capsules(study.verification))]
     assert len(sizes) == 3
     assert np.all(np.diff(sizes) > 0.0)
 
 
 def test_other_verdicts_keep_what_they_have(study):
-    nothing = tuple(replace(step, alike=()) for step in study.steps)
+    nothing = tuple(replace(step, in_question=()) for step in study.steps)
     unknown = study_page(replace(study, verdict=Verdict.UNKNOWN, steps=nothing, verification=None))
     assert "and nothing that was tried explains it." in unknown
     assert "does not explain it" in unknown
@@ -151,7 +151,7 @@ def test_two_effects_are_said_one_beside_the_other(study):
     page = study_page(both)
     assert "The size of motion blur and motion blur was found on one half" in page
     assert "are those with the other" in page
-    either = replace(step, alike=("exposure", "exposure", "exposure"))
+    either = replace(step, in_question=("exposure", "exposure", "exposure"))
     ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, steps=(either, step))
     assert verdict_sentence(ambiguous).endswith("well: motion blur, motion blur or motion blur, with motion blur.")
 

@@ -163,7 +163,7 @@ def _print(console: Console, study: Study, out: Path | None) -> None:
         console.print(_held_out(study.verification), markup=False)
         for line in _at_flow_rates(study.verification):
             console.print(line, markup=False)
-    model = study.model if study.discover is None else study.discover.model
+    model = study.tested_model
     console.print(f"Model: {model.name}, sha256 {model.sha256[:12]}; seed {study.seed}.")
     if out is not None:
         console.print(f"Written to {out}: study.html, study.json.", markup=False)
@@ -206,8 +206,8 @@ def _held_out(verification: Verification) -> str:
     from capsbayes.parameters import PARAMETERS
 
     modulus = PARAMETERS["surface_shear_modulus"]
-    before, after = (modulus.shown(one.median_modulus) for one in verification.compared)
-    gaps = [1e6 * one.gap for one in verification.compared]
+    before, after = (modulus.shown(one.median_modulus) for one in verification.comparisons)
+    gaps = [1e6 * one.gap for one in verification.comparisons]
     gap = f"gap {gaps[0]:.3f} -> {gaps[1]:.3f} um, " if all(map(math.isfinite, gaps)) else ""
     p_values = verification.before.p_value, verification.after.p_value
     return (
@@ -222,7 +222,7 @@ def _at_flow_rates(verification: Verification) -> Iterator[str]:
     from capsbayes.parameters import PARAMETERS
 
     modulus, flow_rate = PARAMETERS["surface_shear_modulus"], PARAMETERS["flow_rate"]
-    before, after = (one.modulus_at_flow_rates for one in verification.compared)
+    before, after = (one.modulus_at_flow_rates for one in verification.comparisons)
     for rate, (count, median) in before.items():
         yield (
             f"  at {flow_rate.shown(rate):.3g} {flow_rate.shown_unit} ({count} capsules): median G_s "

@@ -1,11 +1,10 @@
 """What a model misses: where data disagree with it, which effect would explain that, and whether adding it helps."""
 
-from capsbayes.diagnosis.compared import AlongOutline, Compared
+from capsbayes.diagnosis.comparison import AlongOutline, Comparison
 from capsbayes.diagnosis.diagnosis import Study, Verdict, diagnose
-from capsbayes.diagnosis.evidence import NOTHING, UNKNOWN
 from capsbayes.diagnosis.finding import Deviation, Finding, find
 from capsbayes.diagnosis.scoring import Scores
-from capsbayes.diagnosis.search import LEAST_RATIO
+from capsbayes.diagnosis.search import LEAST_RATIO, NOTHING, UNKNOWN
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.summary import summary
 from capsbayes.diagnosis.verification import Verification
@@ -15,7 +14,7 @@ __all__ = [
     "NOTHING",
     "UNKNOWN",
     "AlongOutline",
-    "Compared",
+    "Comparison",
     "Deviation",
     "Finding",
     "Scores",

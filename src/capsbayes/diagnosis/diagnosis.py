@@ -1,8 +1,8 @@
 """Find, name, add, verify: what a model misses in a session of capsules.
 
-The capsules are divided before anything is looked at. On the first half it is
-found whether they disagree with the model, and which effects would explain it;
-on the second half, whether the model with the effect does better.
+The capsules are divided before anything is compared. The first half shows whether they disagree with the model, and
+which effects would explain that; the second half is held out and shows whether the model with the effect predicts it
+better.
 """
 
 from __future__ import annotations
@@ -11,21 +11,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
+from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
-from capsbayes.diagnosis.compared import Compared
-from capsbayes.diagnosis.evidence import UNKNOWN, evidences
+from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
-from capsbayes.diagnosis.search import LEAST_RATIO, Search, Step, searched
+from capsbayes.diagnosis.search import LEAST_RATIO, UNKNOWN, Search, Step, evidences, searched
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.verification import Verification, verified
 from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
 from capsbayes.model import ForwardModel
 from capsbayes.readable import Readable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["Study", "Verdict", "diagnose"]
 
@@ -35,7 +38,7 @@ _FEWEST = 12  # capsules of a session that can be divided
 
 
 class Verdict(Enum):
-    """What came of it."""
+    """Result of a diagnosis."""
 
     NONE = "no disagreement was found"
     NAMED = "an effect explains it"
@@ -46,33 +49,32 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(Readable):
-    """Outcome of `diagnose`.
+    """Diagnosis of a session, as returned by `diagnose`.
 
     Parameters
     ----------
     verdict : Verdict
     finding : Finding
-        On the first half, under the model as it was.
+        Deviations of the first half from the model.
     steps : tuple of Step
-        Of the first half: one for each effect that was added, or tried in vain.
+        One for each effect that was added, or tried in vain, on the first half.
     verification : Verification or None
-        Of the likeliest effect, or of both.
+        Held-out capsules with the likeliest effect, or with both.
     model : ForwardModel
         With the effects, if they were named.
     sizes : mapping of str to float
         Sizes of the model's effects.
     session : Session
-        All that was measured.
     seed : int
     level : float
-    discover : Compared or None
-        The first half beside the model as it was; None if there were too few to divide.
-    again : Finding or None
-        On the second half, if it does not show what the first did, and nothing explains it.
+    first_half : Comparison or None
+        The first half and the model without effects; None if there were too few capsules to divide.
+    second_finding : Finding or None
+        Deviations of the second half, if it does not confirm those of the first.
     evidence : mapping of str to float
-        Logarithm of that of each candidate alone on the first half, of "none" and of "unknown", over that of "none".
+        Log evidence of each candidate alone on the first half, of "none" and of "unknown", relative to that of "none".
     trials : mapping of str to Trial
-        Of each candidate alone, on the first half.
+        Fits of each candidate alone to the first half.
     """
 
     verdict: Verdict
@@ -84,44 +86,69 @@ class Study(Readable):
     session: Session
     seed: int
     level: float
-    discover: Compared | None = None
-    again: Finding | None = None
+    first_half: Comparison | None = None
+    second_finding: Finding | None = None
     evidence: Mapping[str, float] = field(default_factory=dict)
     trials: Mapping[str, Trial] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The effects in question, the likeliest first: names of their parameters."""
-        return tuple(name for step in self.steps for name in step.alike)
+        """Names of the parameters of the effects in question, the likeliest first."""
+        return tuple(name for step in self.steps for name in step.in_question)
 
     @property
     def scores(self) -> Mapping[str, Scores]:
-        """Of every candidate on the first half, the likeliest first; of two effects, beside each other."""
-        found = dict(self.steps[0].scores) if self.steps else {}
-        found |= {name: step.scores[name] for step in self.steps[1:] for name in step.alike}
-        return dict(sorted(found.items(), key=lambda item: -item[1].log_likelihood_ratio))
+        """Scores of every candidate on the first half, the likeliest first; two effects are scored together."""
+        scores = dict(self.steps[0].scores) if self.steps else {}
+        scores |= {name: step.scores[name] for step in self.steps[1:] for name in step.in_question}
+        return dict(sorted(scores.items(), key=lambda item: -item[1].log_likelihood_ratio))
+
+    @property
+    def tested_model(self) -> ForwardModel:
+        """Model that was diagnosed, without the effects that were named."""
+        return self.model if self.first_half is None else self.first_half.model
+
+    def table(self) -> pd.DataFrame:
+        """Return a row for each candidate, the likeliest first, indexed by the name of its parameter.
+
+        Columns: ``effect``, ``kind``, ``log_evidence`` and ``log_likelihood_ratio`` (relative to no effect), ``size``
+        and its 68 % interval ``low``, ``high`` [``unit``], ``surface_shear_modulus`` (median of the capsules [N/m]),
+        ``may_explain``, ``changes``, ``separated_by``.
+        """
+        import pandas as pd
+
+        rows = {
+            name: {
+                "effect": one.effect.name,
+                "kind": one.effect.kind.name,
+                "log_evidence": self.evidence.get(name, float("nan")),
+                "log_likelihood_ratio": one.log_likelihood_ratio,
+                "size": one.size,
+                **dict(zip(("low", "high"), one.interval(), strict=True)),
+                "unit": one.effect.parameter.unit,
+                "surface_shear_modulus": float(one.modulus[one.best]),
+                "may_explain": name in self.names,
+                "changes": one.effect.changes,
+                "separated_by": one.effect.separated_by,
+            }
+            for name, one in self.scores.items()
+        }
+        return pd.DataFrame.from_dict(rows, orient="index")
 
     def described(self) -> dict[str, str]:
         """Return the verdict, the finding and the effects in question with their sizes."""
-        found = {"verdict": self.verdict.value, "capsules": str(len(self.session)), "finding": str(self.finding)}
+        words = {"verdict": self.verdict.value, "capsules": str(len(self.session)), "finding": str(self.finding)}
         for step in self.steps:
-            found |= {name: self._said(step.scores[name]) for name in step.alike}
-        return found | {"model": self.model.name}
+            words |= {name: str(step.scores[name]) for name in step.in_question}
+        return words | {"model": self.model.name}
 
     def __str__(self) -> str:
-        """One sentence."""
+        """Return the verdict in one sentence."""
         if self.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
-            again = "" if self.again is None else f"; not seen again: {self.again}"
-            return f"{self.verdict.value} ({self.finding}{again})"
-        groups = (" or ".join(self._said(step.scores[name]) for name in step.alike) for step in self.steps)
+            second = "" if self.second_finding is None else f"; not confirmed: {self.second_finding}"
+            return f"{self.verdict.value} ({self.finding}{second})"
+        groups = (" or ".join(str(step.scores[name]) for name in step.in_question) for step in self.steps)
         return f"{self.verdict.value}: {'; with '.join(groups)} ({self.finding})"
-
-    @staticmethod
-    def _said(scores: Scores) -> str:
-        parameter = scores.effect.parameter
-        low, best, high = (parameter.shown(one) for one in (scores.interval()[0], scores.size, scores.interval()[1]))
-        unit = "" if parameter.shown_unit in ("", "-") else f" {parameter.shown_unit}"
-        return f"{scores.effect.name}, {parameter.symbol} = {best:.3g}{unit} [{low:.3g}, {high:.3g}]"
 
 
 @threadpool_limits.wrap(limits=1)  # the matrices are tiny: threads would only wait for each other
@@ -136,7 +163,7 @@ def diagnose(
     progress: Callable[[str, int, int], None] | None = None,
     earlier: Study | None = None,
 ) -> Study:
-    """Say what a model misses in a session.
+    """Find what a model misses in a session, name the effect that explains it, and verify that on held-out capsules.
 
     Parameters
     ----------
@@ -144,17 +171,17 @@ def diagnose(
     model : forward model
         As ``Surrogate.open("square-neo-hookean")``.
     seed : int
-        Of the division into halves and of the random signs.
+        Seed of the division into halves and of the random signs.
     candidates : mapping of str to Effect, optional
         By name of their parameter; by default the catalogue of the session's cross-section.
     level : float
         Probability of finding a disagreement where there is none.
     measured : mapping of str to (float, float), optional
-        Sizes of effects as measured apart from the capsules, and their standard errors, in SI.
+        Sizes of effects measured independently of the capsules, and their standard errors, in SI.
     progress : callable, optional
-        Told what is done next, and how many of how many steps are behind.
+        Called with what is done next, the number of finished steps and of all steps.
     earlier : Study, optional
-        Of the same session with the same model and seed, before more was measured; its fits are used again.
+        Diagnosis of the same session with the same model and seed, with fewer `measured`; its fits are used again.
 
     Returns
     -------
@@ -171,48 +198,50 @@ def diagnose(
     if len(session) < _FEWEST:
         nothing = Finding((), float("nan"), len(session))
         return made(Verdict.NOT_TESTABLE, nothing, (), None, model, {})
-    discover, confirm = session.halves(seed)
+    first, confirm = session.halves(seed)
     effects = catalogue(session.experiment.cross_section) if candidates is None else candidates
-    told = _Told(progress, len(effects) + 2)
-    told("the model as it is")
-    white = whitening(model, discover)
-    fits = fitted(model, discover, white)
-    finding = find(model, discover, seed=seed, white=white, fits=fits)
-    made = partial(made, finding=finding, discover=Compared(discover, model, fits))
+    report = _Progress(progress, len(effects) + 2)
+    report("the model as it is")
+    white = whitening(model, first)
+    fits = fitted(model, first, white)
+    finding = find(model, first, seed=seed, white=white, fits=fits)
+    made = partial(made, finding=finding, first_half=Comparison(first, model, fits))
     if finding.p_value > level:
         verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
         return made(verdict, steps=(), verification=None, model=model, sizes={})
     trials = {} if earlier is None else earlier.trials
-    search = Search(model, effects, discover, white, seed, measured or {}, told, trials)
+    search = Search(model, effects, first, white, seed, measured or {}, report, trials)
     steps, explained, trials = searched(search, fits)
     evidence = evidences({name: one.scores for name, one in trials.items()}, finding)
     made = partial(made, evidence=evidence, trials=trials)
-    told("the held-out capsules")
+    report("the held-out capsules")
     verification = None
-    if steps[0].alike:
-        checked = partial(verified, model, confirm=confirm, seed=seed, measured=measured or {}, found=finding.p_value)
+    if steps[0].in_question:
+        checked = partial(
+            verified, model, confirm=confirm, seed=seed, measured=measured or {}, first_p_value=finding.p_value
+        )
         steps, verification = checked(steps)
         if explained and len(steps) == 1 and not verification.leaves_nothing:
             steps, verification = _with_a_second(search, steps, verification, checked)
     made = partial(made, model=model, sizes={})
     if verification is None or not (explained and verification.holds and _likely(steps, evidence)):
-        again = find(model, confirm, seed=seed) if verification is None else verification.before
-        if finding.together(again, among=level) > level:
-            return made(Verdict.NONE, steps=(), verification=None, again=again)
+        second = find(model, confirm, seed=seed) if verification is None else verification.before
+        if finding.combined_p_value(second, among=level) > level:
+            return made(Verdict.NONE, steps=(), verification=None, second_finding=second)
         return made(Verdict.UNKNOWN, steps=steps, verification=verification)
     made = partial(made, steps=steps, verification=verification)
-    if any(len(step.alike) > 1 for step in steps):
+    if any(len(step.in_question) > 1 for step in steps):
         return made(Verdict.AMBIGUOUS)
     extended: ForwardModel = model
     for step in steps:
         extended = extended + step.best.effect
-    return made(Verdict.NAMED, model=extended, sizes={step.alike[0]: step.best.size for step in steps})
+    return made(Verdict.NAMED, model=extended, sizes={step.in_question[0]: step.best.size for step in steps})
 
 
 def _with_a_second(
     search: Search, steps: tuple[Step, ...], verification: Verification, checked: Checked
 ) -> tuple[tuple[Step, ...], Verification]:
-    """With a second effect, if one explains what only the second half shows, and both hold there; else as given."""
+    """Add a second effect, if one explains what only the second half shows and both hold there."""
     both, explained = search.second_beside(steps[0])
     if explained:
         both, verified_both = checked(both)
@@ -222,13 +251,13 @@ def _with_a_second(
 
 
 def _likely(steps: tuple[Step, ...], evidence: Mapping[str, float]) -> bool:
-    """Whether one effect that explains it is far likelier than none, and not far less likely than an unknown one."""
-    here = evidence[steps[0].alike[0]]
-    return len(steps) > 1 or (here >= LEAST_RATIO and here >= evidence[UNKNOWN] - LEAST_RATIO)
+    """Decide whether a single effect is far likelier than none, and not far less likely than an unknown one."""
+    best = evidence[steps[0].in_question[0]]
+    return len(steps) > 1 or (best >= LEAST_RATIO and best >= evidence[UNKNOWN] - LEAST_RATIO)
 
 
-class _Told:
-    """Counts what is done."""
+class _Progress:
+    """Count of the finished steps."""
 
     def __init__(self, progress: Callable[[str, int, int], None] | None, steps: int) -> None:
         self.progress, self.steps, self.done = progress, steps, 0

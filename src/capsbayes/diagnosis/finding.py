@@ -17,17 +17,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta, binom, norm
 
-from capsbayes.diagnosis.displacements import Displaced, Displacements, displaced_regions
 from capsbayes.diagnosis.fits import Fits, fitted, whitening
-from capsbayes.diagnosis.regions import REGIONS
+from capsbayes.diagnosis.regions import REGIONS, Displaced, Displacements, displaced_regions
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.model import ForwardModel
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["TRENDS", "Deviation", "Finding", "find"]
 
@@ -94,6 +97,14 @@ class Finding:
     capsules: int
     displacements: Displacements = field(default_factory=Displacements, repr=False)
 
+    def table(self) -> pd.DataFrame:
+        """Return a row for each deviation: ``size`` and ``error`` [``unit``], ``sigma``, ``p_value``."""
+        import pandas as pd
+
+        columns = ("size", "error", "unit", "sigma", "p_value")
+        rows = {one.name: [getattr(one, column) for column in columns] for one in self.deviations}
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+
     @property
     def p_value(self) -> float:
         """Probability under a right model of a deviation as large as the largest."""
@@ -103,7 +114,7 @@ class Finding:
         """Whether nothing stands at a level, and displaced regions are less likely than none."""
         return self.p_value >= level and self.displacements.evidence <= 0.0
 
-    def together(self, other: Finding, among: float) -> float:
+    def combined_p_value(self, other: Finding, among: float) -> float:
         """Return the p-value of the largest deviation of this and of other capsules together.
 
         Only deviations with a p-value of at most `among` here count. Those of the other are looked for by name and

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from capsbayes.diagnosis.descent import LOOSE, Evaluation, Places, descended, scouts
+from capsbayes.diagnosis.gauss_newton import LOOSE, Evaluation, Places, gauss_newton, initial_guesses
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening, whitened_at
 from capsbayes.model import ForwardModel
@@ -87,7 +87,7 @@ def whitening(model: ForwardModel, session: Session) -> Whitening:
     InputError
         If a capsule has a shape that the model has not.
     """
-    pilots = scouts(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
+    pilots = initial_guesses(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
     made = whitened_at(model, session, pilots)
     if not made.outline:
         return made
@@ -123,17 +123,17 @@ def fitted(
     rest = {**session.circumstances, **rest}
     evaluate = Evaluation(model, white, rest)
     centre = white.pilots
-    here = descended(evaluate, _begun(evaluate, start), np.arange(len(centre)))
+    here = gauss_newton(evaluate, _begun(evaluate, start), np.arange(len(centre)))
     freedom = np.array([len(left) - 2 - seen.placed for left, seen in zip(here.residuals, white.each, strict=True)])
     ill = np.flatnonzero(~(here.penalised(centre) < _AGAIN * np.maximum(freedom, 1)))
     if everywhere and len(ill):
-        others = [evaluate(one, ill) for one in scouts(model, session, rest, ill)]
+        others = [evaluate(one, ill) for one in initial_guesses(model, session, rest, ill)]
         if start is not None:  # which was sought from everywhere before: the likeliest is enough
             for other in others[1:]:
                 others[0].take_better(np.arange(len(ill)), other, centre[ill])
             others = others[:1]
         for other in others:
-            here.take_better(ill, descended(evaluate, other, ill), centre)
+            here.take_better(ill, gauss_newton(evaluate, other, ill), centre)
     known = here.inside & here.differentiable
     settled = known & (here.step(centre, np.zeros(len(centre)))[1] < _NEAR)
     return _made(session, here, known, settled, freedom)

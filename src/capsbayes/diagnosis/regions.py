@@ -1,18 +1,30 @@
-"""Where on its outline a capsule may differ from a model: displacements of a region's edge along its normals."""
+"""Displacements of regions of the outline that all capsules of a session have in common.
+
+An effect that is not in the catalogue is modelled by such displacements, normal about zero. Their evidence relative to
+none says whether anything is left to explain, with the full covariance and all regions together.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.diagnosis.fits import Fits
+from capsbayes.diagnosis.whitening import OfOutline, Whitening
+from capsbayes.infer.outline.likelihood import OutlineLikelihood
 from capsbayes.profile import edge_lengths, vertex_normals
 
-__all__ = ["REGIONS", "region_displacements"]
+__all__ = ["REGIONS", "Displaced", "Displacements", "displaced_regions", "region_displacements"]
 
 Floats = NDArray[np.float64]
 
 REGIONS = ("nose", "flanks", "rear rim", "rear on the axis", "top against bottom")
 _WIDTH = 0.06  # of the perimeter: standard deviation of a region's bump
+_DISPLACED = 0.02  # standard deviation of each region's displacement, over l
 
 
 def region_displacements(outline: Floats) -> Floats:
@@ -52,3 +64,63 @@ def _farthest_back(outline: Floats, side: NDArray[np.bool_]) -> int:
 def _on_axis(outline: Floats, arc: Floats) -> float:
     rear = np.flatnonzero(outline[:, 0] < outline[:, 0].mean())
     return float(arc[rear[np.argmin(np.abs(outline[rear, 1]))]])
+
+
+@dataclass(frozen=True, eq=False)
+class Displacements:
+    """Of the regions, in l; those of several sessions add up.
+
+    Parameters
+    ----------
+    information : (5, 5) array
+        Inverse of the covariance that the outlines alone leave to the displacements.
+    shift : (5,) array
+        Information times the likeliest displacements.
+    """
+
+    information: Floats = field(default_factory=lambda: np.zeros((len(REGIONS), len(REGIONS))))
+    shift: Floats = field(default_factory=lambda: np.zeros(len(REGIONS)))
+
+    @classmethod
+    def of(cls, seen: Iterable[Displaced], fits: Fits) -> Displacements:
+        """From what displacements change, and the fits with which that was found."""
+        found = cls()
+        for one in seen:
+            found += cls(one.pattern @ one.pattern.T, one.pattern @ fits.residuals[one.row])
+        return found
+
+    def __add__(self, other: Displacements) -> Displacements:
+        """Of other capsules too."""
+        return Displacements(self.information + other.information, self.shift + other.shift)
+
+    @property
+    def evidence(self) -> float:
+        """Log of the likelihood averaged over the displacements, over that of none; zero without outlines."""
+        precision = np.eye(len(REGIONS)) / _DISPLACED**2
+        together = precision + self.information
+        volume = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(together)[1]
+        return float(0.5 * self.shift @ np.linalg.solve(together, self.shift) + 0.5 * volume)
+
+
+class Displaced(NamedTuple):
+    """What displacements of the regions by l would leave over of one capsule, (5, m), whitened.
+
+    Log Ca and a/l have absorbed what they can. `row` is the capsule's, `likelihood` that of its outline.
+    """
+
+    row: int
+    likelihood: OutlineLikelihood
+    pattern: Floats
+
+
+def displaced_regions(white: Whitening, fits: Fits) -> list[Displaced]:
+    """Of the capsules that have an outline and a best shape."""
+    found = []
+    for row in np.flatnonzero(fits.settled):
+        whitener = white.each[row]
+        if isinstance(whitener, OfOutline):
+            seen = whitener.likelihood
+            whole = seen.whitened_displacement(region_displacements(seen.pilot))
+            basis = np.linalg.qr(fits.slopes[row])[0]
+            found.append(Displaced(int(row), seen, whole - (whole @ basis) @ basis.T))
+    return found

@@ -29,10 +29,10 @@ from capsbayes.model import ForwardModel
 
 __all__ = [
     "Measured",
+    "Outcome",
     "Population",
     "Scores",
     "Trial",
-    "Tried",
     "log_likelihood",
     "log_of_measured",
     "population",
@@ -123,6 +123,13 @@ class Scores:
         mean = np.trapezoid(prior * np.exp(total - most), fine) / np.trapezoid(prior, fine)
         return most + float(np.log(mean)) - float(self.total[self.null])
 
+    def __str__(self) -> str:
+        """Return the effect, its size and 68 % interval."""
+        parameter = self.effect.parameter
+        low, best, high = (parameter.shown(size) for size in (self.interval()[0], self.size, self.interval()[1]))
+        unit = "" if parameter.shown_unit in ("", "-") else f" {parameter.shown_unit}"
+        return f"{self.effect.name}, {parameter.symbol} = {best:.3g}{unit} [{low:.3g}, {high:.3g}]"
+
     def interval(self, drop: float = 0.5) -> tuple[float, float]:
         """Sizes at which the log likelihood has fallen by `drop` from its best: 0.5 for 68 %, 1.92 for 95 %."""
         least = float(self.total.max()) - drop
@@ -132,7 +139,7 @@ class Scores:
         return float(low), float(high)
 
 
-class Tried(NamedTuple):
+class Outcome(NamedTuple):
     """What came of one size, or of one of each effect."""
 
     log_likelihood: Floats
@@ -140,7 +147,7 @@ class Tried(NamedTuple):
     modulus: float
 
     @classmethod
-    def of(cls, fits: Fits) -> Tried:
+    def of(cls, fits: Fits) -> Outcome:
         """From the fits with it."""
         return cls(log_likelihood(fits), fits.theta, fits.median_modulus)
 
@@ -160,7 +167,7 @@ class Trial:
         Of the model, which is what the effect is measured against: all effects alike, wherever they have shapes.
     measured : (float, float), optional
         Size of the effect as measured apart from the capsules, and its standard error.
-    known : mapping of float to Tried, optional
+    known : mapping of float to Outcome, optional
         What came of some sizes already.
     """
 
@@ -172,11 +179,11 @@ class Trial:
         white: Whitening,
         without: Fits,
         measured: tuple[float, float] | None = None,
-        known: Mapping[float, Tried] | None = None,
+        known: Mapping[float, Outcome] | None = None,
     ) -> None:
         self.model, self.effect, self.session, self.white, self.without = model, effect, session, white, without
         self.measured = measured
-        self._found = {effect.null_value: Tried.of(without), **(known or {})}
+        self._found = {effect.null_value: Outcome.of(without), **(known or {})}
         for size in sorted(_first_sizes(effect, measured), key=lambda one: abs(one - effect.null_value)):
             self._add(size, everywhere=True)
         self.refine(1)
@@ -207,7 +214,7 @@ class Trial:
         start = self._found[min(self._found, key=lambda other: abs(other - size))].theta
         sizes = {self.effect.parameter.name: size}
         fits = fitted(self.model + self.effect, self.session, self.white, sizes, start, everywhere=everywhere)
-        self._found[size] = Tried.of(fits)
+        self._found[size] = Outcome.of(fits)
 
 
 def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:

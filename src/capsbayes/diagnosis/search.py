@@ -10,14 +10,24 @@ from numpy.typing import NDArray
 
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import Fits, fitted
+from capsbayes.diagnosis.joint import score_jointly
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
 from capsbayes.diagnosis.session import Session
-from capsbayes.diagnosis.together import together
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.effect import Effect
 from capsbayes.model import FixedParameters, ForwardModel
 
-__all__ = ["LEAST_RATIO", "LEFT", "Search", "Step", "not_told_apart", "searched"]
+__all__ = [
+    "LEAST_RATIO",
+    "LEFT",
+    "NOTHING",
+    "UNKNOWN",
+    "Search",
+    "Step",
+    "evidences",
+    "indistinguishable",
+    "searched",
+]
 
 Floats = NDArray[np.float64]
 LEFT = 0.01
@@ -26,9 +36,12 @@ LEFT = 0.01
 LEAST_RATIO = 3.0
 """In log likelihood, below which an effect explains nothing, or no more than another."""
 
+NOTHING, UNKNOWN = "none", "unknown"
+"""Names of no effect, and of an effect that is not in the catalogue, next to those of the effects."""
+
 _TOGETHER = 4  # effects at most that are measured together with the first
 _FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
-_APART = 2.5  # standard errors between the log-likelihood ratios of two effects, below which they are not told apart
+_APART = 2.5  # standard errors between the log-likelihood ratios of two effects, below which they are not distinguished
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,18 +53,18 @@ class Step:
     scores : mapping of str to Scores
         Of every candidate, beside the effects added before, the likeliest first; of the first of two effects and of
         those that may stand in its place, beside the second.
-    alike : tuple of str
-        The likeliest, and those that are not told apart from it; empty if none explains anything.
+    in_question : tuple of str
+        The likeliest, and those that are not distinguished from it; empty if none explains anything.
     models : mapping of str to ForwardModel
         To which each is added: with the effect added before, at its size.
     left : mapping of str to Finding
-        What each that is not told apart from the likeliest leaves over.
+        What each that is not distinguished from the likeliest leaves over.
     before : mapping of str to Scores
         Of the effect added before, as it is beside each that was measured together with it.
     """
 
     scores: Mapping[str, Scores]
-    alike: tuple[str, ...]
+    in_question: tuple[str, ...]
     models: Mapping[str, ForwardModel] = field(repr=False)
     left: Mapping[str, Finding] = field(repr=False)
     before: Mapping[str, Scores] = field(default_factory=dict, repr=False)
@@ -59,12 +72,12 @@ class Step:
     @property
     def best(self) -> Scores:
         """Of the effect that is added."""
-        return self.scores[self.alike[0]]
+        return self.scores[self.in_question[0]]
 
     @property
     def after(self) -> FixedParameters:
         """The model with the effect at its size."""
-        return self.with_effect(self.alike[0])
+        return self.with_effect(self.in_question[0])
 
     def with_effect(self, name: str) -> FixedParameters:
         """The model with one of the candidates at its size."""
@@ -87,7 +100,7 @@ def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mappin
     """
     trials = search.trials(search.model, fits, search.candidates)
     first, explained = search.judged(_refined(trials), dict.fromkeys(search.candidates, search.model), {})
-    if explained or not first.alike:
+    if explained or not first.in_question:
         return (first,), explained, trials
     return *search.second_beside(first), trials
 
@@ -107,8 +120,8 @@ class Search:
     seed : int
         Of the random signs.
     measured : mapping of str to (float, float)
-    tell : callable
-        Is told each effect that is tried.
+    report : callable
+        Called with the name of each effect that is tried.
     earlier : mapping of str to Trial
         Of each effect alone, on the same session.
     """
@@ -119,14 +132,14 @@ class Search:
     white: Whitening
     seed: int
     measured: Measured
-    tell: Callable[[str], None]
+    report: Callable[[str], None]
     earlier: Mapping[str, Trial] = field(default_factory=dict)
 
     def trials(self, here: ForwardModel, beside: Fits, names: Iterable[str]) -> dict[str, Trial]:
         """Of effects beside a model, of which the fits are given."""
         found = {}
         for name in names:
-            self.tell(self.candidates[name].name)
+            self.report(self.candidates[name].name)
             known = self.earlier.get(name) if here is self.model else None
             if known is None:
                 made = (here, self.candidates[name], self.session, self.white, beside)
@@ -138,8 +151,8 @@ class Search:
     def judged(
         self, scores: Mapping[str, Scores], models: Mapping[str, ForwardModel], before: Mapping[str, Scores]
     ) -> tuple[Step, bool]:
-        """The effects that are not told apart; if any leave nothing over, those."""
-        alike = _not_told_apart(scores)
+        """The effects that are not distinguished; if any leave nothing over, those."""
+        alike = _indistinguishable_from_best(scores)
         left = {name: find(_with(models[name], scores[name]), self.session, seed=self.seed) for name in alike}
         explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT))
         return Step(scores, explaining or alike, models, left, before), bool(explaining)
@@ -149,7 +162,7 @@ class Search:
 
         If something else is likelier there, the second is sought again beside that.
         """
-        used = first.alike[0]
+        used = first.in_question[0]
         names = [name for name in self.candidates if name != used]
         before, scores = self._beside(first.best, names)
         models = {name: _with(self.model, before[name]) if name in before else first.after for name in names}
@@ -158,18 +171,18 @@ class Search:
             return (first, second), False
         pairs = self._alike_beside(first, second)
         if again and next(iter(pairs)) != used:
-            both, explained = self.second_beside(replace(first, alike=tuple(pairs)), again=False)
+            both, explained = self.second_beside(replace(first, in_question=tuple(pairs)), again=False)
             if explained:
                 return both, True
         pairs.pop(used, None)
-        return (replace(first, alike=(used, *pairs), scores={**first.scores, **pairs}), second), True
+        return (replace(first, in_question=(used, *pairs), scores={**first.scores, **pairs}), second), True
 
     def _alike_beside(self, first: Step, second: Step) -> dict[str, Scores]:
-        """The effects that are not told apart from the likeliest beside the second, which comes first; their scores.
+        """The effects that are not distinguished from the likeliest beside the second, which comes first; their scores.
 
         Those of the one that was used are the second's.
         """
-        used, name = first.alike[0], second.alike[0]
+        used, name = first.in_question[0], second.in_question[0]
         others = [other for other in self.candidates if other not in (used, name)]
         pairs = {used: second.best, **self._beside(second.best, others)[1]}
         best = max(pairs, key=lambda one: float(pairs[one].total.max()))
@@ -185,8 +198,8 @@ class Search:
         alone = fitted(here, self.session, self.white)
         scores, beside = _refined(self.trials(here, alone, names)), {}
         for name in _worth_measuring_together(scores):
-            self.tell(f"{known.effect.name} with {self.candidates[name].name}")
-            beside[name], scores[name] = together(
+            self.report(f"{known.effect.name} with {self.candidates[name].name}")
+            beside[name], scores[name] = score_jointly(
                 self.model, known, scores[name], self.session, self.white, alone, self.measured
             )
         return beside, scores
@@ -217,14 +230,14 @@ def _with(model: ForwardModel, scores: Scores) -> FixedParameters:
     return FixedParameters(model + scores.effect, {scores.effect.parameter.name: scores.size})
 
 
-def _not_told_apart(scores: Mapping[str, Scores]) -> tuple[str, ...]:
+def _indistinguishable_from_best(scores: Mapping[str, Scores]) -> tuple[str, ...]:
     """Return the likeliest effect, and those as likely but for the scatter from capsule to capsule."""
     names = [name for name, one in scores.items() if one.log_likelihood_ratio > LEAST_RATIO]
     return tuple(name for name in names if _alike(scores[names[0]], scores[name]))
 
 
 def _alike(best: Scores, other: Scores) -> bool:
-    return not_told_apart(
+    return indistinguishable(
         best.log_likelihood_ratio - other.log_likelihood_ratio, best.log_likelihood_ratios - other.log_likelihood_ratios
     )
 
@@ -232,10 +245,10 @@ def _alike(best: Scores, other: Scores) -> bool:
 def _alike_in_all(best: Scores, other: Scores) -> bool:
     """The same, of scores beside different effects."""
     lags = best.log_likelihood[best.best] - other.log_likelihood[other.best]
-    return not_told_apart(float(best.total.max() - other.total.max()), lags)
+    return indistinguishable(float(best.total.max() - other.total.max()), lags)
 
 
-def not_told_apart(lag: float, lags: Floats) -> bool:
+def indistinguishable(lag: float, lags: Floats) -> bool:
     """Whether one effect lags behind another in log likelihood by no more than what a few capsules make of it.
 
     Parameters
@@ -246,3 +259,26 @@ def not_told_apart(lag: float, lags: Floats) -> bool:
         Of each capsule.
     """
     return lag < max(LEAST_RATIO, _APART * float(np.sqrt(np.sum(lags**2))))
+
+
+def evidences(scores: Mapping[str, Scores], finding: Finding) -> dict[str, float]:
+    """Return the log evidence of each effect, of `NOTHING` and of `UNKNOWN`, relative to that of `NOTHING`.
+
+    With equal prior probabilities, the odds of two explanations are the ratio of their evidences: of the likelihoods
+    averaged over the prior of the size of an effect, or over the displacements of the regions for an unknown one.
+
+    Parameters
+    ----------
+    scores : mapping of str to Scores
+        Of every candidate added to the same model.
+    finding : Finding
+        With that model.
+
+    Returns
+    -------
+    dict
+        The likeliest first.
+    """
+    log_evidence = {name: one.evidence for name, one in scores.items()}
+    log_evidence |= {NOTHING: 0.0, UNKNOWN: finding.displacements.evidence}
+    return dict(sorted(log_evidence.items(), key=lambda item: -item[1]))

@@ -1,21 +1,23 @@
-"""A study as numbers and text, as it is stored."""
+"""Numbers and text of a study, as they are stored."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import capsbayes
-from capsbayes.diagnosis.compared import Compared
+from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.diagnosis import Study, Verification
 from capsbayes.diagnosis.finding import Finding
-from capsbayes.diagnosis.scoring import Scores
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["summary"]
 
 
 def summary(study: Study) -> dict[str, Any]:
-    """What `diagnose` found, for a JSON file.
+    """Return the results of a diagnosis, ready for JSON.
 
     Parameters
     ----------
@@ -27,16 +29,16 @@ def summary(study: Study) -> dict[str, Any]:
         Lengths in metres, moduli in N/m, flow rates in m^3/s, effects in the unit of their parameter; None where there
         is no number.
     """
-    model = study.model if study.discover is None else study.discover.model
+    model = study.tested_model
     return {
         "verdict": study.verdict.name,
         "sentence": str(study),
         "effects": list(study.names),
         "sizes": dict(study.sizes),
         "finding": _finding(study.finding),
-        "not_seen_again": None if study.again is None else _finding(study.again),
+        "not_seen_again": None if study.second_finding is None else _finding(study.second_finding),
         "log_evidence": dict(study.evidence),
-        "candidates": [_candidate(study, name, one) for name, one in study.scores.items()],
+        "candidates": _candidates(study),
         "held_out": None if study.verification is None else _verification(study.verification),
         "capsules": len(study.session),
         "with_outline": sum(one.outline is not None for one in study.session.measurements),
@@ -51,40 +53,26 @@ def summary(study: Study) -> dict[str, Any]:
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
-    rows = [
-        {
-            "name": one.name,
-            "size": _number(one.size),
-            "error": _number(one.error),
-            "unit": one.unit,
-            "sigma": _number(one.sigma),
-            "p_value": one.p_value,
-        }
-        for one in finding.deviations
-    ]
     return {
         "p_value": finding.p_value,
         "noise_over_stated": _number(finding.noise),
         "capsules": finding.capsules,
-        "deviations": rows,
+        "deviations": _records(finding.table(), "name"),
     }
 
 
-def _candidate(study: Study, name: str, scores: Scores) -> dict[str, Any]:
-    low, high = scores.interval()
-    return {
-        "parameter": name,
-        "effect": scores.effect.name,
-        "log_likelihood_ratio": scores.log_likelihood_ratio,
-        "size": scores.size,
-        "interval_68": [low, high],
-        "median_surface_shear_modulus": _number(scores.modulus[scores.best]),
-        "unit": scores.effect.parameter.unit,
-        "kind": scores.effect.kind.name,
-        "may_explain": name in study.names,
-        "changes": scores.effect.changes,
-        "separated_by": scores.effect.separated_by,
-    }
+def _candidates(study: Study) -> list[dict[str, Any]]:
+    rows = _records(study.table(), "parameter")
+    for row in rows:
+        row["interval_68"] = [row.pop("low"), row.pop("high")]
+        row["median_surface_shear_modulus"] = row.pop("surface_shear_modulus")
+    return rows
+
+
+def _records(table: pd.DataFrame, index: str) -> list[dict[str, Any]]:
+    """Return the rows of a table with the name of its index; None where there is no number."""
+    named = table.rename_axis(index).reset_index().astype(object)
+    return named.where(named.notna(), None).to_dict("records")
 
 
 def _verification(verification: Verification) -> dict[str, Any]:
@@ -95,12 +83,12 @@ def _verification(verification: Verification) -> dict[str, Any]:
         "log_likelihood_ratio_error": verification.error,
         **{
             when: _finding(finding) | _moduli(compared)
-            for when, finding, compared in zip(("before", "after"), findings, verification.compared, strict=True)
+            for when, finding, compared in zip(("before", "after"), findings, verification.comparisons, strict=True)
         },
     }
 
 
-def _moduli(compared: Compared) -> dict[str, Any]:
+def _moduli(compared: Comparison) -> dict[str, Any]:
     return {
         "gap": _number(compared.gap),
         "median_surface_shear_modulus": _number(compared.median_modulus),

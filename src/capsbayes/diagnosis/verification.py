@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from capsbayes.diagnosis.compared import Compared
+from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import Measured, log_likelihood
-from capsbayes.diagnosis.search import LEAST_RATIO, LEFT, Step, not_told_apart
+from capsbayes.diagnosis.search import LEAST_RATIO, LEFT, Step, indistinguishable
 from capsbayes.diagnosis.session import Session
 from capsbayes.effect import Effect
 from capsbayes.model import ForwardModel
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["MeanRatio", "Verification", "verified"]
 
@@ -55,11 +58,11 @@ class Verification:
         Of each capsule.
     steps : tuple of MeanRatio
         Of each effect beside those before.
-    compared : (Compared, Compared)
+    comparisons : (Comparison, Comparison)
         The capsules beside the model before and after.
     established : tuple of bool
         Of each step, whether its effect is known to be there from what was measured elsewhere.
-    found : float
+    first_p_value : float
         P-value of the disagreement that the first half shows.
     """
 
@@ -70,15 +73,33 @@ class Verification:
     left: Finding
     log_likelihood_ratios: Floats = field(repr=False)
     steps: tuple[MeanRatio, ...]
-    compared: tuple[Compared, Compared] = field(repr=False)
+    comparisons: tuple[Comparison, Comparison] = field(repr=False)
     established: tuple[bool, ...]
-    found: float
+    first_p_value: float
+
+    def table(self) -> pd.DataFrame:
+        """Return a row for the model ``before`` and ``after`` the effect is added.
+
+        Columns: ``gap`` [m], ``noise_over_stated``, ``p_value``, ``surface_shear_modulus`` (median of the capsules
+        [N/m]), ``log_likelihood_ratio`` per capsule and its ``log_likelihood_ratio_error``.
+        """
+        import pandas as pd
+
+        findings = {"before": self.before, "after": self.after}
+        ratios = {"before": (0.0, 0.0), "after": (self.log_likelihood_ratio, self.error)}
+        rows = {
+            when: (comparison.gap, finding.noise, finding.p_value, comparison.median_modulus, *ratios[when])
+            for (when, finding), comparison in zip(findings.items(), self.comparisons, strict=True)
+        }
+        columns = ("gap", "noise_over_stated", "p_value", "surface_shear_modulus")
+        errors = ("log_likelihood_ratio", "log_likelihood_ratio_error")
+        return pd.DataFrame.from_dict(rows, orient="index", columns=(*columns, *errors))
 
     @property
     def leaves_nothing(self) -> bool:
         """Whether nothing is left over, neither in these capsules nor in both halves together."""
         both = self.left.displacements + self.after.displacements
-        p_value = min(self.after.p_value, self.left.together(self.after, _WORTH_A_LOOK))
+        p_value = min(self.after.p_value, self.left.combined_p_value(self.after, _WORTH_A_LOOK))
         return p_value >= LEFT and both.evidence <= 0.0
 
     @property
@@ -88,7 +109,7 @@ class Verification:
         How much better the first must do is up to how surprising the disagreement was in the first half: by chance both
         together are to be one in twenty.
         """
-        together = max(np.sqrt(2.0) * _VERIFIED - float(norm.isf(self.found)), 0.0)
+        together = max(np.sqrt(2.0) * _VERIFIED - float(norm.isf(self.first_p_value)), 0.0)
         least = (together, *(_VERIFIED for _ in self.steps[1:]))
         return self.leaves_nothing and all(
             ratio.mean >= (-_VERIFIED if known else sigma) * ratio.error
@@ -97,7 +118,13 @@ class Verification:
 
 
 def verified(
-    model: ForwardModel, steps: tuple[Step, ...], *, confirm: Session, seed: int, measured: Measured, found: float
+    model: ForwardModel,
+    steps: tuple[Step, ...],
+    *,
+    confirm: Session,
+    seed: int,
+    measured: Measured,
+    first_p_value: float,
 ) -> tuple[tuple[Step, ...], Verification]:
     """The second half beside the model, and beside it with each effect more.
 
@@ -113,15 +140,15 @@ def verified(
     confirm : Session
     seed : int
     measured : mapping of str to (float, float)
-    found : float
+    first_p_value : float
         P-value of the disagreement that the first half shows.
     """
     white = whitening(model, confirm)
-    *before, last = (step for step in steps if step.alike)
+    *before, last = (step for step in steps if step.in_question)
     models: list[ForwardModel] = [model, *(step.after for step in before)]
     fits = [fitted(one, confirm, white) for one in models]
     chain = [log_likelihood(one) for one in fits]
-    shown = find(model, confirm, seed=seed, white=white, fits=fits[0]), Compared(confirm, model, fits[0])
+    shown = find(model, confirm, seed=seed, white=white, fits=fits[0]), Comparison(confirm, model, fits[0])
 
     def tried(name: str) -> Verification:
         extended = last.with_effect(name)
@@ -138,22 +165,22 @@ def verified(
             left=last.left[name],
             log_likelihood_ratios=ratios,
             steps=tuple(MeanRatio.of(one) for one in np.diff(likelihoods, axis=0)),
-            compared=(shown[1], Compared(confirm, extended, fit)),
+            comparisons=(shown[1], Comparison(confirm, extended, fit)),
             established=tuple(
                 _established(effect, measured)
                 for effect in (*(step.best.effect for step in before), last.scores[name].effect)
             ),
-            found=found,
+            first_p_value=first_p_value,
         )
 
-    tries = {name: tried(name) for name in last.alike}
+    tries = {name: tried(name) for name in last.in_question}
     in_question = _in_question(last, tries)
     if not in_question:
-        return steps, tries[last.alike[0]]
+        return steps, tries[last.in_question[0]]
     name = in_question[0]
     if name in last.before:
-        before = [replace(one, scores={**one.scores, one.alike[0]: last.before[name]}) for one in before]
-    return (*before, replace(last, alike=in_question)), tries[name]
+        before = [replace(one, scores={**one.scores, one.in_question[0]: last.before[name]}) for one in before]
+    return (*before, replace(last, in_question=in_question)), tries[name]
 
 
 def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ...]:
@@ -171,7 +198,10 @@ def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ..
         for name, one in tries.items()
     }
     best, *others = sorted(total, key=lambda name: -total[name])
-    alike = [best, *(name for name in others if not_told_apart(total[best] - total[name], ratios[best] - ratios[name]))]
+    alike = [
+        best,
+        *(name for name in others if indistinguishable(total[best] - total[name], ratios[best] - ratios[name])),
+    ]
     found = [name for name in alike if tries[name].leaves_nothing]
     if found and best not in found and total[best] - total[found[0]] > LEAST_RATIO:
         found.append(best)

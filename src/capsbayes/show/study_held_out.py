@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.diagnosis import Compared, Verification
+from capsbayes.diagnosis import Comparison, Verification
 from capsbayes.show.study_outline import arc_share
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _COUNT = 3
 
 def chosen_capsules(verification: Verification) -> tuple[int, ...]:
     """Rows of a small, a middling and a large capsule that have outlines and best shapes before and after."""
-    before, after = verification.compared
+    before, after = verification.comparisons
     rows = np.array(sorted(set(before.edges) & set(after.edges)), dtype=int)
     if not len(rows):
         return ()
@@ -52,8 +52,8 @@ def held_out(verification: Verification) -> Figure:
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(2.3, 1.0))[:, 0]
     axes = above.subplots(2, len(rows), squeeze=False, sharey="row", height_ratios=(1.25, 1.0))
     for column, row in enumerate(rows):
-        _outlines(axes[0, column], *verification.compared, row)
-        _distances(axes[1, column], *verification.compared, row)
+        _outlines(axes[0, column], *verification.comparisons, row)
+        _distances(axes[1, column], *verification.comparisons, row)
     axes[0, 0].set_ylabel(r"$y/\ell$")
     axes[1, 0].set_ylabel("residual [µm]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
@@ -67,7 +67,7 @@ def _mean(ax: Axes, verification: Verification) -> None:
     """Mean over all held-out capsules, in which the noise is small."""
     ax.axhline(0.0, color="#9a9a9a", linewidth=0.8)
     for compared, colour, style, when in zip(
-        verification.compared, (_BEFORE, _AFTER), ("--", "-"), ("before", "after"), strict=True
+        verification.comparisons, (_BEFORE, _AFTER), ("--", "-"), ("before", "after"), strict=True
     ):
         along = compared.along_outline
         if along is not None:
@@ -80,7 +80,7 @@ def _mean(ax: Axes, verification: Verification) -> None:
     ax.legend(frameon=False, ncols=2, fontsize=9, loc="upper center")
 
 
-def _outlines(ax: Axes, before: Compared, after: Compared, row: int) -> None:
+def _outlines(ax: Axes, before: Comparison, after: Comparison, row: int) -> None:
     points = after.edges[row][0]
     former = _moved(before.outlines[row], before.edges[row][0], points)
     for outline, colour, style, label in (
@@ -94,7 +94,7 @@ def _outlines(ax: Axes, before: Compared, after: Compared, row: int) -> None:
     ax.set(aspect="equal", xlabel=r"$z/\ell$", ylim=(-1.05, 1.05), yticks=[-1.0, 0.0, 1.0])
 
 
-def _distances(ax: Axes, before: Compared, after: Compared, row: int) -> None:
+def _distances(ax: Axes, before: Comparison, after: Comparison, row: int) -> None:
     width = 1e6 * after.session.mean("half_width")
     edge = after.session.measurements[row].outline
     assert edge is not None, "chosen for it"

@@ -34,10 +34,10 @@ def moduli(verification: Verification) -> Figure:
 
     figure = Figure(figsize=(10.0, 3.8), layout="constrained")
     ax = figure.subplots()
-    first = verification.compared[0]
+    first = verification.comparisons[0]
     order = np.argsort(first.modulus)  # NaN last
     places = np.arange(1, len(order) + 1)
-    for compared, (when, colour, shift, marker, face) in zip(verification.compared, _STYLES, strict=True):
+    for compared, (when, colour, shift, marker, face) in zip(verification.comparisons, _STYLES, strict=True):
         values, errors = (_MODULUS.scale * one[order] for one in (compared.modulus, compared.modulus_error))
         median = _MODULUS.shown(compared.median_modulus)
         ax.axhline(median, color=colour, linewidth=1.0, linestyle="--")

@@ -64,7 +64,7 @@ def _top(study: Study) -> Iterator[str]:
 
 
 def _finding(study: Study) -> Iterator[str]:
-    finding, compared = study.finding, study.discover
+    finding, compared = study.finding, study.first_half
     if compared is None or not finding.deviations:
         return
     none = study.verdict is Verdict.NONE
@@ -74,8 +74,8 @@ def _finding(study: Study) -> Iterator[str]:
             f"<p>The largest deviation ({typeset(finding.deviations[0].name)}) would be as large by chance in "
             f"{same_by_chance(finding)} of such sessions. What is smaller than the errors below was not seen.</p>"
         )
-    if study.again is not None:
-        there = {one.name: deviation_words(one) for one in study.again.deviations}
+    if study.second_finding is not None:
+        there = {one.name: deviation_words(one) for one in study.second_finding.deviations}
         name = finding.deviations[0].name
         yield f"<p>In the held-out capsules it is {typeset(there.get(name, 'not there'))}.</p>"
     along = compared.along_outline
@@ -117,7 +117,7 @@ def _candidates(study: Study) -> Iterator[str]:
             "those with the other, the odds those of each alone.</p>"
         )
     if study.verdict is Verdict.AMBIGUOUS:
-        best = next((step for step in study.steps if len(step.alike) > 1), study.steps[0]).best.effect
+        best = next((step for step in study.steps if len(step.in_question) > 1), study.steps[0]).best.effect
         yield (
             "<p>These data do not tell the effects in question apart. "
             f"What would: {typeset(best.separated_by[0].lower() + best.separated_by[1:])}</p>"
@@ -126,7 +126,7 @@ def _candidates(study: Study) -> Iterator[str]:
 
 
 def _held_out(study: Study, verification: Verification) -> Iterator[str]:
-    best = " and ".join(step.best.effect.name for step in study.steps if step.alike)
+    best = " and ".join(step.best.effect.name for step in study.steps if step.in_question)
     yield "<h2>Does it hold on capsules that were held out?</h2>"
     yield (
         f"<p>The size of {escape(best)} was found on one half of the capsules. Here is the other half, which had no "
@@ -148,7 +148,7 @@ def _held_out(study: Study, verification: Verification) -> Iterator[str]:
 
 
 def _origin(study: Study) -> Iterator[str]:
-    model = study.model if study.discover is None else study.discover.model
+    model = study.tested_model
     outlines = sum(one.outline is not None for one in study.session.measurements)
     yield (
         f'<p class="note">{len(study.session)} capsules, {outlines} with an outline; model {escape(model.name)}, '

@@ -64,9 +64,9 @@ def meaning_table(study: Study) -> Markup:
 def held_out_table(verification: Verification) -> Markup:
     """Gap, noise, chance and shear modulus before and after."""
     pairs = (verification.before, verification.after)
-    gaps = [f"{1e6 * one.gap:.3f} µm" if math.isfinite(one.gap) else "no outlines" for one in verification.compared]
+    gaps = [f"{1e6 * one.gap:.3f} µm" if math.isfinite(one.gap) else "no outlines" for one in verification.comparisons]
     noise = [f"{one.noise:.2f} σ" if math.isfinite(one.noise) else "nothing is left over" for one in pairs]
-    medians = [one.median_modulus for one in verification.compared]
+    medians = [one.median_modulus for one in verification.comparisons]
     shift = 100.0 * (medians[1] / medians[0] - 1.0)
     ratio = f"{verification.log_likelihood_ratio:+.2f} ± {verification.error:.2f}"
     rows = [
@@ -86,7 +86,7 @@ def held_out_table(verification: Verification) -> Markup:
 
 def flow_rate_table(verification: Verification) -> Markup | None:
     """Median G_s at each flow rate before and after, None where flow rates are not known."""
-    before, after = (one.modulus_at_flow_rates for one in verification.compared)
+    before, after = (one.modulus_at_flow_rates for one in verification.comparisons)
     if not before:
         return None
     rows = [

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.diagnosis import Compared, Finding
+from capsbayes.diagnosis import Comparison, Finding
 from capsbayes.diagnosis.finding import TRENDS
 from capsbayes.parameters import PARAMETERS
 
@@ -25,12 +25,12 @@ _INK, _SEEN = "#1f5a7a", "#c8552b"
 _MODULUS = PARAMETERS["surface_shear_modulus"]
 
 
-def trends(compared: Compared, finding: Finding) -> Figure:
+def trends(compared: Comparison, finding: Finding) -> Figure:
     """Draw the apparent G_s of each capsule with its error, and the slopes that were found.
 
     Parameters
     ----------
-    compared : Compared
+    compared : Comparison
     finding : Finding
 
     Returns
@@ -62,7 +62,7 @@ def trends(compared: Compared, finding: Finding) -> Figure:
     return figure
 
 
-def _panel(ax: Axes, compared: Compared, done: NDArray[np.int64], places: Floats) -> None:
+def _panel(ax: Axes, compared: Comparison, done: NDArray[np.int64], places: Floats) -> None:
     values, errors = (_MODULUS.scale * one[done] for one in (compared.modulus, compared.modulus_error))
     ax.errorbar(
         places, values, errors, fmt="o", markersize=4, color=_INK, ecolor="#8fc1dc", elinewidth=1.0, label="capsules"
@@ -72,7 +72,7 @@ def _panel(ax: Axes, compared: Compared, done: NDArray[np.int64], places: Floats
 def _line(
     ax: Axes,
     slope: Deviation | None,
-    compared: Compared,
+    compared: Comparison,
     done: NDArray[np.int64],
     places: Floats,
     logarithm: float | None,

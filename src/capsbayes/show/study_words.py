@@ -27,11 +27,11 @@ _MANY = 1e4  # odds beyond which their power of ten is enough
 
 def verdict_sentence(study: Study) -> str:
     """What came of a study, in one sentence."""
-    model = (study.model if study.discover is None else study.discover.model).name
+    model = study.tested_model.name
     if study.verdict is Verdict.NOT_TESTABLE:
         return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."
     if study.verdict is Verdict.NONE:
-        doubt = "" if study.again is None else ": what the first half shows, the held-out capsules do not"
+        doubt = "" if study.second_finding is None else ": what the first half shows, the held-out capsules do not"
         return f"No disagreement was found between the capsules and {model}{doubt}."
     accused = f"The capsules disagree with {model}, and"
     if study.verdict is Verdict.NAMED:
@@ -40,7 +40,7 @@ def verdict_sentence(study: Study) -> str:
         sizes = "; ".join(f"{one.effect.parameter.symbol} = {size_words(one)}" for one in named)
         return f"{accused} {names} {'explains it' if len(named) == 1 else 'explain it together'}: {sizes}."
     if study.verdict is Verdict.AMBIGUOUS:
-        groups = [[step.scores[name].effect.name for name in step.alike] for step in study.steps]
+        groups = [[step.scores[name].effect.name for name in step.in_question] for step in study.steps]
         return f"{accused} several effects explain it equally well: {', with '.join(map(_one_of, groups))}."
     if study.verification is not None:
         best = study.scores[study.names[0]]
@@ -78,8 +78,8 @@ def modulus_words(study: Study) -> str:
     else:
         return ""
     moduli = [one.modulus[one.best] for one in scores]
-    if study.verdict is Verdict.UNKNOWN and study.discover is not None:
-        moduli.append(study.discover.median_modulus)
+    if study.verdict is Verdict.UNKNOWN and study.first_half is not None:
+        moduli.append(study.first_half.median_modulus)
     low, high = (_MODULUS.shown(end(moduli)) for end in (np.nanmin, np.nanmax))
     return f"By what is assumed to be missing, the median G_s is {low:.1f} to {high:.1f} {_MODULUS.shown_unit}."
 

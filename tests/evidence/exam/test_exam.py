@@ -67,7 +67,7 @@ ANSWER = Answer(
     ],
 )
 def test_answers_are_told_right_from_wrong(cell, verdict, steps, outcome):
-    study = SimpleNamespace(verdict=verdict, steps=[SimpleNamespace(alike=alike) for alike in steps])
+    study = SimpleNamespace(verdict=verdict, steps=[SimpleNamespace(in_question=alike) for alike in steps])
     assert outcome_of(cell, study) == outcome
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.database import Database
-from capsbayes.diagnosis import Compared, Study, Verdict, diagnose
+from capsbayes.diagnosis import Comparison, Study, Verdict, diagnose
 from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
 from capsbayes.evidence.blind.decoy import Decoy
@@ -130,7 +130,13 @@ def _distinguished(
     rng = np.random.default_rng([seed, len(study.names)])
     measured: dict[str, tuple[float, float]] = {}
     while study.verdict is Verdict.AMBIGUOUS:
-        left = [name for step in study.steps if len(step.alike) > 1 for name in step.alike if name not in measured]
+        left = [
+            name
+            for step in study.steps
+            if len(step.in_question) > 1
+            for name in step.in_question
+            if name not in measured
+        ]
         if not left:
             break
         effect = candidates[left[0]]
@@ -149,7 +155,7 @@ def outcome_of(cell: Cell, study: Study) -> str:
     named = study.verdict is Verdict.NAMED
     if not cell.known:
         return "wrong" if named else "ambiguous"
-    if not all(cell.sizes.keys() & step.alike for step in study.steps):
+    if not all(cell.sizes.keys() & step.in_question for step in study.steps):
         return "wrong"
     return "right" if named else "ambiguous"
 
@@ -178,22 +184,22 @@ def _held_out(drawn: HiddenSession, study: Study) -> Mapping[str, float]:
     seen = study.verification
     if seen is None:
         found = dict.fromkeys(_OF_HELD_OUT, np.nan)
-        return found | {"bias_before": np.nan if study.discover is None else _bias(drawn, study.discover)}
-    before, after = (_bias(drawn, one) for one in seen.compared)
+        return found | {"bias_before": np.nan if study.first_half is None else _bias(drawn, study.first_half)}
+    before, after = (_bias(drawn, one) for one in seen.comparisons)
     named = study.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     return {
         "log_likelihood_ratio": seen.log_likelihood_ratio,
         "log_likelihood_ratio_error": seen.error,
         "misfit_before": seen.before.noise**2,
         "misfit_after": seen.after.noise**2,
-        "gap_before": seen.compared[0].gap,
-        "gap_after": seen.compared[1].gap,
+        "gap_before": seen.comparisons[0].gap,
+        "gap_after": seen.comparisons[1].gap,
         "bias_before": before,
         "bias_after": after if named else np.nan,
     }
 
 
-def _bias(drawn: HiddenSession, compared: Compared) -> float:
+def _bias(drawn: HiddenSession, compared: Comparison) -> float:
     """Median of the errors of ln G_s."""
     truth = dict(zip((one.source for one in drawn.session.measurements), drawn.log_modulus, strict=True))
     known = np.array([truth[one.source] for one in compared.session.measurements])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,10 @@ from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.infer.outline.normal_distance import Footing
 from capsbayes.model import ForwardModel
 
-__all__ = ["AlongOutline", "Compared"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["AlongOutline", "Comparison"]
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +42,7 @@ class AlongOutline:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class Comparison:
     """A session and the fits of a model to it.
 
     Parameters
@@ -55,6 +59,23 @@ class Compared:
     model: ForwardModel = field(repr=False)
     fits: Fits = field(repr=False)
     sizes: Mapping[str, float] = field(default_factory=dict)
+
+    def table(self) -> pd.DataFrame:
+        """Return a row for each capsule, indexed by its source.
+
+        Columns: ``surface_shear_modulus`` and ``surface_shear_modulus_error`` [N/m], NaN where the model has no such
+        shape, ``size_ratio``, ``capsule_velocity`` [m/s], ``flow_rate`` [m^3/s].
+        """
+        import pandas as pd
+
+        columns = {
+            "surface_shear_modulus": self.modulus,
+            "surface_shear_modulus_error": self.modulus_error,
+            "size_ratio": self.fits.size,
+            "capsule_velocity": self.session.circumstances["capsule_velocity"],
+            "flow_rate": self.session.flow_rates,
+        }
+        return pd.DataFrame(columns, index=[one.source for one in self.session.measurements])
 
     @property
     def modulus(self) -> Floats:

@@ -8,7 +8,7 @@ import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
-from capsbayes.diagnosis import Compared, Verdict, diagnose, summary
+from capsbayes.diagnosis import Comparison, Verdict, diagnose, summary
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, PixelScale
@@ -26,7 +26,7 @@ def model():
 def compared(model):
     """Eight capsules almost without noise."""
     session, _ = drawn_session(model, 8, seed=1, outline=True, noise=1e-4)
-    return Compared(session, model, fitted(model, session, whitening(model, session)))
+    return Comparison(session, model, fitted(model, session, whitening(model, session)))
 
 
 def test_a_right_model_leaves_the_noise(compared):

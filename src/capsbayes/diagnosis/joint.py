@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.diagnosis.fits import Fits, fitted
-from capsbayes.diagnosis.scoring import Measured, Scores, Tried, log_of_measured
+from capsbayes.diagnosis.scoring import Measured, Outcome, Scores, log_of_measured
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.model import FixedParameters, ForwardModel
 
-__all__ = ["together"]
+__all__ = ["score_jointly"]
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ _APART = 1.5  # of these points, in standard errors of one size at a fixed other
 _CLIMBS = 4
 _FARTHEST = 4.0  # in units of the design
 _NEAR = 0.3  # the same
-_BESIDE = (-2.2, -1.0, 0.0, 1.0, 2.2)  # standard errors, at which each effect is scored
+_SIGMAS = (-2.2, -1.0, 0.0, 1.0, 2.2)  # standard errors, at which each effect is scored
 
 
 class _Top(NamedTuple):
@@ -36,7 +36,7 @@ class _Top(NamedTuple):
     covariance: Floats
 
 
-def together(
+def score_jointly(
     model: ForwardModel,
     first: Scores,
     second: Scores,
@@ -69,9 +69,9 @@ def together(
     """
     pair = _Pair(model, (first, second), session, white, alone, measured)
     top = pair.climbed()
-    without_second = Tried.of(alone), first.size
+    without_second = Outcome.of(alone), first.size
     held = FixedParameters(model + second.effect, {second.effect.parameter.name: float(top.sizes[1])})
-    without_first = Tried.of(fitted(held, session, white)), float(top.sizes[1])
+    without_first = Outcome.of(fitted(held, session, white)), float(top.sizes[1])
     return pair.along(0, top, *without_first), pair.along(1, top, *without_second)
 
 
@@ -94,16 +94,16 @@ class _Pair:
         self.high = np.array([one.sizes[-1] for one in scores])
         self.scale = np.array([max(0.5 * np.ptp(one.interval()), 1e-6 * np.ptp(one.sizes)) for one in scores])
         self._start = alone.theta
-        self._known: dict[tuple[float, ...], Tried] = {}
+        self._known: dict[tuple[float, ...], Outcome] = {}
 
-    def __call__(self, sizes: Floats) -> Tried:
+    def __call__(self, sizes: Floats) -> Outcome:
         """With both at given sizes (2,)."""
         key = tuple(sizes.tolist())
         if key not in self._known:
             named = dict(zip(self.names, key, strict=True))
             first = not self._known
             fits = fitted(self.model, self.session, self.white, named, self._start, everywhere=first)
-            self._known[key] = Tried.of(fits)
+            self._known[key] = Outcome.of(fits)
             if first:
                 self._start = fits.theta
         return self._known[key]
@@ -131,14 +131,14 @@ class _Pair:
                 break
         return _Top(np.clip(centre, self.low, self.high), covariance)
 
-    def along(self, which: int, top: _Top, without: Tried, other_without: float) -> Scores:
+    def along(self, which: int, top: _Top, without: Outcome, other_without: float) -> Scores:
         """Scores of one of the effects, the other at its likeliest beside it; `without` has the other alone."""
         other = 1 - which
         error = float(np.sqrt(top.covariance[which, which]))
         slope = top.covariance[which, other] / top.covariance[which, which]
         null = self.scores[which].effect.null_value
-        rows: dict[float, tuple[Tried, float]] = {}
-        for sigma in _BESIDE:
+        rows: dict[float, tuple[Outcome, float]] = {}
+        for sigma in _SIGMAS:
             sizes = np.array(top.sizes)
             sizes[which] = np.clip(sizes[which] + sigma * error, self.low[which], self.high[which])
             sizes[other] = np.clip(

@@ -13,7 +13,7 @@ from capsbayes.diagnosis.whitening import OfLengths, Whitening
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 
-__all__ = ["LOOSE", "Evaluation", "Places", "descended", "scouts"]
+__all__ = ["LOOSE", "Evaluation", "Places", "gauss_newton", "initial_guesses"]
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -28,7 +28,7 @@ _BETTER = 1e-3  # in misfit, by which a fit is better than another
 _DIFFERENCE = (3e-4, 3e-5)  # of log Ca and a/l, for derivatives
 _LONGEST = (0.3, 0.03)  # step
 _SETTLED = 1e-10  # of the misfit that is still to be gained
-_SCOUTS = (60, 40)  # along log Ca and a/l
+_GUESSES = (60, 40)  # along log Ca and a/l
 _BANDS = 4  # of Ca, in each of which a capsule that is not fitted is tried again
 
 
@@ -144,7 +144,7 @@ class Evaluation:
         return Places(theta, residuals, slopes, ratio[:, 0], ratio_slopes)
 
 
-def descended(evaluate: Evaluation, here: Places, who: Rows) -> Places:
+def gauss_newton(evaluate: Evaluation, here: Places, who: Rows) -> Places:
     """Gauss-Newton steps of k capsules, given by their rows, down to where they fit best."""
     centre = evaluate.white.pilots[who]
     value, promised = here.penalised(centre), here.step(centre, np.zeros(len(who)))[1]
@@ -165,7 +165,7 @@ def descended(evaluate: Evaluation, here: Places, who: Rows) -> Places:
     return here
 
 
-def scouts(
+def initial_guesses(
     model: ForwardModel, session: Session, rest: Mapping[str, Floats], rows: Rows, bands: int = _BANDS
 ) -> Floats:
     """log Ca and a/l (bands, k, 2) of the shapes nearest by their lengths in each band of Ca, for k rows of capsules.
@@ -173,8 +173,8 @@ def scouts(
     `rest` holds the circumstances of all and the sizes of effects.
     """
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
-    columns = np.linspace(size_low, size_high, _SCOUTS[1] + 2)[1:-1]
-    ca, size = (one.ravel() for one in np.meshgrid(np.geomspace(ca_low, ca_high, _SCOUTS[0] + 2)[1:-1], columns))
+    columns = np.linspace(size_low, size_high, _GUESSES[1] + 2)[1:-1]
+    ca, size = (one.ravel() for one in np.meshgrid(np.geomspace(ca_low, ca_high, _GUESSES[0] + 2)[1:-1], columns))
     band = np.digitize(ca, np.geomspace(ca_low, ca_high, bands + 1)[1:-1])
     found = np.empty((bands, len(rows), 2))
     acting = [name for name in rest if name not in session.circumstances or name in model.circumstances]

@@ -6,8 +6,8 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.joint import _DESIGN, _parabola, score_jointly
 from capsbayes.diagnosis.scoring import Trial, log_likelihood
-from capsbayes.diagnosis.together import _DESIGN, _parabola, together
 from capsbayes.effects import Halo, MotionBlur
 from capsbayes.model import FixedParameters
 
@@ -37,7 +37,7 @@ def scene():
 @pytest.fixture(scope="module")
 def both(scene):
     model, session, white, first, second, alone = scene
-    return together(model, first, second, session, white, alone, {})
+    return score_jointly(model, first, second, session, white, alone, {})
 
 
 def test_sizes_of_both_are_right_where_that_of_one_alone_is_not(scene, both):
@@ -72,7 +72,7 @@ def test_an_interval_beside_an_unknown_other_is_wider(scene, both):
 def test_what_was_measured_elsewhere_counts(scene, both):
     model, session, white, first, second, alone = scene
     bead = {"halo": (0.52e-6, 1e-9)}
-    halo, blur = together(model, first, second, session, white, alone, bead)
+    halo, blur = score_jointly(model, first, second, session, white, alone, bead)
     assert halo.size == pytest.approx(0.52e-6, abs=5e-9)
     assert np.ptp(halo.interval()) < 5e-9 < np.ptp(both[0].interval())
     assert blur.size != both[1].size
