@@ -72,7 +72,7 @@ def _candidates(study: Study) -> list[dict[str, Any]]:
 def _records(table: pd.DataFrame, index: str) -> list[dict[str, Any]]:
     """Return the rows of a table with the name of its index; None where there is no number."""
     named = table.rename_axis(index).reset_index().astype(object)
-    return named.where(named.notna(), None).to_dict("records")
+    return [dict(zip(named.columns, row, strict=True)) for row in named.where(named.notna(), None).to_numpy()]
 
 
 def _verification(verification: Verification) -> dict[str, Any]:
