@@ -100,13 +100,13 @@ class Contradictory(Sphere):
 @pytest.mark.parametrize(
     ("model", "promise"),
     [
-        (Box(), "it is a ForwardModel"),
+        (Box(), "does not derive from capsbayes.model.ForwardModel"),
         (Nameless(), "name is '', not a text"),
         (Sideways(), "view is 'shadow'"),
         (Shifted(), "null value of pre_inflation is not within its range"),
-        (Careless(), "no_such_parameter, is ignored"),
-        (Endless(), "outside the model's domain is not NaN"),
-        (Narrower(), "it takes each capsule for itself"),
+        (Careless(), "no_such_parameter is ignored"),
+        (Endless(), "outside the domain of the model is not NaN"),
+        (Narrower(), "it treats each capsule by itself"),
         (Contradictory(), "caveats have the shapes"),
     ],
     ids=lambda one: type(one).__name__,

@@ -84,9 +84,9 @@ def test_good_laws_pass(law):
         (WrongCurvature(), "derivatives are those of its energy", "w22 = "),
         (Prestressed(), "neither energy nor tension", "tension at rest = 0.2"),
         (Directed(), "tau_2 = (1/l1) dW/dl2", "at l1, l2 ="),
-        (Careless(), "each point for itself", "writes into its arguments"),
-        (Scalar(), "each point for itself", "w1 of shape ()"),
-        (Raising(), "each point for itself", "ZeroDivisionError: no such strain"),
+        (Careless(), "each point by itself", "writes into its arguments"),
+        (Scalar(), "each point by itself", "w1 of shape ()"),
+        (Raising(), "each point by itself", "ZeroDivisionError: no such strain"),
     ],
 )
 def test_a_bad_law_is_told_which_promise_it_breaks(law, promise, found):

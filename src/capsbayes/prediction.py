@@ -1,4 +1,4 @@
-"""What a model says a capsule looks like, with the model's own error."""
+"""Shape and velocity of a capsule as a model predicts them, with the own error of the model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 class Prediction:
     """Steady shapes and velocities for a batch of n parameter points.
 
-    Rows where ``inside`` is False hold NaN: the model says nothing there.
+    Rows where ``inside`` is False hold NaN: the model has no answer there.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Prediction:
     stretch_ratio : (n,) array [-]
         Perimeter of the mid-plane profile over that of the sphere at rest, Lambda.
     covariance : (n, 3, 3) array
-        Covariance of the model's own error in (axial_extent, axial_length, velocity_ratio).
+        Covariance of the own error of the model in (axial_extent, axial_length, velocity_ratio).
     inside : (n,) bool array
         Whether the point lies in the model's domain.
     outline : (n, p, 2) array [l], optional
@@ -38,10 +38,10 @@ class Prediction:
 
     Examples
     --------
-    >>> one = Prediction(
+    >>> prediction = Prediction(
     ...     axial_extent=np.array([2.14]), axial_length=np.array([1.81]), velocity_ratio=np.array([1.29]),
     ...     stretch_ratio=np.array([1.15]), covariance=np.zeros((1, 3, 3)), inside=np.array([True]))
-    >>> len(one), one.parachute_depth.round(2)
+    >>> len(prediction), prediction.parachute_depth.round(2)
     (1, array([0.33]))
     """
 
@@ -71,9 +71,9 @@ class Prediction:
         return len(self.axial_extent)
 
     def taken(self, rows: slice | NDArray[np.int64]) -> Prediction:
-        """Some of the points."""
-        found = {one.name: getattr(self, one.name) for one in fields(self)}
-        some: dict[str, Any] = {name: None if array is None else array[rows] for name, array in found.items()}
+        """Return some of the points."""
+        arrays = {column.name: getattr(self, column.name) for column in fields(self)}
+        some: dict[str, Any] = {name: None if array is None else array[rows] for name, array in arrays.items()}
         return Prediction(**some)
 
     @property

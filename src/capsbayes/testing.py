@@ -1,4 +1,4 @@
-"""Promises that a newcomer's part must keep, checked by one function for each kind of part."""
+"""Promises that a law, a model or an effect must keep, checked by one function for each kind."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def check_law(law: MembraneLaw) -> None:
     Parameters
     ----------
     law : MembraneLaw
-        The law, one's own or the library's.
+        One's own, or one of the library.
 
     Raises
     ------
     BrokenPromiseError
-        Naming the first promise that does not hold, and where.
+        With the first promise that does not hold, and where.
 
     Examples
     --------
@@ -57,14 +57,14 @@ def check_effect(effect: Effect, model: ForwardModel) -> None:
     Parameters
     ----------
     effect : Effect
-        The effect, one's own or the library's.
+        One's own, or one of the library.
     model : ForwardModel
-        What it is tried on, as ``Surrogate.open("square-neo-hookean")``.
+        Model to which the effect is added, for example ``Surrogate.open("square-neo-hookean")``.
 
     Raises
     ------
     BrokenPromiseError
-        Naming the first promise that does not hold, and where.
+        With the first promise that does not hold, and where.
     """
     promises = {promise: partial(deviation, effect, model) for promise, deviation in _EFFECT_PROMISES.items()}
     _keep(type(effect).__name__, promises)
@@ -76,12 +76,12 @@ def check_model(model: ForwardModel) -> None:
     Parameters
     ----------
     model : ForwardModel
-        The model, one's own, the library's, or one made from these by effects and fixed parameters.
+        One's own, one of the library, or one made from these with effects and fixed parameters.
 
     Raises
     ------
     BrokenPromiseError
-        Naming the first promise that does not hold, and where.
+        With the first promise that does not hold, and where.
 
     Examples
     --------
@@ -109,15 +109,17 @@ def _invariants(stretch: Array) -> tuple[Array, Array]:
     return l1**2 + l2**2 - 2.0, (l1 * l2) ** 2 - 1.0
 
 
-def _apart(what: str, got: Array, expected: Array, tolerance: float = _TOLERANCE, *, at: Array | None = None) -> str:
-    """Sentence about the worst difference, empty when all agree (a NaN never does)."""
+def _difference(
+    quantity: str, got: Array, expected: Array, tolerance: float = _TOLERANCE, *, at: Array | None = None
+) -> str:
+    """Describe the worst difference, empty when all agree (NaN never does)."""
     got, expected = np.broadcast_arrays(np.asarray(got, dtype=float), np.asarray(expected, dtype=float))
     error = np.abs(got - expected) / np.maximum(1.0, np.abs(expected))
     if np.all(error <= tolerance):
         return ""
     worst = np.unravel_index(np.argmax(np.nan_to_num(error, nan=np.inf)), error.shape)
     place = "" if at is None else f" at l1, l2 = {at[worst[0]].tolist()}"
-    return f"{what} = {got[worst]:.9g} where {expected[worst]:.9g} is due{place}"
+    return f"{quantity} = {got[worst]:.9g} where {expected[worst]:.9g} is expected{place}"
 
 
 def _first(*sentences: str) -> str:
@@ -149,7 +151,7 @@ def _is_pure(law: MembraneLaw) -> str:
             return f"{name} = {np.asarray(values).tolist()}"
     alone = law.derivatives(i1[1, 1:], i2[1, 1:])
     pairs = zip(batch, alone, strict=True)
-    return _first(*(_apart("a batch", many[1, 1], one[0], 1e-13) for many, one in pairs))
+    return _first(*(_difference("a batch", many[1, 1], one[0], 1e-13) for many, one in pairs))
 
 
 def _has_true_derivatives(law: MembraneLaw) -> str:
@@ -158,12 +160,12 @@ def _has_true_derivatives(law: MembraneLaw) -> str:
     by_i1 = _differences(law.derivatives(i1 + _STEP, i2), law.derivatives(i1 - _STEP, i2))
     by_i2 = _differences(law.derivatives(i1, i2 + _STEP), law.derivatives(i1, i2 - _STEP))
     return _first(
-        _apart("w1", w1, by_i1[0], at=_STRETCHES),
-        _apart("w2", w2, by_i2[0], at=_STRETCHES),
-        _apart("w11", w11, by_i1[1], at=_STRETCHES),
-        _apart("w12", w12, by_i1[2], at=_STRETCHES),
-        _apart("w12", w12, by_i2[1], at=_STRETCHES),
-        _apart("w22", w22, by_i2[2], at=_STRETCHES),
+        _difference("w1", w1, by_i1[0], at=_STRETCHES),
+        _difference("w2", w2, by_i2[0], at=_STRETCHES),
+        _difference("w11", w11, by_i1[1], at=_STRETCHES),
+        _difference("w12", w12, by_i1[2], at=_STRETCHES),
+        _difference("w12", w12, by_i2[1], at=_STRETCHES),
+        _difference("w22", w22, by_i2[2], at=_STRETCHES),
     )
 
 
@@ -182,16 +184,16 @@ def _has_true_tensions(law: MembraneLaw) -> str:
         up, down = law.energy(*_invariants(_STRETCHES + step)), law.energy(*_invariants(_STRETCHES - step))
         due.append((up - down) / (2 * _STEP) / _STRETCHES[:, other])
     return _first(
-        _apart("tau_1", tensions[:, 0], due[0], at=_STRETCHES),
-        _apart("tau_2", tensions[:, 1], due[1], at=_STRETCHES),
+        _difference("tau_1", tensions[:, 0], due[0], at=_STRETCHES),
+        _difference("tau_2", tensions[:, 1], due[1], at=_STRETCHES),
     )
 
 
 def _is_at_rest(law: MembraneLaw) -> str:
     rest = np.zeros(1)
     return _first(
-        _apart("the energy at rest", law.energy(rest, rest), rest, 1e-13),
-        _apart("the tension at rest", law.principal_tensions(np.ones((1, 2))), np.zeros((1, 2)), 1e-13),
+        _difference("the energy at rest", law.energy(rest, rest), rest, 1e-13),
+        _difference("the tension at rest", law.principal_tensions(np.ones((1, 2))), np.zeros((1, 2)), 1e-13),
     )
 
 
@@ -199,13 +201,13 @@ def _is_isotropic(law: MembraneLaw) -> str:
     there, back = law.principal_tensions(_STRETCHES), law.principal_tensions(_STRETCHES[:, ::-1])
     equal = law.principal_tensions(np.array([[1.2, 1.2], [0.9, 0.9]]))
     return _first(
-        _apart("a tension with the stretches exchanged", back[:, ::-1], there, 1e-12),
-        _apart("tau_2 at l1 = l2", equal[:, 1], equal[:, 0], 1e-12),
+        _difference("a tension with the stretches exchanged", back[:, ::-1], there, 1e-12),
+        _difference("tau_2 at l1 = l2", equal[:, 1], equal[:, 0], 1e-12),
     )
 
 
 def _slope(law: MembraneLaw, strain: tuple[float, float]) -> Array:
-    """Derivative of tau_1 at rest along a direction of strain (e1, e2)."""
+    """Return the derivative of tau_1 at rest along a direction of strain (e1, e2)."""
     step = 1e-4
     along = step * np.asarray(strain)
     up, down = law.principal_tensions(1.0 + along), law.principal_tensions(1.0 - along)
@@ -213,27 +215,27 @@ def _slope(law: MembraneLaw, strain: tuple[float, float]) -> Array:
 
 
 def _has_unit_shear_modulus(law: MembraneLaw) -> str:
-    return _apart("G_s", _slope(law, (1.0, -1.0)) / 2.0, np.ones(()))
+    return _difference("G_s", _slope(law, (1.0, -1.0)) / 2.0, np.ones(()))
 
 
 def _has_its_area_modulus(law: MembraneLaw) -> str:
-    return _apart("K_s/G_s", _slope(law, (1.0, 1.0)) / 2.0, np.asarray(law.area_dilation_modulus))
+    return _difference("K_s/G_s", _slope(law, (1.0, 1.0)) / 2.0, np.asarray(law.area_dilation_modulus))
 
 
 _LAW_PROMISES: dict[str, Callable[[MembraneLaw], str]] = {
     "it has a name and a positive modulus, and can be pickled, compared and hashed": _is_one_law,
-    "its derivatives are six finite arrays of the shape of the invariants, each point for itself": _is_pure,
+    "its derivatives are six finite arrays of the shape of the invariants, each point by itself": _is_pure,
     "its derivatives are those of its energy": _has_true_derivatives,
     "its tensions are tau_1 = (1/l2) dW/dl1 and tau_2 = (1/l1) dW/dl2": _has_true_tensions,
     "without strain it has neither energy nor tension": _is_at_rest,
-    "it does not know one direction from the other": _is_isotropic,
+    "it is isotropic": _is_isotropic,
     "its surface shear modulus at small strain is 1": _has_unit_shear_modulus,
     "its area dilation modulus at small strain is the one it states": _has_its_area_modulus,
 }
 
 
 _SI = {"half_width": 25e-6, "capsule_velocity": 5e-3, "mean_velocity": 4e-3, "viscosity": 0.8}
-_OUTLINE = 0.01  # l by which the outline may differ from the lengths, beside the error that the prediction states
+_OUTLINE = 0.01  # l by which the outline may differ from the lengths, in addition to the stated error of the prediction
 
 
 def _batch(effect: Effect, size: float, model: ForwardModel) -> dict[str, Array]:
@@ -255,7 +257,7 @@ def _capsules(model: ForwardModel) -> dict[str, Array]:
 
 
 def _table(prediction: Prediction) -> Array:
-    """All numbers of a prediction : (n, k) array."""
+    """Return all numbers of a prediction : (n, k) array."""
     count = len(prediction)
     outline = np.zeros((count, 0)) if prediction.outline is None else prediction.outline.reshape(count, -1)
     lengths = prediction.values, prediction.stretch_ratio[:, None], prediction.covariance.reshape(count, -1)
@@ -268,9 +270,9 @@ def _with_and_without(effect: Effect, model: ForwardModel, theta: dict[str, Arra
 
 
 def _typical(effect: Effect) -> float:
-    """A size within the prior that is not the null value."""
+    """Return a size within the prior that is not the null value."""
     sizes = np.asarray(effect.prior.ppf([0.75, 0.6, 0.9]))
-    return float(next(one for one in sizes if one != effect.null_value))
+    return float(next(size for size in sizes if size != effect.null_value))
 
 
 def _is_one_effect(effect: Effect, model: ForwardModel) -> str:
@@ -282,7 +284,7 @@ def _is_one_effect(effect: Effect, model: ForwardModel) -> str:
         return f"circumstances are among {', '.join(CIRCUMSTANCES)}, got {', '.join(unknown)}"
     if not np.isfinite(effect.prior.logpdf(_typical(effect))):
         return f"the prior has no density at its own quantile {_typical(effect):g}"
-    return "" if pickle.loads(pickle.dumps(effect)) == effect else "it is another one after pickling"
+    return "" if pickle.loads(pickle.dumps(effect)) == effect else "a copy made by pickle differs from it"
 
 
 def _does_nothing_at_null(effect: Effect, model: ForwardModel) -> str:
@@ -290,8 +292,8 @@ def _does_nothing_at_null(effect: Effect, model: ForwardModel) -> str:
     there, here = _with_and_without(effect, model, theta)
     both = there.inside & here.inside
     if not both.any():
-        return "it has an answer for none of five capsules"
-    return _apart("the prediction at the null value", _table(there)[both], _table(here)[both], 1e-9)
+        return "it has no answer for any of five capsules"
+    return _difference("the prediction at the null value", _table(there)[both], _table(here)[both], 1e-9)
 
 
 def _does_something(effect: Effect, model: ForwardModel) -> str:
@@ -299,12 +301,12 @@ def _does_something(effect: Effect, model: ForwardModel) -> str:
     there, here = _with_and_without(effect, model, theta)
     both = there.inside & here.inside
     if not both.any():
-        return f"at {effect.parameter.name} = {_typical(effect):g} it has an answer for none of five capsules"
+        return f"at {effect.parameter.name} = {_typical(effect):g} it has no answer for any of five capsules"
     same = np.allclose(_table(there)[both], _table(here)[both], rtol=0.0, atol=1e-9)
     return f"at {effect.parameter.name} = {_typical(effect):g} nothing changes" if same else ""
 
 
-def _takes_each_for_itself(effect: Effect, model: ForwardModel) -> str:
+def _treats_each_by_itself(effect: Effect, model: ForwardModel) -> str:
     theta = _batch(effect, _typical(effect), model)
     kept = {name: values.copy() for name, values in theta.items()}
     extended = model + effect
@@ -312,7 +314,7 @@ def _takes_each_for_itself(effect: Effect, model: ForwardModel) -> str:
     back = _table(extended({name: values[::-1] for name, values in theta.items()}, outline=True))
     if any(not np.array_equal(kept[name], values) for name, values in theta.items()):
         return "it changes the arrays that it is given"
-    return _apart("the batch in reverse order", np.nan_to_num(back[::-1]), np.nan_to_num(forth), 1e-12)
+    return _difference("the batch in reverse order", np.nan_to_num(back[::-1]), np.nan_to_num(forth), 1e-12)
 
 
 def _stays_outside(effect: Effect, model: ForwardModel) -> str:
@@ -320,10 +322,10 @@ def _stays_outside(effect: Effect, model: ForwardModel) -> str:
 
 
 def _leaves_the_domain(found: Prediction) -> str:
-    """Sentence about a prediction of which the last point, and no other, lies outside the domain."""
+    """Describe a prediction unless its last point, and no other, is outside the domain."""
     if found.inside[-1] or not np.isnan(found.values[-1]).all():
-        return "a point outside the model's domain is not NaN with inside False"
-    return _apart("a prediction inside", np.isfinite(_table(found)[found.inside]), np.ones(()))
+        return "a point outside the domain of the model is not NaN with inside False"
+    return _difference("a prediction inside", np.isfinite(_table(found)[found.inside]), np.ones(()))
 
 
 def _moves_outline_and_lengths(effect: Effect, model: ForwardModel) -> str:
@@ -336,27 +338,27 @@ def _moves_outline_and_lengths(effect: Effect, model: ForwardModel) -> str:
     due = there.axial_extent[both] - here.axial_extent[both]
     unsure = np.sqrt(there.covariance[both, 0, 0])
     within = np.clip(longer, due - unsure, due + unsure)
-    return _apart("the change of the outline's extent along the flow", longer, within, _OUTLINE)
+    return _difference("the change of the outline's extent along the flow", longer, within, _OUTLINE)
 
 
 _EFFECT_PROMISES: dict[str, Callable[[Effect, ForwardModel], str]] = {
     "it has a name, sentences, a prior and known circumstances, and can be pickled and compared": _is_one_effect,
     "at its null value it changes nothing": _does_nothing_at_null,
     "at a typical size it changes something": _does_something,
-    "it takes each capsule of a batch for itself, and leaves what it is given as it is": _takes_each_for_itself,
-    "outside the model's domain it has no answer, inside a finite one": _stays_outside,
+    "it treats each capsule of a batch by itself, and does not change its arguments": _treats_each_by_itself,
+    "outside the domain of the model it has no answer, inside a finite one": _stays_outside,
     "it moves the outline as it moves the lengths": _moves_outline_and_lengths,
 }
 
 
 def _declares_what_it_is(model: ForwardModel) -> str:
     if not isinstance(model, ForwardModel):
-        return "that it is no subclass of capsbayes.model.ForwardModel"
+        return "a class that does not derive from capsbayes.model.ForwardModel"
     for name in ("name", "sha256"):
         if not (isinstance(getattr(model, name, None), str) and getattr(model, name)):
             return f"{name} is {getattr(model, name, None)!r}, not a text"
     if not isinstance(getattr(model, "domain", None), Domain):
-        return "domain is no subclass of capsbayes.model.Domain"
+        return "a domain whose class does not derive from capsbayes.model.Domain"
     if model.view not in VIEWS:
         return f"view is {model.view!r}, not one of {', '.join(VIEWS)}"
     wrong = [name for name, ends in model.coordinates.items() if not ends.low <= ends.null_value <= ends.high]
@@ -371,27 +373,27 @@ def _knows_its_names(model: ForwardModel) -> str:
     count = len(capsules["size_ratio"])
     null = {name: np.full(count, ends.null_value) for name, ends in model.coordinates.items()}
     stated, meant = (np.nan_to_num(_table(model(capsules | more))) for more in (null, {}))
-    differ = _apart("the prediction at the null values", stated, meant, 1e-12)
+    differ = _difference("the prediction at the null values", stated, meant, 1e-12)
     if differ:
         return differ
     try:
         model(capsules | {"no_such_parameter": np.zeros(count)})
     except InputError:
         return ""
-    return "that a name it does not know, no_such_parameter, is ignored; call check_names"
+    return "that the unknown name no_such_parameter is ignored; call check_names"
 
 
 def _predicts_a_batch(model: ForwardModel) -> str:
     capsules = _capsules(model)
     forth, back = model(capsules), model({name: values[::-1] for name, values in capsules.items()})
     tables = np.nan_to_num(_table(back)[::-1]), np.nan_to_num(_table(forth))
-    return _leaves_the_domain(forth) or _apart("the batch in reverse order", tables[0], tables[1], 1e-12)
+    return _leaves_the_domain(forth) or _difference("the batch in reverse order", tables[0], tables[1], 1e-12)
 
 
 def _agrees_with_its_domain(model: ForwardModel) -> str:
     capsules = _capsules(model)
     inside = model.domain.contains(capsules["capillary_number"], capsules["size_ratio"])
-    return _apart("inside", model(capsules).inside.astype(float), inside.astype(float))
+    return _difference("inside", model(capsules).inside.astype(float), inside.astype(float))
 
 
 def _states_errors_and_caveats(model: ForwardModel) -> str:
@@ -416,7 +418,7 @@ _MODEL_PROMISES: dict[str, Callable[[ForwardModel], str]] = {
         _declares_what_it_is
     ),
     "it refuses names that it does not know, and a coordinate that is not given has its null value": _knows_its_names,
-    "it takes each capsule for itself, without an answer outside its domain and with a finite one inside": (
+    "it treats each capsule by itself, without an answer outside its domain and with a finite one inside": (
         _predicts_a_batch
     ),
     "its domain is where it has an answer": _agrees_with_its_domain,

@@ -7,13 +7,13 @@ from capsbayes.surrogate.caveats import Caveats
 from capsbayes.surrogate.scaling import PlaneScaling
 
 
-def doubts(dataset):
+def caveats(dataset):
     cases = Database(dataset)
     return Caveats.of(cases, PlaneScaling.of(cases["capillary_number"], cases["size_ratio"]))
 
 
 def test_a_database_without_borders_or_wrinkles_leaves_no_doubt():
-    assert doubts(manufactured.database().dataset)(np.array([0.05]), np.array([0.9])) == {}
+    assert caveats(manufactured.database().dataset)(np.array([0.05]), np.array([0.9])) == {}
 
 
 def test_below_the_snap_through_two_shapes_are_stable():
@@ -21,7 +21,7 @@ def test_below_the_snap_through_two_shapes_are_stable():
     dataset["border_kind"].values[[4, 6]] = "snap-through"
     dataset["border_kind"].values[5] = "lost from rest"
     dataset["border_capillary_number"].values[4:7] = 0.012, 0.008, 0.016
-    found, size = doubts(dataset), dataset["border_size_ratio"].values[4:7]
+    found, size = caveats(dataset), dataset["border_size_ratio"].values[4:7]
     np.testing.assert_array_equal(found.two_shapes.size_ratio, size)
     np.testing.assert_allclose(found.two_shapes.highest, 0.016)  # that of the neighbours, and of all where it was lost
     concerned = found(np.array([0.014, 0.017, 0.012]), np.array([*size[:2], size[0] - 0.01]))[TWO_SHAPES]
@@ -33,6 +33,6 @@ def test_a_point_is_wrinkled_where_its_nearest_case_is():
     ca, size = dataset["capillary_number"].values, dataset["size_ratio"].values
     dataset["wrinkling_rate"].values[:] = np.where(size > 0.9, 3.0, np.where(size > 0.8, -1.0, np.nan))
     chosen = np.flatnonzero((size > 0.79) & (size < 1.01))[::7]
-    concerned = doubts(dataset)(ca[chosen] * 1.001, size[chosen] + 1e-3)[WRINKLES]
+    concerned = caveats(dataset)(ca[chosen] * 1.001, size[chosen] + 1e-3)[WRINKLES]
     np.testing.assert_array_equal(concerned, size[chosen] > 0.9)
-    assert not doubts(dataset)(np.array([np.nan]), np.array([1.0]))[WRINKLES][0]
+    assert not caveats(dataset)(np.array([np.nan]), np.array([1.0]))[WRINKLES][0]

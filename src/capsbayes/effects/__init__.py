@@ -1,4 +1,4 @@
-"""Effects that a simple model misses, one a file."""
+"""Effects that a simple model misses, one file each."""
 
 from capsbayes.effects.catalogue import catalogue
 from capsbayes.effects.channel_swelling import ChannelSwelling

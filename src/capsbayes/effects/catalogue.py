@@ -1,4 +1,4 @@
-"""Every effect that comes with the library and whose data do."""
+"""Catalogue of the effects that come with the library."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["catalogue"]
 
 
 def catalogue(cross_section: str = "square") -> dict[str, Effect]:
-    """Effects by name of their parameter.
+    """Return the effects by name of their parameter.
 
     Parameters
     ----------
     cross_section : str
-        Of the channel; the simulated effects are those of a square one.
+        Of the channel; the simulated effects hold for a square one only.
 
     Returns
     -------
@@ -33,6 +33,8 @@ def catalogue(cross_section: str = "square") -> dict[str, Effect]:
     ['bending', 'corner_radius', 'exposure']
     """
     shipped = Database.shipped()
-    effects: list[Effect] = [one for one in SIMULATED.values() if cross_section == "square" and one.database in shipped]
+    effects: list[Effect] = []
+    if cross_section == "square":
+        effects += [effect for effect in SIMULATED.values() if effect.database in shipped]
     effects += [ChannelSwelling(), Halo(), ModulusSlope(), MotionBlur(), PixelScale(), ViscosityError()]
-    return {one.parameter.name: one for one in effects}
+    return {effect.parameter.name: effect for effect in effects}

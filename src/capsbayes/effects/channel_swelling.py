@@ -1,4 +1,4 @@
-"""A soft channel that the pressure of the flow widens."""
+"""Widening of a soft channel by the pressure of the flow."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ __all__ = ["ChannelSwelling"]
 
 @dataclass(frozen=True)
 class ChannelSwelling:
-    """The half width larger than the nominal one in proportion to the flow, taken as that to the capsule's velocity.
+    """Half width larger than the nominal one, in proportion to the velocity of the capsule as a measure of the flow.
 
-    Size ratio and lengths are over the nominal half width; Ca is that of the mean velocity where the capsule is.
+    Size ratio and lengths are over the nominal half width; Ca is that of the mean velocity at the capsule.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class ChannelSwelling:
     circumstances: ClassVar[tuple[str, ...]] = ("capsule_velocity",)
     changes: ClassVar[str] = "The gap is wider than the nominal size says; the apparent G_s drifts with the flow rate."
     separated_by: ClassVar[str] = (
-        "The distance of the walls in the picture at each flow rate, or a second distance from the outlet."
+        "The distance between the walls in the picture at each flow rate, or a second distance from the outlet."
     )
 
     @property

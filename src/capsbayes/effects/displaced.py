@@ -1,4 +1,4 @@
-"""Predictions with displaced edges."""
+"""Predictions with displaced edges, and with scaled lengths."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Floats = NDArray[np.float64]
 
 
 def displaced(prediction: Prediction, across: Floats, along_flow: Floats) -> Prediction:
-    """A prediction whose edges are found too far out.
+    """Displace the edges of a prediction outwards.
 
     Parameters
     ----------
     prediction : Prediction
     across : (n,) array [l]
-        By how much everywhere, along the normal.
+        Displacement along the normal everywhere.
     along_flow : (n,) array [l]
-        By how much more where the normal is along the flow, and in proportion to its component elsewhere.
+        Additional displacement where the normal is along the flow, elsewhere in proportion to its component.
     """
     longer = 2.0 * (across + along_flow)
     moved = replace(
@@ -38,7 +38,7 @@ def displaced(prediction: Prediction, across: Floats, along_flow: Floats) -> Pre
 
 
 def scaled(prediction: Prediction, lengths: Floats, velocity: Floats) -> Prediction:
-    """A prediction with its lengths and its velocity multiplied by factors (n,)."""
+    """Multiply the lengths and the velocity of a prediction by factors (n,)."""
     factors = np.stack([lengths, lengths, velocity], axis=1)
     return replace(
         prediction,

@@ -1,4 +1,4 @@
-"""The edge of the capsule found too far out by a halo of diffraction, or by the threshold."""
+"""Displacement of the detected edge by a halo of diffraction, or by the threshold."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ __all__ = ["Halo"]
 
 @dataclass(frozen=True)
 class Halo:
-    """All edges displaced along their normals by the same length.
+    """Displacement of all edges along their normals by one length.
 
     Parameters
     ----------
     spread : float
-        Standard deviation of the prior about no displacement [m].
+        Standard deviation of the prior about zero [m].
     """
 
     spread: float = 0.5e-6
@@ -34,7 +34,8 @@ class Halo:
     kind: ClassVar[Kind] = Kind.SESSION
     circumstances: ClassVar[tuple[str, ...]] = ("half_width",)
     changes: ClassVar[str] = (
-        "L_z and L_a are larger by twice the displacement, L_p is the same; small capsules suffer most."
+        "L_z and L_a are larger by twice the displacement, L_p is the same; the relative change is largest for small "
+        "capsules."
     )
     separated_by: ClassVar[str] = "A picture of a bead of known diameter."
 

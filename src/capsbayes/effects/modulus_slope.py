@@ -18,14 +18,14 @@ __all__ = ["ModulusSlope"]
 
 @dataclass(frozen=True)
 class ModulusSlope:
-    """G_s as a power of the size: then ``capillary_number`` is that of a capsule of the reference size.
+    """G_s as a power of the size; ``capillary_number`` is then that of a capsule of the reference size.
 
     Parameters
     ----------
     spread : float
-        Standard deviation of the prior of the power about zero.
+        Standard deviation of the prior of the exponent about zero.
     reference : float
-        Size ratio of which G_s is told.
+        Size ratio at which G_s is stated.
     """
 
     spread: float = 1.0

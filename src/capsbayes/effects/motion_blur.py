@@ -1,4 +1,4 @@
-"""Nose and rear smeared by the capsule's motion while the picture is exposed."""
+"""Blur of nose and rear by the motion of the capsule during the exposure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["MotionBlur"]
 
 @dataclass(frozen=True)
 class MotionBlur:
-    """Edges found at the outer ends of their smear, which is as long as the way during the exposure.
+    """Edges detected at the outer ends of their blur, which is as long as the path during the exposure.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class MotionBlur:
     kind: ClassVar[Kind] = Kind.SPEED
     circumstances: ClassVar[tuple[str, ...]] = ("half_width", "capsule_velocity")
     changes: ClassVar[str] = (
-        "Nose and rear are soft and lie farther out, the faster the capsule the more; the flanks are sharp."
+        "Nose and rear are blurred and lie farther out, the more so the faster the capsule; the flanks are sharp."
     )
     separated_by: ClassVar[str] = "The width of the edges at nose and flanks, or the exposure of the camera."
 
@@ -46,5 +46,5 @@ class MotionBlur:
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Displace the edges that a model predicts."""
-        smear = theta["exposure"] * theta["capsule_velocity"] / theta["half_width"]
-        return displaced(model(theta, outline=outline), np.zeros_like(smear), 0.5 * smear)
+        path = theta["exposure"] * theta["capsule_velocity"] / theta["half_width"]
+        return displaced(model(theta, outline=outline), np.zeros_like(path), 0.5 * path)

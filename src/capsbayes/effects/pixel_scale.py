@@ -1,4 +1,4 @@
-"""A wrong size of the pixel, where the half width of the channel is not read in the same picture."""
+"""Wrong pixel size, where the half width of the channel is not measured in the same picture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["PixelScale"]
 
 @dataclass(frozen=True)
 class PixelScale:
-    """All lengths of the capsule and its velocity wrong by one factor, beside a half width known otherwise.
+    """Lengths and velocity of the capsule wrong by one factor, with a half width known from elsewhere.
 
     Parameters
     ----------
@@ -32,10 +32,10 @@ class PixelScale:
     kind: ClassVar[Kind] = Kind.SESSION
     circumstances: ClassVar[tuple[str, ...]] = ()
     changes: ClassVar[str] = (
-        "Lengths over l and velocity are larger by one factor; from the shape alone a channel that has swollen."
+        "Lengths over l and velocity are larger by one factor; from the shape alone it resembles a swollen channel."
     )
     separated_by: ClassVar[str] = (
-        "The walls in the same picture, or a ruled slide; another flow rate tells it from swelling."
+        "The walls in the same picture, or a ruled slide; another flow rate distinguishes it from swelling."
     )
 
     @property

@@ -1,4 +1,4 @@
-"""Priors of effects."""
+"""Distributions for the priors of effects; scipy.stats is imported on first use."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ __all__ = ["log_uniform", "normal", "uniform"]
 
 
 def normal(mean: float, spread: float) -> Any:
-    """Normal distribution."""
+    """Return a normal distribution."""
     from scipy.stats import norm  # half a second to import
 
     return norm(mean, spread)
 
 
 def uniform(low: float, high: float) -> Any:
-    """Uniform distribution between two ends."""
+    """Return a uniform distribution between two ends."""
     from scipy.stats import uniform as distribution
 
     return distribution(low, high - low)
 
 
 def log_uniform(low: float, high: float) -> Any:
-    """Distribution whose logarithm is uniform between two ends."""
+    """Return a distribution whose logarithm is uniform between two ends."""
     from scipy.stats import loguniform
 
     return loguniform(low, high)

@@ -1,11 +1,11 @@
-"""Effects that were simulated: read from the effect databases."""
+"""Effects that were simulated, read from the effect databases."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +24,16 @@ Outlines = NDArray[np.float64] | None
 
 @dataclass(frozen=True)
 class Simulated:
-    """A parameter of the simulator that is not what the model takes it to be.
+    """Effect of a parameter of the simulator whose value differs from that of the model.
 
     Parameters
     ----------
     name : str
-    database : str
-        Name of the effect database that comes with the library.
     coordinate : str
-        The parameter's name.
+        Name of the parameter.
     null_value : float
     range : (float, float)
-        Of the database.
+        Lowest and highest value of the prior.
     kind : Kind
     changes, separated_by : str
         See `Effect`.
@@ -44,19 +42,23 @@ class Simulated:
     """
 
     name: str
-    database: str
     coordinate: str
     null_value: float
     range: tuple[float, float]
     kind: Kind
-    changes: str
-    separated_by: str
+    changes: str = field(repr=False)  # the fingerprint of a model with the effect does not depend on the prose
+    separated_by: str = field(repr=False)
     logarithmic: bool = False
-    circumstances: tuple[str, ...] = ()
+    circumstances: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def database(self) -> str:
+        """Name of its database, which comes with the library."""
+        return f"square-{self.coordinate.replace('_', '-')}"
 
     @property
     def parameter(self) -> Parameter:
-        """Of the simulator."""
+        """Parameter of the simulator."""
         return PARAMETERS[self.coordinate]
 
     @property
@@ -65,10 +67,10 @@ class Simulated:
         return log_uniform(*self.range) if self.logarithmic else uniform(*self.range)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
-        """Add the difference from the null value to what a model predicts.
+        """Add the difference from the null value to the prediction of a model.
 
-        A plain surrogate takes the place of the base of the effect's own, so that the limits of existence move with
-        the effect as well; any other model is left to say where it has an answer.
+        A plain surrogate becomes the base of the joint surrogate, so that the limits of existence move with the
+        effect as well; with any other model, both must have an answer.
         """
         joint = model.joined(self.database)
         if joint is not None:
@@ -107,19 +109,11 @@ def _changed(here: Outlines, there: Outlines, null: Outlines) -> Outlines:
     return None if here is None or there is None or null is None else here + (there - null)
 
 
-def _described(
-    name: str, coordinate: str, null: float, ends: tuple[float, float], kind: Kind, changes: str, separated_by: str
-) -> Simulated:
-    database = f"square-{coordinate.replace('_', '-')}"
-    logarithmic = coordinate in ("bending", "hardening")
-    return Simulated(name, database, coordinate, null, ends, kind, changes, separated_by, logarithmic)
-
-
 SIMULATED: Mapping[str, Simulated] = MappingProxyType(
     {
-        one.coordinate: one
-        for one in (
-            _described(
+        effect.coordinate: effect
+        for effect in (
+            Simulated(
                 "pre-inflation",
                 "pre_inflation",
                 0.0,
@@ -128,25 +122,26 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "The rear is less concave, and the apparent G_s too high, at low Ca most.",
                 "A second flow rate; the radius of capsules in the liquid in which they were made.",
             ),
-            _described(
+            Simulated(
                 "bending stiffness",
                 "bending",
                 2e-4,
                 (5e-5, 3e-3),
                 Kind.SESSION,
-                "The rim of the rear is rounder, and little else.",
+                "The rim of the rear is rounder; little else changes.",
                 "The curvature of the rear rim in a sharp picture.",
+                logarithmic=True,
             ),
-            _described(
+            Simulated(
                 "strain hardening",
                 "strain_hardening",
                 0.0,
                 (0.0, 1.0),
                 Kind.STRAIN,
                 "Shorter capsules with a shallower rear at high Ca; the apparent G_s grows with the flow rate.",
-                "Higher flow rates, at which a neo-Hookean capsule would stretch without end.",
+                "Higher flow rates, at which a neo-Hookean capsule would stretch without limit.",
             ),
-            _described(
+            Simulated(
                 "shape at rest",
                 "rest_aspect",
                 1.0,
@@ -155,34 +150,34 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "L_z is larger or smaller at equal Ca.",
                 "A picture of the capsules at rest.",
             ),
-            _described(
+            Simulated(
                 "rounded corners",
                 "corner_radius",
                 0.0,
                 (0.0, 0.2),
                 Kind.SESSION,
                 "Less liquid passes by in the corners: the velocity ratio and the length change together.",
-                "A section of the channel under the microscope.",
+                "A cross-section of the channel under the microscope.",
             ),
-            _described(
+            Simulated(
                 "not yet steady",
                 "unsteadiness",
                 0.0,
                 (0.0, 2.0),
                 Kind.SESSION,
-                "The capsule is shorter than it will be and its rear less concave, and its velocity still changes.",
+                "The capsule is shorter than in steady state, its rear less concave, and its velocity still changes.",
                 "A second window farther downstream.",
             ),
-            _described(
+            Simulated(
                 "aspect of the section",
                 "section_aspect",
                 1.0,
                 (0.9, 1.1),
                 Kind.SESSION,
                 "The gap along the direction of view differs from that across it.",
-                "A section of the channel, or a view from the side.",
+                "A cross-section of the channel, or a view from the side.",
             ),
         )
     }
 )
-"""By name of the coordinate; about a neo-Hookean membrane in a square channel."""
+"""Simulated effects by name of the coordinate, for a neo-Hookean membrane in a square channel."""

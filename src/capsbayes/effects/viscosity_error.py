@@ -1,4 +1,4 @@
-"""A wrong viscosity, of which no outline tells."""
+"""Wrong viscosity, which no outline shows."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ __all__ = ["ViscosityError"]
 
 @dataclass(frozen=True)
 class ViscosityError:
-    """The viscosity larger than believed: then ``capillary_number`` is that of the viscosity believed.
+    """Viscosity larger than assumed; ``capillary_number`` is then that of the assumed viscosity.
 
-    All moduli are wrong by one factor, which shapes and velocities do not show: it stands in the catalogue so that
-    a table says so.
+    All moduli are wrong by one factor, which shapes and velocities do not show; the catalogue lists it so that
+    tables state this.
 
     Parameters
     ----------
     spread : float
-        Standard deviation of the relative error beyond that which the experiment states.
+        Standard deviation of the relative error, in addition to that of the experiment.
     """
 
     spread: float = 0.1
@@ -33,7 +33,7 @@ class ViscosityError:
     null_value: ClassVar[float] = 0.0
     kind: ClassVar[Kind] = Kind.SESSION
     circumstances: ClassVar[tuple[str, ...]] = ()
-    changes: ClassVar[str] = "Nothing that is seen; G_s of all capsules is wrong by one factor."
+    changes: ClassVar[str] = "Nothing visible; G_s of all capsules is wrong by one factor."
     separated_by: ClassVar[str] = "A viscometer at the temperature of the channel."
 
     @property

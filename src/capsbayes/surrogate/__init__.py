@@ -1,4 +1,4 @@
-"""Diffuse approximation: the database as a fast forward model, and the paper's inverse beside it."""
+"""Surrogates: databases of steady shapes as fast forward models, and the inverse procedure of the paper."""
 
 from capsbayes.surrogate.diffuse import DiffuseApproximation
 from capsbayes.surrogate.domain import DomainOfExistence

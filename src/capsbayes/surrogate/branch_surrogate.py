@@ -1,7 +1,7 @@
-"""One smooth sheet of the map (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline): the cases of one branch.
+"""Surrogate of one branch of steady shapes: a smooth map (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline).
 
-Moving least squares make it, a fine table makes it fast, and leave-one-out
-residuals say how far it can be trusted.
+Moving least squares define the map, a fine table evaluates it fast, and
+leave-one-out residuals give its own error.
 """
 
 from __future__ import annotations
@@ -39,22 +39,22 @@ BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases 
 
 @dataclass(frozen=True, eq=False)
 class BranchSurrogate:
-    """Fast forward map of one branch.
+    """Forward map of one branch.
 
     Parameters
     ----------
     cases : Database
         The converged cases.
     branch : Branch
-        Which of them belong to the sheet, and the region it stands for.
+        The cases that belong to the branch, and its region.
     scaling : PlaneScaling
-        Coordinates of the approximation.
+        Of the plane of the approximation.
     rival : DiffuseApproximation, optional
-        The other branch: in the gap between the two, their difference is part of the error.
+        Approximation of the other branch: in the gap between the two, their difference is part of the error.
     cells : tuple of int
-        Of the table, along sqrt(Ca) and a/l.
+        Number of cells of the table along sqrt(Ca) and a/l.
     view : str
-        Which outlines it predicts, one of `OUTLINES`.
+        View of the outlines that it predicts, one of `OUTLINES`.
     """
 
     cases: Database
@@ -73,7 +73,7 @@ class BranchSurrogate:
         region, rows = self.branch.region, self.branch.rows
         lattice, wanted = _lattice(region, self.scaling, self.cells)
         try:
-            approximation = approximation_of(self.cases, self.branch, self.scaling).covering(_scouts(lattice, wanted))
+            approximation = approximation_of(self.cases, self.branch, self.scaling).covering(_probes(lattice, wanted))
         except ValueError as error:
             raise DatabaseError(f"the {self.branch.name} cases cannot be approximated: {error}") from error
         low, high = lattice[0, 0], lattice[-1, -1]
@@ -91,7 +91,7 @@ class BranchSurrogate:
         object.__setattr__(self, "lattice_covariance", self._covariance(lattice, wanted))
 
     def _covariance(self, lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
-        """Own error on the table's lattice: left-out cases, mesh, and in the gap the doubt between the branches."""
+        """Return the own error on the table's lattice: of left-out cases, of the mesh, and in the gap of the branch."""
         covariance = np.full((*wanted.shape, 3, 3), np.nan)
         covariance[wanted] = self._own_error.covariance(lattice[wanted])
         values = self.table.coefficients[:, :, 0, :3]
@@ -99,16 +99,16 @@ class BranchSurrogate:
         covariance[..., range(3), range(3)] += mesh**2 + FLOOR**2
         if self.rival is not None and self.branch.gap is not None:
             ca, size = self.scaling.from_plane(lattice.reshape(-1, 2)).T.copy()
-            doubtful = self.branch.gap.contains(ca, size).reshape(wanted.shape) & wanted
-            points = lattice[doubtful]
-            jump = self.rival(points)[:, :3] - values[doubtful]
+            in_gap = self.branch.gap.contains(ca, size).reshape(wanted.shape) & wanted
+            points = lattice[in_gap]
+            jump = self.rival(points)[:, :3] - values[in_gap]
             known = np.isfinite(jump).all(axis=1)
             jump[~known] = jump[known][np.argmax(np.abs(jump[known, 1]))] if known.any() else 0.0
-            covariance[doubtful] += jump[:, :, None] * jump[:, None, :] / 2  # either branch with the same probability
+            covariance[in_gap] += jump[:, :, None] * jump[:, None, :] / 2  # either branch with the same probability
         return covariance
 
     def predict(self, ca: Floats, size: Floats, values: Floats, covariance: Floats, inside: NDArray[np.bool_]) -> None:
-        """Fill in the points of the region: values (n, 4), covariance (n, 3, 3), inside (n,)."""
+        """Fill in values (n, 4), covariance (n, 3, 3) and inside (n,) at the points that lie in the region."""
         _predict(ca, size, self._frame, self.table.coefficients, self.lattice_covariance, values, covariance, inside)
 
     @property
@@ -117,19 +117,20 @@ class BranchSurrogate:
         return self._frame[3:]
 
     def slopes(self, ca: Floats, size: Floats) -> Floats:
-        """Derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) at points of the region : (n, 3, 2) array."""
+        """Return the derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) at points of the region : (n, 3, 2) array."""
         by_plane = self.table.with_gradient(self.scaling.to_plane(ca, size))[1][:, :3]
         return by_plane * self.scaling.slopes(ca)[:, None, :]
 
     def outlines(self, ca: Floats, size: Floats) -> Floats:
-        """Outlines at points of the region : (n, p, 2) array."""
+        """Return the outlines at points of the region : (n, p, 2) array [l]."""
         return self._outlines(self.scaling.to_plane(ca, size)).reshape(len(ca), self._outlines.values.shape[1] // 2, 2)
 
     def outline_modes(self, ca: float, size: float) -> Floats:
-        """Own error of the outline at one point, as displacements along its normals : (k, p) array.
+        """Return the own error of the outline at one point, as displacements along its normals : (k, p) array [l].
 
-        Independent of each other, each one standard deviation: those of left-out cases around, as far as they count
-        there, and the mesh's, as a stretch along the flow and, in the mid-plane, of the rear on the axis.
+        They are independent of each other, each one standard deviation: those of the left-out cases around the point,
+        weighted by their shares there, and those of the mesh, a stretch along the flow and, in the mid-plane, a shift
+        of the rear on the axis.
         """
         place = self.scaling.to_plane(np.array([ca]), np.array([size]))
         outline = self.outlines(np.array([ca]), np.array([size]))[0]
@@ -151,7 +152,7 @@ class BranchSurrogate:
 
     @cached_property
     def _outline_residuals(self) -> Floats:
-        """Normal displacement of each case's outline when the case is left out (m, p); a case without has zeros."""
+        """Normal displacement of the outline of each case when the case is left out (m, p); zero if unknown."""
         own = self._outlines.values.reshape(len(self._outlines.values), -1, 2)
         away = leave_one_out(self._outlines).reshape(own.shape) - own
         normals = np.stack([vertex_normals(outline) for outline in own])
@@ -159,7 +160,7 @@ class BranchSurrogate:
 
 
 def approximation_of(cases: Database, branch: Branch, scaling: PlaneScaling) -> DiffuseApproximation:
-    """Moving least squares of (L_z, L_a, v_o/U, Lambda) over one branch, of a degree that its cases can bear."""
+    """Approximate (L_z, L_a, v_o/U, Lambda) of a branch by moving least squares of a degree that its cases support."""
     rows = branch.rows
     nodes = scaling.to_plane(cases["capillary_number"][rows], cases["size_ratio"][rows])
     values = np.stack([cases[name][rows] for name in COLUMNS], axis=1)
@@ -169,7 +170,7 @@ def approximation_of(cases: Database, branch: Branch, scaling: PlaneScaling) -> 
 
 
 def _lattice(region: Region, scaling: PlaneScaling, cells: tuple[int, int]) -> tuple[Floats, NDArray[np.bool_]]:
-    """Points of the table's lattice (i, j, 2), and which of them lie in the region or within two cells of it."""
+    """Return the table's lattice points (i, j, 2), and which of them lie in the region or within two cells of it."""
     ends = region.lowest.min(), region.highest.max()
     low, high = scaling.to_plane(np.array(ends), region.size_ratio[[0, -1]])
     axes = [np.linspace(low[k], high[k], cells[k] + 1) for k in range(2)]
@@ -180,11 +181,11 @@ def _lattice(region: Region, scaling: PlaneScaling, cells: tuple[int, int]) -> t
     return lattice, binary_dilation(inside, np.ones((5, 5), dtype=bool))
 
 
-def _scouts(lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
-    """Lattice points where too rare cases would show first: the rim of the region, and some within : (n, 2)."""
-    scouts = wanted & ~binary_erosion(wanted)
-    scouts[::8, ::8] |= wanted[::8, ::8]
-    return lattice[scouts]
+def _probes(lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
+    """Return lattice points (n, 2) where too sparse cases show first: on the rim of the region, and some inside."""
+    probes = wanted & ~binary_erosion(wanted)
+    probes[::8, ::8] |= wanted[::8, ::8]
+    return lattice[probes]
 
 
 @njit(cache=True, nogil=True)
@@ -199,13 +200,13 @@ def _predict(ca, size, frame, coefficients, errors, values, covariance, inside):
         y = (size[n] / size_step - y_origin) / y_step
         hermite(x, y, coefficients, one, no_slopes)
         values[n] = one
-        values[n, 0] = max(one[0], one[1])  # L_z and L_a are approximated apart, and equal where the rear is convex
+        values[n, 0] = max(one[0], one[1])  # approximated separately, but equal where the rear is convex
         bilinear(x, y, errors, covariance[n])
 
 
 @njit(cache=True, nogil=True)
 def bilinear(x, y, lattice, out):  # type: ignore[no-untyped-def]
-    """Convex mean of the matrices at the four lattice points around, so that it stays a covariance."""
+    """Fill in the bilinear mean of the matrices at the four lattice points around, which stays a covariance."""
     i = min(max(int(x), 0), lattice.shape[0] - 2)
     j = min(max(int(y), 0), lattice.shape[1] - 2)
     s, t = x - i, y - j

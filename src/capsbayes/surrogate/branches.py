@@ -1,12 +1,12 @@
 """Branches of steady shapes: parachutes (concave rear) and, at low Ca in a narrow channel, convex shapes.
 
 From one branch to the other the shape jumps, or changes with a kink, so no
-smooth approximation may average over both. Each case belongs to the branch its
-parachute depth says. In each column of a/l the border between the branches lies
+smooth approximation may average over both. The parachute depth of a case decides
+its branch. In each column of a/l the border between the branches lies
 between the highest convex case and the lowest parachute: at the snap-through if
 the database names one; where the rear turns concave smoothly, at the onset; else
-half way in sqrt(Ca). Between those two cases it is not known which branch a
-capsule takes, and that gap is kept beside the branches. Elsewhere a branch ends
+half way in sqrt(Ca). Between those two cases the branch of a capsule is unknown:
+this gap is stored with the branches. Elsewhere a branch ends
 at its own last converged case.
 """
 
@@ -33,7 +33,7 @@ SAME_COLUMN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """One branch.
+    """Branch of steady shapes.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ class Branch:
     rows : (c,) int array
         Its rows among the converged cases.
     region : Region
-        Where it stands for the steady shape.
+        Part of the plane where the steady shape is of this branch.
     gap : Region or None
-        Where the shape may be of this branch or of the other.
+        Part of the plane where it may be of this branch or of the other.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Branch:
 
 
 def branches_of(database: Database) -> tuple[Branch, ...]:
-    """Sort the converged cases into branches; a branch too small to approximate is left out.
+    """Sort the converged cases into branches; omit a branch that is too small to approximate.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def branches_of(database: Database) -> tuple[Branch, ...]:
 
 
 def _gap(convex: Floats, parachute: Floats) -> tuple[float, float]:
-    """Highest convex and lowest parachute Ca of one column; parachutes below a convex case are passed over."""
+    """Return the highest convex and the lowest parachute Ca of one column; ignore parachutes below a convex case."""
     if not convex.size:
         return np.nan, np.nan
     above = parachute[parachute > convex.max()]
@@ -101,7 +101,7 @@ def _gap(convex: Floats, parachute: Floats) -> tuple[float, float]:
 
 
 def _division(cases: Database, column: float, low: float, high: float) -> float:
-    """Border between the branches in the gap of one column, NaN where it has no convex case."""
+    """Return the border between the branches in the gap of one column, NaN without a convex case."""
     named = (np.abs(cases["border_size_ratio"] - column) < SAME_COLUMN) & (cases["border_kind"] == SNAP_THROUGH)
     candidates = list(cases["border_capillary_number"][named])
     above = (np.abs(cases["size_ratio"] - column) < SAME_COLUMN) & (cases["capillary_number"] >= high)
@@ -110,16 +110,16 @@ def _division(cases: Database, column: float, low: float, high: float) -> float:
     ca, root = ca[first], np.sqrt(cases["parachute_depth"][above][first])
     if len(ca) == 2 and root[0] < root[1]:  # where a rear turns concave smoothly, its depth grows as a square
         candidates.append(ca[0] - root[0] * (ca[1] - ca[0]) / (root[1] - root[0]))
-    return next((float(found) for found in candidates if low <= found <= high), (low**0.5 + high**0.5) ** 2 / 4)
+    return next((float(border) for border in candidates if low <= border <= high), (low**0.5 + high**0.5) ** 2 / 4)
 
 
 def _gap_region(columns: Floats, low: Floats, high: Floats, lowest: Floats) -> Region | None:
-    """Gap over the columns that have one, closing towards the lowest case of the columns beside them."""
+    """Return the gap over the columns that have one; it closes at the lowest case of the neighbouring columns."""
     split = np.isfinite(low)
     if not split.any() or len(columns) < 2:
         return None
-    beside = binary_dilation(split) & ~split
-    low, high, kept = np.where(beside, lowest, low), np.where(beside, lowest, high), split | beside
+    next_to = binary_dilation(split) & ~split
+    low, high, kept = np.where(next_to, lowest, low), np.where(next_to, lowest, high), split | next_to
     return Region(columns[kept], low[kept], high[kept], np.zeros(np.count_nonzero(kept), dtype=bool))
 
 

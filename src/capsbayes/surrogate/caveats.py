@@ -1,4 +1,4 @@
-"""Where a database's shape need not be that of every capsule."""
+"""Points of the plane where the shape of a database need not be that of every capsule."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Caveats:
-    """What the cases leave open.
+    """Caveats that the cases of a database imply.
 
     Parameters
     ----------
     two_shapes : Region or None
-        Where it is not known which shape is reached from rest, or another than that is stable too.
+        Part of the plane where the shape reached from rest is unknown, or another shape is stable too.
     scaling : PlaneScaling
-        In whose plane the nearest case is sought.
+        Of the plane in which the nearest case is sought.
     cases : (c, 2) array
-        Cases in that plane.
+        Positions of the cases in that plane.
     wrinkled : (c,) bool array
-        Whether the axisymmetric shape of each is unstable to wrinkles.
+        Whether the axisymmetric shape of each case is unstable to wrinkles.
     """
 
     two_shapes: Region | None
@@ -41,12 +41,12 @@ class Caveats:
 
     @classmethod
     def of(cls, cases: Database, scaling: PlaneScaling) -> Caveats:
-        """Those of converged cases."""
+        """Derive the caveats from converged cases."""
         places = scaling.to_plane(cases["capillary_number"], cases["size_ratio"])
         return cls(_two_shapes(cases), scaling, places, np.asarray(cases["wrinkling_rate"] > 0.0))
 
     def __call__(self, capillary_number: Floats, size_ratio: Floats) -> dict[str, NDArray[np.bool_]]:
-        """By kind of doubt, whether it concerns each point : (n,) arrays."""
+        """Return by kind whether a caveat concerns each point : (n,) arrays."""
         found = {}
         if self.two_shapes is not None:
             found[TWO_SHAPES] = self.two_shapes.contains(capillary_number, size_ratio)
@@ -59,10 +59,10 @@ class Caveats:
 
 
 def _two_shapes(database: Database) -> Region | None:
-    """The region below the highest snap-through of a column and its neighbours.
+    """Return the region below the highest snap-through of a column and its neighbours, None without two columns.
 
-    The membrane buckles sooner or later by chance. In a column where the branch from rest was lost before any
-    snap-through, the region reaches to the highest of all columns.
+    At which Ca the membrane buckles varies at random. In a column where the branch from rest was lost before any
+    snap-through, the region reaches up to the highest snap-through of all columns.
     """
     size, ca, kind = (database[f"border_{name}"] for name in ("size_ratio", "capillary_number", "kind"))
     marked = (kind == SNAP_THROUGH) | (kind == LOST_FROM_REST)

@@ -1,15 +1,16 @@
 """Diffuse approximation (moving least squares) of scattered values in the plane, with its exact gradient.
 
 The value at a query is that of the polynomial fitted there by weighted least
-squares. Each case carries its own radius, a multiple of the distance to its
-k-th neighbour, and its weight is a smooth function of distance over that
-radius; so weights, and with them value and gradient, vary smoothly with the
-query, wherever the cases are dense or rare.
+squares (Nayroles, Touzot and Villon, Comput. Mech. 10, 307 (1992),
+doi:10.1007/BF00364252). Each case has its own radius, a multiple of the distance
+to its k-th neighbour, and its weight is a smooth function of the distance over
+that radius. So the weights, the value and the gradient vary smoothly with the
+query, whether the cases are dense or sparse.
 
-What was tried, by leave-one-out over the 303 parachutes of the shipped
+Alternatives were compared by leave-one-out over the 303 parachutes of the shipped
 square-neo-hookean database: mean error of Ca [%] over the 173 with
 Lambda > 1.04, from the residuals of (L_z, L_a) through the inverse of their
-gradient. One thing is changed at a time.
+gradient. One choice is changed at a time.
 
 ==================  =======================================================================
 as chosen           0.27: degree 4, k = 20, dilation 2, weight (1 - s)^4 / (s + 0.03^2) with
@@ -25,8 +26,9 @@ plane               log(Ca): 0.28, Ca: 0.32; both steps as if cases lay half as 
 branches together   0.39, and several per cent at low Ca, where the shape jumps
 ==================  =======================================================================
 
-A pole in the weight makes the approximation nearly interpolate: it pays as the
-cases carry little noise. Softening by 0.03 keeps the derivatives tame.
+With a pole in the weight the approximation nearly interpolates, which is an
+advantage as the cases have little noise. Softening by 0.03 keeps the derivatives
+small.
 """
 
 from __future__ import annotations
@@ -51,7 +53,7 @@ SMALLEST_PIVOT = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class DiffuseApproximation:
-    """Moving least squares over m nodes; queries that too few nodes reach give NaN.
+    """Moving least squares over m nodes; a query within the radius of too few nodes gives NaN.
 
     Parameters
     ----------
@@ -96,20 +98,20 @@ class DiffuseApproximation:
             object.__setattr__(self, "radii", self.dilation * _reach(self.nodes, self.neighbours))
 
     def __call__(self, queries: Floats) -> Floats:
-        """Values at the queries : (n, 2) -> (n, q) array."""
+        """Return the values at the queries : (n, 2) -> (n, q) array."""
         return np.asarray(self._shapes(queries, slopes=False)[0] @ self.values)
 
     def with_gradient(self, queries: Floats) -> tuple[Floats, Floats]:
-        """Values (n, q) and gradients (n, q, 2) at the queries (n, 2)."""
+        """Return the values (n, q) and gradients (n, q, 2) at the queries (n, 2)."""
         share, slope = self._shapes(queries, slopes=True)
-        return share @ self.values, np.stack([one @ self.values for one in slope], axis=-1)
+        return share @ self.values, np.stack([along @ self.values for along in slope], axis=-1)
 
     def shape_functions(self, queries: Floats) -> Floats:
-        """Weight of every node's value in the value at each query : (n, 2) -> (n, m) array, rows adding up to one."""
+        """Return the weight of each node in the value at each query : (n, 2) -> (n, m) array, rows of sum one."""
         return self._shapes(queries, slopes=False)[0]
 
     def covering(self, queries: Floats) -> DiffuseApproximation:
-        """Return itself, or, where nodes are so rare that a query has no value, one with just large enough radii.
+        """Return itself, or, where nodes are so sparse that a query has no value, one with just large enough radii.
 
         Raises
         ------
@@ -124,7 +126,7 @@ class DiffuseApproximation:
         return wider
 
     def _shapes(self, queries: Floats, *, slopes: bool) -> tuple[Floats, Floats]:
-        """Weights of the nodes (n, m), and, if asked for, their derivatives (2, n, m); NaN where there is no value."""
+        """Return the weights of the nodes (n, m) and, if requested, their slopes (2, n, m); NaN without a value."""
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         shape = (len(queries), len(self.nodes))
         share, slope = np.zeros(shape), np.zeros((2 if slopes else 0, *shape))
@@ -133,7 +135,7 @@ class DiffuseApproximation:
 
 
 def each_left_out(approximation: DiffuseApproximation) -> Iterator[DiffuseApproximation]:
-    """Approximations made as if node 0, then node 1, ... had never been computed, radii included."""
+    """Yield the approximations without node 0, then without node 1, ..., radii included."""
     nodes, k = approximation.nodes, approximation.neighbours
     distance = np.sqrt(np.sum((nodes[:, None] - nodes[None]) ** 2, axis=-1))
     reach, next_reach = np.partition(distance, (k, k + 1), axis=1)[:, k : k + 2].T
@@ -144,7 +146,7 @@ def each_left_out(approximation: DiffuseApproximation) -> Iterator[DiffuseApprox
 
 
 def leave_one_out(approximation: DiffuseApproximation) -> Floats:
-    """Predict each node from all others, with wider radii where its absence asks for them : (m, q) array."""
+    """Predict each node from all others, with wider radii where its absence requires them : (m, q) array."""
     queries = approximation.nodes[:, None]
     pairs = zip(each_left_out(approximation), queries, strict=True)
     return np.concatenate([rest.covering(query)(query) for rest, query in pairs])
@@ -168,7 +170,7 @@ def _monomials(x, y, degree, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _factorise(a, n):  # type: ignore[no-untyped-def]
-    """Cholesky factor in place; False when the matrix is singular to working precision."""
+    """Factorise in place (Cholesky); return False when the matrix is singular to working precision."""
     for j in range(n):
         top = a[j, j]
         for k in range(j):
@@ -198,7 +200,7 @@ def _solve(a, n, b):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(u, v, nodes, radii, softening, near, weight, slope):  # type: ignore[no-untyped-def]
-    """Nodes that reach (u, v), their weights with gradients; returns how many, and the farthest distance."""
+    """Fill in the nodes that reach (u, v), their weights and gradients; return their number and largest distance."""
     count, farthest = 0, 0.0
     for i in range(len(nodes)):
         x, y = nodes[i, 0] - u, nodes[i, 1] - v

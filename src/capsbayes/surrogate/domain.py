@@ -1,8 +1,8 @@
 """Domain of existence: the part of the (Ca, a/l) plane that the steady shapes of a database cover.
 
-It is a union of regions between two polygonal lines over a/l, one region for
-each branch of steady shapes. Nothing outside is extrapolated: there the
-approximation has no answer.
+It is the union of one region for each branch of steady shapes, each between two
+polygonal lines over a/l. Outside, the approximation has no answer: nothing is
+extrapolated.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Points between a lowest and a highest Ca, both given at columns of a/l and straight between them.
+    """Region between a lowest and a highest Ca, both given at columns of a/l and linear between them.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Region:
     lowest, highest : (k,) array [-]
         Borders in Ca at each column.
     limit : (k,) bool array
-        True where the upper border is a limit of existence, False where the database merely ends.
+        True where the upper border is a limit of existence, False where the database ends.
     """
 
     size_ratio: Floats
@@ -40,11 +40,11 @@ class Region:
     limit: NDArray[np.bool_]
 
     def contains(self, capillary_number: Floats, size_ratio: Floats) -> NDArray[np.bool_]:
-        """Whether each point lies in the region, borders included : (n,) bool array; NaN is outside."""
+        """Return whether each point lies in the region, borders included : (n,) bool array; NaN is outside."""
         return _contains(capillary_number, size_ratio, self.size_ratio, self.lowest, self.highest)
 
     def borders(self, size_ratio: float) -> tuple[float, float]:
-        """Lowest and highest Ca at one a/l."""
+        """Return the lowest and the highest Ca at one a/l."""
         return (
             float(np.interp(size_ratio, self.size_ratio, self.lowest)),
             float(np.interp(size_ratio, self.size_ratio, self.highest)),
@@ -58,7 +58,7 @@ class DomainOfExistence(Domain):
     Parameters
     ----------
     regions : tuple of Region
-        One for each branch, not overlapping.
+        One for each branch, without overlap.
 
     Examples
     --------
@@ -118,7 +118,7 @@ class DomainOfExistence(Domain):
 
 @njit(cache=True, nogil=True)
 def inside_borders(ca, size, columns, lowest, highest):  # type: ignore[no-untyped-def]
-    """Whether one point lies between the polygonal borders (compiled; NaN is outside)."""
+    """Return whether one point lies between the polygonal borders (compiled; NaN is outside)."""
     if not (columns[0] <= size <= columns[-1]):
         return False
     left, right = 0, len(columns) - 1

@@ -1,4 +1,4 @@
-"""The paper's inverse: from (L_z, L_a) to (Ca, a/l), v_o/U and a contour, by diffuse approximation.
+"""Inverse procedure of the paper: from (L_z, L_a) to (Ca, a/l), v_o/U and a contour, by diffuse approximation.
 
 Every step is the paper's: the lengths are rotated by -45 degrees; the cases in
 an elliptical neighbourhood of N = 14 are weighted by 2 D^3 - 3 D^2 + 1; the
@@ -64,10 +64,10 @@ class VelocityTriangulation:
         object.__setattr__(self, "_triangles", Delaunay(self.parameters))
 
     def __call__(self, capillary_number: float, size_ratio: float) -> float:
-        """Weighted mean of v_o/U at the vertices of the triangle that holds the point.
+        """Return the weighted mean of v_o/U at the vertices of the triangle that contains the point.
 
         A point outside every triangle takes the value of the nearest point of
-        the hull: the value is then the border's, never an extrapolation.
+        the hull, so that nothing is extrapolated.
         """
         point = np.array([capillary_number, size_ratio])
         triangles: Delaunay = self._triangles  # type: ignore[attr-defined]
@@ -89,7 +89,7 @@ class VelocityTriangulation:
 
 @dataclass(frozen=True, eq=False)
 class InverseResult:
-    """One answer of the paper's procedure.
+    """Answer of the procedure for one capsule.
 
     Parameters
     ----------
@@ -113,17 +113,17 @@ class InverseResult:
         return Profile(self.contour)
 
     def hausdorff(self, observed: Profile) -> float:
-        """Hausdorff distance of the contour to an observed profile (over l), divided by a [-].
+        """Return the Hausdorff distance of the contour to an observed profile (over l), divided by a [-].
 
-        Both are first centred on the middle of their axial extent, since a
-        picture does not know where the simulation put its origin.
+        Both are first centred on the middle of their axial extent, since the
+        origin of the simulation is unknown in a picture.
         """
         return _centred(self.profile).hausdorff(_centred(observed)) / self.size_ratio
 
 
 @dataclass(frozen=True, eq=False)
 class Inverse:
-    """The procedure over given cases; `inverse` makes one from a database.
+    """Inverse procedure over given cases; `inverse` makes one from a database.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def inverse(database: Database, neighbours: int = 14) -> Inverse:
 
 
 def rotated(lengths: Floats) -> Floats:
-    """Lengths turned by -45 degrees about the origin : (..., 2) array [l].
+    """Rotate lengths by -45 degrees about the origin : (..., 2) array [l].
 
     Examples
     --------
@@ -214,7 +214,7 @@ def rotated(lengths: Floats) -> Floats:
 
 
 def _neighbourhood(cloud: Floats, target: Floats, count: int) -> tuple[NDArray[np.int64], Floats]:
-    """Rows of the nearest cases and their weights 2 D^3 - 3 D^2 + 1, D = 1 at the farthest of them."""
+    """Return the rows of the nearest cases and their weights 2 D^3 - 3 D^2 + 1, D = 1 at the farthest of them."""
     distance = np.sqrt((cloud - target) ** 2 @ np.array(DISTANCE_WEIGHTS))
     near = np.argsort(distance, kind="stable")[:count]
     share = distance[near] / distance[near[-1]]
@@ -235,7 +235,7 @@ def _centred(profile: Profile) -> Profile:
 
 
 def _area_ratios(point: Floats, vertices: Floats) -> Floats:
-    """Area of each subtriangle (point and two vertices) over that of the whole, opposite vertex by vertex : (3,)."""
+    """Return the area of the subtriangle opposite each vertex over that of the whole triangle : (3,) array."""
     towards = vertices - point
     following, last = np.roll(towards, -1, axis=0), np.roll(towards, -2, axis=0)
     areas = np.abs(following[:, 0] * last[:, 1] - following[:, 1] * last[:, 0])

@@ -1,13 +1,12 @@
 """The surrogate's own error: covariance of (L_z, L_a, v_o/U) at every point of the domain.
 
-Its source are the leave-one-out residuals: the difference between each case
-and what all the others say of it. The products of a case's three residuals are
+It derives from leave-one-out residuals: the difference between each case and
+the prediction from all others. The products of the three residuals of a case are
 averaged with smooth positive weights over the cases around the query (moving
-least squares of degree zero), so that a residual that happens to vanish does
-not pass for certainty, and the covariance is positive everywhere. It errs on
-the safe side: with a case left out its surroundings are emptier than any query
-finds them, and on the border leaving out turns an interpolation into an
-extrapolation.
+least squares of degree zero), so that the error does not vanish where one
+residual happens to, and the covariance is positive everywhere. It is
+conservative: without a case its neighbourhood is sparser than that of any query,
+and on the border an interpolation becomes an extrapolation.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ SOFTENING = 1.0  # a case counts about a fifth of the mean at its own place
 
 @dataclass(frozen=True, eq=False)
 class OwnError:
-    """Covariance field made of residuals.
+    """Covariance as a function of the point, derived from residuals.
 
     Parameters
     ----------
     nodes : (m, 2) array
         Positions of the cases in the plane of the approximation.
     residuals : (m, 3) array
-        Leave-one-out residuals of (L_z, L_a, v_o/U); a NaN row counts as the largest of all.
+        Leave-one-out residuals of (L_z, L_a, v_o/U); NaN counts as the largest of all.
     """
 
     nodes: Floats
@@ -64,16 +63,16 @@ class OwnError:
         object.__setattr__(self, "_field", smooth)
 
     def shares(self, queries: Floats) -> Floats:
-        """Share of each case in the mean at points of the plane : (n, 2) -> (n, m) array, none negative."""
+        """Return the non-negative share of each case in the mean at points of the plane : (n, 2) -> (n, m) array."""
         return self._field.shape_functions(queries)
 
     def covariance(self, queries: Floats) -> Floats:
-        """Covariance at points of the plane : (n, 2) -> (n, 3, 3) array."""
+        """Return the covariance at points of the plane : (n, 2) -> (n, 3, 3) array."""
         return self._field(queries).reshape(len(queries), 3, 3)
 
 
 def mesh_error_of(attributes: Mapping[Any, Any]) -> Floats:
-    """Relative errors of (L_z, L_a, v_o/U) owed to the mesh, from a database's attributes; zero when not stated.
+    """Return the relative errors of (L_z, L_a, v_o/U) due to the mesh from the attributes of a database, else zero.
 
     Examples
     --------

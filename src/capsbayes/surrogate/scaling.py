@@ -1,4 +1,4 @@
-"""Coordinates of the approximation: the plane (sqrt(Ca), a/l), in steps that fit the spacing of the cases."""
+"""Scaling of the plane (sqrt(Ca), a/l), in which the cases of a database lie about equally far apart."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlaneScaling:
-    """Plane (sqrt(Ca) / ca_step, (a/l) / size_step).
+    """Coordinates (sqrt(Ca) / ca_step, (a/l) / size_step).
 
     Parameters
     ----------
@@ -34,21 +34,21 @@ class PlaneScaling:
 
     @classmethod
     def of(cls, capillary_number: Floats, size_ratio: Floats) -> PlaneScaling:
-        """Steps from cases in columns of equal a/l: the gap between columns, 3/4 of the gap along them (medians)."""
+        """Derive the steps from columns of equal a/l: medians of 3/4 of the gaps along them and of those between."""
         sizes = np.round(size_ratio, 6)
         columns = np.unique(sizes)
         gaps = [np.diff(np.sort(np.sqrt(capillary_number[sizes == column]))) for column in columns]
         return cls(0.75 * float(np.median(np.concatenate(gaps))), float(np.median(np.diff(columns))))
 
     def to_plane(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> Floats:
-        """Coordinates of (Ca, a/l) : (..., 2) array."""
+        """Return the coordinates of (Ca, a/l) : (..., 2) array."""
         return np.stack([np.sqrt(capillary_number) / self.ca_step, np.asarray(size_ratio) / self.size_step], axis=-1)
 
     def from_plane(self, coordinates: Floats) -> Floats:
-        """Columns (Ca, a/l) of coordinates : (..., 2) array."""
+        """Return (Ca, a/l) of coordinates : (..., 2) array."""
         return np.stack([(coordinates[..., 0] * self.ca_step) ** 2, coordinates[..., 1] * self.size_step], axis=-1)
 
     def slopes(self, capillary_number: ArrayLike) -> Floats:
-        """Derivatives of the two coordinates by Ca and by a/l, for the chain rule : (..., 2) array."""
+        """Return the derivatives of the two coordinates by Ca and by a/l, for the chain rule : (..., 2) array."""
         root = np.sqrt(np.asarray(capillary_number, dtype=np.float64))
         return np.stack([0.5 / (root * self.ca_step), np.full(root.shape, 1.0 / self.size_step)], axis=-1)

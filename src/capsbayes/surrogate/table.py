@@ -1,8 +1,8 @@
-"""Fine table of a smooth function of the plane, for speed: bicubic Hermite cells, continuous with their gradient.
+"""Fine table of a smooth function of the plane: bicubic Hermite cells with a continuous gradient.
 
-A moving least squares value costs microseconds; a table filled once with
-values, gradients and cross derivatives gives it in tens of nanoseconds, with
-an error of the fourth order in the cell.
+A value of moving least squares takes microseconds; a table of values, gradients
+and cross derivatives gives it in tens of nanoseconds, with an error of fourth
+order in the size of a cell.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HermiteTable:
-    """q quantities over a regular lattice of a rectangle of the plane.
+    """Table of q quantities over a regular lattice of a rectangle of the plane.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class HermiteTable:
         coefficients[wanted, 0] = value
         coefficients[wanted, 1] = gradient[..., 0] * step[0]
         coefficients[wanted, 2] = gradient[..., 1] * step[1]
-        # each way of crossing the derivatives is second-order accurate, which the table's fourth order asks for
+        # both cross derivatives are second-order accurate, as the fourth order of the table requires
         ways = _differenced(coefficients[:, :, 1], axis=1), _differenced(coefficients[:, :, 2], axis=0)
         coefficients[:, :, 3] = np.where(
             np.isnan(ways[0]), ways[1], np.where(np.isnan(ways[1]), ways[0], sum(ways) / 2)
@@ -74,7 +74,7 @@ class HermiteTable:
         return cls(np.asarray(low, dtype=np.float64), step, coefficients)
 
     def with_gradient(self, points: Floats) -> tuple[Floats, Floats]:
-        """Values (n, q) and gradients (n, q, 2) at points (n, 2); NaN beside lattice points that were not filled."""
+        """Return values (n, q) and gradients (n, q, 2) at points (n, 2); NaN next to lattice points without values."""
         points = np.ascontiguousarray(points, dtype=np.float64)
         shape = (len(points), self.coefficients.shape[3])
         value, gradient = np.empty(shape), np.empty((*shape, 2))
@@ -83,7 +83,7 @@ class HermiteTable:
 
 
 def _differenced(field: Floats, axis: int) -> Floats:
-    """Central difference per lattice step, one-sided (second order) where a neighbour is missing."""
+    """Return the central difference per lattice step, one-sided (second order) where a neighbour is missing."""
     field = np.moveaxis(field, axis, 0)
     padded = np.pad(field, [(2, 2)] + [(0, 0)] * (field.ndim - 1), constant_values=np.nan)
     before2, before, after, after2 = padded[:-4], padded[1:-3], padded[3:-1], padded[4:]
@@ -115,7 +115,7 @@ def hermite(x, y, coefficients, value, gradient):  # type: ignore[no-untyped-def
 
 @njit(cache=True, nogil=True)
 def _cubics(s, end):  # type: ignore[no-untyped-def]
-    """Cubics that carry the value and the slope at one end of [0, 1], each followed by its derivative."""
+    """Return the cubics of the value and of the slope at one end of [0, 1], each followed by its derivative."""
     if end == 0:
         r = 1.0 - s
         return (1.0 + 2.0 * s) * r * r, -6.0 * s * r, s * r * r, r * (1.0 - 3.0 * s)

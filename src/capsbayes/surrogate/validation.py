@@ -1,7 +1,7 @@
-"""Leave-one-out over a database: how well (Ca, a/l, v_o/U) come back from (L_z, L_a) of a case left out.
+"""Leave-one-out over a database: errors of (Ca, a/l, v_o/U) identified from (L_z, L_a) of a case left out.
 
-Two ways back are compared: the paper's inverse, and the inversion of the
-forward map by Newton's method. The relative errors are the paper's,
+Two methods are compared: the inverse procedure of the paper, and the inversion
+of the forward map (`inversion`). The relative errors are those of the paper,
 |theta - theta_i| / theta_i.
 """
 
@@ -26,7 +26,7 @@ __all__ += ["Summary", "even_subset", "validate_forward_map", "validate_inverse"
 Floats = NDArray[np.float64]
 
 PARAMETERS = ("capillary_number", "size_ratio", "velocity_ratio")
-STRETCH_LIMIT = 1.04  # the paper trusts its method above this stretch of the profile
+STRETCH_LIMIT = 1.04  # of the profile, above which the paper recommends its method
 PAPER_CASES = 137
 PAPER_ERRORS = {"mean": (0.027, 0.002, 0.002), "sd": (0.041, 0.001, 0.002)}
 CHOICES = {
@@ -39,7 +39,7 @@ STARTS = 4
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Mean, standard deviation and median of the relative errors of (Ca, a/l, v_o/U); cases in all, and lost."""
+    """Mean, standard deviation and median of the relative errors of (Ca, a/l, v_o/U); number of cases and failures."""
 
     mean: Floats
     sd: Floats
@@ -55,7 +55,7 @@ class LeaveOneOut:
     Parameters
     ----------
     method : str
-        What the method is called in the table.
+        Name of the method in tables.
     truth : (c, 3) array
         (Ca, a/l, v_o/U) of the cases.
     stretch_ratio : (c,) array [-]
@@ -63,7 +63,7 @@ class LeaveOneOut:
     parachute_depth : (c,) array [l]
         L_p of the cases.
     errors : (c, 3) array [-]
-        Relative errors; NaN where the method found no answer.
+        Relative errors; NaN where the method has no answer.
     """
 
     method: str
@@ -73,7 +73,7 @@ class LeaveOneOut:
     errors: Floats
 
     def chosen(self, which: str) -> NDArray[np.bool_]:
-        """Which cases count: one of `CHOICES` : (c,) bool array."""
+        """Return the cases of one of `CHOICES` : (c,) bool array."""
         chosen = np.ones(len(self.errors), dtype=np.bool_)
         if which != "all":
             chosen &= self.stretch_ratio > STRETCH_LIMIT
@@ -82,7 +82,7 @@ class LeaveOneOut:
         return chosen
 
     def summary(self, which: str = "all") -> Summary:
-        """Statistics over the cases of one of `CHOICES`."""
+        """Return the statistics over the cases of one of `CHOICES`."""
         chosen = self.chosen(which)
         errors = self.errors[chosen]
         found = np.all(np.isfinite(errors), axis=1)
@@ -91,10 +91,10 @@ class LeaveOneOut:
 
 
 def validate_inverse(database: Database, *, neighbours: int = 14) -> LeaveOneOut:
-    """Leave-one-out of the paper's procedure."""
+    """Validate the inverse procedure of the paper by leave-one-out."""
     whole = inverse(database, neighbours)
 
-    def answer(i: int) -> Floats:
+    def answer_without(i: int) -> Floats:
         keep = np.arange(len(whole.parameters)) != i
         rest = Inverse(
             whole.parameters[keep], whole.lengths[keep], whole.velocity_ratio[keep], whole.contours[keep], neighbours
@@ -102,16 +102,16 @@ def validate_inverse(database: Database, *, neighbours: int = 14) -> LeaveOneOut
         found = rest(axial_extent=whole.lengths[i, 0], axial_length=whole.lengths[i, 1])
         return np.array([found.capillary_number, found.size_ratio, found.velocity_ratio])
 
-    return _study("paper's inverse", database, np.array([answer(i) for i in range(len(whole.parameters))]))
+    return _errors_of("paper's inverse", database, np.array([answer_without(i) for i in range(len(whole.parameters))]))
 
 
 def validate_forward_map(database: Database) -> LeaveOneOut:
-    """Leave-one-out of the forward map, inverted for (Ca, a/l) from (L_z, L_a).
+    """Validate the forward map, inverted for (Ca, a/l) from (L_z, L_a), by leave-one-out.
 
-    The two lengths say whether the rear is concave, and with it the branch to
-    search. The search starts at the cases of that branch whose lengths are
-    nearest, so it knows nothing of the answer; where no point gives both
-    lengths exactly, the nearest one in least squares is the answer.
+    The two lengths determine whether the rear is concave, and so the branch.
+    The inversion starts at the cases of that branch whose lengths are nearest,
+    so that it does not use the answer; where no point gives both lengths
+    exactly, the nearest one in least squares is the answer.
     """
     cases = database.converged
     scaling = PlaneScaling.of(cases["capillary_number"], cases["size_ratio"])
@@ -122,26 +122,27 @@ def validate_forward_map(database: Database) -> LeaveOneOut:
             point = _searched(rest, whole.values[i, :2])
             answers[row, :2] = scaling.from_plane(point)
             answers[row, 2] = rest(point[None])[0, 2]
-    return _study("forward map", database, answers)
+    return _errors_of("forward map", database, answers)
 
 
 def _searched(rest: DiffuseApproximation, lengths: Floats) -> Floats:
-    """Point of the plane at which the approximation gives the lengths."""
+    """Return the point of the plane at which the approximation gives the lengths."""
     distance = (rotated(rest.values[:, :2]) - rotated(lengths)) ** 2 @ np.array(DISTANCE_WEIGHTS)
     starts = rest.nodes[np.argsort(distance, kind="stable")[:STARTS]]
 
-    def forward(point: Floats) -> tuple[Floats, Floats]:
-        value, gradient = rest.with_gradient(point[None])
-        return value[0, :2], gradient[0, :2]
+    def forward(points: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        del rows
+        values, gradients = rest.with_gradient(points)
+        return values[:, :2], gradients[:, :2]
 
-    return solve(forward, lengths, starts).point
+    return solve(forward, lengths[None], starts[:, None]).points[0]
 
 
 def even_subset(database: Database, count: int = PAPER_CASES) -> Database:
-    """Cases spread evenly over the domain: each next one is the farthest from those already chosen.
+    """Choose cases spread evenly over the domain: each next one is the farthest from those already chosen.
 
     Distances are in (Ca, a/l), each over its range; the first case is the
-    nearest to the middle. The same database gives the same subset.
+    nearest to the middle. The choice is deterministic.
     """
     cases = database.converged
     points = np.stack([cases["capillary_number"], cases["size_ratio"]], axis=1)
@@ -154,7 +155,7 @@ def even_subset(database: Database, count: int = PAPER_CASES) -> Database:
     return Database(cases.dataset.isel(case=np.sort(chosen)))
 
 
-def _study(method: str, database: Database, answers: Floats) -> LeaveOneOut:
+def _errors_of(method: str, database: Database, answers: Floats) -> LeaveOneOut:
     cases = database.converged
     truth = np.stack([cases[name] for name in PARAMETERS], axis=1)
     errors = np.abs(answers - truth) / truth

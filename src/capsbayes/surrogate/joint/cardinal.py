@@ -1,10 +1,9 @@
 """Interpolation along one coordinate as weights of the values at its knots.
 
 Between two knots a cubic has at either end the value there and the slope of
-the parabola through it and its neighbours: smooth, exact for parabolas, and
-with small weights however unevenly the knots lie. It is linear in the values,
-so one set of weights serves every quantity. Where the values at some knots are
-missing it goes through the others.
+the parabola through the knot and its neighbours: smooth, exact for parabolas,
+and with small weights however uneven the knots. It is linear in the values,
+so one set of weights serves every quantity. Knots without a value are omitted.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ __all__ = ["FEWEST_KNOTS", "CardinalCubics"]
 
 Floats = NDArray[np.float64]
 
-FEWEST_KNOTS = 3  # with one left out, two still say how the values change
+FEWEST_KNOTS = 3  # without one of them, two still give a slope
 
 
 @dataclass(frozen=True, eq=False)
 class CardinalCubics:
-    """Weights of the values at k knots, as cubics in each of the k - 1 intervals.
+    """Weights of the values at k knots, cubics in each of the k - 1 intervals.
 
     Parameters
     ----------
     knots : (k,) array
-        Rising.
+        Increasing.
     known : (k,) bool array
         Whether there is a value at each knot, at least `FEWEST_KNOTS` of them.
 
@@ -81,7 +80,7 @@ class CardinalCubics:
             object.__setattr__(self, name, value)
 
     def weights(self, place: float) -> Floats:
-        """Weights of the values at the knots in the value at a place : (k,) array, NaN beyond the known knots."""
+        """Return the weights of the values at the knots in the value at a place : (k,) array, NaN beyond the known."""
         interval = int(np.clip(np.searchsorted(self.knots, place, side="right") - 1, 0, len(self.knots) - 2))
         powers = (place - self.knots[interval]) ** np.arange(4)
         return np.asarray(powers @ self.cubics[interval])

@@ -1,13 +1,13 @@
-"""Which point of one slice corresponds to which point of another: the borders of the branches move with the effect.
+"""Correspondence of the points of two slices: the borders of the branches move with the effect.
 
-A *slice* is the surrogate of one value of the effect. In every column of a/l
+A *slice* is the surrogate at one value of the effect. In every column of a/l
 its convex shapes lie between a lowest Ca and a division, its parachutes
-between the division and a highest Ca. All three move: a pre-inflated capsule
-stays convex up to a higher Ca and exists up to a higher one. Points of two
-slices correspond when they have the same a/l, lie on the same branch, and have
-the same Ca, but next to the borders, which they follow. So a capsule at the
-onset of its dimple is compared with one at the onset, and no value of one
-branch is ever mixed with one of the other.
+between the division and a highest Ca. All three depend on the effect: a
+pre-inflated capsule stays convex up to a higher Ca and exists up to a higher one. Points of two
+slices correspond when they have the same a/l, belong to the same branch, and have
+the same Ca, except next to the borders, which they follow. So a capsule at the
+onset of its dimple is compared with one at the onset, and values of different
+branches are never mixed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 PARACHUTE, CONVEX = 0, 1
 BRANCHES = ("parachute", "convex")
-"""Names of the branches, in the order of the numbers that stand for them."""
+"""Names of the branches, in the order of their numbers."""
 ROUNDING = 1e-9  # of a/l
 
 
@@ -38,9 +38,9 @@ class Borders:
     Parameters
     ----------
     size_ratio : (c,) array [-]
-        Columns, rising.
+        Columns, increasing.
     capillary_number : (3, c) array [-]
-        Lowest Ca, division and highest Ca in each column, straight between them.
+        Lowest Ca, division and highest Ca in each column, linear between them.
     limit : (c,) bool array
         Whether the highest Ca is a limit of existence.
     known : (2, c - 1) bool array
@@ -54,7 +54,7 @@ class Borders:
 
     @classmethod
     def of(cls, surrogate: PlaneSurrogate, columns: Floats) -> Borders:
-        """Read them off a surrogate at given columns, within its own."""
+        """Return those of a surrogate at given columns within its own."""
         regions = {part.branch.name: part.branch.region for part in surrogate.branches}
         middle = (columns[1:] + columns[:-1]) / 2
         known, ends = np.zeros((2, len(middle)), dtype=np.bool_), np.full((2, 2, len(columns)), np.nan)
@@ -75,9 +75,9 @@ class Borders:
         return cls(columns, np.stack([lowest, division, highest]), limit, known)
 
     def with_convex_of(self, other: Borders) -> Borders:
-        """The same, with the other's lowest Ca and division at columns where only the other has convex shapes.
+        """Take the lowest Ca and the division of the other at columns where only the other has convex shapes.
 
-        Not where these end below the lowest Ca of this one.
+        Columns where these end below the lowest Ca of this one stay as they are.
         """
         mine, theirs = self.capillary_number, other.capillary_number
         lacking = (mine[1] <= mine[0]) & (theirs[1] > theirs[0]) & (theirs[1] < mine[2]) & (theirs[1] > mine[0])
@@ -85,23 +85,23 @@ class Borders:
 
 
 def matched(base: Borders, null: Borders) -> tuple[Borders, Borders]:
-    """Base and null slice made to correspond at equal Ca but for their divisions, and their limits of existence.
+    """Make base and null slice correspond at equal Ca, except for their divisions and limits of existence.
 
-    A column ends where the computation of one of the two ends, unless both end in a fold: this moves with the mesh,
+    A column ends where the computation of one of the two ends, unless both end in a fold, which moves with the mesh
     and the shapes with it.
     """
     base, null = base.with_convex_of(null), null.with_convex_of(base)
     ends = []
-    for one, other in ((base, null), (null, base)):
-        mine, theirs = one.capillary_number, other.capillary_number
+    for borders, other in ((base, null), (null, base)):
+        mine, theirs = borders.capillary_number, other.capillary_number
         highest = np.where(base.limit & null.limit, mine[2], np.minimum(mine[2], theirs[2]))
         lowest = np.minimum(np.maximum(mine[0], theirs[0]), highest)
-        ends.append(replace(one, capillary_number=np.stack([lowest, np.clip(mine[1], lowest, highest), highest])))
+        ends.append(replace(borders, capillary_number=np.stack([lowest, np.clip(mine[1], lowest, highest), highest])))
     return ends[0], ends[1]
 
 
 def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Borders) -> Floats:
-    """Borders as functions of the effect: those of the base, moved as the slices' are.
+    """Return the borders as functions of the effect: those of the base, moved as those of the slices.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Border
     slices : list of k Borders
         Of the same columns.
     null : int
-        Which of them corresponds to the base.
+        Row of the slice that corresponds to the base.
     base : Borders
 
     Returns
@@ -119,15 +119,15 @@ def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Border
         In each interval between knots cubics of the distance from its lower knot, coefficients from the constant on,
         monotone between the slices.
     """
-    borders = np.stack([one.capillary_number for one in slices])
+    borders = np.stack([each.capillary_number for each in slices])
     cubics = PchipInterpolator(knots, borders).c.transpose(1, 0, 2, 3)[:, ::-1].copy()
     cubics[:, 0] += base.capillary_number - borders[null]
     return cubics
 
 
 def common_folds(slices: list[Borders], base: Borders) -> NDArray[np.bool_]:
-    """Whether the highest Ca is a limit of existence at both ends of an interval, and of the base : (k - 1, c - 1)."""
-    limit = np.stack([one.limit for one in slices])
+    """Return whether the highest Ca is a limit of existence at both ends of an interval and of the base : (k-1, c-1)"""
+    limit = np.stack([borders.limit for borders in slices])
     at_columns = limit[1:] & limit[:-1] & base.limit
     return np.asarray(at_columns[:, 1:] & at_columns[:, :-1])
 
@@ -139,7 +139,7 @@ def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-
     Parameters
     ----------
     ca, size, distance : float
-        The point, and its distance from the lower knot of the interval.
+        The point, and the distance of the effect from the lower knot of the interval.
     columns : (c,) array
     cubics : (4, 3, c) array
         Borders in this interval.
@@ -172,7 +172,7 @@ def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def border(cubics, which, column, share, distance):  # type: ignore[no-untyped-def]
-    """Ca of one of the three borders, between two columns."""
+    """Return Ca of one of the three borders, between two columns."""
     left = right = 0.0
     for power in range(3, -1, -1):
         left = left * distance + cubics[power, which, column]

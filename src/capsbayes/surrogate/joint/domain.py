@@ -1,4 +1,4 @@
-"""Domain of existence of an effect surrogate: a part of the (Ca, a/l) plane for each value of the effect."""
+"""Domain of existence of a joint surrogate: a part of the (Ca, a/l) plane for each value of the effect."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class EffectDomain(Domain):
-    """Points (Ca, a/l) of each value of the effect.
+    """Points (Ca, a/l, effect) where the joint surrogate has an answer.
 
     Parameters
     ----------
     weighing : Weighing
-        Its borders bound the domain.
+        With the borders that bound the domain.
     logarithmic : bool
-        Whether the places of the slices are logarithms of the effect.
+        Whether the knots of the slices are logarithms of the effect.
     coordinate : str
         Name of the effect's parameter.
     ends : CoordinateRange
@@ -38,7 +38,7 @@ class EffectDomain(Domain):
     ends: CoordinateRange
 
     def place(self, value: ArrayLike) -> Floats:
-        """Places along the effect of given values : array, NaN for one that has none."""
+        """Return the places of given values among the knots : array, NaN for a value without a logarithm."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.log(value) if self.logarithmic else np.asarray(value, dtype=np.float64)
 
@@ -70,7 +70,7 @@ class EffectDomain(Domain):
         return f"at {self.coordinate} = {value:.4g}, of {low:.4g} to {high:.4g}, no steady shape is stored there"
 
     def borders(self, value: float) -> Floats:
-        """Lowest Ca, division of the branches and highest Ca in each column at one value : (3, c) array."""
+        """Return the lowest Ca, the division and the highest Ca in each column at one value : (3, c) array."""
         place, knots = float(self.place(value)), self.weighing.knots
         interval = int(np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2))
         powers = (place - knots[interval]) ** np.arange(4)
@@ -79,7 +79,7 @@ class EffectDomain(Domain):
 
 @dataclass(frozen=True, eq=False)
 class FixedDomain(Domain):
-    """The domain at one value of the effect.
+    """Part of a joint domain at one value of the effect.
 
     Parameters
     ----------

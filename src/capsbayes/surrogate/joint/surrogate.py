@@ -1,9 +1,9 @@
-"""A surrogate with one more coordinate: how the shapes change with the parameter that an effect database varies.
+"""Surrogate with one more coordinate, the parameter that an effect database varies.
 
-One surrogate per value of the parameter, the *slices*, on a mesh that may be
-coarse; a *base* surrogate on a finer mesh at the null value. The effect enters
-as the difference of slices from the null slice, added to the base, so that the
-error of the coarse mesh is not taken for physics.
+It has one surrogate per value of the parameter, the *slices*, on a mesh that may
+be coarse, and a *base* surrogate on a finer mesh at the null value. The difference
+of the slices from the null slice is added to the base, so that the error of the
+coarse mesh is not mistaken for physics.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["SLICE_CELLS", "EffectSurrogate", "check_values"]
 
 Floats = NDArray[np.float64]
 
-SLICE_CELLS = (80, 60)  # a fourth of the memory of the base's tables, which is what takes time to read
+SLICE_CELLS = (80, 60)  # a fourth of the memory of the tables of the base, whose reading takes the time
 LOGARITHMIC = ("hardening",)  # shapes are smooth functions of its logarithm: it runs over decades
 
 
@@ -51,7 +51,7 @@ class EffectSurrogate(ForwardModel):
     slices : tuple of PlaneSurrogate
         One for each value.
     domain : EffectDomain
-        Where it has an answer; for parachutes and for convex shapes alike between values that have them.
+        Where it has an answer: for parachutes and for convex shapes between the values that have them.
     """
 
     effect_database: Database
@@ -68,7 +68,7 @@ class EffectSurrogate(ForwardModel):
             raise DatabaseError(f"base of {database.effect!r}: expected {expected}, got {base.name}")
         values, null = database.values, int(np.searchsorted(database.values, database.null_value))
         columns = _common_columns([*slices, base])
-        borders = [Borders.of(one, columns) for one in slices]
+        borders = [Borders.of(surrogate, columns) for surrogate in slices]
         base_borders, borders[null] = matched(Borders.of(base, columns), borders[null])
         logarithmic = database.effect in LOGARITHMIC
         knots = np.log(values) if logarithmic else values
@@ -105,7 +105,7 @@ class EffectSurrogate(ForwardModel):
             ``"capillary_number"``, ``"size_ratio"`` and the coordinate, arrays (n,) [-]; without the coordinate, its
             null value is meant.
         outline : bool
-            Whether to predict the outlines of its view too.
+            Whether to predict the outlines too.
         """
         self.check_names(theta)
         ca, size, place = self._points(theta)
@@ -120,8 +120,8 @@ class EffectSurrogate(ForwardModel):
     def outline_modes(self, **theta: float) -> Floats:
         """Return the own error of the outline at one point, as independent displacements along its normals.
 
-        Those of the base and, as they are weighed, of the slices; of the interpolation between the slices; and the
-        mesh's, as far as it may change with the effect: what makes up the covariance of a prediction.
+        They are, as in the covariance of a prediction: those of the base and, by their weights, of the slices; that of
+        the interpolation between the slices; and that of the mesh, as far as it may change with the effect.
 
         Returns
         -------
@@ -148,7 +148,7 @@ class EffectSurrogate(ForwardModel):
         own[weighing.null] += weights[0, -2]  # the same error in both places
         modes, along = [], np.zeros((len(needed), len(normal)))
         for j in np.flatnonzero(needed):
-            part = next(one for one in self._surrogates[j].branches if one.branch.name == BRANCHES[branches[0]])
+            part = next(each for each in self._surrogates[j].branches if each.branch.name == BRANCHES[branches[0]])
             along[j] = np.sum(part.outlines(places[:, j], size)[0] * normal, axis=1)
             if own[j] != 0.0:
                 modes.append(own[j] * part.outline_modes(places[0, j], size[0]))
@@ -160,13 +160,13 @@ class EffectSurrogate(ForwardModel):
         """Return the caveats of the two slices next to each point."""
         ca, size, place = self._points(theta)
         cases = {"capillary_number": ca, "size_ratio": size}
-        each = [one.caveats(cases) for one in self.slices]
+        each = [surrogate.caveats(cases) for surrogate in self.slices]
         knots = self.domain.weighing.knots
         below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
         points = np.arange(len(ca))
         found = {}
-        for kind in sorted({kind for one in each for kind in one}):
-            of_slice = np.stack([one.get(kind, np.zeros(len(ca), dtype=np.bool_)) for one in each])
+        for kind in sorted({kind for caveats in each for kind in caveats}):
+            of_slice = np.stack([caveats.get(kind, np.zeros(len(ca), dtype=np.bool_)) for caveats in each])
             found[kind] = of_slice[below, points] | (of_slice[below + 1, points] & (place > knots[below]))
         return found
 
@@ -177,7 +177,7 @@ class EffectSurrogate(ForwardModel):
 
     @property
     def _surrogates(self) -> list[PlaneSurrogate]:
-        """Slices, null slice as it is taken away, base."""
+        """Slices, null slice as it is subtracted, base."""
         return [*self.slices, self.slices[self.domain.weighing.null], self.base]
 
     def _corresponding(self, ca: Floats, size: Floats, effect: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
@@ -207,8 +207,8 @@ def check_values(database: Database) -> None:
 
 
 def _common_columns(surrogates: list[PlaneSurrogate]) -> Floats:
-    """Every column of a/l of any surrogate that lies within the columns of all of them."""
-    regions = [[part.branch.region.size_ratio for part in one.branches] for one in surrogates]
+    """Return every column of a/l of any surrogate that lies within the columns of all of them."""
+    regions = [[part.branch.region.size_ratio for part in each.branches] for each in surrogates]
     first = max(min(columns[0] for columns in several) for several in regions)
     last = min(max(columns[-1] for columns in several) for several in regions)
     every = np.unique(np.round(np.concatenate([columns for several in regions for columns in several]), 6))
@@ -216,15 +216,15 @@ def _common_columns(surrogates: list[PlaneSurrogate]) -> Floats:
 
 
 def _cardinal(knots: Floats, borders: list[Borders]) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
-    """Which weights hold for each branch between each two columns, and the weights for each set of known slices."""
-    known = np.stack([one.known for one in borders], axis=-1)  # (branch, column, slice)
+    """Return the row of weights of each branch between two columns, and the weights of each set of known slices."""
+    known = np.stack([each.known for each in borders], axis=-1)  # (branch, column, slice)
     enough = known.sum(axis=-1) >= FEWEST_KNOTS
     sets, which = np.unique(known[enough], axis=0, return_inverse=True)
-    cardinal = [CardinalCubics(knots, one) for one in sets]
+    cardinal = [CardinalCubics(knots, some) for some in sets]
     rows = np.full(enough.shape, -1, dtype=np.int64)
     rows[enough] = np.ravel(which)
     cubics, left_out, ends = (
-        np.stack([getattr(one, name) for one in cardinal]) for name in ("cubics", "left_out", "ends")
+        np.stack([getattr(cubics, name) for cubics in cardinal]) for name in ("cubics", "left_out", "ends")
     )
     return rows, cubics, left_out, ends
 
@@ -245,6 +245,6 @@ def _stacked(surrogates: Sequence[PlaneSurrogate], borders: Sequence[Borders]) -
         cells[0],
         coefficients.reshape(-1, *coefficients.shape[3:]),
         errors.reshape(-1, *errors.shape[3:]),
-        np.stack([one.capillary_number for one in borders]),
-        np.stack([one.known for one in borders], axis=1),
+        np.stack([each.capillary_number for each in borders]),
+        np.stack([each.known for each in borders], axis=1),
     )
