@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.input_file import InputFile
+from capsbayes.input_file import InputFile, quantity, unread
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable
 
@@ -101,12 +101,10 @@ class Experiment(Readable):
         """
         file = InputFile.read(path)
         table = file.table(
-            required=("cross_section", "half_width", "viscosity"),
-            optional=("frame_rate",),
+            required={"cross_section": unread, **{key: quantity(key) for key in ("half_width", "viscosity")}},
+            optional={"frame_rate": quantity("frame_rate")},
             renamed={"section": "cross_section"},
         )
-        for key in [key for key in table if key != "cross_section"]:
-            table[key] = Quantity.of_text(table[key], key, where=str(path))
         return cls(**table, source=str(path), sha256=file.sha256)
 
     def described(self) -> dict[str, str]:

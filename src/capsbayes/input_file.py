@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from capsbayes.errors import InputError
+from capsbayes.quantity import Quantity
 
-__all__ = ["InputFile"]
+__all__ = ["InputFile", "Reader", "checked_table", "file_name", "not_negative", "number", "quantity", "unread"]
+
+Reader = Callable[[Any, str, str], Any]
+"""From the value of a key, the file and the dotted key to what it means; raises InputError."""
+
+Keys = Mapping[str, Reader] | Collection[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,43 +65,99 @@ class InputFile:
         self,
         name: str = "",
         *,
-        required: Collection[str] = (),
-        optional: Collection[str] = (),
+        required: Keys = (),
+        optional: Keys = (),
         renamed: Mapping[str, str] = MappingProxyType({}),
     ) -> dict[str, Any]:
-        """Return one table after checking its keys.
+        """Return one table after checking its keys and reading its values, see `checked_table`.
 
         Parameters
         ----------
         name : str
             Table, or empty for the keys at the top of the file. A missing
             table is an empty one.
-        required, optional : collection of str
-            Keys it must and may have.
-        renamed : mapping of str to str
-            Present names of keys that older files have, by their names there.
-
-        Returns
-        -------
-        dict
-
-        Raises
-        ------
-        InputError
-            On an unknown or a missing key.
         """
         table = self.content.get(name, {}) if name else self.content
-        if not isinstance(table, Mapping):
-            raise InputError(str(self.path), name, f"a table [{name}]", repr(table))
-        table = {key if renamed.get(key, key) in table else renamed.get(key, key): table[key] for key in table}
-        known = [*required, *optional]
-        for key in table:
-            if key not in known:
-                raise InputError(str(self.path), _dotted(name, key), f"one of {', '.join(known)}", "an unknown key")
-        for key in required:
-            if key not in table:
-                raise InputError(str(self.path), _dotted(name, key), "a value", "nothing", "add the missing key")
-        return dict(table)
+        return checked_table(table, str(self.path), name, required=required, optional=optional, renamed=renamed)
+
+
+def checked_table(
+    table: Any,
+    where: str,
+    name: str,
+    *,
+    required: Keys = (),
+    optional: Keys = (),
+    renamed: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """Return a table after checking its keys and reading its values.
+
+    Parameters
+    ----------
+    table : mapping
+        As TOML gives it; anything else is refused.
+    where, name : str
+        File and table, for the message of an error; the name is empty at the top of the file.
+    required, optional : mapping of str to Reader, or collection of str
+        Keys it must and may have, with what reads their values; without a reader a value is returned as it is.
+    renamed : mapping of str to str
+        Present names of keys that older files have, by their names there.
+
+    Raises
+    ------
+    InputError
+        On an unknown or a missing key, or a value that its reader refuses.
+    """
+    if not isinstance(table, Mapping):
+        raise InputError(where, name, f"a table [{name}]", repr(table))
+    table = {key if renamed.get(key, key) in table else renamed.get(key, key): table[key] for key in table}
+    readers = _readers(required) | _readers(optional)
+    for key in table:
+        if key not in readers:
+            raise InputError(where, _dotted(name, key), f"one of {', '.join(readers)}", "an unknown key")
+    for key in required:
+        if key not in table:
+            raise InputError(where, _dotted(name, key), "a value", "nothing", "add the missing key")
+    return {key: readers[key](value, where, _dotted(name, key)) for key, value in table.items()}
+
+
+def _readers(keys: Keys) -> dict[str, Reader]:
+    return dict(keys) if isinstance(keys, Mapping) else dict.fromkeys(keys, unread)
+
+
+def unread(value: Any, where: str, key: str) -> Any:
+    """Return a value as it is."""
+    return value
+
+
+def number(value: object, where: str, key: str) -> float:
+    """Read a number without a unit."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(where, key, "a number", repr(value))
+    return value
+
+
+def not_negative(value: object, where: str, key: str) -> float:
+    """Read a finite number that is zero or positive."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < math.inf:
+        raise InputError(where, key, "a number that is not negative", repr(value))
+    return value
+
+
+def file_name(example: str) -> Reader:
+    """Return a reader of the name of a file, relative to the file that states it."""
+
+    def read(value: object, where: str, key: str) -> Path:
+        if not isinstance(value, str):
+            raise InputError(where, key, f'the name of a file like "{example}"', repr(value))
+        return Path(where).parent / value
+
+    return read
+
+
+def quantity(name: str) -> Reader:
+    """Return a reader of the text of a quantity in `capsbayes.parameters`."""
+    return lambda value, where, key: Quantity.of_text(value, name, where=where, key=key)
 
 
 def _dotted(table: str, key: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -12,7 +11,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.input_file import InputFile
+from capsbayes.input_file import InputFile, checked_table, file_name, not_negative, number
 from capsbayes.profile import edge_lengths, signed_area
 
 __all__ = ["FEWEST_POINTS", "MID_PLANE", "SILHOUETTE", "VIEWS", "MeasuredOutline", "OutlineNoise", "Pose", "check_view"]
@@ -155,18 +154,13 @@ class MeasuredOutline:
         InputError
             Naming file, key, what was expected and what was found.
         """
-        optional = ("white", "pose", "view")
-        table = file.table("outline", required=("file", "noise", "correlation"), optional=optional)
-        where = str(file.path)
-        if not isinstance(table["file"], str):
-            raise InputError(where, "outline.file", 'the name of a file like "outline.csv"', repr(table["file"]))
-        numbers = [table["noise"], table["correlation"], table.get("white", 0.0)]
-        for key, number in zip(("noise", "correlation", "white"), numbers, strict=True):
-            if isinstance(number, bool) or not isinstance(number, (int, float)):
-                raise InputError(where, f"outline.{key}", "a number", repr(number))
-        pose = _pose(table.get("pose", {}), where)
-        view = check_view(table.get("view", MID_PLANE), where, "outline.view")
-        return cls(_points(file.path.parent / table["file"]), OutlineNoise(*numbers), pose, view)
+        table = file.table(
+            "outline",
+            required={"file": file_name("outline.csv"), "noise": number, "correlation": number},
+            optional={"white": number, "pose": _pose, "view": check_view},
+        )
+        noise = OutlineNoise(table["noise"], table["correlation"], table.get("white", 0.0))
+        return cls(_points(table["file"]), noise, table.get("pose", Pose()), table.get("view", MID_PLANE))
 
     def write(self, path: Path) -> list[str]:
         """Write the points to a CSV file.
@@ -218,30 +212,23 @@ def check_view(view: object, where: str, key: str) -> str:
     return str(view)
 
 
-def _pose(table: object, where: str) -> Pose:
-    names = [one.name for one in fields(Pose)]
-    if not isinstance(table, dict):
-        raise InputError(where, "outline.pose", "a table like { offset = 0.01 }", repr(table))
-    for name, value in table.items():
-        if name not in names:
-            raise InputError(where, f"outline.pose.{name}", f"one of {', '.join(names)}", "an unknown key")
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not (np.isfinite(value) and value >= 0.0):
-            raise InputError(where, f"outline.pose.{name}", "a number that is not negative", repr(value))
-    return Pose(**table)
+def _pose(table: object, where: str, key: str) -> Pose:
+    return Pose(**checked_table(table, where, key, optional={one.name: not_negative for one in fields(Pose)}))
 
 
 def _points(path: Path) -> Floats:
-    """Points (m, 2) of a CSV file with the columns z_over_l and y_over_l, among others."""
+    """Return the points (m, 2) of a CSV file with the columns z_over_l and y_over_l, among others."""
+    import pandas as pd
+
     where = str(path)
     try:
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
+        frame = pd.read_csv(path)
     except FileNotFoundError:
         raise InputError(where, "", "a file of points", "nothing there") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(where, "", "a readable CSV file", str(error)) from None
-    try:
-        return np.array([[float(row[column]) for column in _COLUMNS] for row in rows]).reshape(-1, 2)
-    except (KeyError, TypeError, ValueError):
+    except (OSError, ValueError) as error:
+        raise InputError(where, "", "a readable CSV file", " ".join(str(error).split())) from None
+    numbers = frame.reindex(columns=_COLUMNS).apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    if np.isnan(numbers).any():
         expected = f"the columns {' and '.join(_COLUMNS)} with a number in each line"
-        raise InputError(where, "", expected, "other columns, or a line without a number") from None
+        raise InputError(where, "", expected, "other columns, or a line without a number")
+    return numbers

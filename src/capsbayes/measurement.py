@@ -6,14 +6,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Given
-from capsbayes.input_file import InputFile
+from capsbayes.input_file import InputFile, Reader, file_name, quantity, unread
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
 from capsbayes.parameters import STATED
 from capsbayes.quantity import Quantity
@@ -26,9 +25,6 @@ Floats = NDArray[np.float64]
 
 CONDITIONS = ("half_width", "viscosity")
 """Conditions of an experiment that may differ from capsule to capsule of a set."""
-
-_KEYS = ("axial_extent", "capsule_velocity")
-_OPTIONAL = ("axial_length", "length_correlation", "axial_length_bound", "flow_rate")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,7 +134,7 @@ class Measurement(Readable):
         given = getattr(self, key)
         if given is None or isinstance(given, (int, float, np.floating)):
             return None
-        found = _measured(given, key, where, key, units)
+        found = _measured(*units)(given, where, key)
         object.__setattr__(self, key, found.value)
         object.__setattr__(self, f"{key}_error", found.error)
         return found.unit
@@ -185,26 +181,29 @@ class Measurement(Readable):
             Naming file, key, what was expected and what was found.
         """
         file = InputFile.read(path)
-        top = file.table(required=("measurement",), optional=("experiment", "prior", "outline"))
-        table = file.table("measurement", required=_KEYS, optional=_OPTIONAL)
-        where = str(path)
-        units: dict[str, tuple[str, ...]] = {"axial_extent": ("", "m"), "capsule_velocity": ("m/s",)}
-        found: dict[str, Any] = {}
-        for key in ("axial_extent", "axial_length", "capsule_velocity"):
-            if key in table:
-                units["axial_length"] = (found["axial_extent"].unit,) if found else ()
-                found[key] = _measured(table[key], key, where, f"measurement.{key}", units[key])
-        if "flow_rate" in table:
-            key = "measurement.flow_rate"
-            found["flow_rate"] = Quantity.of_text(table["flow_rate"], "flow_rate", where=where, key=key)
+        top = file.table(
+            required=("measurement",),
+            optional={"experiment": file_name("experiment.toml"), "prior": unread, "outline": unread},
+        )
+        table = file.table(
+            "measurement",
+            required={"axial_extent": _measured("", "m"), "capsule_velocity": _measured("m/s")},
+            optional={
+                "axial_length": unread,
+                "length_correlation": unread,
+                "axial_length_bound": unread,
+                "flow_rate": quantity("flow_rate"),
+            },
+        )
+        if "axial_length" in table:
+            read = _measured(table["axial_extent"].unit)
+            table["axial_length"] = read(table["axial_length"], str(path), "measurement.axial_length")
         return cls(
-            **found,
-            length_correlation=table.get("length_correlation", 0.0),
+            **table,
             outline=MeasuredOutline.read(file) if "outline" in top else None,
-            source=where,
+            source=str(path),
             sha256=file.sha256,
-            experiment_file=_named_file(top.get("experiment"), file.path),
-            axial_length_bound=table.get("axial_length_bound"),
+            experiment_file=top.get("experiment"),
         )
 
     def write(self, path: str | Path) -> None:
@@ -277,11 +276,16 @@ class Measurement(Readable):
         return np.array([[self.axial_extent_error**2, cross], [cross, self.axial_length_error**2]])
 
 
-def _measured(given: Given, name: str, where: str, key: str, units: tuple[str, ...]) -> Quantity:
-    """Read a measured quantity: one without an error is refused, as nothing would follow from it."""
-    read = Quantity.of(given, name, where=where, key=key, units=units)
-    if read.known or read.shape != "normal":
-        raise InputError(where, key, f'a standard error, as in "{STATED[name].example}"', str(given))
+def _measured(*units: str) -> Reader:
+    """Return a reader of measured quantities, which refuses one without an error: nothing would follow from it."""
+
+    def read(given: Given, where: str, key: str) -> Quantity:
+        name = key.removeprefix("measurement.")
+        found = Quantity.of(given, name, where=where, key=key, units=units)
+        if found.known or found.shape != "normal":
+            raise InputError(where, key, f'a standard error, as in "{STATED[name].example}"', str(given))
+        return found
+
     return read
 
 
@@ -293,11 +297,3 @@ def _name_of(file: Path, beside: str | Path) -> str:
     """Return the name of a file in one that may lie in the same folder."""
     whole = file.resolve()
     return whole.name if whole.parent == Path(beside).resolve().parent else str(whole)
-
-
-def _named_file(name: object, beside: Path) -> Path | None:
-    if name is None:
-        return None
-    if not isinstance(name, str):
-        raise InputError(str(beside), "experiment", 'the name of a file like "experiment.toml"', repr(name))
-    return beside.parent / name
