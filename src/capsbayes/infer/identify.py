@@ -30,7 +30,7 @@ from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 
-__all__ = ["ENGINES", "identify"]
+__all__ = ["ENGINES", "check_applies", "identify"]
 
 Floats = NDArray[np.float64]
 
@@ -86,9 +86,7 @@ def identify(
     """
     if engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
-    model.check_cross_section(experiment)
-    if measurement.outline is not None:
-        check_view_of(model, measurement.outline, measurement.source or "measurement")
+    check_applies(model, measurement, experiment)
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would only wait for each other
         quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
@@ -120,6 +118,18 @@ def identify(
             outlines=drawn_outlines(model, draws, _OUTLINES)[1],
             status=verdict(gates, agreed, leans, fit),
         )
+
+
+def check_applies(model: ForwardModel, measurement: Measurement, experiment: Experiment) -> None:
+    """Refuse a model of another cross-section than the experiment, or of another view than the measured outline.
+
+    Raises
+    ------
+    InputError
+    """
+    model.check_cross_section(experiment)
+    if measurement.outline is not None:
+        check_view_of(model, measurement.outline, measurement.source or "measurement")
 
 
 def _reported(grid: ExactPosterior) -> tuple[str, ...]:

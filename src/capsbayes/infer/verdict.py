@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,14 @@ from capsbayes.infer.prior import Prior
 from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
 from capsbayes.status import Status
 
-__all__ = ["leaning", "leanings", "verdict"]
+__all__ = ["LEANING_SHARE", "leaning", "leaning_status", "leanings", "shares_by_kind", "verdict"]
 
 Floats = NDArray[np.float64]
 
 LEANING_SHARE = 0.05
 """Share of a posterior next to a border from which on it leans on it."""
 
-_CAVEATS = {TWO_SHAPES: Status.LEANS_ON_TWO_SHAPES, WRINKLES: Status.LEANS_ON_WRINKLES}
+_STATUSES = (Status.LEANS_ON_BORDER, Status.LEANS_ON_PRIOR, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
 
 
 def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
@@ -98,9 +98,15 @@ def verdict(
         return Status.ENGINES_DISAGREE
     if fit is not None and not fit.passed:
         return Status.OUTLINE_MISFIT
-    if leans["model"] > LEANING_SHARE:
-        return Status.LEANS_ON_BORDER
-    if max(share for name, share in leans.items() if name not in _CAVEATS) > LEANING_SHARE:
-        return Status.LEANS_ON_PRIOR
-    caveats = (status for kind, status in _CAVEATS.items() if leans.get(kind, 0.0) > LEANING_SHARE)
-    return next(caveats, Status.DONE)
+    return leaning_status(shares_by_kind(leans))
+
+
+def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, float, float, float]:
+    """Return the shares of `leanings` next to the border of the model and the prior, at two shapes and at wrinkles."""
+    of_prior = max(share for name, share in leans.items() if name.startswith("prior of"))
+    return leans["model"], of_prior, leans.get(TWO_SHAPES, 0.0), leans.get(WRINKLES, 0.0)
+
+
+def leaning_status(shares: Iterable[float]) -> Status:
+    """Return the status of a posterior by its shares next to each kind of border, in the order of `shares_by_kind`."""
+    return next((kind for kind, share in zip(_STATUSES, shares, strict=True) if share > LEANING_SHARE), Status.DONE)

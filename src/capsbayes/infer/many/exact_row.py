@@ -9,16 +9,15 @@ from threadpoolctl import threadpool_limits
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.mixed import exact_engine
+from capsbayes.infer.identify import check_applies
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.mixture import mixture
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
-from capsbayes.infer.outline.likelihood import check_view_of
 from capsbayes.infer.outline.misfit import outline_misfit
-from capsbayes.infer.verdict import leanings, verdict
+from capsbayes.infer.verdict import leanings, shares_by_kind, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS
-from capsbayes.model import TWO_SHAPES, WRINKLES
 from capsbayes.status import Status
 
 __all__ = ["fill_exactly", "numbers_of"]
@@ -52,9 +51,7 @@ def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run
 
 def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
     own = run.experiment_of(measurement)
-    run.model.check_cross_section(own)
-    if measurement.outline is not None:
-        check_view_of(run.model, measurement.outline, measurement.source or "measurement")
+    check_applies(run.model, measurement, own)
     with threadpool_limits(limits=1):
         engine = exact_engine(run.model, own, run.prior)
         posterior = engine(measurement)
@@ -62,8 +59,7 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
     for number, name in enumerate(QUANTITIES):
         rows.summaries[row, number] = list(posterior.marginal(name).as_dict().values())
     leans = leanings(draws, run.model, engine.prior)
-    of_priors = [share for name, share in leans.items() if name.startswith("prior")]
-    rows.leaning[row] = leans["model"], max(of_priors), leans.get(TWO_SHAPES, 0.0), leans.get(WRINKLES, 0.0)
+    rows.leaning[row] = shares_by_kind(leans)
     fit = None if measurement.outline is None else outline_misfit(measurement.outline, run.model, draws)
     rows.status[row] = verdict(posterior.gates, None, leans, fit).name
     # the likelihood: the posterior without the priors of G_s and a

@@ -13,7 +13,7 @@ from capsbayes.infer.many.exact_row import fill_exactly
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.rows import lengths_rows
 from capsbayes.infer.many.tabulated.search import FAR, FOUND
-from capsbayes.infer.verdict import LEANING_SHARE
+from capsbayes.infer.verdict import leaning_status
 from capsbayes.measurement import CONDITIONS
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
@@ -53,7 +53,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     rows.leaning[usable] = np.stack(
         [facts["border"], 1.0 - np.minimum(facts["within"], 1.0), facts["two_shapes"], facts["wrinkles"]], axis=1
     )
-    rows.status[usable] = [_status(rows.leaning[row]).name for row in usable]
+    rows.status[usable] = [leaning_status(rows.leaning[row]).name for row in usable]
     far = usable[facts["end"] == FAR]
     rows.status[far] = Status.NO_SHAPE.name
     rows.reason[far] = [f"{rows.distance[row]:.1f} standard errors away, {FARTHEST:g} at most" for row in far]
@@ -78,8 +78,3 @@ def _own(measured: MeasuredLengths, name: str, experiment: Experiment) -> Floats
     """Return the logarithm of a condition of each capsule over that of the experiment, zero where it is the same."""
     usual = getattr(experiment, name).mean
     return np.nan_to_num(np.log(measured.numbers[name] / usual))
-
-
-def _status(leaning: Floats) -> Status:
-    kinds = (Status.LEANS_ON_BORDER, Status.LEANS_ON_PRIOR, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
-    return next((kind for kind, share in zip(kinds, leaning, strict=True) if share > LEANING_SHARE), Status.DONE)
