@@ -76,3 +76,6 @@ def test_priors_of_coordinates_are_read_from_the_file_of_the_capsule(tmp_path):
     prior = Prior.read(path)
     assert prior.coordinates["pre_inflation"].mean == pytest.approx(0.02)
     assert prior.with_coordinates({"pre_inflation": "0..0.05"}).coordinates["pre_inflation"].mean == 0.025
+    path.write_text('[prior]\npre_inflaton = "0.02 +/- 0.01"\n')
+    with pytest.raises(InputError, match=r"prior\.pre_inflaton: expected one of .*pre_inflation.* an unknown key"):
+        Prior.read(path)

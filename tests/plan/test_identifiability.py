@@ -7,6 +7,7 @@ import pytest
 from polynomial_model import PolynomialModel
 
 from capsbayes.errors import InputError
+from capsbayes.infer import Prior
 from capsbayes.model import CoordinateRange
 from capsbayes.plan import identifiability_map
 from capsbayes.plan.widths import WidthPredictor, noise_lattice
@@ -63,6 +64,8 @@ def test_what_is_no_plane_is_refused(model, experiment, errors):
         identifiability_map(model, experiment, errors, grid=(1, 5))
     with pytest.raises(InputError, match=r"a model of \(Ca, a/l\), got one of pre_inflation too; fix it"):
         identifiability_map(_Inflated(), experiment, errors)
+    with pytest.raises(InputError, match="prior: pre_inflaton: expected a coordinate of manufactured polynomial"):
+        WidthPredictor(model, experiment, errors, prior=Prior(coordinates={"pre_inflaton": "0 .. 0.1"}))
 
 
 class _Inflated(PolynomialModel):

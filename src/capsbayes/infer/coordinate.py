@@ -13,7 +13,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
 
-__all__ = ["Coordinate"]
+__all__ = ["Coordinate", "check_coordinates"]
 
 Floats = NDArray[np.float64]
 
@@ -55,11 +55,8 @@ class Coordinate:
             If the prior is of a name that is no coordinate of the model or reaches far beyond the range of the model,
             or if the model has several further coordinates.
         """
+        check_coordinates(model, prior)
         names = tuple(model.coordinates)
-        for other in prior.coordinates:
-            if other not in names:
-                known = f"a coordinate of {model.name}" + (f" ({', '.join(names)})" if names else "")
-                raise InputError("prior", other, known, f"a model of ({', '.join(('Ca', 'a/l', *names))})")
         if len(names) > 1:
             advice = "fix the others: model.fixed(name=value)"
             raise InputError("identify", "model", "one further coordinate at most", ", ".join(names), advice)
@@ -90,3 +87,17 @@ class Coordinate:
         values = np.asarray(values, dtype=np.float64)
         within = (values >= self.low) & (values <= self.high)
         return np.where(within, self.distribution.logpdf(values) - np.log(self.covered), -np.inf)
+
+
+def check_coordinates(model: ForwardModel, prior: Prior) -> None:
+    """Refuse a prior of a name that is no coordinate of the model, naming those that are.
+
+    Raises
+    ------
+    InputError
+    """
+    names = tuple(model.coordinates)
+    for other in prior.coordinates:
+        if other not in names:
+            known = f"a coordinate of {model.name}" + (f" ({', '.join(names)})" if names else "")
+            raise InputError("prior", other, known, f"a model of ({', '.join(('Ca', 'a/l', *names))})")

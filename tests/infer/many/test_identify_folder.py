@@ -23,6 +23,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature
 from capsbayes.infer.many import Population, identify_folder, listing
 from capsbayes.infer.many.listing import cross_section_and_view
+from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
@@ -330,6 +331,13 @@ def test_what_cannot_be_read_is_one_clear_line(tmp_path, name, words):
     with pytest.raises(InputError, match=words):
         identify_folder(tmp_path / name, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
     assert not (tmp_path / "r.nc.parts").exists()
+
+
+def test_a_prior_of_an_unknown_coordinate_is_refused(tmp_path):
+    write_table(tmp_path / "t.csv", 2)
+    prior = Prior(coordinates={"pre_inflaton": "0 .. 0.1"})
+    with pytest.raises(InputError, match="prior: pre_inflaton: expected a coordinate of"):
+        identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE, prior=prior)
 
 
 def test_a_background_that_is_not_there_is_one_clear_line(tmp_path):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
+from capsbayes.infer.coordinate import check_coordinates
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
 from capsbayes.infer.grid.posterior import GridPosterior
@@ -67,6 +68,7 @@ class Quadrature:
 
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         self.model, self.experiment, self.prior = model, experiment, prior or Prior()
+        check_coordinates(model, self.prior)
         self.table = CoarseTable.of(model)
         self.inputs = Inputs.of_experiment(experiment)
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, Given
+from capsbayes.infer.coordinate import check_coordinates
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.listing import Listed, common_experiment, listed
 from capsbayes.infer.many.population import STATISTICS, Population
@@ -120,6 +121,7 @@ def identify_folder(
     if capsule_velocity is not None:
         capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="identify_folder")
     run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
+    check_coordinates(model, run.prior)
     if experiment is not None:
         model.check_cross_section(experiment)
     pool = _Pool(run, scheduler, workers, progress)
