@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from decimal import Decimal
 from functools import cached_property
 from typing import Any
 
@@ -16,44 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.parameters import PARAMETERS, SI_UNITS, STATED
+from capsbayes.units import parsed
 
 __all__ = ["Quantity"]
 
 Floats = NDArray[np.float64]
-
-# The whole registry of pint takes a fifth of a second more to build, and knows units that nobody means here: "a" would
-# be a year, and "l", which is the half width of the channel, a litre.
-_UNITS = """
-nano- = 1e-9 = n-
-micro- = 1e-6 = µ- = μ- = u-
-milli- = 1e-3 = m-
-centi- = 1e-2 = c-
-deci- = 1e-1 = d-
-kilo- = 1e3 = k-
-mega- = 1e6 = M-
-meter = [length] = m = metre
-micron = micrometer
-liter = 1e-3 * meter ** 3 = L = litre
-gram = [mass] = g
-second = [time] = s = sec
-minute = 60 * second = min
-hour = 60 * minute = h
-hertz = 1 / second = Hz
-newton = kilogram * meter / second ** 2 = N
-dyne = 1e-5 * newton = dyn
-pascal = newton / meter ** 2 = Pa
-poise = 0.1 * pascal * second = P
-percent = 0.01 = %
-"""
-
-# Nothing of a text is evaluated: numbers are matched by these patterns, and a unit is names with one-digit powers.
-_NUMBER = r"[-+]?(?:(?:\d+(?:\.(?!\.)\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
-_TEXT = re.compile(
-    rf"(?P<shape>log-uniform\s+)?(?P<first>{_NUMBER})"
-    rf"(?:\s*(?P<between>\+/-|±|\.\.)\s*(?P<second>{_NUMBER})|\((?P<digits>\d+)\))?\s*(?P<unit>.*)"
-)
-_PARENTHESES = re.compile(r"\(([^()]*)\)(.*)")
-_FACTOR = re.compile(r"\s*(?P<sign>[*·/]?)\s*(?P<name>[A-Za-zµμ]+|%)\s*(?:(?:\^|\*\*)\s*(?P<power>[-+]?\d))?")
 
 _NEGATIVE_SHARE = 1e-6  # of a distribution's mass that may lie below zero before it is refused
 _FAR = 10.0  # standard deviations beyond which a cut changes neither mean nor deviation
@@ -228,23 +192,17 @@ class Quantity:
         wanted = f'a text {names} like "{example}"'
         if not isinstance(text, str) or not text.strip():
             raise InputError(where, key, wanted, "nothing" if text in (None, "") else repr(text))
-        found = _TEXT.fullmatch(_PARENTHESES.sub(r"\1 \2", text.strip()) if text.strip()[0] == "(" else text.strip())
-        if found is None:
-            raise InputError(where, key, wanted, repr(text))
-        first, second = float(found["first"]), float(found["second"] or 0.0)
-        if found["digits"]:  # 50.0(5) is 50.0 +/- 0.5
-            second = float(found["digits"]) * 10.0 ** int(Decimal(found["first"]).as_tuple().exponent)
-        unit, (first, second) = _converted((first, second), found["unit"], units, text, where, key, wanted)
-        if not (math.isfinite(first) and (signed or first > 0.0)):
+        found = parsed(text, units, where=where, key=key, wanted=wanted)
+        if not (math.isfinite(found.first) and (signed or found.first > 0.0)):
             raise InputError(where, key, f"a {'' if signed else 'positive '}finite number, {wanted}", repr(text))
-        if found["between"] == "..":
-            if not (first < second < math.inf) or (found["shape"] and first <= 0.0):
+        if found.is_range:
+            if not found.first < found.second < math.inf or (found.is_log_uniform and found.first <= 0.0):
                 raise InputError(where, key, "low < high", repr(text))
-            return (cls.log_uniform if found["shape"] else cls.uniform)(first, second, unit)
-        if found["shape"] or not (math.isfinite(second) and second >= 0.0):
-            expected = "a range after log-uniform" if found["shape"] else f"a finite error, {wanted}"
+            return (cls.log_uniform if found.is_log_uniform else cls.uniform)(found.first, found.second, found.unit)
+        if found.is_log_uniform or not (math.isfinite(found.second) and found.second >= 0.0):
+            expected = "a range after log-uniform" if found.is_log_uniform else f"a finite error, {wanted}"
             raise InputError(where, key, expected, repr(text))
-        return cls(first, second, unit, low=-math.inf if signed else 0.0)
+        return cls(found.first, found.second, found.unit, low=-math.inf if signed else 0.0)
 
     @property
     def known(self) -> bool:
@@ -434,53 +392,6 @@ class Quantity:
 
     def __repr__(self) -> str:
         return f"Quantity.of({str(self)!r})"
-
-
-@functools.cache
-def _registry() -> Any:
-    """Return the registry of the units an experiment needs, built when a unit is first read."""
-    import pint
-
-    registry: Any = pint.UnitRegistry(None)
-    registry.load_definitions(_UNITS.splitlines())
-    return registry
-
-
-def _unit(text: str) -> Any:
-    """Return the pint unit of a text: names with powers, multiplied or divided; None if the text is no such thing."""
-    rest, inverse = re.subn(r"^1\s*(?=/)", "", text.strip())
-    unit, place, allowed = _registry().dimensionless, 0, "/" if inverse else ""
-    while place < len(rest):
-        found = _FACTOR.match(rest, place)
-        if found is None or (place == 0 and found["sign"] != allowed):
-            return None
-        power = int(found["power"] or 1)
-        unit = unit * _registry().Unit(found["name"]) ** (-power if found["sign"] == "/" else power)
-        place = found.end()
-    return unit
-
-
-def _converted(
-    numbers: tuple[float, float], unit: str, units: Sequence[str], text: str, where: str, key: str, wanted: str
-) -> tuple[str, tuple[float, float]]:
-    """Return the first of the SI units that fits, and the numbers in it."""
-    if not unit:
-        if "" not in units:
-            raise InputError(where, key, wanted, f"no unit in {text!r}")
-        return "", numbers
-    import pint
-
-    try:
-        stated = _unit(unit)
-    except pint.UndefinedUnitError:
-        raise InputError(where, key, wanted, f"an unknown unit in {text!r}") from None
-    if stated is None:
-        raise InputError(where, key, wanted, repr(text))
-    for target in units:
-        if target and stated.dimensionality == _registry().Unit(target).dimensionality:
-            first, second = (float(_registry().Quantity(one, stated).to(target).magnitude) for one in numbers)
-            return target, (first, second)
-    raise InputError(where, key, wanted, f"{stated} in {text!r}")
 
 
 def _of_pint(given: Any, where: str, key: str, units: Sequence[str]) -> Quantity:

@@ -12,23 +12,17 @@ import xarray as xr
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.measured_outline import MID_PLANE, MeasuredOutline, OutlineNoise, Pose, check_view
-from capsbayes.measurement import Measurement
+from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
+from capsbayes.parameters import PARAMETERS
 
 __all__ = ["opened", "read_netcdf", "write_netcdf"]
 
-# variables over the capsules, and their units
-_NUMBERS = {
-    "axial_extent": "l",
-    "axial_extent_error": "l",
-    "capsule_velocity": "m/s",
-    "capsule_velocity_error": "m/s",
-}
-_LENGTH = {"axial_length": "l", "axial_length_error": "l"}
-_NOISE = {"noise_scale": "l", "noise_correlation": "l"}
-_WHITE = {"noise_white": "1"}
-_FLOW = {"flow_rate": "m^3/s"}
-_CONDITIONS = {"half_width": "m", "viscosity": "Pa s"}
+# numbers over the capsules
+_NEEDED = ("axial_extent", "axial_extent_error", "capsule_velocity", "capsule_velocity_error")
+_LENGTH = ("axial_length", "axial_length_error")
+_NOISE = {"noise_scale": "l", "noise_correlation": "l", "noise_white": "1"}
+_UNITS = {name: PARAMETERS[name.removesuffix("_error")].unit for name in (*_NEEDED, *_LENGTH, "flow_rate", *CONDITIONS)}
 _OUTLINE = ("capsule", "point", "axis")
 
 
@@ -83,12 +77,12 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     for row, one in enumerate(edges):
         outlines[row, : len(one.points)] = one.points
     noise = np.array([[one.noise.scale, one.noise.correlation_length, one.noise.white] for one in edges])
-    numbers = {name: [getattr(one, name) for one in measurements] for name in _NUMBERS | _LENGTH}
-    numbers |= dict(zip(_NOISE | _WHITE, noise.T, strict=True))
-    own = {name: [one.conditions.get(name, np.nan) for one in measurements] for name in _CONDITIONS}
-    own |= {name: [getattr(one, name) or np.nan for one in measurements] for name in _FLOW}
+    numbers = {name: [getattr(one, name) for one in measurements] for name in (*_NEEDED, *_LENGTH)}
+    numbers |= dict(zip(_NOISE, noise.T, strict=True))
+    own = {name: [one.conditions.get(name, np.nan) for one in measurements] for name in CONDITIONS}
+    own |= {"flow_rate": [one.flow_rate or np.nan for one in measurements]}
     numbers |= {name: values for name, values in own.items() if np.isfinite(values).any()}
-    units = _NUMBERS | _LENGTH | _NOISE | _WHITE | _FLOW | _CONDITIONS
+    units = _UNITS | _NOISE
     variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
     dataset = xr.Dataset({**variables, "outline": (_OUTLINE, outlines, {"units": "l"})}, coords={"axis": ["z", "y"]})
     dataset.attrs["view"] = (views or [MID_PLANE])[0]
@@ -113,8 +107,8 @@ def opened(path: Path) -> xr.Dataset:
 
 def _check(path: Path, dataset: xr.Dataset) -> None:
     """Refuse a file that lacks a variable, or has one of another shape or unit."""
-    needed = {"outline": "l", **_NUMBERS, **_NOISE}
-    for name, unit in (needed | _LENGTH | _WHITE | _FLOW | _CONDITIONS).items():
+    needed = ("outline", *_NEEDED, "noise_scale", "noise_correlation")
+    for name, unit in {"outline": "l", **_UNITS, **_NOISE}.items():
         dims = _OUTLINE if name == "outline" else ("capsule",)
         wanted = f"a variable ({', '.join(dims)}) in {unit}"
         if name not in dataset.variables:
@@ -133,8 +127,8 @@ def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
     one = dataset.isel(capsule=row)
     label = str(one["name"].item()) if "name" in one.variables else str(row + 1)
     where = f"{path}: capsule {label}"
-    numbers = {name: float(one[name]) for name in (*_NUMBERS, *_LENGTH, *_FLOW) if name in one.variables}
-    seen = {name: value for name, value in numbers.items() if name in _NUMBERS or np.isfinite(value)}
+    numbers = {name: float(one[name]) for name in (*_NEEDED, *_LENGTH, "flow_rate") if name in one.variables}
+    seen = {name: value for name, value in numbers.items() if name in _NEEDED or np.isfinite(value)}
     points = np.asarray(one["outline"].values, np.float64)
     view = check_view(one.attrs.get("view", MID_PLANE), str(path), "view")
     white = float(one["noise_white"]) if "noise_white" in one.variables else 0.0
@@ -143,5 +137,5 @@ def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
         outline = MeasuredOutline(points[np.isfinite(points).any(axis=1)], noise, view=view)
     except InputError as error:  # which does not know whose outline it is
         raise InputError(where, error.key, error.expected, error.got, error.advice) from None
-    own = {name: float(one[name]) for name in _CONDITIONS if name in one.variables and np.isfinite(one[name])}
+    own = {name: float(one[name]) for name in CONDITIONS if name in one.variables and np.isfinite(one[name])}
     return Measurement(**seen, outline=outline, conditions=own, source=where)  # type: ignore[arg-type]

@@ -1,17 +1,19 @@
-"""Reading a set, whatever its form."""
+"""The forms of a set on disk: a folder of measurement files, a table of lengths, a file of outlines."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.measurements.folder import read_folder
+from capsbayes.measurement import Measurement
+from capsbayes.measurements.folder import read_folder, write_folder
 from capsbayes.measurements.measured_set import MeasuredSet
-from capsbayes.measurements.netcdf import read_netcdf
-from capsbayes.measurements.table import read_table
+from capsbayes.measurements.netcdf import read_netcdf, write_netcdf
+from capsbayes.measurements.table import read_table, write_table
 
-__all__ = ["read_set"]
+__all__ = ["read_set", "write_set"]
 
 _READERS = {".csv": read_table, ".nc": read_netcdf}
 
@@ -40,3 +42,28 @@ def read_set(path: str | Path, experiment: Experiment | str | Path | None = None
         advice = "put the measurement files into one folder" if path.suffix == ".toml" else ""
         raise InputError(str(path), "", expected, f"a file that ends in {path.suffix or 'nothing'}", advice)
     return _READERS[path.suffix](path, experiment)
+
+
+def write_set(path: str | Path, measurements: Sequence[Measurement], experiment: Experiment) -> None:
+    """Write a set in the form that the ending of its name says.
+
+    Parameters
+    ----------
+    path : path
+        Ends in ``.csv`` for a table of lengths, in ``.nc`` for a file of outlines, and is a folder otherwise. Only the
+        folder holds the experiment too.
+    measurements : sequence of Measurement
+    experiment : Experiment
+
+    Raises
+    ------
+    InputError
+        If the form has no place for what the capsules have.
+    """
+    path = Path(path)
+    if path.suffix == ".csv":
+        write_table(path, measurements)
+    elif path.suffix == ".nc":
+        write_netcdf(path, measurements)
+    else:
+        write_folder(path, measurements, experiment)
