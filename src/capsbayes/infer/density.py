@@ -36,7 +36,7 @@ __all__ = ["PosteriorDensity"]
 
 Floats = NDArray[np.float64]
 
-_ROUNDS = 13  # of redrawing inputs that leave the prior ranges, twice as many of each at every round
+_ROUNDS = 13  # in which inputs outside the prior ranges are drawn again, twice as many of each at every round
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,11 @@ Floats = NDArray[np.float64]
 ENGINES = ("emcee", "quadrature")
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
 _OUTLINES = 200
-_TRIED, _TABLE_ERROR, _BEYOND = 500, 0.02, 4  # draws at which a table of log densities is tried; nodes beyond the grid
+_TRIED, _TABLE_ERROR, _BEYOND = (
+    500,
+    0.02,
+    4,
+)  # draws at which the table of log densities is tested, its largest error, nodes beyond the grid
 
 
 def identify(
@@ -87,7 +91,7 @@ def identify(
     if engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
     check_applies(model, measurement, experiment)
-    with threadpool_limits(limits=1):  # the matrices are tiny: threads would only wait for each other
+    with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
         quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
         run = _sampled if engine == "emcee" else _gridded

@@ -10,6 +10,7 @@ from numba import guvectorize, njit
 from numpy.typing import NDArray
 
 __all__ = [
+    "NUDGE",
     "border_steps",
     "compiled",
     "feature_in_cells",

@@ -4,8 +4,8 @@ Viscosity and velocity multiply G_s and are independent of the shape: their shar
 their variances of log G_s, exactly, and nothing of that of log a. Where the
 lengths are over l, the half width multiplies a in the same way. A further
 coordinate of the model contributes the variance of the mean of the logarithm from one
-of its values to another. For every other input the posterior is worked out
-again with that input's error halved. Were the logarithm linear in it, its
+of its values to another. For every other input the posterior is computed
+again with the error of that input halved. Were the logarithm linear in it, its
 part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved),
 and the parts would add up to V; what is missing to one is due to the prior
 and to the curvature of the model.

@@ -1,8 +1,8 @@
-"""The exact engine for a model with a further coordinate: the grid of `Quadrature` at values of the coordinate.
+"""The exact engine for a model with a further coordinate: a grid of `Quadrature` at each of several values of it.
 
 At each value the posterior over (log Ca, a/l) is narrow, but from value to value
 it moves far: a capsule may be softer, or less inflated. So each value has a grid
-of its own, and the grids are weighed by their evidence. The values are the
+of its own, and the grids are weighted by their evidence. The values are the
 middles of cells of equal prior probability, halved where the posterior is likely
 until the cells resolve it, and until the grids of neighbouring values overlap.
 """
@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 CELLS_PER_SD = 3.0  # of the coordinate's marginal
 SDS_PER_SHIFT = 1.0  # of log Ca at given coordinate over its shift to the next cell
 _FIRST, _LAST = 4, 7  # halvings of the prior
-_DROP = 14.0  # of the log probability of a cell, within which the next halving goes on
+_DROP = 14.0  # of the log probability of a cell, within which cells are halved again
 _PILOTS = (0.5, 0.25, 0.75, 0.1, 0.9)  # shares of the prior below values whose likeliest shape may be a pilot
 _COUNTS = 1e-4  # probability of a cell whose gates count
 _FINE = 64  # points in a cell for the moments of the coordinate
@@ -183,7 +183,7 @@ class MixedQuadrature:
         """
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, self.coordinate)
-        if measurement.outline is not None:  # one covariance for all values, so that they can be weighed
+        if measurement.outline is not None:  # one covariance for all values, so that their evidences can be compared
             density = replace(density, outline=self._outline(measurement, density))
         cells = np.arange(2**_FIRST)
         for halvings in range(_FIRST, _LAST + 1):

@@ -42,8 +42,9 @@ CELLS_PER_FEATURE = 1.5  # of both marginals: each mode of several, a steep flan
 CELLS_ACROSS = 1.0  # of a/l at given Ca: across a ridge
 PARTS_AT_BORDER = 4  # along each side of a cell that the border of the domain cuts
 _FIRST, _THEN, _LARGEST = 32, 56, 512
-_COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which a posterior lives
-_EDGE_DROP = 12.0  # at the edge of a window: what is cut off there is below 1e-5
+COARSE_DROP, DROP = 12.0, 17.0  # of the log density, within which cells carry a posterior: coarse table, finer grids
+AT_BORDER = 1e-4  # of the largest density: cells at the border of the domain that carry more are cut smaller
+_EDGE_DROP = 12.0  # at the edge of a window: less than 1e-5 is cut off there
 _ROUNDS = 12
 _FINER = 3.0  # at most from window to window with an outline, where each node is costly and most lie off the posterior
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
@@ -163,10 +164,10 @@ class Quadrature:
         args = (nodes.model, nodes.log_ca, nodes.size)
         log_density = (rough.log_density(*args) + rough.log_share(*args)).reshape(self.table.window.shape)
         if not np.isfinite(np.nanmax(log_density)):
-            raise InputError(
-                measurement.source or "prior", "prior", "ranges that hold G_s and a of some shape", "ranges without any"
-            )
-        likely = log_density > np.nanmax(log_density) - _COARSE_DROP
+            expected = "ranges that contain G_s and a of some shape with these lengths"
+            advice = "check the units of half width, viscosity and velocity, or widen the ranges"
+            raise InputError(measurement.source or "prior", "prior", expected, "ranges that contain none", advice)
+        likely = log_density > np.nanmax(log_density) - COARSE_DROP
         return self.table.window.around(likely, (_FIRST, _FIRST), self.table.window)
 
     def _on(
@@ -209,7 +210,7 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
     window = posterior.window
     weights = posterior.weights.reshape(-1, *window.shape)
     both = weights.max(axis=0)
-    likely = both > np.exp(-_DROP) * both.max()
+    likely = both > np.exp(-DROP) * both.max()
     peak = np.unravel_index(int(both.argmax()), both.shape)
     if any(_at_open_end(int(peak[k]), window, bounds, k) for k in (0, 1)):
         return window.wider(bounds, (_THEN, _THEN))
@@ -217,7 +218,7 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
         return None
     around = window.around(likely, (_THEN, _THEN), bounds)
     needed = [max(gate.least / max(gate.value, 1e-3) for gate in gates) for gates in resolution]
-    # shrinking the window already makes its cells smaller; cut it finer only as far as that does not suffice
+    # a narrower window has smaller cells already; more cells only as far as these do not suffice
     most = np.inf if posterior.density.outline is None else _FINER
     shape = []
     for k in (0, 1):
@@ -279,7 +280,7 @@ def _cut_cells(posterior: GridPosterior) -> Booleans | None:
         return None
     cut = _spread(outside) & _spread(~outside)
     density = posterior.weights.max(axis=0).reshape(shape)
-    return cut if np.max(density, where=cut, initial=0.0) > 1e-4 * density.max() else None
+    return cut if np.max(density, where=cut, initial=0.0) > AT_BORDER * density.max() else None
 
 
 def _spread(cells: Booleans) -> Booleans:

@@ -25,7 +25,7 @@ __all__ = ["fill_exactly", "numbers_of"]
 Floats = NDArray[np.float64]
 
 _SHARED = ("viscosity", "half_width")
-_DRAWS = 10_000  # from which the mixture is laid out and what the posterior leans on is counted
+_DRAWS = 10_000  # from which the mixture and the shares next to borders are computed
 
 
 def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:

@@ -64,11 +64,11 @@ def identify_folder(
 ) -> Population:
     """Identify many capsules.
 
-    What is finished is kept in the folder ``<out>.parts``. The same call made again, after a kill or with more files in
+    Finished parts are kept in the folder ``<out>.parts``. The same call made again, after a kill or with more files in
     the folder, computes only what is missing; the result depends neither on interruptions nor on the number of workers.
-    Of a table the parts are removed in the end, of a folder they stay.
-    A capsule that cannot be identified is a row with its status. Lengths are worked out by quadrature on a table of the
-    model, outlines by quadrature on a grid of their own.
+    The parts of a table are removed at the end, those of a folder stay.
+    A capsule that cannot be identified is a row with its status. Lengths are identified on a table of the model, each
+    outline on a grid of its own.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def identify_folder(
     experiment : Experiment, optional
         By default the one that each measurement of a folder names.
     out : path
-        The NetCDF file to write; a ``.csv`` of the same name is written beside it.
+        The NetCDF file to write; a ``.csv`` of the same name is written next to it.
     seed : int
         Of all randomness; stored in the result.
     prior : Prior, optional
@@ -92,7 +92,7 @@ def identify_folder(
     check : float
         Share of the capsules, drawn at random, that are sampled with emcee too.
     most_checked : int
-        But no more than these: each takes a second or more.
+        Largest number of these: each takes a second or more.
     chains : path, optional
         Folder for the draws of each capsule, sampled with emcee; not kept by default.
     scheduler : str, optional
@@ -101,7 +101,7 @@ def identify_folder(
     workers : int, optional
         Number of worker processes; by default, one for each core.
     progress : bool
-        Whether to show a bar, on a terminal.
+        Show a progress bar, on a terminal.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def identify_folder(
     Raises
     ------
     InputError
-        If there is nothing to identify, no cluster answers, or the disk is full: what is finished is then kept.
+        If there is nothing to identify, no cluster answers, or the disk is full; finished parts are then kept.
     """
     out = Path(out)
     given = Path(source) if isinstance(source, (str, os.PathLike)) else MeasuredLengths.of_frame(source)
@@ -155,7 +155,7 @@ class _Pool:
     progress: bool
 
     def finish(self, tasks: Sequence[StoredTask | ChainTask], what: str) -> None:
-        """Do what is not done yet; after a worker was killed, what is still missing."""
+        """Run the tasks that are not done; again those still missing if a worker was killed."""
         files = [task.file for task in tasks]
 
         def count() -> tuple[int, str]:
@@ -171,7 +171,7 @@ class _Pool:
                     left = _ATTEMPTS - attempt - 1
                     _logger.warning("A worker was killed; what is finished is kept. Attempts left: %d.", left)
         advice = "give it more memory or fewer workers, and start again: what is finished is kept"
-        raise InputError("workers", "", "workers that are left alone", "one killed at each attempt", advice)
+        raise InputError("workers", "", "workers that run to their end", "one killed at each attempt", advice)
 
 
 @contextlib.contextmanager
@@ -223,7 +223,7 @@ def _chain(population: Population, found: Listed, folder: Path, row: int) -> Cha
 def _checked(
     population: Population, found: Listed, store: Store, share: float, most: int, pool: _Pool
 ) -> Compared | None:
-    """Agreement of the rows with sampling, None if no capsule can be compared or none is wanted."""
+    """Compare rows with sampling; return None if no capsule can be compared or none shall be."""
     rows = drawn_rows(population.usable, share, most, int(population.dataset.attrs["seed"]))
     if not len(rows):
         return None

@@ -44,7 +44,7 @@ def drawn(log_posterior: LogPosterior, rng: np.random.Generator) -> tuple[Floats
             break
         centre = weights @ tried
         covariance = np.cov(tried.T, aweights=weights)
-    # stratified, so that drawing again adds as little noise as can be
+    # stratified, so that resampling adds little noise
     places = (np.arange(_KEPT) + rng.uniform(size=_KEPT)) / _KEPT
     return tried[np.minimum(np.searchsorted(np.cumsum(weights), places), count - 1)], gates
 
@@ -62,7 +62,7 @@ def _mode(log_posterior: LogPosterior) -> tuple[Floats, Floats]:
     mode = np.asarray(found.x)
     curvature = np.stack([(downhill(mode + step)[1] - downhill(mode - step)[1]) / (2.0 * _STEP) for step in steps])
     values, axes = np.linalg.eigh(0.5 * (curvature + curvature.T))
-    # along a direction that the data do not bind, as a slope without a spread of sizes, the prior does
+    # where the data do not constrain a direction, as a slope without a spread of sizes, the prior does
     values = np.maximum(values, 1.0 / SLOPES**2)
     return mode, (axes / values) @ axes.T
 

@@ -130,14 +130,14 @@ def common_experiment(source: Path) -> Experiment | None:
 
 
 def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, str]:
-    """Section of the channel and view of the outlines, read off the first capsule that says so.
+    """Return cross-section of the channel and view of the outlines, by the first capsule that states them.
 
     Parameters
     ----------
     source : Path
         As of `listed`.
     experiment : Experiment, optional
-        Whose cross-section it is, if it is given.
+        Replaces that which the capsules name.
 
     Raises
     ------

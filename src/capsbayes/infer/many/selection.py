@@ -25,7 +25,7 @@ _FLOWS = 16  # groups of capsules of like velocity
 _SLOPE = 4  # cells of log Ca on either side over which the rise of Lambda is taken
 _EVERY = 8  # columns of a/l: those between them hardly differ
 _LEAST_SHARE = 1e-12
-_NEAR = 0.05  # of Lambda from the cut: capsules whose errors say how sharp it is
+_NEAR = 0.05  # of Lambda from the cut: capsules whose errors give its sharpness
 
 
 def kept_rows(population: Population, least: float) -> NDArray[np.bool_]:

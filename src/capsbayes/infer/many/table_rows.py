@@ -33,7 +33,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     rows = CapsuleRows.empty(measured.names.astype(object), source, np.full(count, measured.sha256, object), numbers)
     usable = np.flatnonzero(measured.refusals == "")
     _refuse(rows, measured)
-    if run.model.coordinates:  # one lattice cannot hold it
+    if run.model.coordinates:  # one lattice cannot represent it
         for row in map(int, usable):
             fill_exactly(rows, row, measured.measurement(row), run)
         return rows

@@ -3,10 +3,10 @@
 An edge that is found too far out at one place is found too far out next to it
 as well: taken as independent, the errors of neighbouring points would make the
 posterior far too narrow. Where on the picture the capsule is, how it is tilted
-and by how much all edges are found too far out does not belong to its shape;
+and by how much all edges are found too far out is no property of its shape;
 these nuisances are integrated out, each with a Gaussian prior, as is the
-model's own error. All of it is one covariance matrix, made at a pilot shape
-near the posterior and kept for all others.
+model's own error. All of it is one covariance matrix, computed at a pilot shape
+near the posterior and used for all others.
 
 A silhouette hides a concave rear. Where its depth was measured all the same, L_a is
 one more number next to the normal distances; it ends at the nose of the same
@@ -32,7 +32,7 @@ __all__ = ["OutlineLikelihood", "SilhouetteLength", "aligned_with", "check_view_
 
 Floats = NDArray[np.float64]
 
-_SHARED = 0.9  # of the error of L_a that the nose's may be: some is that of the rear
+_SHARED = 0.9  # largest share of the error of L_a that is the error of the nose: the rest is that of the rear
 
 
 class SilhouetteLength(NamedTuple):

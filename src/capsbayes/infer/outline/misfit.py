@@ -17,7 +17,7 @@ __all__ = ["drawn_outlines", "outline_misfit"]
 
 Floats = NDArray[np.float64]
 
-_LARGEST = 4.0  # over its freedom: twice the stated errors
+_LARGEST = 4.0  # per degree of freedom: errors twice as large as stated
 _TRIED = 50  # draws
 _FITTED = 5  # Ca and a/l; place and tilt
 

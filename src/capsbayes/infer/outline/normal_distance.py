@@ -13,8 +13,8 @@ __all__ = ["Footing", "footing", "normal_distances", "posed_on"]
 Floats = NDArray[np.float64]
 
 _FITS = 5  # of the pose; three suffice from half a radius away
-_STANDS = 1e-4  # shift and turn that are left alone where many outlines are compared
-_DAMPED = 1e-3  # mean square change by a turn, below which it is damped: a circle does not tell its tilt
+_STANDS = 1e-4  # shift and turn that are neglected where many outlines are compared
+_DAMPED = 1e-3  # mean square change by a turn, below which it is damped: a circle has no tilt
 
 
 class Footing(NamedTuple):
@@ -150,7 +150,7 @@ def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyp
                 reach = min(count, usual + int(3.0 * step))
         square, edge, share = np.inf, 0, 0.0
         for k in range(-(reach // 2), reach - reach // 2):
-            j = best + k  # a remainder would take longer than all the rest
+            j = best + k  # the modulo operator would take longer than all the rest
             if j < 0:
                 j += count
             elif j >= count:

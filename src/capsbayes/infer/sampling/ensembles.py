@@ -127,7 +127,7 @@ def sampled(
     effort = effort or Effort()
     root = np.random.SeedSequence(seed)
     starts = starting_points(log_density, effort.ensembles, effort.walkers, np.random.default_rng(root.spawn(1)[0]))
-    log_density.not_a_number = 0  # the search for starts looked everywhere; what counts is where the walkers go
+    log_density.not_a_number = 0  # initial points are searched everywhere; only points that walkers visit count
     states = [int(word) for word in root.generate_state(effort.ensembles)]
     samplers = [_sampler(log_density, start, state) for start, state in zip(starts, states, strict=True)]
     ahead, todo, doublings = 0, effort.steps, 0

@@ -2,8 +2,7 @@
 
 Points are drawn over the whole domain, weighted by a power of their density
 that keeps enough of them alive, and the cloud they describe is drawn from
-again; a few rounds lead from the domain to the posterior without knowing
-where it is.
+again; a few rounds lead from the domain to the posterior wherever it is.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.infer.grid.quadrature import FARTHEST
+from capsbayes.infer.grid.quadrature import AT_BORDER, COARSE_DROP, DROP, FARTHEST
 from capsbayes.infer.kernel import compiled, feature_in_cells, misfit, sd_in_cells
 
 __all__ = ["FAR", "FOUND", "UNRESOLVED", "Seen", "descend", "differences", "finer_than_tabulated", "look_up"]
@@ -26,10 +26,8 @@ FOUND, FAR, UNRESOLVED = 0, 1, 2
 """Ends of a search: resolved; no shape of the model near; not resolved on the finest lattice."""
 
 _CELLS_PER_SD, _CELLS_PER_FEATURE, _CELLS_ACROSS = 3.0, 1.25, 0.9
-_COARSE_DROP, _DROP = 12.0, 17.0  # of the log density, within which cells carry a posterior
-_AT_BORDER = 1e-4  # of the largest density: cells at the border of the domain that carry more ask for smaller ones
 _NARROWED = 0.7  # cells across a ridge, from which on the cells unlikely on a level are omitted below
-_HOPELESS = 100.0  # more squared distance than the nearest node so far: not worth a logarithm
+_HOPELESS = 100.0  # squared distance beyond that of the nearest node so far, from which on a node is skipped
 _TO_BORDER = 10  # column of the pyramid
 _INTERPOLATED = 3  # levels below the finest lattice, each twice as fine as the one before
 
@@ -135,7 +133,7 @@ def _first_spans(seen: Seen, lattice: Floats, low: Floats, step: Floats) -> tupl
     first, last = np.full(rows, columns), np.full(rows, -1)
     for i in range(rows):
         for j in range(columns):
-            if log_density[i, j] > best - _COARSE_DROP:
+            if log_density[i, j] > best - COARSE_DROP:
                 first[i] = min(first[i], j)
                 last[i] = j
     return np.sqrt(nearest), best, first, last
@@ -202,7 +200,7 @@ def _likely_spans(
 def _at_border(lattice: Floats, finer: int, row: Integers, column: Integers, weights: Floats) -> bool:
     nearest = np.inf
     for k in range(len(row)):
-        if weights[k] > _AT_BORDER:
+        if weights[k] > AT_BORDER:
             nearest = min(nearest, lattice[row[k] // finer, column[k] // finer, _TO_BORDER])
     return nearest <= 1.0
 
@@ -260,5 +258,5 @@ def descend(
             total = weights.sum()
             return FOUND, level, np.sqrt(square), best, total * cell[0] * cell[1], row, column, weights / total
         if across >= _NARROWED:
-            first, last = _likely_spans(row, column, log_density, best - _DROP, shape)
+            first, last = _likely_spans(row, column, log_density, best - DROP, shape)
     return UNRESOLVED, last_level, distance, best, 0.0, nobody, nobody, nothing
