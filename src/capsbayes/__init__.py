@@ -71,7 +71,7 @@ if TYPE_CHECKING:
     from capsbayes.plan import LabErrors, error_budget, flow_design, identifiability_map, sobol_indices
     from capsbayes.profile import Profile
     from capsbayes.quantity import Quantity
-    from capsbayes.show.write_report import write_report
+    from capsbayes.show.report import write_report
     from capsbayes.status import Status
     from capsbayes.surrogate import Surrogate
 

@@ -38,7 +38,7 @@ class Parameter:
     Examples
     --------
     >>> PARAMETERS["capsule_radius"].label
-    'a [um]'
+    'a [µm]'
     >>> round(PARAMETERS["surface_shear_modulus"].shown(0.04), 6)
     40.0
     """
@@ -64,8 +64,7 @@ class Parameter:
     @property
     def axis_label(self) -> str:
         """Label for the axis of a figure."""
-        unit = self.shown_unit.replace("um", "µm").replace("uL", "µL")
-        return f"${self.latex}$ [{unit}]" if unit not in ("", "-") else f"${self.latex}$"
+        return f"${self.latex}$ [{self.shown_unit}]" if self.shown_unit not in ("", "-") else f"${self.latex}$"
 
     def shown(self, value: float) -> float:
         """Value in the unit people read."""
@@ -79,19 +78,19 @@ def _ratio(name: str, symbol: str, latex: str, meaning: str, unit: str = "-") ->
 _TABLE = (
     # of the capsule
     Parameter("surface_shear_modulus", "G_s", r"G_\mathrm{s}", "N/m", "mN/m", 1e3, "shear modulus of the membrane"),
-    Parameter("capsule_radius", "a", "a", "m", "um", 1e6, "radius of the capsule at rest"),
+    Parameter("capsule_radius", "a", "a", "m", "µm", 1e6, "radius of the capsule at rest"),
     _ratio("bending", "B", "B", "bending modulus of the membrane", "G_s a^2"),
     _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
     _ratio("rest_aspect", "A_0", "A_0", "axis of the shape at rest along the flow over that across"),
     _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area beside a shear"),
     _ratio("strain_hardening", "h", "h", "share of Skalak's energy with C = 1 in that of a neo-Hookean membrane"),
     # of the experiment
-    Parameter("half_width", "l", r"\ell", "m", "um", 1e6, "half width of the channel"),
+    Parameter("half_width", "l", r"\ell", "m", "µm", 1e6, "half width of the channel"),
     _ratio("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "radius of the corners of the channel's section"),
     _ratio("section_aspect", "b/l", r"b/\ell", "depth of the channel along the direction of view over the width seen"),
     Parameter("viscosity", "mu", r"\mu", "Pa s", "Pa s", 1.0, "viscosity of the suspending liquid"),
     Parameter("mean_velocity", "U", "U", "m/s", "mm/s", 1e3, "mean velocity of the undisturbed flow"),
-    Parameter("flow_rate", "Q", "Q", "m^3/s", "uL/min", 6e10, "volume of the liquid that flows through in a time"),
+    Parameter("flow_rate", "Q", "Q", "m^3/s", "µL/min", 6e10, "volume of the liquid that flows through in a time"),
     Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
     Parameter("frame_rate", "f", "f", "1/s", "1/s", 1.0, "pictures per second of a film"),
     # of the flow problem
@@ -112,8 +111,8 @@ _TABLE = (
     _ratio("minimum_tension", "tau_min", r"\tau_\mathrm{min}", "smallest principal tension of the membrane", "G_s"),
     _ratio("wrinkling_rate", "sigma", r"\sigma", "growth rate of wrinkles about the axis, where checked", "U/l"),
     # of the picture, and of what the flow does to the channel
-    Parameter("halo", "delta", r"\delta", "m", "um", 1e6, "distance by which all edges are found too far out"),
-    Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "us", 1e6, "time for which a picture is exposed"),
+    Parameter("halo", "delta", r"\delta", "m", "µm", 1e6, "distance by which all edges are found too far out"),
+    Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "µs", 1e6, "time for which a picture is exposed"),
     Parameter("pixel_scale", "eps_p", r"\epsilon_\mathrm{p}", "-", "%", 1e2, "relative error of the size of a pixel"),
     Parameter("swelling", "s_l", r"s_\ell", "s/m", "% per mm/s", 0.1, "relative widening of the channel per velocity"),
     # of the membranes of a session, and of the liquid

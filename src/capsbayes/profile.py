@@ -254,3 +254,9 @@ def _furthest(points: Floats, outline: Floats) -> float:
     along = np.clip((apart_z * edge_z + apart_y * edge_y) / square, 0.0, 1.0)
     squared = (apart_z - along * edge_z) ** 2 + (apart_y - along * edge_y) ** 2
     return float(np.sqrt(squared.min(axis=1).max()))
+
+
+def arc_share(outline: Floats) -> Floats:
+    """Return the share of the perimeter of an outline (p, 2) from its first vertex to each : (p,) array [%]."""
+    lengths = edge_lengths(outline)
+    return np.asarray(100.0 * np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / lengths.sum())

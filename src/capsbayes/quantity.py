@@ -369,12 +369,12 @@ class Quantity:
         Examples
         --------
         >>> Quantity(25e-6, 2e-7, "m").shown("half_width")
-        '25 +/- 0.2 um'
+        '25 +/- 0.2 µm'
         """
         known = PARAMETERS[name]
         scale, unit = known.scale, known.shown_unit
         if self.unit == "m" and known.unit == "l":
-            scale, unit = 1e6, "um"
+            scale, unit = 1e6, "µm"
         first, second = (scale * number for number in self.parameters)
         if self.shape in ("uniform", "log-uniform"):
             return f"{'' if self.power else 'log-uniform '}{first:.4g} .. {second:.4g} {unit}"

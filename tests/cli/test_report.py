@@ -29,7 +29,7 @@ def test_the_folder_of_identify_becomes_a_page(here):
 
 
 def test_a_population_becomes_a_page_of_at_most_so_many_rows(here):
-    population().to_netcdf(here / "run.nc", engine="h5netcdf")
+    population().write(here / "run.nc")
     assert run("run.nc", "--rows", 3).exit_code == 0
     assert "The 3 worst of 8 are shown; the others are in run.nc." in (here / "report.html").read_text(encoding="utf-8")
 
@@ -47,7 +47,7 @@ def test_a_population_becomes_a_page_of_at_most_so_many_rows(here):
 def test_a_mistake_is_one_line_and_exit_status_2(here, monkeypatch, capsys, arguments, message):
     (here / "empty").mkdir()
     (here / "text.nc").write_text("no numbers")
-    population().to_netcdf(here / "run.nc", engine="h5netcdf")
+    population().write(here / "run.nc")
     monkeypatch.setattr(sys, "argv", ["capsbayes", "report", *arguments])
     with pytest.raises(SystemExit) as caught:
         capsbayes.cli.main()

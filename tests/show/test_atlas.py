@@ -6,11 +6,10 @@ import pytest
 
 from capsbayes.database import VARIABLES, Database
 from capsbayes.errors import DatabaseError
-from capsbayes.show.atlas import atlas
-from capsbayes.show.atlas_changes import changes, changes_figure
-from capsbayes.show.atlas_maps import lengths_figure, velocity_figure, velocity_surface_figure
-from capsbayes.show.atlas_plane import border_curve, cases_figure, kinds_of_case
-from capsbayes.show.atlas_shapes import cases_of_cell, shapes_figure, table_of_cases
+from capsbayes.show.figures.atlas import atlas, changes, changes_figure
+from capsbayes.show.figures.atlas_maps import lengths_figure, velocity_figure, velocity_surface_figure
+from capsbayes.show.figures.atlas_plane import border_curve, cases_figure, kinds_of_case
+from capsbayes.show.figures.atlas_shapes import cases_of_cell, shapes_figure, table_of_cases
 from capsbayes.surrogate import Surrogate
 
 SNAP_COLUMNS = (1.025, 1.05, 1.1)

@@ -7,7 +7,7 @@ import pytest
 from browser import needs_browser, seen_in_browser
 from results import grown, population, posterior
 
-from capsbayes.show.write_report import report_page
+from capsbayes.show.report import report_page
 
 pytestmark = needs_browser
 

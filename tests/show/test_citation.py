@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from capsbayes.show import citation
+from capsbayes.show.pages import citation
 
 STATED = yaml.safe_load((Path(__file__).parents[2] / "CITATION.cff").read_text(encoding="utf-8"))
 

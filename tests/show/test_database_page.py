@@ -7,8 +7,9 @@ import manufactured
 import numpy as np
 import pytest
 
-from capsbayes.show.database_page import database_page
-from capsbayes.show.database_tables import domain_sentence, domain_table
+from capsbayes.show.pages.database import database_page
+from capsbayes.show.tables.database import domain_sentence, domain_table
+from capsbayes.show.tables.table import html_table
 from capsbayes.status import Status
 
 
@@ -46,7 +47,7 @@ def test_each_part_is_there(database, page):
 
 
 def test_the_domain_of_existence_is_told_column_by_column(database):
-    rows = re.findall(r"<tr>(.*?)</tr>", domain_table(database))
+    rows = re.findall(r"<tr>(.*?)</tr>", html_table(domain_table(database)))
     assert len(rows) == 1 + 9
     last = re.findall(r"<td[^>]*>(.*?)</td>", rows[-1])
     assert last[0] == "1.15"
@@ -60,7 +61,7 @@ def test_an_effect_is_told_value_by_value():
     from capsbayes.database import Database
 
     effect = Database.open("square-unsteadiness")
-    rows = re.findall(r"<tr>(.*?)</tr>", domain_table(effect))
+    rows = re.findall(r"<tr>(.*?)</tr>", html_table(domain_table(effect)))
     columns = sum(len(np.unique(effect.at_value(value)["size_ratio"])) for value in effect.values)
     assert len(rows) == 1 + columns
     assert "unsteadiness" in rows[0]

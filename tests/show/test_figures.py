@@ -1,4 +1,3 @@
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +8,10 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
 from capsbayes.infer.deterministic import DeterministicAnswer
+from capsbayes.infer.outline.band import band
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.show import corner_plot, outline_figure, outline_plot
-from capsbayes.show.outline_plot import band
 
 
 @pytest.fixture(scope="module")
@@ -53,13 +52,6 @@ def test_the_corner_plot_marks_the_deterministic_answer(posterior):
     (marker,) = (line for line in axes[1, 0].lines if line.get_marker() == "D")
     np.testing.assert_allclose([marker.get_xdata()[0], marker.get_ydata()[0]], [41.0, 0.959])
     assert "deterministic" in figure.legends[0].get_texts()[0].get_text()
-
-
-def test_the_corner_library_stays_whole_for_others(posterior):
-    corner_plot(posterior, ("capillary_number", "size_ratio"))
-    assert sys.modules.get("arviz", "absent") is not None
-    if "corner" in sys.modules:
-        assert sys.modules["corner"].corner is not None
 
 
 def test_the_band_lies_along_the_normal():

@@ -6,7 +6,8 @@ import re
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from capsbayes.show.page import image, page, picture, table, typeset
+from capsbayes.show.pages.page import image, page, picture
+from capsbayes.show.tables.table import Strong, html_table, table, typeset
 
 
 def test_text_is_escaped_and_markup_is_not():
@@ -34,11 +35,14 @@ def test_pictures_lie_within_and_are_the_same_each_time():
 
 
 def test_cells_are_escaped_and_numbers_are_marked():
-    made = table(("name", "value"), [("<a>", "1"), (Markup("<b>b</b>"), "2")], numbers=(1,), lead=True)
-    assert '<thead><tr><th class="lead">name</th><th class="number">value</th></tr></thead>' in made
-    assert '<td class="lead">&lt;a&gt;</td><td class="number">1</td>' in made
-    assert '<td class="lead"><b>b</b></td>' in made
-    assert "thead" not in table((), [("a", "b")])
+    made = html_table(table(("name", "value"), [("<a>", "1"), (Strong("<b>"), "2")], numbers=(1,), bars=(1.0, -0.5)))
+    assert '<thead><tr><th>name</th><th class="number">value</th></tr></thead>' in made
+    assert (
+        '<td class="lead">&lt;a&gt;<span class="bar" style="width: 100.0%"></span></td><td class="number">1</td>'
+        in made
+    )
+    assert '<td class="lead"><b>&lt;b&gt;</b><span class="bar below" style="width: 50.0%"></span></td>' in made
+    assert "thead" not in html_table(table(("", ""), [("a", "b")]))
 
 
 def test_symbols():

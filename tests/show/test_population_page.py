@@ -8,10 +8,10 @@ import pytest
 from results import grown, population
 
 from capsbayes.errors import InputError
-from capsbayes.show import Spread
-from capsbayes.show.population_page import population_page
-from capsbayes.show.population_plots import modulus_against_radius, modulus_histogram
-from capsbayes.show.population_rows import worst_first
+from capsbayes.infer.many import Population
+from capsbayes.infer.many.modulus_spread import ModulusSpread
+from capsbayes.show.figures.population import modulus_against_radius, modulus_histogram
+from capsbayes.show.pages.population import population_page
 
 
 def text_of(page):
@@ -20,9 +20,9 @@ def text_of(page):
 
 def test_worst_come_first():
     one = population()
-    order = worst_first(one)
-    assert list(one["status"].values[order[:3]]) == ["NO_CAPSULE", "LEANS_ON_BORDER", "DONE"]
-    width = np.log(one["surface_shear_modulus_upper_95"] / one["surface_shear_modulus_lower_95"]).values[order[2:]]
+    order = one.worst_first()
+    assert list(one["status"][order[:3]]) == ["NO_CAPSULE", "LEANS_ON_BORDER", "DONE"]
+    width = np.log(one["surface_shear_modulus_upper_95"] / one["surface_shear_modulus_lower_95"])[order[2:]]
     assert np.all(np.diff(width) < 0.0)
     assert sorted(order) == list(range(8))
 
@@ -30,9 +30,9 @@ def test_worst_come_first():
 def test_the_headline_is_of_the_capsules_that_can_be_used():
     one = population()
     page = population_page(one)
-    used = one["surface_shear_modulus_median"].values[one["status"].values == "DONE"]
+    used = one["surface_shear_modulus_median"][one["status"] == "DONE"]
     assert re.search(rf"Median G<sub>s</sub> = {1e3 * np.median(used):.0f}(\.\d+)? mN/m", page)
-    assert "6 of 8 capsules ended as they should; the other 2 are left out" in page
+    assert "The intervals of 6 of 8 capsules can be used; the other 2 are omitted" in page
     assert "No capsule was found between the walls." in page
     assert "capsule 1 &lt;b&gt;" in page
 
@@ -59,8 +59,8 @@ def test_numbers_of_the_table_are_in_the_units_of_its_headings():
 def test_the_histogram_holds_each_capsule_once_and_the_spread_as_many():
     from matplotlib.patches import StepPatch
 
-    modulus = population()["surface_shear_modulus_median"].values
-    spread = Spread(np.log(np.nanmedian(modulus)), 0.2)
+    modulus = population()["surface_shear_modulus_median"]
+    spread = ModulusSpread(np.log(np.nanmedian(modulus)), 0.2)
     ax = modulus_histogram(population(), spread).axes[0]
     (steps,) = (patch for patch in ax.patches if isinstance(patch, StepPatch))
     assert steps.get_data().values.sum() == 6
@@ -73,7 +73,7 @@ def test_the_histogram_holds_each_capsule_once_and_the_spread_as_many():
 
 def test_the_spread_is_said_with_its_interval():
     rng = np.random.default_rng(3)
-    spread = Spread(rng.normal(np.log(0.05), 0.02, 800), np.abs(rng.normal(0.12, 0.01, 800)))
+    spread = ModulusSpread(rng.normal(np.log(0.05), 0.02, 800), np.abs(rng.normal(0.12, 0.01, 800)))
     text = text_of(population_page(population(), spread=spread))
     assert re.search(r"the median Gs of the capsules is 50\.\d mN/m, 95 % \[48\.\d, 52\.\d\]", text)
     assert re.search(r"differ from it by 12 % \(standard deviation of ln Gs, 95 % \[10 %, 14 %\]\)", text)
@@ -82,14 +82,14 @@ def test_the_spread_is_said_with_its_interval():
 def test_usable_capsules_and_others_are_drawn_apart():
     ax = modulus_against_radius(population()).axes[0]
     drawn = {one.get_label(): len(one.lines[0].get_xdata()) for one in ax.containers}
-    assert drawn == {"intervals can be used": 6, "did not end as it should": 1}
+    assert drawn == {"intervals can be used": 6, "intervals cannot be used": 1}
 
 
 def test_a_population_of_failures_has_a_page():
-    failed = population().isel(capsule=[1, 1])
+    failed = Population.of_dataset(population().dataset.isel(capsule=[1, 1]))
     page = population_page(failed)
     assert "No capsule could be identified." in page
-    assert "0 of 2 capsules ended as they should" in page
+    assert "The intervals of 0 of 2 capsules can be used" in page
 
 
 @pytest.mark.parametrize(
@@ -106,4 +106,4 @@ def test_a_population_of_failures_has_a_page():
 )
 def test_what_is_no_population_is_refused(changed, message):
     with pytest.raises(InputError, match=f"run.nc: {message}"):
-        population_page(changed(population()), source="run.nc")
+        Population.of_dataset(changed(population().dataset), "run.nc")

@@ -1,7 +1,7 @@
 import pytest
 
 from capsbayes.infer import Marginal
-from capsbayes.show.rounding import decimals, per_cent, rounded, together, value_words
+from capsbayes.show.words.rounding import decimals, per_cent, rounded, together, value_words
 
 
 @pytest.mark.parametrize(

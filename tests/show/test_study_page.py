@@ -12,12 +12,12 @@ from sessions import drawn_session
 from capsbayes import Surrogate, diagnose
 from capsbayes.diagnosis import Session, Verdict
 from capsbayes.effects import MotionBlur
+from capsbayes.profile import arc_share
 from capsbayes.show import study_page, verdict_sentence
-from capsbayes.show.page import typeset
-from capsbayes.show.study_held_out import chosen_capsules
-from capsbayes.show.study_outline import arc_share, outline_finding
-from capsbayes.show.study_trends import trends
-from capsbayes.show.study_words import lengths_alone, odds_words
+from capsbayes.show.figures.study import trends
+from capsbayes.show.figures.study_outlines import chosen_capsules, outline_finding
+from capsbayes.show.tables.table import typeset
+from capsbayes.show.words.study import lengths_alone, odds_words
 
 BLUR = {"exposure": MotionBlur()}
 
@@ -66,12 +66,12 @@ def test_the_verdict_comes_first_and_each_part_is_there(study, page):
     parts = (
         typeset(verdict_sentence(study)),
         "Where the capsules disagree with it",
-        "as large by chance",
+        "p-value",
         "What would explain it",
         "odds against none",
         "median G",
-        "what would separate it",
-        "held out",
+        "what would distinguish it",
+        "held-out capsules",
         "7 held-out capsules",
         "residual p-value",
         "log score per capsule",
@@ -117,7 +117,7 @@ def test_medians_stand_at_each_flow_rate(study, page):
     assert len(before) >= 3
     for rate, (count, median) in before.items():
         cells = [
-            f"{6e10 * rate:.3g} uL/min",
+            f"{6e10 * rate:.3g} µL/min",
             str(count),
             f"{1e3 * median:.1f} mN/m",
             f"{1e3 * after[rate][1]:.1f} mN/m",

@@ -4,7 +4,7 @@ from matplotlib.collections import PolyCollection
 
 from capsbayes import Simulator
 from capsbayes.physics.stokes.walls import WallDiscretisation
-from capsbayes.show.transient_plot import transient_figure
+from capsbayes.show.figures.simulation import transient_figure
 
 
 @pytest.fixture(scope="module", params=["square", "circular"])

@@ -8,6 +8,7 @@ from polynomial_model import PolynomialModel
 
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature, identify
+from capsbayes.infer.many import Population
 from capsbayes.infer.posterior import REPORTED
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
@@ -60,10 +61,10 @@ def population():
     variables["status"] = ("capsule", np.array(status))
     variables["name"] = ("capsule", np.array([f"capsule {k} <{'ab'[k % 2]}>" for k in range(len(errors))]))
     pedigree = {"version": "0.1.0", "model": MODEL.name, "sha256": MODEL.sha256, "seed": 3, "experiment": "e.toml"}
-    return xr.Dataset(variables, attrs=pedigree)
+    return Population.of_dataset(xr.Dataset(variables, attrs=pedigree))
 
 
 def grown(number):
     """The same capsules over and over."""
-    one = population()
-    return one.isel(capsule=np.arange(number) % one.sizes["capsule"])
+    few = population()
+    return Population.of_dataset(few.dataset.isel(capsule=np.arange(number) % len(few)))

@@ -24,7 +24,7 @@ def atlas(
     from rich.console import Console
 
     from capsbayes.database import Database
-    from capsbayes.show.atlas import atlas as figures_of
+    from capsbayes.show.figures.atlas import atlas as figures_of
 
     whole = Database.read(database) if database.endswith(".nc") else Database.open(database)
     with Console(stderr=True).status("Drawing ..."):

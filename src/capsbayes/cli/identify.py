@@ -59,10 +59,8 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
-    import json
-
     from capsbayes.cli.paths import check_folder
-    from capsbayes.cli.posterior_tables import print_posterior
+    from capsbayes.cli.printing import model_words, print_json, written_words
     from capsbayes.infer import Prior
     from capsbayes.infer import identify as identified
     from capsbayes.measurement import Measurement
@@ -83,9 +81,15 @@ def identify(
     if out is not None:
         _write(posterior, out)
     if as_json:
-        typer.echo(json.dumps(posterior.as_dict(), indent=2))
+        print_json(posterior.as_dict())
     else:
-        print_posterior(posterior, out)
+        from capsbayes.show.terminal import posterior_parts, print_parts
+        from capsbayes.show.words.posterior import status_words
+
+        model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
+        files = written_words(out, "posterior.nc", "summary.json", "corner.png", "outline.png")
+        words, good = status_words(posterior), posterior.status.ok
+        print_parts(*posterior_parts(posterior), model_line, files, status=words, good=good)
     if not posterior.status.ok:
         raise typer.Exit(1)
 
@@ -139,7 +143,7 @@ def _write(posterior: Posterior, out: Path) -> None:
 
     from capsbayes.cli.paths import filled
     from capsbayes.show import corner_plot, outline_figure
-    from capsbayes.show.corner_plot import SHOWN
+    from capsbayes.show.figures.corner import SHOWN
 
     with filled(out) as unfinished:
         posterior.write(unfinished / "posterior.nc")

@@ -10,12 +10,9 @@ import typer
 from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from capsbayes.infer.many import Hierarchy, Population
 
-_MUCH = 0.05  # of the capsules on the border
-_ENOUGH = 10  # capsules, for a population to be looked for unasked
+_ENOUGH = 10  # capsules, for a population to be inferred unasked
 
 
 def population(
@@ -37,10 +34,7 @@ def population(
 
     Exit status: 0 if the intervals can be used, 1 if not, 2 on bad input.
     """
-    import json
-
-    from rich.console import Console
-
+    from capsbayes.cli.printing import print_json
     from capsbayes.experiment import Experiment
     from capsbayes.infer.many import Population, hierarchy
     from capsbayes.surrogate import Surrogate
@@ -57,15 +51,17 @@ def population(
     if found.passed:
         found.added_to(read).write(capsules)
     if as_json:
-        typer.echo(json.dumps(found.as_dict(), indent=2))
+        print_json(found.as_dict())
     else:
-        print_hierarchy(Console(highlight=False), found)
+        from capsbayes.show.terminal import hierarchy_parts, print_parts
+
+        print_parts(*hierarchy_parts(found))
     if not found.passed:
         raise typer.Exit(1)
 
 
 def together(read: Population, out: Path, *, seed: int) -> Hierarchy | None:
-    """What capsules have in common, stored beside them; None where they are few, or under several experiments."""
+    """Infer what capsules have in common and store it with them; None if they are few, or of several experiments."""
     from capsbayes.errors import InputError
     from capsbayes.infer.many import hierarchy
 
@@ -80,38 +76,8 @@ def together(read: Population, out: Path, *, seed: int) -> Hierarchy | None:
     return found
 
 
-def print_hierarchy(console: Console, found: Hierarchy) -> None:
-    """Print medians and 95 % intervals, and what they are owed to."""
-    from rich import box
-    from rich.markup import escape
-    from rich.table import Table
-
-    from capsbayes.parameters import PARAMETERS
-
-    kept = "" if found.least_stretch is None else f" with Lambda above {found.least_stretch:g}, which is accounted for"
-    title = f"The population: {found.capsules} capsules{kept}, their errors removed"
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for heading in ("", "median", "95 %"):
-        table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
-    for name, one in found.marginals.items():
-        about = PARAMETERS[name]
-        middle, low, high = (about.shown(value) for value in (one.median, one.lower_95, one.upper_95))
-        table.add_row(escape(about.label), f"{middle:.3g}", f"{low:.3g} to {high:.3g}")
-    console.print(table)
-    owed = ", ".join(f"{PARAMETERS[name].symbol} {share:.0%}" for name, share in found.shared_share.items())
-    console.print(f"Of the variance of the medians, owed to what all capsules share: {owed}.", markup=False)
-    if found.leaning > _MUCH:
-        console.print(
-            f"{found.leaning:.0%} of the capsules lean on the border of the model: the population may go on beyond it.",
-            markup=False,
-        )
-    for gate in found.gates:
-        if not gate.passed:
-            console.print(f"Do not use the intervals: {gate}", markup=False)
-
-
 def _share(text: str | None) -> float:
-    """A relative error: a number, or one in percent."""
+    """Return a relative error, given as a number or in per cent."""
     from capsbayes.errors import InputError
 
     if text is None:

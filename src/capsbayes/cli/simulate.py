@@ -41,9 +41,10 @@ def simulate(
     if paraview is not None:
         state.save(paraview)
     if plot is not None:
-        from capsbayes.show.shape_plot import write_shape_plot
+        from capsbayes.show.figures.simulation import shape_figure
+        from capsbayes.show.figures.style import write_figure
 
-        write_shape_plot(state, plot)
+        write_figure(shape_figure(state), plot)
 
 
 def _run(simulator: Any, capillary_number: float, size_ratio: float) -> SteadyState:

@@ -57,9 +57,10 @@ def transient(
     if paraview is not None:
         save_series(snapshots, paraview)
     if plot is not None:
-        from capsbayes.show.transient_plot import write_transient_figure
+        from capsbayes.show.figures.simulation import transient_figure
+        from capsbayes.show.figures.style import write_figure
 
-        write_transient_figure(_chosen(snapshots), plot)
+        write_figure(transient_figure(_chosen(snapshots)), plot)
 
 
 def _followed(way: Iterator[Snapshot], until: float) -> list[Snapshot]:

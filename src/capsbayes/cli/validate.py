@@ -98,7 +98,7 @@ def _percent(means: Iterable[float], sds: Iterable[float], *, digits: int) -> li
 def _write(out: Path, studies: Studies, figures: dict[str, Any]) -> None:
     import json
 
-    from capsbayes.show.error_maps import heat_maps
+    from capsbayes.show.figures.error_maps import heat_maps
 
     out.mkdir(parents=True, exist_ok=True)
     (out / "validation.json").write_text(json.dumps(figures, indent=2) + "\n")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.diagnosis.finding import Deviation
 from capsbayes.diagnosis.fits import Fits
 from capsbayes.diagnosis.session import Session
 from capsbayes.infer.outline.likelihood import aligned_with
@@ -143,6 +144,29 @@ class Comparison:
         error = distances.std(axis=0, ddof=1) / np.sqrt(len(distances))
         middle = self.outlines[list(self.edges)].mean(axis=0)
         return AlongOutline(middle, self._metres * distances.mean(axis=0), self._metres * error)
+
+    def trend_line(self, slope: Deviation, places: Floats, at: Floats) -> Floats:
+        """Return G_s along a slope of ln G_s through the weighted middle of the capsules.
+
+        Parameters
+        ----------
+        slope : Deviation
+            Trend of ln G_s with a quantity.
+        places : (m,) array
+            That quantity for each settled capsule.
+        at : (k,) array
+            Its values along the line.
+
+        Returns
+        -------
+        (3, k) array [N/m]
+            The line, and the line with the slope less and plus its standard error.
+        """
+        settled = self.fits.settled
+        weight = 1.0 / self.fits.covariance[settled, 0, 0]
+        middle, height = (np.average(values, weights=weight) for values in (places, self.fits.log_modulus[settled]))
+        slopes = slope.size + slope.error * np.array([0.0, -1.0, 1.0])
+        return np.asarray(np.exp(height + slopes[:, None] * (at - middle)))
 
     @property
     def _metres(self) -> float:

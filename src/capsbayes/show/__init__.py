@@ -1,23 +1,18 @@
-"""Report: figures of results, as functions that return matplotlib's figures and axes, and pages that hold them."""
+"""Presentation of results: sentences, tables for terminal and page, figures, and pages. Results know nothing of it."""
 
-from capsbayes.show.budget_plot import budget_figure
-from capsbayes.show.corner_plot import corner_plot
-from capsbayes.show.flow_plot import flow_figure
-from capsbayes.show.identifiability_plot import identifiability_figure
-from capsbayes.show.outline_plot import outline_figure, outline_plot
-from capsbayes.show.sobol_plot import sobol_figure
-from capsbayes.show.spread import Spread
-from capsbayes.show.study_page import study_page
-from capsbayes.show.study_words import lengths_alone, verdict_sentence
-from capsbayes.show.write_report import opened, write_report
+from capsbayes.show.figures.corner import corner_plot
+from capsbayes.show.figures.identifiability import identifiability_figure
+from capsbayes.show.figures.outline import outline_figure, outline_plot
+from capsbayes.show.figures.plan import budget_figure, flow_figure, sobol_figure
+from capsbayes.show.pages.study import study_page
+from capsbayes.show.report import opened, write_report
+from capsbayes.show.words.study import verdict_sentence
 
 __all__ = [
-    "Spread",
     "budget_figure",
     "corner_plot",
     "flow_figure",
     "identifiability_figure",
-    "lengths_alone",
     "opened",
     "outline_figure",
     "outline_plot",

@@ -20,8 +20,6 @@ from capsbayes.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths
 
 
@@ -52,8 +50,8 @@ def flow(
     Exit status: 0 done, 1 no flow rate is safe or tells G_s, 2 bad input.
     """
     from capsbayes.cli.paths import check_folder
+    from capsbayes.cli.printing import print_json
     from capsbayes.cli.sensitivity.inputs import read_lab
-    from capsbayes.cli.sensitivity.output import as_json as text_of
     from capsbayes.plan import flow_design, simulated_widths
     from capsbayes.quantity import Quantity
     from capsbayes.work.progress import tracked
@@ -71,7 +69,7 @@ def flow(
     if out is not None:
         _write(design, everything, out)
     if as_json:
-        typer.echo(text_of(everything))
+        print_json(everything)
     else:
         _print(design, tried, out)
     if not design.status.ok:
@@ -81,7 +79,7 @@ def flow(
 def _write(design: FlowDesign, everything: dict[str, Any], out: Path) -> None:
     """Write all files, or nothing."""
     from capsbayes.cli.paths import filled
-    from capsbayes.cli.sensitivity.output import write_study
+    from capsbayes.cli.printing import write_study
     from capsbayes.show import flow_figure
 
     with filled(out) as folder:
@@ -90,55 +88,14 @@ def _write(design: FlowDesign, everything: dict[str, Any], out: Path) -> None:
 
 
 def _print(design: FlowDesign, tried: SimulatedWidths | None, out: Path | None) -> None:
-    from rich.console import Console
+    from capsbayes.cli.printing import model_words, written_words
+    from capsbayes.show.tables.plan import flow_table
+    from capsbayes.show.terminal import print_parts
 
-    console = Console(highlight=False)
-    console.print(_table(design))
-    for line in _lines(design, tried):
-        console.print(line, markup=False)
-    if out is not None:
-        console.print(f"Written to {out}: flow.json, flow.csv, flow.png.", markup=False)
-    console.print(f"Status: {design.status}", style="green" if design.status.ok else "bold red")
-
-
-def _table(design: FlowDesign) -> Table:
-    """Some of the velocities, and the best."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table(title="Expected width of G_s", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.title_justify = "left"
-    for heading in (
-        "U\nmm/s",
-        "Q\nuL/min",
-        "v_o\nmm/s",
-        "Ca",
-        "G_s\n+/-",
-        "a\n+/-",
-        "next to\nborder",
-        "beyond\nlimit",
-        "",
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for number, point in enumerate(design.points):
-        if point is design.best or number % 12 == 11:
-            table.add_row(*_cells(point), "best" if point is design.best else "" if point.allowed else "no")
-    table.caption = "no: not to be chosen, for the posterior leans on the border of the database, or it is too near"
-    table.caption_justify = "left"
-    return table
-
-
-def _cells(point: FlowPoint) -> list[str]:
-    return [
-        f"{1e3 * point.mean_velocity:.3g}",
-        f"{6e10 * point.flow_rate:.3g}",
-        f"{1e3 * point.capsule_velocity:.3g}",
-        f"{point.capillary_number:.3g}",
-        f"{point.relative:.1%}",
-        f"{point.relative_radius:.1%}",
-        f"{point.leaning:.0%}",
-        f"{point.beyond_limit:.1%}",
-    ]
+    model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
+    files = written_words(out, "flow.json", "flow.csv", "flow.png")
+    lines = [*_lines(design, tried), model_line, files]
+    print_parts(flow_table(design), *lines, status=design.status, good=design.status.ok)
 
 
 def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:
@@ -153,7 +110,7 @@ def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:
             f"{len(tried.relative)} simulated capsules came out at +/- {tried.mean:.1%} (standard error "
             f"{tried.standard_error:.1%}), {tried.within.mean():.0%} of them within their 68 % interval."
         )
-    return [*lines, f"Model: {design.lab['model']}, sha256 {design.lab['model_sha256'][:12]}; seed {design.seed}."]
+    return lines
 
 
 def _best_lines(design: FlowDesign, best: FlowPoint, limit: str) -> list[str]:

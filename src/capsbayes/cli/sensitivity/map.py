@@ -42,13 +42,11 @@ def identifiability(
 
     The map has no randomness. Exit status: 0 done, 2 bad input.
     """
-    from rich.console import Console
-
     from capsbayes.cli.paths import check_folder, filled
+    from capsbayes.cli.printing import model_words, print_json, write_study, written_words
     from capsbayes.cli.sensitivity.inputs import read_lab
-    from capsbayes.cli.sensitivity.output import as_json as text_of
-    from capsbayes.cli.sensitivity.output import write_study
     from capsbayes.plan import identifiability_map
+    from capsbayes.show.terminal import print_parts
     from capsbayes.work.progress import tracked
 
     check_folder("--out", out)
@@ -64,13 +62,10 @@ def identifiability(
             write_study(folder, "map", short, identifiability_figure(found))
             identifiability_figure(found, "capsule_radius").savefig(folder / "map-radius.png", dpi=140)
     if as_json:
-        typer.echo(text_of(short))
+        print_json(short)
         return
-    console = Console(highlight=False)
-    for line in _lines(short):
-        console.print(line, markup=False)
-    if out is not None:
-        console.print(f"Written to {out}: map.nc, map.json, map.png, map-radius.png.", markup=False)
+    files = written_words(out, "map.nc", "map.json", "map.png", "map-radius.png")
+    print_parts(*_lines(short), model_words(short["model"], short["model_sha256"]), files)
 
 
 def _short(found: xr.Dataset) -> dict[str, Any]:
@@ -127,5 +122,4 @@ def _lines(short: dict[str, Any]) -> list[str]:
         f"Of {short['points']} points, " + ", ".join(f"{share:.0%} to {level}" for level, share in below.items()) + ".",
         f"At {short['share_of_points_that_lean_on_the_border']:.0%} of them the posterior leans on the border of the "
         "database: the width is cut there, and not measured.",
-        f"Model: {short['model']}, sha256 {short['model_sha256'][:12]}.",
     ]

@@ -10,8 +10,6 @@ import typer
 from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from capsbayes.plan import SobolStudy
     from capsbayes.quantity import Quantity
 
@@ -40,8 +38,7 @@ def sobol(
     from rich.console import Console
 
     from capsbayes.cli.paths import check_folder, filled
-    from capsbayes.cli.sensitivity.output import as_json as text_of
-    from capsbayes.cli.sensitivity.output import write_study
+    from capsbayes.cli.printing import model_words, print_json, write_study, written_words
     from capsbayes.measurement import Measurement
     from capsbayes.plan import sobol_indices
 
@@ -58,15 +55,15 @@ def sobol(
         with filled(out) as folder:
             write_study(folder, "sobol", study.as_dict(), sobol_figure(study))
     if as_json:
-        typer.echo(text_of(study.as_dict()))
+        print_json(study.as_dict())
     else:
-        console = Console(highlight=False)
-        console.print(_table(study))
-        for line in _lines(study):
-            console.print(line, markup=False)
-        if out is not None:
-            console.print(f"Written to {out}: sobol.json, sobol.png.", markup=False)
-        console.print(f"Status: {study.status}", style="green" if study.status.ok else "bold red")
+        from capsbayes.show.tables.plan import sobol_table
+        from capsbayes.show.terminal import print_parts
+
+        model_line = model_words(study.model_name, study.model_sha256, study.seed)
+        files = written_words(out, "sobol.json", "sobol.png")
+        lines = [*_lines(study), model_line, files]
+        print_parts(sobol_table(study), *lines, status=study.status, good=study.status.ok)
     if not study.status.ok:
         raise typer.Exit(1)
 
@@ -85,26 +82,6 @@ def _stated(texts: list[str]) -> dict[str, Quantity]:
     return found
 
 
-def _table(study: SobolStudy) -> Table:
-    from rich import box
-    from rich.markup import escape
-    from rich.table import Table
-
-    from capsbayes.parameters import PARAMETERS
-
-    table = Table(title="Sobol indices: alone, and with others", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.title_justify = "left"
-    table.add_column("input", no_wrap=True)
-    for answer in study.indices:
-        table.add_column(escape(PARAMETERS[answer].symbol), justify="right", no_wrap=True)
-    for name, stated in study.ranges.items():
-        cells = [f"{one[name].first:.2f}, {one[name].total:.2f}" for one in study.indices.values()]
-        table.add_row(escape(f"{PARAMETERS[name].symbol} = {stated.shown(name)}"), *cells)
-    errors = [max(max(one.first_error, one.total_error) for one in found.values()) for found in study.indices.values()]
-    table.add_row("95 %, at most", *(f"+/- {error:.2f}" for error in errors))
-    return table
-
-
 def _lines(study: SobolStudy) -> list[str]:
     lines = [f"{study.samples} samples in {study.groups} groups."]
     if study.outside:
@@ -114,5 +91,4 @@ def _lines(study: SobolStudy) -> list[str]:
             f"the answer of the nearest shape. Without their groups the indices of G_s and a change by at most "
             f"{study.change:.3f}."
         )
-    lines += study.notes
-    return [*lines, f"Model: {study.model_name}, sha256 {study.model_sha256[:12]}; seed {study.seed}."]
+    return [*lines, *study.notes]

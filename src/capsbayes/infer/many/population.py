@@ -29,13 +29,22 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["STATISTICS", "Population"]
+__all__ = ["STATISTICS", "SUMMARISED", "Population"]
 
 Floats = NDArray[np.float64]
 
 STATISTICS = tuple(one.name for one in fields(Marginal))
 """Of each quantity."""
 
+SUMMARISED = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
+"""Quantities in the summary of a population."""
+
+_QUANTILES = {"median": 0.5, "lower_quartile": 0.25, "upper_quartile": 0.75, "lower_95": 0.025, "upper_95": 0.975}
+_NEEDED = tuple(
+    f"{name}_{end}"
+    for name in ("surface_shear_modulus", "capsule_radius")
+    for end in ("median", "lower_68", "upper_68", "lower_95", "upper_95")
+)
 _TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
 _LINES = 10_000  # of a table formatted at once
 _USABLE = (Status.DONE, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
@@ -93,6 +102,33 @@ class Population(Readable):
         about = {"units": "1", "long_name": "likelihood of (log(G_s / mu), log(a / l)), a mixture of Gaussians"}
         variables["likelihood"] = (("capsule", "component", "number"), rows.components, about)
         return cls(xr.Dataset(variables, {"number": list(OF_COMPONENTS)}, attributes))
+
+    @classmethod
+    def of_dataset(cls, dataset: xr.Dataset, where: str = "population") -> Population:
+        """Return the population that a dataset holds.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+            Along ``capsule``: at least ``status`` and the summaries of G_s and a.
+        where : str
+            File or name for the message.
+
+        Raises
+        ------
+        InputError
+            Naming what is missing.
+        """
+        if "capsule" not in dataset.sizes:
+            got = f"one with {', '.join(map(str, dataset.sizes))}"
+            raise InputError(where, "", "a table with the dimension capsule", got)
+        for name in ("status", *_NEEDED):
+            if name not in dataset.variables:
+                raise InputError(where, name, "a variable of that name", "none")
+        unknown = sorted(set(map(str, dataset["status"].values)) - set(Status.__members__))
+        if unknown:
+            raise InputError(where, "status", "names of capsbayes.Status", ", ".join(unknown))
+        return cls(dataset)
 
     @classmethod
     def read(cls, path: str | Path) -> Population:
@@ -170,6 +206,43 @@ class Population(Readable):
     def usable(self) -> NDArray[np.bool_]:
         """True where the intervals are those of the measurement, not of a border : (n,) array."""
         return np.isin(self["status"], [status.name for status in _USABLE])
+
+    def worst_first(self) -> NDArray[np.int64]:
+        """Return the order of the capsules: those that cannot be used, then by falling relative width of G_s : (n,)."""
+        return np.lexsort((-np.nan_to_num(self._log_width(), nan=np.inf), self.usable))
+
+    def typical_width(self) -> float:
+        """Return the median over the usable capsules of half of ln(upper / lower) of the 95 % interval of G_s."""
+        widths = 0.5 * self._log_width()[self.usable]
+        known = widths[np.isfinite(widths)]
+        return float(np.median(known)) if known.size else float("nan")
+
+    def _log_width(self) -> Floats:
+        """Logarithm of the ratio of the ends of the 95 % interval of G_s : (n,) array."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.log(self["surface_shear_modulus_upper_95"] / self["surface_shear_modulus_lower_95"]))
+
+    def summary(self) -> pd.DataFrame:
+        """Return the distribution of the medians of the usable capsules, SI, one row a quantity.
+
+        Columns: ``unit``, ``median``, quartiles and 95 % range of the medians, and ``error``, the median half width of
+        the 68 % interval of one capsule. Without rows if no capsule can be used.
+        """
+        import pandas as pd
+
+        rows = {}
+        for name in SUMMARISED:
+            medians = self[f"{name}_median"][self.usable] if f"{name}_median" in self.dataset else np.empty(0)
+            if not np.isfinite(medians).any():
+                continue
+            quantiles = map(float, np.nanquantile(medians, list(_QUANTILES.values())))
+            half = 0.5 * (self[f"{name}_upper_68"] - self[f"{name}_lower_68"])[self.usable]
+            rows[name] = {
+                "unit": PARAMETERS[name].unit,
+                **dict(zip(_QUANTILES, quantiles, strict=True)),
+                "error": float(np.nanmedian(half)),
+            }
+        return pd.DataFrame.from_dict(rows, orient="index")
 
     @property
     def attributes(self) -> dict[str, Any]:

@@ -1,0 +1,88 @@
+"""The spread of G_s in a population with the errors removed: a normal distribution of its logarithm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capsbayes.errors import InputError
+from capsbayes.infer.many.population import Population
+
+__all__ = ["ModulusSpread"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ModulusSpread:
+    """Normal distribution of ln(G_s / (1 N/m)) over the capsules, and how well it is known.
+
+    Parameters
+    ----------
+    mean : float or (d,) array
+        Mean of ln G_s, or draws of its posterior.
+    sd : float or (d,) array
+        Standard deviation of ln G_s from capsule to capsule, or draws of it, paired with those of the mean.
+
+    Raises
+    ------
+    InputError
+        If they are not as many, not finite, or a standard deviation is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> spread = ModulusSpread(mean=np.log(0.05), sd=0.1)
+    >>> middle, low, high = spread.density(np.array([0.05]))
+    >>> float(middle[0].round(3)), bool(low == high)
+    (3.989, True)
+    """
+
+    mean: ArrayLike
+    sd: ArrayLike
+
+    def __post_init__(self) -> None:
+        mean, sd = (np.atleast_1d(np.asarray(values, dtype=float)) for values in (self.mean, self.sd))
+        if mean.ndim != 1 or mean.shape != sd.shape:
+            raise InputError("ModulusSpread", "mean, sd", "arrays of one length", f"{mean.shape} and {sd.shape}")
+        if not (np.isfinite(mean).all() and np.isfinite(sd).all() and (sd > 0.0).all()):
+            raise InputError("ModulusSpread", "mean, sd", "finite numbers, standard deviations above zero", "others")
+        object.__setattr__(self, "mean", mean)
+        object.__setattr__(self, "sd", sd)
+
+    @classmethod
+    def of_population(cls, population: Population) -> ModulusSpread | None:
+        """Return the spread that is stored with a population; None if there is none."""
+        names = ("population_surface_shear_modulus", "population_modulus_spread")
+        if any(name not in population.dataset for name in names):
+            return None
+        median, sd = (population[name] for name in names)
+        return cls(np.log(median), sd)
+
+    def density(self, modulus: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Return the density of ln G_s at given G_s: median and 95 % band over the draws.
+
+        Parameters
+        ----------
+        modulus : (n,) array [N/m]
+
+        Returns
+        -------
+        middle, low, high : (n,) arrays
+        """
+        mean, sd = np.asarray(self.mean)[:, None], np.asarray(self.sd)[:, None]
+        each = np.exp(-0.5 * ((np.log(modulus) - mean) / sd) ** 2) / (sd * np.sqrt(2.0 * np.pi))
+        middle, low, high = np.quantile(each, [0.5, 0.025, 0.975], axis=0)
+        return middle, low, high
+
+    @property
+    def median(self) -> Floats:
+        """Median G_s of the capsules, 50 %, 2.5 % and 97.5 % of its posterior : (3,) array [N/m]."""
+        return np.exp(np.quantile(np.asarray(self.mean), [0.5, 0.025, 0.975]))
+
+    @property
+    def relative(self) -> Floats:
+        """Spread of G_s over its median, 50 %, 2.5 % and 97.5 % of its posterior : (3,) array."""
+        return np.quantile(np.asarray(self.sd), [0.5, 0.025, 0.975])

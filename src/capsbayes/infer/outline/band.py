@@ -1,0 +1,30 @@
+"""The band of predicted outlines: their mean, and 95 % of the distances along its normal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["band"]
+
+Floats = NDArray[np.float64]
+
+
+def band(outlines: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the mean outline and the 2.5 % and 97.5 % quantiles of the distance from it along its normal.
+
+    Parameters
+    ----------
+    outlines : (d, p, 2) array
+        Corresponding points, columns (z, y), counter-clockwise.
+
+    Returns
+    -------
+    middle, inner, outer : (p, 2) arrays
+    """
+    middle = outlines.mean(axis=0)
+    tangent = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1) / np.hypot(*tangent.T)[:, None]
+    distance = np.einsum("dpk,pk->dp", outlines - middle, normal)
+    low, high = np.quantile(distance, [0.025, 0.975], axis=0)
+    return middle, middle + low[:, None] * normal, middle + high[:, None] * normal

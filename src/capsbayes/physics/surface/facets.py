@@ -1,0 +1,52 @@
+"""Small flat triangles in place of curved elements, to draw a surface without seams."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradient
+
+__all__ = ["facets"]
+
+Floats = NDArray[np.float64]
+
+
+def facets(elements: NDArray[np.int64], nodes: Floats, parts: int = 6) -> tuple[Floats, Floats]:
+    """Divide each quadratic element into ``parts**2`` flat triangles.
+
+    Parameters
+    ----------
+    elements : (e, 6) int array
+    nodes : (N, 3) array
+    parts : int
+        Of an edge of an element.
+
+    Returns
+    -------
+    corners : (t, 3, 3) array
+    normals : (t, 3) array
+        Outward unit normals of the smooth surface.
+    """
+    grid, triangles = _subdivision(parts)
+    shapes = p2(grid)
+    corners = (shapes @ nodes[elements])[:, triangles].reshape(-1, 3, 3)
+    normals = (shapes @ _normals(nodes, elements)[elements])[:, triangles].reshape(-1, 3, 3).mean(axis=1)
+    return corners, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _subdivision(parts: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Points (p, 2) of a grid on the unit triangle, and the corners (t, 3) of its small triangles."""
+    index = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
+    place = {key: k for k, key in enumerate(index)}
+    triangles = [(place[i, j], place[i + 1, j], place[i, j + 1]) for i, j in index if i + j < parts]
+    triangles += [(place[i + 1, j], place[i + 1, j + 1], place[i, j + 1]) for i, j in index if i + j < parts - 1]
+    return np.array(index) / parts, np.array(triangles)
+
+
+def _normals(nodes: Floats, elements: NDArray[np.int64]) -> Floats:
+    """Outward normals (N, 3) at the nodes, averaged over the elements there: they leave no seams."""
+    tangents = np.einsum("qka,eki->eqai", p2_gradient(LOCAL_NODES), nodes[elements])
+    total = np.zeros_like(nodes)
+    np.add.at(total, elements, np.cross(tangents[:, :, 0], tangents[:, :, 1]))
+    return total / np.linalg.norm(total, axis=1, keepdims=True)

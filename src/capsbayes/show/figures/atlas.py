@@ -1,0 +1,114 @@
+"""The atlas of a database: what it covers, its shapes and maps, and what an effect changes, as figures."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.database import NO_EFFECT, Database
+from capsbayes.errors import DatabaseError
+from capsbayes.parameters import PARAMETERS
+from capsbayes.show.figures.atlas_maps import lengths_figure, velocity_figure, velocity_surface_figure
+from capsbayes.show.figures.atlas_plane import cases_figure, heading, of_effect, prepare_plane
+from capsbayes.show.figures.atlas_shapes import shapes_figure
+from capsbayes.show.figures.style import new_figure
+from capsbayes.surrogate import Surrogate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["atlas", "changes", "changes_figure"]
+
+Floats = NDArray[np.float64]
+
+_QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
+
+
+def atlas(database: Database) -> dict[str, Figure]:
+    """Draw the figures of a database.
+
+    Parameters
+    ----------
+    database : Database
+
+    Returns
+    -------
+    dict of str to Figure
+        Always ``"cases"`` and ``"shapes"``; of an effect ``"changes"``; else ``"velocity"``, ``"velocity-surface"``
+        and ``"lengths"``, unless the cases are too few for a surrogate.
+
+    Raises
+    ------
+    DatabaseError
+        If no case has a steady state.
+    """
+    if not len(database.converged):
+        raise DatabaseError(f"expected a database with steady states to draw, got none in {len(database)} cases")
+    figures = {"cases": cases_figure(database), "shapes": shapes_figure(database)}
+    if database.effect != NO_EFFECT:
+        return figures | {"changes": changes_figure(database)}
+    with contextlib.suppress(DatabaseError):
+        surrogate = Surrogate(database)
+        figures["velocity"] = velocity_figure(surrogate)
+        figures["velocity-surface"] = velocity_surface_figure(surrogate)
+        figures["lengths"] = lengths_figure(surrogate)
+    return figures
+
+
+def changes(database: Database, value: float, name: str) -> tuple[Floats, Floats, Floats]:
+    """Return the relative change of a quantity from the null value to another, over the cases that both have.
+
+    Parameters
+    ----------
+    database : Database
+        Of an effect.
+    value : float
+        One of its values.
+    name : str
+        Of the quantity, as ``"axial_extent"``.
+
+    Returns
+    -------
+    capillary_number, size_ratio, change : (c,) arrays [-]
+    """
+    there, null = (database.at_value(each).converged for each in (value, database.null_value))
+    places = [list(zip(cases["capillary_number"], cases["size_ratio"], strict=True)) for cases in (there, null)]
+    before = dict(zip(places[1], null[name], strict=True))
+    both = [row for row, place in enumerate(places[0]) if place in before]
+    change = there[name][both] / np.array([before[places[0][row]] for row in both]) - 1.0
+    return there["capillary_number"][both], there["size_ratio"][both], change
+
+
+def changes_figure(database: Database) -> Figure:
+    """Draw the changes of L_z, L_a and v_o/U, a row for each value of the effect, a scale for each quantity.
+
+    Parameters
+    ----------
+    database : Database
+        Of an effect.
+
+    Returns
+    -------
+    Figure
+    """
+    values = [value for value in database.values if value != database.null_value]
+    figure = new_figure(9.6, 1.9 + 2.3 * len(values))
+    axes = figure.subplots(len(values), len(_QUANTITIES), squeeze=False, sharex=True, sharey=True)
+    for column, name in zip(axes.T, _QUANTITIES, strict=True):
+        changed = [changes(database, value, name) for value in values]
+        largest = 100.0 * max(float(np.abs(change).max(initial=1e-6)) for *_, change in changed)
+        colours: dict[str, Any] = {"vmin": -largest, "vmax": largest, "cmap": "PuOr"}
+        style = {"s": 26, "edgecolors": "#555555", "linewidths": 0.4}
+        for ax, (ca, size, change) in zip(column, changed, strict=True):
+            prepare_plane(ax, database).label_outer()
+            drawn = ax.scatter(ca, size, c=100.0 * change, **colours, **style)
+        label = f"change of ${PARAMETERS[name].latex}$ [%]"
+        figure.colorbar(drawn, ax=list(column), location="bottom", label=label, aspect=30)
+    for ax, value in zip(axes[:, 1], values, strict=True):
+        ax.set_title(of_effect(database, value), fontsize=11)
+    null = of_effect(database, database.null_value)
+    figure.suptitle(f"{heading(database)}; change from {null}", fontsize=11)
+    return figure

@@ -1,0 +1,134 @@
+"""Figures of many capsules: the histogram of G_s, and G_s against a."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from capsbayes.infer.many import Population
+from capsbayes.infer.many.modulus_spread import ModulusSpread
+from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.show.figures.style import ACCENT, INK, PALE, framed, legend_below, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["modulus_against_radius", "modulus_histogram"]
+
+_MOST_BARS = 400  # error bars of more capsules would hide each other
+_MODULUS, _RADIUS = PARAMETERS["surface_shear_modulus"], PARAMETERS["capsule_radius"]
+
+
+def modulus_histogram(population: Population, spread: ModulusSpread | None = None) -> Figure:
+    """Draw the medians of G_s as a histogram, and over it the spread with the errors removed.
+
+    Capsules whose intervals cannot be used are left out.
+
+    Parameters
+    ----------
+    population : Population
+    spread : ModulusSpread, optional
+
+    Returns
+    -------
+    Figure
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    figure = new_figure(5.8, 3.6)
+    ax = figure.subplots()
+    medians = population[f"{_MODULUS.name}_median"][population.usable]
+    logs = np.log(medians[np.isfinite(medians)])
+    edges = _edges(logs)
+    counts, _ = np.histogram(logs, edges)
+    shown = _MODULUS.scale * np.exp(edges)
+    ax.stairs(counts, shown, fill=True, facecolor=PALE, edgecolor=INK, linewidth=1.0, label="medians, errors in them")
+    if spread is not None and len(logs):
+        _draw_spread(ax, spread, len(logs) * float(edges[1] - edges[0]), edges)
+    _log_scale(ax, "x")
+    ax.set_xlabel(_MODULUS.axis_label)
+    ax.set_ylabel("capsules")
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+    legend_below(figure, framed(ax), 3, fontsize=10)
+    return figure
+
+
+def modulus_against_radius(population: Population) -> Figure:
+    """Draw the median G_s of each capsule against its median radius, with 68 % intervals.
+
+    Parameters
+    ----------
+    population : Population
+
+    Returns
+    -------
+    Figure
+    """
+    figure = new_figure(5.8, 4.2)
+    ax = figure.subplots()
+    use = population.usable
+    bars = int(np.isfinite(population[f"{_MODULUS.name}_median"]).sum()) <= _MOST_BARS
+    for rows, colour, marker, face, label in (
+        (use, INK, "o", INK, "intervals can be used"),
+        (~use, ACCENT, "s", "white", "intervals cannot be used"),
+    ):
+        x, y = (_with_errors(population, parameter, rows) for parameter in (_RADIUS, _MODULUS))
+        seen = np.isfinite(x[0]) & np.isfinite(y[0])
+        if not seen.any():
+            continue
+        errors = {"xerr": x[1][:, seen], "yerr": y[1][:, seen]} if bars else {}
+        style = {"marker": marker, "linestyle": "none", "color": colour, "markerfacecolor": face, "markersize": 4.0}
+        ax.errorbar(x[0][seen], y[0][seen], **errors, **style, elinewidth=0.7, alpha=0.85, label=label)  # type: ignore[arg-type]
+    _log_scale(ax, "y")
+    ax.set_xlabel(_RADIUS.axis_label)
+    ax.set_ylabel(_MODULUS.axis_label)
+    framed(ax)
+    if ax.get_legend_handles_labels()[0]:
+        legend_below(figure, ax, 2, fontsize=10)
+    return figure
+
+
+def _edges(logs: np.ndarray) -> np.ndarray:
+    """Edges of the bars in ln G_s: between 6 and 40 of them, by the rule of Freedman and Diaconis."""
+    if not len(logs):
+        return np.log([1e-3, 1.0])
+    low, high = float(logs.min()), float(logs.max())
+    quartiles = np.quantile(logs, [0.25, 0.75])
+    width = 2.0 * float(quartiles[1] - quartiles[0]) / len(logs) ** (1.0 / 3.0)
+    bars = int(np.clip(np.ceil((high - low) / width) if width > 0.0 else 1, 6, 40))
+    margin = max(0.5 * (high - low) / bars, 0.005)
+    return np.linspace(low - margin, high + margin, bars + 1)
+
+
+def _draw_spread(ax: Axes, spread: ModulusSpread, area: float, edges: np.ndarray) -> None:
+    """The normal distribution of ln G_s, in capsules to a bar, with its 95 % band."""
+    reach = 3.0 * float(spread.relative[0])
+    middle = float(np.log(spread.median[0]))
+    modulus = np.exp(np.linspace(min(edges[0], middle - reach), max(edges[-1], middle + reach), 400))
+    line, low, high = (area * density for density in spread.density(modulus))
+    shown = _MODULUS.scale * modulus
+    ax.plot(shown, line, color=ACCENT, linewidth=1.8, label="errors removed")
+    ax.fill_between(shown, low, high, color=ACCENT, alpha=0.25, linewidth=0, label="its 95 % band")
+
+
+def _with_errors(population: Population, parameter: Parameter, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Medians (n,) in the unit people read, and the distances (2, n) to the ends of the 68 % intervals."""
+    median, low, high = (
+        parameter.scale * population[f"{parameter.name}_{kind}"][rows] for kind in ("median", "lower_68", "upper_68")
+    )
+    return median, np.nan_to_num(np.maximum(np.stack([median - low, high - median]), 0.0))
+
+
+def _log_scale(ax: Axes, axis: str) -> None:
+    """A logarithmic scale with plain numbers at its ticks, also where it spans less than a decade."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    (ax.set_xscale if axis == "x" else ax.set_yscale)("log")
+    scale = ax.xaxis if axis == "x" else ax.yaxis
+    low, high = ax.get_xlim() if axis == "x" else ax.get_ylim()
+    subs = (1.0, 2.0, 5.0) if high > 8.0 * low else tuple(np.arange(1.0, 10.0, 1.0 if high > 2.0 * low else 0.5))
+    scale.set_major_locator(LogLocator(subs=subs, numticks=12))
+    scale.set_major_formatter(StrMethodFormatter("{x:g}"))
+    scale.set_minor_formatter(NullFormatter())

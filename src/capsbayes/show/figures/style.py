@@ -1,0 +1,86 @@
+"""The style that all figures share: colours, frames, walls, legends, and how they are written to a file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capsbayes.output_file import unfinished
+from capsbayes.parameters import PARAMETERS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "ACCENT",
+    "FILL",
+    "INK",
+    "PALE",
+    "WALL",
+    "closed",
+    "draw_walls",
+    "framed",
+    "legend_below",
+    "new_figure",
+    "ratio_label",
+    "without_l",
+    "write_figure",
+]
+
+INK, PALE, FILL = "#1f5a7a", "#8fc1dc", "#dcebf3"
+ACCENT, WALL = "#c8552b", "#9a9a9a"
+
+
+def new_figure(width: float, height: float, **layout: Any) -> Figure:
+    """Return an empty figure of a size in inches; it belongs to no window."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), **({"layout": "constrained"} | layout))
+
+
+def framed(ax: Axes, hidden: tuple[str, ...] = ("top", "right")) -> Axes:
+    """Hide some sides of the frame of axes."""
+    ax.spines[list(hidden)].set_visible(False)
+    return ax
+
+
+def legend_below(figure: Figure, ax: Axes, columns: int, **style: Any) -> None:
+    """Put the legend of axes below the figure."""
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, **style)
+
+
+def ratio_label(name: str) -> str:
+    """Return the axis label of a ratio."""
+    return f"${PARAMETERS[name].latex}$ [-]"
+
+
+def without_l(name: str) -> str:
+    """Return the symbol of a quantity in LaTeX; of a measured length without the l that it is stated over."""
+    latex = PARAMETERS[name].latex
+    return latex.removesuffix(r"/\ell") if name.startswith("axial") else latex
+
+
+def closed(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points of an outline with the first again at the end : (p + 1, 2) array."""
+    return np.vstack([points, points[:1]])
+
+
+def draw_walls(ax: Axes, ends: tuple[float, float], outer: float, **style: Any) -> None:
+    """Draw both walls of the channel, from y = 1 to an outer height, over l."""
+    whole: dict[str, Any] = {"color": WALL, "linewidth": 0} | style
+    for side in (-1.0, 1.0):
+        ax.fill_between(ends, side, side * outer, **whole)
+
+
+def write_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
+    """Write a figure whole or not at all; the ending chooses the format."""
+    path = Path(path)
+    with unfinished(path) as partial:
+        figure.savefig(partial, format=path.suffix[1:], dpi=160)
+    return path

@@ -1,0 +1,1 @@
+"""Tables of results: each is made once and drawn on the terminal and in HTML by `table`."""

@@ -1,0 +1,91 @@
+"""Tables of the plan of an experiment: error budget, Sobol indices, flow rates."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from capsbayes.parameters import PARAMETERS
+from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, FlowPoint, SobolStudy
+from capsbayes.show.tables.table import Symbols, table
+from capsbayes.show.words.rounding import unit_of, with_unit
+
+__all__ = ["budget_table", "flow_table", "sobol_table"]
+
+_ANSWERS = tuple(PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_radius"))
+
+
+def budget_table(budget: ErrorBudget) -> pd.DataFrame:
+    """Return share, slope and change of G_s and of a for each input."""
+    values = ", ".join(
+        f"{one.symbol} = {with_unit(one.name, budget.value[one.name], '.4g')} ± {100.0 * budget.sd[one.name]:.2g} %"
+        for one in _ANSWERS
+    )
+    head = ["input", *(Symbols(f"{one.symbol}\n{what}") for one in _ANSWERS for what in ("share", "slope", "change"))]
+    rows = [
+        [Symbols(_input(row)), *(cell for one in _ANSWERS for cell in _cells(row, one.name))] for row in budget.rows
+    ]
+    units = " and ".join(one.shown_unit for one in _ANSWERS)
+    note = (
+        "share: of the variance of the logarithm; slope: d ln / d ln of the input; change: with one standard error of "
+        f"the input, in {units}"
+    )
+    return table(head, rows, title=f"Error budget: {values}", note=note, numbers=range(1, 7))
+
+
+def sobol_table(study: SobolStudy) -> pd.DataFrame:
+    """Return first-order and total index of each answer by each input."""
+    rows = [
+        [
+            Symbols(f"{PARAMETERS[name].symbol} = {stated.shown(name)}"),
+            *(f"{of[name].first:.2f}, {of[name].total:.2f}" for of in study.indices.values()),
+        ]
+        for name, stated in study.ranges.items()
+    ]
+    errors = (max(max(index.first_error, index.total_error) for index in of.values()) for of in study.indices.values())
+    rows.append(["95 %, at most", *(f"± {error:.2f}" for error in errors)])
+    head = ["input", *(Symbols(PARAMETERS[answer].symbol) for answer in study.indices)]
+    return table(head, rows, title="Sobol indices: alone, and with others", numbers=range(1, len(head)))
+
+
+def flow_table(design: FlowDesign) -> pd.DataFrame:
+    """Return some of the velocities, and the best."""
+    shown = [point for k, point in enumerate(design.points) if point is design.best or k % 12 == 11]
+    rows = [[*_flow_cells(point), "best" if point is design.best else "" if point.allowed else "no"] for point in shown]
+    quantities = (PARAMETERS[name] for name in _FLOW)
+    head = [f"{one.symbol}{chr(10)}{unit_of(one).strip()}" for one in quantities]
+    head += ["G_s\n±", "a\n±", "next to\nborder", "beyond\nlimit", ""]
+    note = "no: not to be chosen, for the posterior leans on the border of the database, or it is too near"
+    return table(list(map(Symbols, head)), rows, title="Expected width of G_s", note=note, numbers=range(8))
+
+
+_FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
+
+
+def _flow_cells(point: FlowPoint) -> list[str]:
+    values = (point.mean_velocity, point.flow_rate, point.capsule_velocity, point.capillary_number)
+    numbers = [f"{PARAMETERS[name].shown(value):.3g}" for name, value in zip(_FLOW, values, strict=True)]
+    widths = f"{point.relative:.1%}", f"{point.relative_radius:.1%}"
+    return [*numbers, *widths, f"{point.leaning:.0%}", f"{point.beyond_limit:.1%}"]
+
+
+def _input(row: BudgetRow) -> str:
+    """An input with its value and error in the unit people read."""
+    if row.setting is None:
+        return row.words
+    scale, unit = _scale(row.name, row.setting.unit)
+    error = f" ± {scale * row.setting.error:.2g}" if row.setting.error else ""
+    return f"{PARAMETERS[row.name].symbol} = {scale * row.setting.value:.4g}{error}{unit}"
+
+
+def _scale(name: str, unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read a quantity that is stated in a unit: a length may be over l or in metres."""
+    return {"l": (1.0, " l"), "m": (1e6, " µm")}.get(unit, (PARAMETERS[name].scale, unit_of(PARAMETERS[name])))
+
+
+def _cells(row: BudgetRow, quantity: str) -> list[str]:
+    slope, change = row.log_slope.get(quantity), row.change.get(quantity)
+    return [
+        f"{100.0 * row.share[quantity]:.1f} %",
+        "" if slope is None else f"{slope:+.3f}",
+        "" if change is None else f"{PARAMETERS[quantity].shown(change):+.3g}",
+    ]

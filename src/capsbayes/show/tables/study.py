@@ -1,0 +1,118 @@
+"""Tables of a study: the deviations, the candidates, and the held-out capsules before and after."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+
+from capsbayes.diagnosis import NOTHING, UNKNOWN, Finding, Study, Verification
+from capsbayes.show.tables.table import Strong, Symbols, table
+from capsbayes.show.words.rounding import with_unit
+from capsbayes.show.words.study import (
+    deviation_words,
+    odds_words,
+    p_value_words,
+    same_by_chance,
+    size_words,
+    told_words,
+)
+
+__all__ = ["candidate_table", "finding_table", "flow_rate_table", "held_out_table", "meaning_table"]
+
+_MODULUS = "surface_shear_modulus"
+_OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike in all capsules"}
+
+
+def finding_table(finding: Finding) -> pd.DataFrame:
+    """Return every deviation that was tested, the most surprising first."""
+    rows = [(Symbols(one.name), deviation_words(one), p_value_words(one.p_value)) for one in finding.deviations]
+    title = f"Deviations of {finding.capsules} capsules from the model"
+    return table(("where", "size ± standard error (significance)", "p-value"), rows, title=title)
+
+
+def candidate_table(study: Study) -> pd.DataFrame:
+    """Return odds and size of every candidate, of the model without an effect, and of an effect not in the list."""
+    best = max(study.evidence.values())
+    rows: list[tuple[str, ...]] = []
+    for name, evidence in study.evidence.items():
+        odds = Symbols(odds_words(evidence - best)), Symbols(odds_words(evidence))
+        if name in study.scores:
+            scores = study.scores[name]
+            size = Symbols(f"{scores.effect.parameter.symbol} = {size_words(scores)}")
+            modulus = _modulus(scores.modulus[scores.best])
+            verdict = told_words(study, name)
+            rows.append((_named(study, name), f"{scores.log_likelihood_ratio:.1f}", *odds, size, modulus, verdict))
+        else:
+            rows.append((_OTHERS[name], "", *odds, "", "", ""))
+    head = (
+        *("effect", "log-likelihood ratio", "odds against the best", "odds against none", "size"),
+        *(Symbols("median G_s"), "in question?"),
+    )
+    return table(head, rows, title="Effects that were tried", numbers=(1,))
+
+
+def meaning_table(study: Study) -> pd.DataFrame:
+    """Return what each candidate does, and what would distinguish it from the others."""
+    rows = [
+        (
+            _named(study, name),
+            scores.effect.kind.value,
+            Symbols(scores.effect.changes),
+            Symbols(scores.effect.separated_by),
+        )
+        for name, scores in study.scores.items()
+    ]
+    head = ("effect", "kind", "what it changes", "what would distinguish it")
+    return table(head, rows, title="What the effects change")
+
+
+def held_out_table(verification: Verification) -> pd.DataFrame:
+    """Return gap, noise, p-value and shear modulus before and after."""
+    pairs = (verification.before, verification.after)
+    gaps = [f"{1e6 * one.gap:.3f} µm" if math.isfinite(one.gap) else "no outlines" for one in verification.comparisons]
+    noise = [f"{one.noise:.2f} σ" if math.isfinite(one.noise) else "nothing is left over" for one in pairs]
+    before, after = (one.median_modulus for one in verification.comparisons)
+    rows = [
+        ("gap: rms distance of measured and predicted edge", *gaps),
+        ("the same over the stated noise, correlations counted", *noise),
+        ("largest deviation", *(deviation_words(one.deviations[0]) if one.deviations else "" for one in pairs)),
+        ("its p-value (residual p-value)", *map(same_by_chance, pairs)),
+        (
+            "log score per capsule, over that before",
+            "0",
+            f"{verification.log_likelihood_ratio:+.2f} ± {verification.error:.2f}",
+        ),
+        (
+            Symbols("median G_s"),
+            _modulus(before),
+            f"{_modulus(after)} ({100.0 * (after / before - 1.0):+.1f} %)",
+        ),
+    ]
+    return table(
+        (f"{len(verification.log_likelihood_ratios)} held-out capsules", "before", "after"),
+        rows,
+        title="Held-out capsules",
+    )
+
+
+def flow_rate_table(verification: Verification) -> pd.DataFrame | None:
+    """Return the median G_s at each flow rate before and after, None where flow rates are not known."""
+    before, after = (compared.modulus_at_flow_rates for compared in verification.comparisons)
+    if not before:
+        return None
+    rows = [
+        (with_unit("flow_rate", rate), str(count), _modulus(median), _modulus(after[rate][1]))
+        for rate, (count, median) in before.items()
+    ]
+    head = ("flow rate", "capsules", Symbols("median G_s before"), "after")
+    return table(head, rows, title="Held-out capsules by flow rate", numbers=(1, 2, 3))
+
+
+def _modulus(value: float) -> str:
+    return with_unit(_MODULUS, value, ".1f") or "no such shape"
+
+
+def _named(study: Study, name: str) -> str:
+    effect = study.scores[name].effect.name
+    return Strong(effect) if name in study.names else effect

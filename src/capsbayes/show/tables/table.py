@@ -1,0 +1,163 @@
+"""Tables of results as data frames of texts, and their two renderers: one for the terminal, one for HTML.
+
+A table is made once from a result, rounded and in the units people read. A cell is a plain text or one of the kinds
+below, which both renderers know.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import pandas as pd
+from markupsafe import Markup
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+__all__ = ["Code", "Number", "Strong", "Symbols", "html_table", "table", "terminal_table", "typeset"]
+
+_SIGNS = {"alpha": "α", "delta": "δ", "eps": "ε", "mu": "µ", "Lambda": "Λ", "l": "ℓ"}
+
+
+class Symbols(str):
+    """Text with plain symbols, as G_s or 10^3, which HTML typesets."""
+
+
+class Code(str):
+    """Text to copy, as a hash."""
+
+
+class Strong(str):
+    """Text that stands out."""
+
+
+class Number(str):
+    """Text of a number, with the value by which a reader may sort it; NaN where there is none."""
+
+    value: float
+
+    def __new__(cls, text: str, value: float) -> Number:
+        """Text and value."""
+        made = super().__new__(cls, text)
+        made.value = value
+        return made
+
+
+def table(
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str = "",
+    note: str = "",
+    numbers: Iterable[int] = (),
+    bars: Sequence[float] = (),
+) -> pd.DataFrame:
+    """Return a table of texts.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Of the columns; all empty for a table without a line of headings.
+    rows : iterable of sequences of str
+    title, note : str
+        Stand above and below the table on the terminal; a page has its own headings.
+    numbers : iterable of int
+        Columns of numbers, set to the right.
+    bars : sequence of float
+        Shares, one a row, that HTML draws as bars below the first column.
+
+    Returns
+    -------
+    DataFrame
+        What is not in its cells stands in its ``attrs``.
+    """
+    made = pd.DataFrame([list(row) for row in rows], columns=pd.Index(range(len(head)), dtype=object), dtype=object)
+    made.columns = pd.Index(list(head), dtype=object)
+    made.attrs = {"title": title, "note": note, "numbers": tuple(numbers), "bars": tuple(bars)}
+    return made
+
+
+def terminal_table(frame: pd.DataFrame) -> Table:
+    """Return the table for a terminal; text is shown as it is, brackets included."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    attributes = frame.attrs
+    made = Table(
+        title=Text(attributes["title"]) if attributes["title"] else None,
+        caption=Text(attributes["note"]) if attributes["note"] else None,
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+        show_edge=False,
+        title_justify="left",
+        caption_justify="left",
+        show_header=any(frame.columns),
+    )
+    for number, heading in enumerate(frame.columns):
+        right = number in attributes["numbers"]
+        made.add_column(Text(heading), justify="right" if right else "left", overflow="fold")
+    for row in frame.itertuples(index=False, name=None):
+        made.add_row(*(Text(cell, style="bold" if isinstance(cell, Strong) else "") for cell in row))
+    return made
+
+
+def html_table(frame: pd.DataFrame, *, sortable: bool = False) -> Markup:
+    """Return the table for a page, in a box of its own that scrolls; text is escaped.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Of `table`.
+    sortable : bool
+        Make each heading a button, on which the script of the page sorts the rows.
+    """
+    numbers, bars = frame.attrs["numbers"], frame.attrs["bars"]
+    most = max(map(abs, bars), default=1.0)
+    lines = []
+    for number, row in enumerate(frame.itertuples(index=False, name=None)):
+        bar = _bar(bars[number] / most) if bars else Markup()
+        cells = (_cell(cell, bar if not k else Markup(), k in numbers) for k, cell in enumerate(row))
+        lines.append(Markup("<tr>{}</tr>").format(Markup().join(cells)))
+    head = Markup().join(_heading(text, k in numbers, sortable) for k, text in enumerate(frame.columns))
+    above = Markup("<thead><tr>{}</tr></thead>\n").format(head) if any(frame.columns) else ""
+    kinds = ' tabindex="0"><table class="sortable">' if sortable else "><table>"
+    body = Markup("\n").join(lines)
+    return Markup('<div class="wide"{}\n{}<tbody>\n{}\n</tbody></table></div>').format(Markup(kinds), above, body)
+
+
+def typeset(text: str) -> Markup:
+    """Return HTML of a text with plain symbols, as G_s or 10^3."""
+    made = re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9]+)\b", r"\1<sub>\2</sub>", str(Markup.escape(text)))
+    made = re.sub(r"\^(\w+)", r"<sup>\1</sup>", made)
+    return Markup(re.sub(rf"\b({'|'.join(_SIGNS)})\b", lambda sign: _SIGNS[sign[0]], made))
+
+
+def _html(text: str) -> str:
+    if isinstance(text, Symbols):
+        return typeset(text)
+    tag = {Code: "code", Strong: "b"}.get(type(text))
+    return Markup("<{0}>{1}</{0}>").format(Markup(tag), text) if tag else text
+
+
+def _cell(text: str, bar: Markup, number: bool) -> Markup:
+    kind = Markup(' class="number"') if number else Markup(' class="lead"') if bar else ""
+    if isinstance(text, Number):
+        kind += Markup(' data-value="{}"').format(f"{text.value:.9g}" if text.value == text.value else "")
+    return Markup("<td{}>{}{}</td>").format(kind, _html(text), bar)
+
+
+def _heading(text: str, number: bool, sortable: bool) -> Markup:
+    kind = Markup(' class="number"') if number else ""
+    if not sortable:
+        return Markup("<th{}>{}</th>").format(kind, _html(text))
+    return Markup('<th scope="col"{}><button type="button">{}</button></th>').format(kind, _html(text))
+
+
+def _bar(share: float) -> Markup:
+    """A bar as long as a share of its cell; hatched below zero."""
+    kind = "bar below" if share < 0.0 else "bar"
+    return Markup('<span class="{}" style="width: {}%"></span>').format(kind, f"{100.0 * abs(share):.1f}")

@@ -1,0 +1,86 @@
+"""Results on the terminal: the same sentences and tables as on their pages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pandas as pd
+
+from capsbayes.diagnosis import Study
+from capsbayes.infer import Posterior
+from capsbayes.infer.many import Hierarchy, Population
+from capsbayes.show.tables import population as of_population
+from capsbayes.show.tables import posterior as of_posterior
+from capsbayes.show.tables import study as of_study
+from capsbayes.show.tables.table import Strong, terminal_table
+from capsbayes.show.words import population as population_words
+from capsbayes.show.words import posterior as posterior_words
+from capsbayes.show.words import study as study_words
+from capsbayes.status import Status
+
+__all__ = ["hierarchy_parts", "population_parts", "posterior_parts", "print_parts", "study_parts"]
+
+Parts = Iterator[str | pd.DataFrame]
+
+
+def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, good: bool = True) -> None:
+    """Print sentences and tables, then a status in the colour of its meaning; empty sentences are skipped."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    for part in parts:
+        if isinstance(part, pd.DataFrame):
+            console.print(terminal_table(part), end="\n\n")
+        elif part:
+            console.print(Text(part, style="bold" if isinstance(part, Strong) else ""))
+    if status is not None:
+        console.print(f"Status: {status}", style="green" if good else "bold red", markup=False)
+
+
+def posterior_parts(posterior: Posterior) -> Parts:
+    """Yield what is printed of a posterior."""
+    yield of_posterior.quantity_table(posterior)
+    yield posterior_words.agreement_words(posterior)
+    yield of_posterior.budget_table(posterior)
+    yield posterior_words.budget_sentence(posterior)
+    yield of_posterior.input_table(posterior)
+    yield of_posterior.prior_table(posterior)
+    yield from posterior_words.caveats(posterior)
+
+
+def population_parts(population: Population) -> Parts:
+    """Yield what is printed of many capsules."""
+    yield Strong(population_words.headline(population))
+    yield population_words.width_words(population)
+    yield population_words.status_words(population)
+    yield of_population.status_table(population.counts)
+    yield of_population.summary_table(population)
+
+
+def hierarchy_parts(hierarchy: Hierarchy) -> Parts:
+    """Yield what is printed of the population that the capsules come from."""
+    stored = hierarchy.as_dict()
+    yield of_population.hierarchy_table(stored)
+    yield population_words.spread_words(stored)
+    yield population_words.shared_words(stored)
+    yield from population_words.caveats(stored)
+
+
+def study_parts(study: Study) -> Parts:
+    """Yield what is printed of a study."""
+    verdict, *further = study_words.opening(study)
+    yield from (Strong(verdict), *further)
+    left_out = study.session.left_out
+    yield "\n  ".join([f"{len(left_out)} capsules were left out:", *left_out]) if left_out else ""
+    if study.finding.deviations:
+        yield of_study.finding_table(study.finding)
+    if study.scores:
+        yield of_study.candidate_table(study)
+        yield from study_words.caveats(study)
+        yield of_study.meaning_table(study)
+    if study.verification is not None:
+        yield of_study.held_out_table(study.verification)
+        flow_rates = of_study.flow_rate_table(study.verification)
+        yield "" if flow_rates is None else flow_rates
+    yield study_words.origin_words(study)

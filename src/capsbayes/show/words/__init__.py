@@ -1,0 +1,1 @@
+"""Sentences about results, the same on the terminal and on pages."""

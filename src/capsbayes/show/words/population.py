@@ -1,0 +1,103 @@
+"""Sentences about many capsules: the headline, what they have in common, and the caveats."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from capsbayes.infer.many import Population
+from capsbayes.infer.many.modulus_spread import ModulusSpread
+from capsbayes.parameters import PARAMETERS
+from capsbayes.show.words.rounding import decimals, per_cent, together, unit_of
+
+__all__ = ["caveats", "headline", "hierarchy_title", "shared_words", "spread_words", "status_words", "width_words"]
+
+_MODULUS = PARAMETERS["surface_shear_modulus"]
+_MANY_LEANING = 0.05  # of the capsules on the border
+
+
+def headline(population: Population) -> str:
+    """Return the median G_s of the usable capsules and the range of 95 % of them."""
+    summary = population.summary()
+    if summary.empty:
+        return "No capsule could be identified."
+    row: dict[Any, Any] = summary.loc[_MODULUS.name].to_dict()
+    middle, low, high = (_MODULUS.shown(row[key]) for key in ("median", "lower_95", "upper_95"))
+    digits = decimals(max(0.25 * (high - low), 1e-3 * middle))
+    unit, (shown, *ends) = unit_of(_MODULUS), together((middle, low, high), digits)
+    return f"Median G_s = {shown}{unit}, 95 % of the capsules from {' to '.join(ends)}{unit}"
+
+
+def width_words(population: Population) -> str:
+    """Say how well G_s of one capsule is known, to compare with how much the capsules differ."""
+    half = population.typical_width()
+    if not np.isfinite(half):
+        return ""
+    used = int(population.usable.sum())
+    return f"Median of {used} capsules; the 95 % interval of one of them is typically ± {per_cent(half)}."
+
+
+def status_words(population: Population) -> str:
+    """Say how many capsules have intervals that can be used."""
+    number, used = len(population), int(population.usable.sum())
+    if used == number:
+        return f"The intervals of all {number} capsules can be used."
+    others = "the other one is" if number - used == 1 else f"the other {number - used} are"
+    return f"The intervals of {used} of {number} capsules can be used; {others} omitted from the numbers above."
+
+
+def hierarchy_title(stored: Mapping[str, Any]) -> str:
+    """Return the title of the table of a population; `stored` is ``Hierarchy.as_dict()``, as in the file of a run."""
+    least = stored["least_stretch"]
+    kept = "" if least is None else f" with Lambda above {least:g}, which is accounted for"
+    return f"The population: {stored['capsules']} capsules{kept}, their errors removed"
+
+
+def shared_words(stored: Mapping[str, Any]) -> str:
+    """Say which part of the uncertainty more capsules would not reduce."""
+    shares = stored["share_of_variance_owed_to_what_all_share"].items()
+    listed = ", ".join(f"{PARAMETERS[name].symbol} {per_cent(share)}" for name, share in shares)
+    return f"Share of the variance of the medians owed to errors that all capsules share: {listed}."
+
+
+def caveats(stored: Mapping[str, Any]) -> list[str]:
+    """Return what a reader of the population must keep in mind, one sentence each; empty if nothing."""
+    failed = [gate for gate in stored["gates"] if not gate["passed"]]
+    sentences = [
+        f"Do not use the intervals of the population: {gate['name']} is {gate['value']:.4g}, wanted {gate['wanted']}."
+        for gate in failed
+    ]
+    leaning = stored["share_leaning_on_border"]
+    if leaning > _MANY_LEANING:
+        sentences.append(
+            f"{per_cent(leaning)} of the capsules lean on the border of the model: the population may extend beyond it."
+        )
+    return sentences
+
+
+def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
+    """Say how much G_s itself differs from capsule to capsule.
+
+    Parameters
+    ----------
+    stored : mapping or ModulusSpread
+        ``Hierarchy.as_dict()``, whose numbers are those of all its draws, or a spread from elsewhere.
+    """
+    if isinstance(stored, ModulusSpread):
+        medians, spreads = stored.median, stored.relative
+    else:
+        quantities, keys = stored["quantities"], ("median", "lower_95", "upper_95")
+        medians, spreads = (
+            np.array([quantities[name][key] for key in keys]) for name in (_MODULUS.name, "modulus_spread")
+        )
+    middle, low, high = map(_MODULUS.shown, medians)
+    shown, *ends = together((middle, low, high), decimals(0.25 * (high - low) or 1e-3 * middle))
+    known = f", 95 % [{', '.join(ends)}]" if high > low else ""
+    middle_sd, *sds = map(per_cent, spreads)
+    band = f", 95 % [{', '.join(sds)}]" if spreads[2] > spreads[1] else ""
+    return (
+        f"With the errors removed, the median G_s of the capsules is {shown}{unit_of(_MODULUS)}{known}, and they "
+        f"differ from it by {middle_sd} (standard deviation of ln G_s{band})."
+    )

@@ -1,0 +1,93 @@
+"""Sentences about a posterior: whether its intervals can be used, and the caveats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from capsbayes.infer import Posterior
+from capsbayes.infer.verdict import LEANING_SHARE
+from capsbayes.model import TWO_SHAPES, WRINKLES
+from capsbayes.parameters import PARAMETERS
+from capsbayes.show.words.rounding import per_cent
+
+__all__ = ["agreement_words", "budget_sentence", "caveats", "input_words", "status_words"]
+
+_LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
+_LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
+_INPUTS = {
+    "outline": "measured outline",
+    "surrogate": "error of the model between its simulations",
+    "prior and curvature": "prior and curvature of the model",
+}
+_PLACES = {
+    "model": "the border of the database",
+    TWO_SHAPES: "capillary numbers at which two steady shapes are stable",
+    WRINKLES: "capsules whose membrane wrinkles",
+}
+
+
+def status_words(posterior: Posterior) -> str:
+    """Say how the identification ended, in one or two sentences."""
+    passed = sum(gate.passed for gate in posterior.gates)
+    gates = f"{passed} of {len(posterior.gates)} checks of the computation passed"
+    if posterior.status.ok:
+        return f"{posterior.status} The intervals can be used; {gates}."
+    return f"{posterior.status} ({gates}.)"
+
+
+def caveats(posterior: Posterior) -> list[str]:
+    """Return what a reader must keep in mind, one sentence each; empty if nothing."""
+    return [*_computation(posterior), *_borders(posterior), *_capsule(posterior)]
+
+
+def agreement_words(posterior: Posterior) -> str:
+    """Say how far the two engines agree; empty if only one was used."""
+    if posterior.agreement is None:
+        return ""
+    return (
+        "By quadrature: the same posterior computed on a grid instead of sampled. "
+        f"{str(posterior.agreement).capitalize()}."
+    )
+
+
+def input_words(name: str) -> str:
+    """Return an input of the error budget by its symbol and meaning."""
+    parameter = PARAMETERS.get(name)
+    return f"{parameter.symbol}, {parameter.meaning}" if parameter else _INPUTS.get(name, name)
+
+
+def budget_sentence(posterior: Posterior) -> str:
+    """Say which input to measure better first."""
+    name, share = max(posterior.shares.items(), key=lambda item: item[1])
+    return f"Most of the uncertainty of G_s, {per_cent(share)} of the variance of its logarithm: {input_words(name)}."
+
+
+def _computation(posterior: Posterior) -> Iterator[str]:
+    for gate in posterior.gates:
+        if not gate.passed:
+            yield f"A check failed: {gate.name} is {gate.value:.4g}, wanted {gate.wanted}."
+    if posterior.agreement is not None and not posterior.agreement.passed:
+        yield f"Checked a second way, {posterior.agreement}."
+
+
+def _borders(posterior: Posterior) -> Iterator[str]:
+    for border, share in posterior.leaning.items():
+        if share > LEANING_SHARE:
+            name = border.removeprefix("prior of ")
+            known = f"the end of the prior range of {PARAMETERS[name].symbol}" if name in PARAMETERS else border
+            yield f"{per_cent(share)} of the posterior lies next to {_PLACES.get(border, known)}."
+
+
+def _capsule(posterior: Posterior) -> Iterator[str]:
+    if posterior.measurement.axial_length is None:
+        yield "The length on the axis L_a was not seen; its information is missing from the intervals."
+    stretch = posterior.marginals["stretch_ratio"]
+    if stretch.median < _LEAST_STRETCH:
+        yield (
+            f"The membrane is stretched by {per_cent(stretch.median - 1.0)} only: small errors of the lengths are "
+            "large ones of G_s. A faster flow would determine G_s better."
+        )
+    modulus = posterior.marginals["surface_shear_modulus"]
+    factor = modulus.upper_95 / modulus.lower_95
+    if factor > _LOOSE:
+        yield f"The 95 % interval of G_s is wide: its ends differ by a factor of {factor:.2g}."

@@ -1,0 +1,167 @@
+"""Sentences about a study of a session: its verdict, its caveats, and short texts for its tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from capsbayes.diagnosis import LEAST_RATIO, Deviation, Finding, Scores, Session, Study, Verdict
+from capsbayes.parameters import PARAMETERS
+from capsbayes.show.words.rounding import unit_of
+
+__all__ = [
+    "caveats",
+    "deviation_words",
+    "lengths_alone",
+    "modulus_words",
+    "odds_words",
+    "opening",
+    "origin_words",
+    "p_value_words",
+    "same_by_chance",
+    "size_words",
+    "told_words",
+    "verdict_sentence",
+]
+
+_MODULUS = PARAMETERS["surface_shear_modulus"]
+_MANY = 1e4  # odds beyond which their power of ten is enough
+
+
+def opening(study: Study) -> list[str]:
+    """Return the sentences that a study begins with: the verdict, the range of G_s, and what the data lack."""
+    return [words for words in (verdict_sentence(study), modulus_words(study), lengths_alone(study.session)) if words]
+
+
+def verdict_sentence(study: Study) -> str:
+    """Say the verdict of a study in one sentence."""
+    model = study.tested_model.name
+    if study.verdict is Verdict.NOT_TESTABLE:
+        return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."
+    if study.verdict is Verdict.NONE:
+        doubt = "" if study.second_finding is None else ": the held-out capsules do not show what the first half shows"
+        return f"No disagreement was found between the capsules and {model}{doubt}."
+    disagree = f"The capsules disagree with {model}, and"
+    if study.verdict is Verdict.NAMED:
+        named = [step.best for step in study.steps]
+        names = " and ".join(scores.effect.name for scores in named)
+        sizes = "; ".join(f"{scores.effect.parameter.symbol} = {size_words(scores)}" for scores in named)
+        return f"{disagree} {names} {'explains it' if len(named) == 1 else 'explain it together'}: {sizes}."
+    if study.verdict is Verdict.AMBIGUOUS:
+        groups = [[step.scores[name].effect.name for name in step.in_question] for step in study.steps]
+        return f"{disagree} several effects explain it equally well: {', with '.join(map(_listed, groups))}."
+    if study.verification is not None:
+        best = study.scores[study.names[0]]
+        return f"{disagree} nothing that was tried explains it; {best.effect.name} comes nearest."
+    return f"{disagree} nothing that was tried explains it."
+
+
+def _listed(names: list[str]) -> str:
+    """Names with commas and an "or"."""
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def lengths_alone(session: Session) -> str:
+    """Say what missing outlines cost; empty if every capsule has one."""
+    without = sum(measured.outline is None for measured in session.measurements)
+    if not without:
+        return ""
+    if without < len(session):
+        return f"{without} of {len(session)} capsules have no outline; they only count for the trends of G_s."
+    return (
+        "Lengths alone were given: Ca and a/l of a capsule absorb both, so that only trends of G_s with velocity and "
+        "size are left to compare, and most effects stay unseen; outlines show them, and where."
+    )
+
+
+def modulus_words(study: Study) -> str:
+    """Say how much the median G_s depends on the effect that is assumed; empty where that is settled.
+
+    Over all effects in question, or, if none explains it, over the model as it was and all effects that improve it.
+    """
+    if study.verdict is Verdict.AMBIGUOUS:
+        scores = [study.scores[name] for name in study.names]
+    elif study.verdict is Verdict.UNKNOWN:
+        scores = [tried for tried in study.scores.values() if tried.log_likelihood_ratio >= LEAST_RATIO]
+    else:
+        return ""
+    moduli = [tried.modulus[tried.best] for tried in scores]
+    if study.verdict is Verdict.UNKNOWN and study.first_half is not None:
+        moduli.append(study.first_half.median_modulus)
+    low, high = (_MODULUS.shown(end(moduli)) for end in (np.nanmin, np.nanmax))
+    return f"Depending on the effect that is assumed, the median G_s is {low:.1f} to {high:.1f}{unit_of(_MODULUS)}."
+
+
+def caveats(study: Study) -> Iterator[str]:
+    """Yield how to read the table of the effects, one sentence or a few each."""
+    yield (
+        "Odds are ratios of likelihoods, averaged over the prior of the size of each effect, before any belief about "
+        "which effect is the more common. They trust the stated noise; effects are distinguished only if the lag "
+        "behind the best also stands out from the scatter between the capsules. The size of an effect that was hardly "
+        "seen is overestimated, near the threshold by some 40 %, because only sizes that look large are seen at all."
+    )
+    if len(study.steps) > 1:
+        yield (
+            "Of effects that are added together, size, log-likelihood ratio and G_s are those with the other effect "
+            "present, the odds those of each alone."
+        )
+    if study.verdict is Verdict.AMBIGUOUS:
+        best = next((step for step in study.steps if len(step.in_question) > 1), study.steps[0]).best.effect
+        yield (
+            "These data do not distinguish the effects in question. What would: "
+            f"{best.separated_by[0].lower()}{best.separated_by[1:]}"
+        )
+
+
+def origin_words(study: Study) -> str:
+    """Say what the study was made of."""
+    model = study.tested_model
+    outlines = sum(measured.outline is not None for measured in study.session.measurements)
+    return (
+        f"{len(study.session)} capsules, {outlines} with an outline; model {model.name}, sha256 {model.sha256[:12]}; "
+        f"seed {study.seed}."
+    )
+
+
+def told_words(study: Study, name: str) -> str:
+    """Say whether a candidate is in question."""
+    if study.verdict is Verdict.UNKNOWN or not study.names:
+        return "does not explain it"
+    return "in question" if name in study.names else "ruled out"
+
+
+def size_words(scores: Scores) -> str:
+    """Return the size of an effect with its 68 % interval and unit."""
+    parameter = scores.effect.parameter
+    low, high = map(parameter.shown, scores.interval())
+    unit = unit_of(parameter)
+    return f"{parameter.shown(scores.size):.3g}{unit} (68 %: {low:.3g} to {high:.3g}{unit})"
+
+
+def odds_words(logarithm: float) -> str:
+    """Return a likelihood ratio of which the logarithm is given."""
+    if abs(logarithm) > math.log(_MANY):
+        power = round(abs(logarithm) / math.log(10.0))
+        return f"10^{power} : 1" if logarithm > 0.0 else f"1 : 10^{power}"
+    odds = math.exp(abs(logarithm))
+    text = f"{odds:.2g}" if odds < 10.0 else f"{odds:.0f}"
+    return f"{text} : 1" if logarithm >= 0.0 else f"1 : {text}"
+
+
+def deviation_words(deviation: Deviation) -> str:
+    """Return the amplitude of a deviation with its error, unit and significance."""
+    unit = f" {deviation.unit.replace('um', 'µm')}" if deviation.unit else ""
+    return f"{deviation.size:+.2f} ± {deviation.error:.2f}{unit} ({deviation.sigma:+.1f} σ)"
+
+
+def same_by_chance(finding: Finding) -> str:
+    """Return the p-value of the largest deviation of a finding."""
+    return p_value_words(finding.p_value) if finding.deviations else "not tested"
+
+
+def p_value_words(p_value: float) -> str:
+    """Return a probability in per cent."""
+    share = 100.0 * p_value
+    return f"{share:.0f} %" if share >= 9.5 else f"{share:.2g} %"

@@ -1,0 +1,122 @@
+"""Terminal and page of a result say the same: every number, every sentence, every caveat."""
+
+import io
+import re
+from contextlib import redirect_stdout
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pandas as pd
+import pytest
+from results import population, posterior
+from sessions import drawn_session
+
+from capsbayes import Surrogate, diagnose
+from capsbayes.effects import MotionBlur
+from capsbayes.infer.checks import Agreement, Gate
+from capsbayes.infer.many import Hierarchy
+from capsbayes.model import TWO_SHAPES
+from capsbayes.show.pages.population import population_page
+from capsbayes.show.pages.posterior import posterior_page
+from capsbayes.show.pages.study import study_page
+from capsbayes.show.tables.table import table, typeset
+from capsbayes.show.terminal import hierarchy_parts, population_parts, posterior_parts, print_parts, study_parts
+
+
+def plain(html):
+    """The text of HTML without its tags."""
+    return " ".join(unescape(re.sub(r"<[^>]+>", "", html)).split())
+
+
+def cells_of(page):
+    """The texts of each row of each table."""
+    rows = re.findall(r"<tr>(.*?)</tr>", page, flags=re.S)
+    return {tuple(plain(cell) for cell in re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, flags=re.S)) for row in rows}
+
+
+def assert_same(parts, page, *, but=()):
+    """Each sentence and each row of each table that is printed stands on the page."""
+    text, rows = plain(page), cells_of(page)
+    for part in parts:
+        if isinstance(part, pd.DataFrame):
+            for row in part.itertuples(index=False, name=None):
+                assert tuple(plain(typeset(cell)) for cell in row) in {
+                    tuple(plain(typeset(cell)) for cell in known) for known in rows
+                } | {tuple(map(plain, known)) for known in rows}, row
+        else:
+            for line in part.splitlines():
+                assert line in but or plain(typeset(line)) in text, line
+
+
+@pytest.fixture(scope="module")
+def doubtful():
+    """A posterior with a caveat of every kind, and a second engine."""
+    one = posterior()
+    return replace(
+        one,
+        gates=(Gate("stuck walkers", 2, most=0),),
+        reference=one.marginals,
+        agreement=Agreement(0.3, 0.01, 0.2, "size_ratio", passed=False),
+        leaning={"model": 0.2, TWO_SHAPES: 0.3},
+        measurement=replace(one.measurement, axial_length=None, axial_length_error=None),
+    )
+
+
+def test_a_posterior(doubtful):
+    parts = list(posterior_parts(doubtful))
+    sentences = [part for part in parts if isinstance(part, str)]
+    assert "30 % of the posterior lies next to capillary numbers at which two steady shapes are stable." in sentences
+    assert_same(parts, posterior_page(doubtful))
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Capsules and the population they come from; the file keeps a few of its draws only."""
+    rng = np.random.default_rng(5)
+    count = 4000
+    medians = {
+        "surface_shear_modulus": 0.05 * np.exp(0.03 * rng.standard_normal(count)),
+        "capsule_radius": 24e-6 * np.exp(0.01 * rng.standard_normal(count)),
+    }
+    spreads = {name: np.abs(rng.normal(0.12, 0.02, count)) for name in ("modulus_spread", "radius_spread")}
+    draws = medians | spreads | {"modulus_slope": rng.normal(0.3, 0.5, count)}
+    gates = (Gate("effective draws of the population", 300.0, least=400.0),)
+    found = Hierarchy(draws, {name: values[::-1] for name, values in medians.items()}, 7, None, 0.2, gates, 1)
+    return found, found.added_to(population())
+
+
+def test_a_population(run):
+    hierarchy, stored = run
+    page = population_page(stored)
+    parts = [*population_parts(stored), *hierarchy_parts(hierarchy)]
+    assert_same(parts, page)
+    low, high = (1e3 * np.quantile(hierarchy.draws["surface_shear_modulus"], share) for share in (0.025, 0.975))
+    assert f"95 % [{low:.1f}, {high:.1f}]" in plain(page)
+    assert "20 % of the capsules lean on the border of the model" in plain(page)
+    assert "Do not use the intervals of the population" in plain(page)
+
+
+def test_a_study():
+    model = Surrogate.open("square-neo-hookean")
+    session, _ = drawn_session(model + MotionBlur(), 14, seed=7, outline=True, sizes={"exposure": 8e-4})
+    study = diagnose(
+        replace(session, left_out=("a.toml: expected this, got that",)),
+        model,
+        seed=3,
+        candidates={"exposure": MotionBlur()},
+        level=1.0,
+    )
+    parts = list(study_parts(study))
+    assert sum(isinstance(part, pd.DataFrame) for part in parts) == 5
+    assert_same(parts, study_page(study))
+
+
+def test_what_is_printed_keeps_brackets_and_skips_nothing_else():
+    shown = io.StringIO()
+    with redirect_stdout(shown):
+        print_parts("[bold]text[/bold]", "", table(("", "G_s [mN/m]"), [("a [b]", "5")], numbers=(1,)), status="Done.")
+    assert "[bold]text[/bold]" in shown.getvalue()
+    assert "G_s [mN/m]" in shown.getvalue()
+    assert "a [b]" in shown.getvalue()
+    assert "Status: Done." in shown.getvalue()
