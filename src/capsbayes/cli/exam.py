@@ -1,4 +1,4 @@
-"""``capsbayes exam``: how well the diagnosis finds what is hidden."""
+"""``capsbayes exam``: blind sessions diagnosed, and the page of the answers."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from capsbayes.cli.options import Workers
 
 def exam(
     out: Annotated[Path, typer.Option(help="Folder for the answers and the page exam.md.")],
-    pools: Annotated[Path, typer.Option(help="Folder of the simulated shapes; those that it lacks are made.")],
-    only: Annotated[str | None, typer.Option(help="Cells whose name holds this text.")] = None,
+    pools: Annotated[Path, typer.Option(help="Folder of the simulated shapes; missing ones are built.")],
+    only: Annotated[str | None, typer.Option(help="Only cells whose name contains this text.")] = None,
     sessions: Annotated[int | None, typer.Option(min=1, help="Of each cell, at most; all if absent.")] = None,
     workers: Workers = None,
 ) -> None:
-    """Hide effects in many sessions, diagnose each, and write the table of the answers.
+    """Draw many blind sessions with true effects, diagnose each, and write the page of the answers.
 
-    What is finished is kept, so the command can be stopped and run again. On two cores the shapes of a pool take three
-    minutes, or twenty where the section or the time varies; the sessions take about two hours. Exit status: 0 done, 2
-    bad input.
+    Finished sessions are kept, so that the command can be stopped and run again. On two cores the shapes of a pool
+    take three minutes, or twenty where the cross-section or the time varies; the sessions take about two hours. Exit
+    status: 0 done, 2 bad input.
     """
     from dataclasses import replace
 
@@ -32,8 +32,8 @@ def exam(
     from capsbayes.errors import InputError
     from capsbayes.evidence.blind.pools import build_pools
     from capsbayes.evidence.exam.cells import CELLS
-    from capsbayes.evidence.exam.exam import examine
-    from capsbayes.evidence.exam.exam_page import exam_page
+    from capsbayes.evidence.exam.examine import examine
+    from capsbayes.evidence.exam.page import exam_page
     from capsbayes.output_file import replaced
 
     chosen = [cell for cell in CELLS if only is None or only in cell.name]

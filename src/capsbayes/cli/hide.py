@@ -1,4 +1,4 @@
-"""``capsbayes hide``: a set of measured capsules in which something is hidden."""
+"""``capsbayes hide``: a blind set of measured capsules with a true effect."""
 
 from __future__ import annotations
 
@@ -10,34 +10,33 @@ import typer
 from capsbayes.cli.options import Seed, Workers
 
 if TYPE_CHECKING:
-    from capsbayes.evidence.blind import HiddenSession, Hideable
+    from capsbayes.evidence.blind import BlindSession, TrueEffect
 
 
 def hide(
-    effect: Annotated[str, typer.Option(help="What to hide, as pre-inflation, halo or none.")],
-    out: Annotated[Path, typer.Option(help="Folder of the set; the truth goes into OUT.truth beside it.")],
+    effect: Annotated[str, typer.Option(help="True effect, as pre-inflation, halo or none.")],
+    out: Annotated[Path, typer.Option(help="Folder of the set; the truth goes into OUT.truth next to it.")],
     effect_size: Annotated[
         str, typer.Option(help="Size of the effect with its unit, as '0.03', '0.4 um' or '300 us'.")
     ] = "0",
-    capsules: Annotated[int, typer.Option(min=1, help="How many.")] = 40,
+    capsules: Annotated[int, typer.Option(min=1, help="Number of capsules.")] = 40,
     seed: Seed = 1,
     lengths_only: Annotated[bool, typer.Option("--lengths-only", help="Measure lengths alone, no outlines.")] = False,
     refinement: Annotated[int, typer.Option(min=4, help="Fineness n of the mesh.")] = 12,
     workers: Workers = None,
 ) -> None:
-    """Simulate a lab's capsules with something hidden in them, and measure them: a blind set for `diagnose`.
+    """Simulate a lab's capsules with a true effect, and measure them: a blind set for `diagnose`.
 
-    A capsule takes about half a minute of one core. Shapes that are finished are kept, so the command can be stopped
-    and run again. Exit status: 0 done, 2 bad input.
+    A capsule takes about half a minute of one core. Finished shapes are kept, so that the command can be
+    stopped and run again. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.evidence.blind import Lab, hideable_named
-    from capsbayes.evidence.blind.simulated import simulated_session
+    from capsbayes.evidence.blind import Lab, simulate_session, true_effect_named
 
-    hidden = hideable_named(effect)
-    value, truth = _size(hidden, effect_size), out.with_name(f"{out.name}.truth")
+    true_effect = true_effect_named(effect)
+    value, truth = _size(true_effect, effect_size), out.with_name(f"{out.name}.truth")
     _check_folders(out, truth)
-    drawn = simulated_session(
-        hidden,
+    blind = simulate_session(
+        true_effect,
         value,
         lab=Lab(),
         capsules=capsules,
@@ -47,17 +46,17 @@ def hide(
         refinement=refinement,
         workers=workers,
     )
-    _write(drawn, out, truth)
+    _write(blind, out, truth)
 
 
-def _size(hidden: Hideable, text: str) -> float:
+def _size(effect: TrueEffect, text: str) -> float:
     from capsbayes.errors import InputError
     from capsbayes.quantity import Quantity
 
-    if hidden.name == "none":
+    if effect.name == "none":
         return 0.0
-    example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(hidden.unit, "0.03")
-    read = Quantity.read(text, where="hide", key="--effect-size", units=(hidden.unit,), example=example, signed=True)
+    example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(effect.unit, "0.03")
+    read = Quantity.read(text, where="hide", key="--effect-size", units=(effect.unit,), example=example, signed=True)
     if read.error:
         raise InputError("hide", "--effect-size", f'a number without an error, as "{example}"', repr(text))
     return read.value
@@ -74,14 +73,14 @@ def _check_folders(out: Path, truth: Path) -> None:
         raise InputError("--out", "", "an empty folder, or none", f"{out}, which holds files", "name another")
 
 
-def _write(drawn: HiddenSession, out: Path, truth: Path) -> None:
-    """The set, and beside it the truth; the set holds the truth's fingerprint, so that it cannot be changed later."""
+def _write(blind: BlindSession, out: Path, truth: Path) -> None:
+    """Write the set, and next to it the truth; the set holds the truth's hash, so that it cannot be changed later."""
     import hashlib
     import json
 
-    told = json.dumps(drawn.truth(), indent=1) + "\n"
+    told = json.dumps(blind.truth(), indent=1) + "\n"
     (truth / "truth.json").write_text(told, encoding="utf-8")
-    drawn.session.write(out)
+    blind.session.write(out)
     seal = hashlib.sha256(told.encode()).hexdigest()
     (out / "seal.txt").write_text(f"sha256 of the truth: {seal}\n", encoding="utf-8")
-    typer.echo(f"{out}: {len(drawn.session)} capsules; the truth is in {truth / 'truth.json'}, sealed by {seal[:12]}")
+    typer.echo(f"{out}: {len(blind.session)} capsules; the truth is in {truth / 'truth.json'}, sealed by {seal[:12]}")

@@ -1,4 +1,4 @@
-"""``capsbayes verify``: the simulator beside theory, other codes and its own limits."""
+"""``capsbayes verify``: the simulator against theory, other codes and its own limits."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import typer
 
 def verify(
     out: Annotated[Path, typer.Option(help="Folder for results.jsonl, verification.md and its pictures.")],
-    only: Annotated[str | None, typer.Option(help="Name of the one section to compute.")] = None,
+    only: Annotated[str | None, typer.Option(help="Name of the only topic to compute.")] = None,
 ) -> None:
     """Compute every comparison that is not in the folder yet, and write the page.
 
-    All of them take about an hour of one core; what is finished is kept, so the command can be stopped and run again.
-    Exit status: 0 no target missed, 1 a target missed, 2 bad input.
+    All of them take about an hour of one core; finished items are kept, so that the command can be stopped and run
+    again. Exit status: 0 no target missed, 1 a target missed, 2 bad input.
     """
     from collections import Counter
 
     from rich.console import Console
 
-    from capsbayes.evidence.verification import SECTIONS
+    from capsbayes.evidence.verification import TOPICS
     from capsbayes.evidence.verification import verify as verified
 
     console = Console(stderr=True, quiet=not sys.stderr.isatty())
-    tables = verified(SECTIONS, out, only=only, tell=lambda line: console.print(line, highlight=False))
+    tables = verified(TOPICS, out, only=only, tell=lambda line: console.print(line, highlight=False))
     total: Counter[str] = Counter()
     for name, rows in tables.items():
         verdicts = Counter(row.verdict for row in rows if row.verdict)

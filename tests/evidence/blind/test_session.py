@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.evidence.blind import HIDEABLE, Lab, Noise, drawn_session, hideable_named
-from capsbayes.evidence.blind.camera import _errors
+from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, Noise, draw_session, true_effect_named
+from capsbayes.evidence.blind.capsule import edge_errors
 from capsbayes.measured_outline import OutlineNoise
 from capsbayes.profile import Profile
 
-NONE = HIDEABLE["none"]
+NONE = TRUE_EFFECTS["none"]
 
 
-def drawn(database, hidden=NONE, size=0.0, *, capsules=40, seed=5):
-    return drawn_session(database, hidden, size, lab=Lab(), capsules=capsules, seed=seed)
+def drawn(database, effect=NONE, size=0.0, *, capsules=40, seed=5):
+    return draw_session(database, effect, size, lab=Lab(), capsules=capsules, seed=seed)
 
 
 def test_same_seed_gives_the_same_session(square_database):
@@ -33,14 +33,14 @@ def test_population_is_that_of_the_lab(square_database):
     assert np.std(moduli) == pytest.approx(0.1, abs=0.04)
 
 
-def test_modulus_does_not_hang_on_size_unless_that_is_hidden(square_database):
-    def slope(hidden, size):
-        sessions = [drawn(square_database, hidden, size, seed=seed) for seed in range(10)]
+def test_modulus_does_not_depend_on_size_unless_that_is_the_effect(square_database):
+    def slope(effect, size):
+        sessions = [drawn(square_database, effect, size, seed=seed) for seed in range(10)]
         log_size = np.log([one.size_ratio for each in sessions for one in each.capsules])
         return np.polyfit(log_size, np.concatenate([each.log_modulus for each in sessions]), 1)[0]
 
     assert slope(NONE, 0.0) == pytest.approx(0.0, abs=0.25)
-    assert slope(HIDEABLE["modulus_slope"], 1.5) == pytest.approx(1.5, abs=0.3)
+    assert slope(TRUE_EFFECTS["modulus_slope"], 1.5) == pytest.approx(1.5, abs=0.3)
 
 
 def test_capillary_number_size_and_velocity_belong_together(square_database):
@@ -55,8 +55,8 @@ def test_capillary_number_size_and_velocity_belong_together(square_database):
 def test_lengths_and_outline_err_as_stated(square_database):
     away = []
     for seed in range(10):
-        hidden = drawn(square_database, seed=seed)
-        for capsule, seen in zip(hidden.capsules, hidden.session.measurements, strict=True):
+        blind = drawn(square_database, seed=seed)
+        for capsule, seen in zip(blind.capsules, blind.session.measurements, strict=True):
             truth = Profile.from_outline(capsule.outline)
             away.append([seen.axial_extent - truth.axial_extent, seen.capsule_velocity / capsule.capsule_velocity - 1])
     away = np.array(away)
@@ -71,7 +71,7 @@ def test_errors_have_the_stated_covariance(understated):
     points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rng = np.random.default_rng(1)
     noise = Noise(understated=understated)
-    each = np.array([_errors(points, noise, rng) for _ in range(4000)])
+    each = np.array([edge_errors(points, noise, rng) for _ in range(4000)])
     stated = OutlineNoise(noise.scale, noise.correlation_length).covariance(points)
     np.testing.assert_allclose(np.cov(each.T), understated**2 * stated, atol=0.15 * noise.scale**2)
 
@@ -80,19 +80,19 @@ def test_heavy_tails_keep_the_variance():
     angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rng = np.random.default_rng(1)
-    first = np.array([_errors(points, Noise(freedom=5.0), rng)[0] for _ in range(20000)])
+    first = np.array([edge_errors(points, Noise(freedom=5.0), rng)[0] for _ in range(20000)])
     assert np.std(first) == pytest.approx(0.01, rel=0.05)
     assert np.mean((first / np.std(first)) ** 4) > 5.0
 
 
 def test_truth_can_be_kept_as_text(square_database):
-    hidden = drawn(square_database, HIDEABLE["halo"], 4e-7)
-    told = json.loads(json.dumps(hidden.truth()))
+    blind = drawn(square_database, TRUE_EFFECTS["halo"], 4e-7)
+    told = json.loads(json.dumps(blind.truth()))
     assert (told["effect"], told["size"], len(told["capsules"])) == ("halo", 4e-7, 40)
 
 
 def test_swelling_makes_capsules_look_larger_and_they_are(square_database):
-    before, after = drawn(square_database), drawn(square_database, HIDEABLE["swelling"], 5.0)
+    before, after = drawn(square_database), drawn(square_database, TRUE_EFFECTS["swelling"], 5.0)
     for one, other in zip(before.capsules, after.capsules, strict=True):
         factor = 1.0 + 5.0 * one.capsule_velocity
         assert other.capsule_radius == pytest.approx(factor * one.capsule_radius)
@@ -100,24 +100,24 @@ def test_swelling_makes_capsules_look_larger_and_they_are(square_database):
 
 
 def test_wrong_pixels_are_seen_in_the_velocity_too(square_database):
-    for one in drawn(square_database, HIDEABLE["pixel_scale"], 0.02).capsules:
+    for one in drawn(square_database, TRUE_EFFECTS["pixel_scale"], 0.02).capsules:
         assert one.velocity_seen == pytest.approx(1.02 * one.capsule_velocity)
 
 
 def test_pattern_is_of_the_size_asked_for_and_the_same_for_all(square_database):
-    before, after = drawn(square_database), drawn(square_database, HIDEABLE["pattern"], 0.02)
+    before, after = drawn(square_database), drawn(square_database, TRUE_EFFECTS["pattern"], 0.02)
     for one, other in zip(before.capsules, after.capsules, strict=True):
         moved = np.hypot(*(other.outline - one.outline).T)
         assert np.sqrt(np.mean(moved**2)) == pytest.approx(0.02, rel=0.2)
 
 
 def test_names_may_be_written_with_hyphens_and_unknown_ones_are_refused():
-    assert hideable_named("Pre-inflation").simulated(0.03) == {"pre_inflation": 0.03}
+    assert true_effect_named("Pre-inflation").simulated(0.03) == {"pre_inflation": 0.03}
     with pytest.raises(InputError, match="pre_inflation"):
-        hideable_named("gravity")
+        true_effect_named("gravity")
 
 
 def test_too_many_capsules_are_refused(square_database):
     lab = replace(Lab(), surface_shear_modulus=0.2)
     with pytest.raises(InputError, match="pairs of a shape and a flow rate"):
-        drawn_session(square_database, NONE, 0.0, lab=lab, capsules=400, seed=1)
+        draw_session(square_database, NONE, 0.0, lab=lab, capsules=400, seed=1)

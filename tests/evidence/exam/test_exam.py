@@ -1,4 +1,4 @@
-"""The exam: how answers are told right from wrong, kept, and shown."""
+"""The exam: how answers are judged, kept, and shown."""
 
 from dataclasses import asdict, replace
 from types import SimpleNamespace
@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from capsbayes.diagnosis import Verdict
-from capsbayes.evidence.blind.decoy import Decoy
-from capsbayes.evidence.blind.hideable import HIDEABLE
+from capsbayes.evidence.blind.effects import TRUE_EFFECTS
 from capsbayes.evidence.blind.pools import POOLS, pool_name
-from capsbayes.evidence.exam.answer import Answer, answered, outcome_of
-from capsbayes.evidence.exam.cells import CELLS, Cell
-from capsbayes.evidence.exam.exam import _read, _records, _rounds, examine
-from capsbayes.evidence.exam.exam_page import exam_page
+from capsbayes.evidence.exam.answer import Answer, answer_session, outcome_of
+from capsbayes.evidence.exam.cells import CELLS, Cell, Decoy
+from capsbayes.evidence.exam.examine import _read, _records, _rounds, examine
+from capsbayes.evidence.exam.page import exam_page
 from capsbayes.surrogate import Surrogate
 from capsbayes.testing import check_effect
 
@@ -66,15 +65,15 @@ ANSWER = Answer(
         (NOTHING, Verdict.NONE, (), "none"),
     ],
 )
-def test_answers_are_told_right_from_wrong(cell, verdict, steps, outcome):
-    study = SimpleNamespace(verdict=verdict, steps=[SimpleNamespace(in_question=alike) for alike in steps])
+def test_outcomes_are_right_or_wrong_by_the_truth(cell, verdict, steps, outcome):
+    study = SimpleNamespace(verdict=verdict, steps=[SimpleNamespace(in_question=names) for names in steps])
     assert outcome_of(cell, study) == outcome
 
 
-def test_cells_hide_what_can_be_hidden_under_names_of_their_own():
+def test_cells_have_true_effects_and_names_of_their_own():
     assert len({cell.name for cell in CELLS}) == len(CELLS)
     for cell in CELLS:
-        assert HIDEABLE.keys() >= cell.sizes.keys()
+        assert TRUE_EFFECTS.keys() >= cell.sizes.keys()
         assert cell.shapes in POOLS
 
 
@@ -122,10 +121,10 @@ def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
 
 
 @pytest.mark.slow
-def test_look_alikes_are_told_apart_by_what_is_measured_elsewhere(square_database):
+def test_look_alikes_are_distinguished_by_what_is_measured_elsewhere(square_database):
     cell = Cell("halo", "halo", 3e-7, known=True)
     model = Surrogate.from_database(square_database)
-    answer = answered(cell, 1, square_database, model)
+    answer = answer_session(cell, 1, square_database, model)
     assert answer.outcome == "ambiguous"
     assert {"halo", "pixel_scale"} <= set(answer.names)
     assert answer.distinguished == "right"

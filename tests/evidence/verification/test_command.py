@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 import capsbayes.cli
-from capsbayes.evidence.verification import SECTIONS
+from capsbayes.evidence.verification import TOPICS
 
 
 def test_one_section_from_the_command_line(tmp_path):
@@ -13,7 +13,7 @@ def test_one_section_from_the_command_line(tmp_path):
     assert result.exit_code == 0, result.output
     table = {line.split()[0]: line for line in result.stdout.splitlines()}
     assert "met" in table["membrane-laws"]
-    assert all("not computed" in table[section.name] for section in SECTIONS if section.name != "membrane-laws")
+    assert all("not computed" in table[topic.name] for topic in TOPICS if topic.name != "membrane-laws")
     assert (tmp_path / "new" / "page" / "verification.md").is_file()
 
 

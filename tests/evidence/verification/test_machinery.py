@@ -1,4 +1,4 @@
-"""What any section goes through: computed once, kept, written on the page, judged."""
+"""What any topic goes through: computed once, kept, written on the page, judged."""
 
 import json
 import math
@@ -7,9 +7,8 @@ import pytest
 
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.evidence.verification import verify
-from capsbayes.evidence.verification.rates import fitted_limit, fitted_rate
-from capsbayes.evidence.verification.row import Reference, Row, Target
-from capsbayes.evidence.verification.section import Section
+from capsbayes.evidence.verification.quantities import fitted_limit, fitted_rate
+from capsbayes.evidence.verification.topic import Reference, Row, Target, Topic
 
 
 def stops():
@@ -20,17 +19,17 @@ def fails():
     raise CapsbayesError("there is none")
 
 
-class Topic:
-    """A section of two items, the second of which may fail, that counts what it computes."""
+class Counted:
+    """A topic of two items, the second of which may fail, that counts what it computes."""
 
     def __init__(self, second=lambda: {"length": 2.5}):
         self.computed, self.second = [], second
 
     @property
-    def section(self):
+    def topic(self):
         items = {"one": lambda: self.compute("one", lambda: {"length": 1.0, "series": [1.0, 2.0]})}
         items["two"] = lambda: self.compute("two", self.second)
-        return Section("topic", "A topic", "About it.", items, self.rows, lambda results, figure: figure.subplots())
+        return Topic("topic", "A topic", "About it.", items, self.rows, lambda results, figure: figure.subplots())
 
     def compute(self, item, function):
         self.computed.append(item)
@@ -53,7 +52,7 @@ def line(folder, quantity):
 
 
 def test_the_page_has_the_rows_of_the_results_and_says_what_is_missed(tmp_path):
-    tables = verify([Topic().section], tmp_path)
+    tables = verify([Counted().topic], tmp_path)
     assert [row.verdict for row in tables["topic"]] == ["met", "missed", ""]
     assert line(tmp_path, "first") == ["first", "1.001", "theory", "1", "-0.1 %", "within 1 %", "met"]
     assert line(tmp_path, "second") == ["second", "2", "a table", "2.5", "+5.0e-01", "within 0.1", "**missed**"]
@@ -64,42 +63,51 @@ def test_the_page_has_the_rows_of_the_results_and_says_what_is_missed(tmp_path):
 
 
 def test_only_what_is_missing_is_computed(tmp_path):
-    stopped = Topic(stops)
+    stopped = Counted(stops)
     with pytest.raises(KeyboardInterrupt):
-        verify([stopped.section], tmp_path)
-    again, told = Topic(), []
-    verify([again.section], tmp_path, tell=told.append)
+        verify([stopped.topic], tmp_path)
+    again, told = Counted(), []
+    verify([again.topic], tmp_path, tell=told.append)
     assert (stopped.computed, again.computed, told) == (["one", "two"], ["two"], ["A topic: two"])
     kept = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
-    assert [(record["section"], record["item"]) for record in kept] == [("topic", "one"), ("topic", "two")]
+    assert [(record["topic"], record["item"]) for record in kept] == [("topic", "one"), ("topic", "two")]
     assert kept[0]["values"] == {"length": 1.0, "series": [1.0, 2.0]}
-    verify([again.section], tmp_path)
+    verify([again.topic], tmp_path)
     assert again.computed == ["two"]
     assert not list(tmp_path.glob(".*"))
 
 
 def test_a_failure_is_told_and_the_rest_goes_on(tmp_path):
-    tables = verify([Topic(fails).section], tmp_path)
+    tables = verify([Counted(fails).topic], tmp_path)
     assert [row.verdict for row in tables["topic"]] == ["met", "not computed", ""]
     assert "Without a result: two, because there is none" in page(tmp_path)
     assert "topic.png" in page(tmp_path)
 
 
-def test_one_section_alone(tmp_path):
-    one, other = Topic(), Topic()
-    renamed = Section("other", "Other", "", other.section.items, other.rows)
-    verify([one.section, renamed], tmp_path, only="other")
+def test_one_topic_alone(tmp_path):
+    one, other = Counted(), Counted()
+    renamed = Topic("other", "Other", "", other.topic.items, other.rows)
+    verify([one.topic, renamed], tmp_path, only="other")
     assert (one.computed, other.computed) == ([], ["one", "two"])
     assert "Not computed yet: one, two." in page(tmp_path)
     assert "topic.png" not in page(tmp_path)
     with pytest.raises(InputError, match=r"only: expected one of topic, other, got 'none'"):
-        verify([one.section, renamed], tmp_path, only="none")
+        verify([one.topic, renamed], tmp_path, only="none")
+
+
+def test_results_of_earlier_versions_are_read(tmp_path):
+    verify([Counted().topic], tmp_path)
+    file = tmp_path / "results.jsonl"
+    file.write_text(file.read_text().replace('{"topic": "topic"', '{"section": "topic"'))
+    again = Counted()
+    assert verify([again.topic], tmp_path)["topic"][0].ours == 1.0
+    assert again.computed == []
 
 
 def test_damaged_results_are_refused(tmp_path):
     (tmp_path / "results.jsonl").write_text('{"topic": []}\n')
     with pytest.raises(InputError, match=r"results as written by verify, got .*remove it"):
-        verify([Topic().section], tmp_path)
+        verify([Counted().topic], tmp_path)
 
 
 @pytest.mark.parametrize(

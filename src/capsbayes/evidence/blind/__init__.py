@@ -1,14 +1,23 @@
-"""Sessions in which an effect is hidden: drawn from simulated shapes, their truth known.
+"""Blind sessions: measured capsules drawn from simulated shapes, with a true effect that a plain model lacks.
 
-Shapes come from the simulator itself, at parameters between those of the
+The shapes come from the simulator itself, at parameters between those of the
 databases that models are made of and on another mesh. What a microscope adds is
-drawn on their outlines as geometry. What draws them reads no model and no effect's
-operator, so that what is found again has not been put in by the same code; the
-exam, which diagnoses them, does.
+drawn on their outlines as geometry. This package reads no model and no effect's
+operator, so that what is found again was not put in by the same code; the exam,
+which diagnoses the sessions, does.
 """
 
-from capsbayes.evidence.blind.hideable import HIDEABLE, Hideable, hideable_named
+from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect, true_effect_named
 from capsbayes.evidence.blind.lab import Lab, Noise
-from capsbayes.evidence.blind.session import HiddenSession, drawn_session
+from capsbayes.evidence.blind.session import BlindSession, draw_session, simulate_session
 
-__all__ = ["HIDEABLE", "HiddenSession", "Hideable", "Lab", "Noise", "drawn_session", "hideable_named"]
+__all__ = [
+    "TRUE_EFFECTS",
+    "BlindSession",
+    "Lab",
+    "Noise",
+    "TrueEffect",
+    "draw_session",
+    "simulate_session",
+    "true_effect_named",
+]

@@ -1,4 +1,4 @@
-"""One capsule of a hidden session: what it is, and what of it can be seen."""
+"""One capsule of a blind session, and its measurement with errors."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.evidence.blind.lab import Noise
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
+from capsbayes.measurement import Measurement
+from capsbayes.profile import Profile, edge_lengths, vertex_normals
+
 __all__ = ["Capsule"]
 
 Floats = NDArray[np.float64]
+
+_LEAST_INDEPENDENT = 1e-9  # share of the variance that keeps a covariance definite
+_TILT, _SHIFT = 0.01, 0.05  # rad, l
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,16 +27,16 @@ class Capsule:
     Parameters
     ----------
     capillary_number, size_ratio : float
-        In the channel as it is where the capsule is seen.
+        In the true channel, at the place of the capsule.
     surface_shear_modulus : float [N/m]
     capsule_radius : float [m]
     capsule_velocity : float [m/s]
-        With which it moves.
+        True velocity.
     velocity_seen : float [m/s]
-        With which it is seen to move, but for chance.
+        Velocity as the microscope shows it, without random errors.
     outline : (p, 2) array
-        Edge in the mid-plane as it is seen, over the half width that the lab believes in; columns (z, y), from the
-        nose through y > 0.
+        Edge in the mid-plane as the microscope shows it, over the lab's value of the half width; columns (z, y), from
+        the nose through y > 0.
     """
 
     capillary_number: float
@@ -38,3 +46,63 @@ class Capsule:
     capsule_velocity: float
     velocity_seen: float
     outline: Floats
+
+    def measured(self, noise: Noise, rng: np.random.Generator, *, outline: bool, source: str) -> Measurement:
+        """Return the measurement of the capsule under the name `source`, with its outline or with the lengths alone."""
+        seen = Profile.from_outline(self.outline).resampled(4 * noise.points)
+        start = int(rng.integers(4))
+        normals = vertex_normals(seen.points)[start::4]
+        errors = edge_errors(seen.points[start::4], noise, rng)
+        edge = seen.points[start::4] + errors[:, None] * normals
+        extent, length = _lengths(seen, edge, errors)
+        velocity = self.velocity_seen * rng.normal(1.0, noise.velocity)
+        return Measurement(
+            extent,
+            np.sqrt(2.0) * noise.scale,
+            velocity,
+            noise.velocity * velocity,
+            length,
+            np.sqrt(2.0) * noise.scale,
+            length_correlation=0.5,
+            outline=_posed(edge, noise, rng) if outline else None,
+            source=source,
+        )
+
+
+def edge_errors(points: Floats, noise: Noise, rng: np.random.Generator) -> Floats:
+    """Draw the errors (m,) of vertices (m, 2) along their normals.
+
+    They are a Gaussian process on the arc, whose scale differs from capsule to capsule where the noise has heavy tails.
+    """
+    arc = np.concatenate([[0.0], np.cumsum(edge_lengths(points))])
+    apart = np.abs(np.subtract.outer(arc[:-1], arc[:-1]))
+    apart = np.minimum(apart, arc[-1] - apart)
+    same = np.eye(len(points))
+    smooth = np.exp(-apart / noise.correlation_length) if noise.correlation_length else same
+    smooth = smooth + _LEAST_INDEPENDENT * same
+    values, vectors = np.linalg.eigh(smooth)
+    size = noise.understated * noise.scale
+    if noise.freedom is not None:
+        size *= np.sqrt((noise.freedom - 2.0) / rng.chisquare(noise.freedom))
+    return np.asarray(size * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))))
+
+
+def _lengths(seen: Profile, edge: Floats, errors: Floats) -> tuple[float, float]:
+    """Return L_z and L_a as read at three places of the edge: nose, rearmost point, rear on the axis."""
+    rear = seen.points[:, 0] < seen.points[:, 0].mean()
+    places = [
+        seen.points[0],
+        seen.points[np.argmin(seen.points[:, 0])],
+        seen.points[rear][np.argmin(np.abs(seen.points[rear, 1]))],
+    ]
+    nose, rim, middle = (errors[np.argmin(np.hypot(*(edge - place).T))] for place in places)
+    extent = seen.axial_extent + nose + rim
+    return float(extent), float(min(seen.axial_length + nose + middle, extent))
+
+
+def _posed(edge: Floats, noise: Noise, rng: np.random.Generator) -> MeasuredOutline:
+    """Return the outline slightly tilted and shifted, as in a picture."""
+    angle = _TILT * rng.standard_normal()
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    placed = edge @ turn + _SHIFT * rng.standard_normal(2)
+    return MeasuredOutline(placed, OutlineNoise(noise.scale, noise.correlation_length))

@@ -1,4 +1,4 @@
-"""A laboratory that is drawn: its channel, its liquid, its capsules, and how well it measures."""
+"""The laboratory of a blind session: its channel, its liquid, its capsules, and its errors of measurement."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of what is measured, and what the lab believes of them.
+    """Errors of measurement, and what the lab states of them.
 
     Parameters
     ----------
     scale : float
-        Standard deviation of an edge's error along the normal that the lab states, over l.
+        Stated standard deviation of an edge's error along the normal, over l.
     correlation_length : float
-        Along the outline, over l; zero for independent errors.
+        Of the errors along the outline, over l; zero for independent errors.
     velocity : float
         Relative standard error of a capsule's velocity.
     understated : float
-        True standard deviation over that stated.
+        True standard deviation over the stated one.
     freedom : float or None
-        Degrees of freedom of Student's t, by which the errors of whole capsules vary in size; None for Gaussian.
+        Degrees of freedom of Student's t, which scales the errors of whole capsules; None for Gaussian errors.
     points : int
-        Vertices of a measured outline.
+        Number of vertices of a measured outline.
     """
 
     scale: float = 0.01
@@ -52,15 +52,15 @@ class Lab:
     half_width, half_width_error : float [m]
     viscosity, viscosity_error : float [Pa s]
     mean_velocities : tuple of float [m/s]
-        Of the undisturbed flow at each flow rate.
+        Mean velocity of the undisturbed flow at each flow rate.
     surface_shear_modulus : float [N/m]
-        Median of the capsules in the middle of `size_ratios`.
+        Median over capsules in the middle of `size_ratios`.
     spread : float
         Standard deviation of ln G_s between capsules.
     slope : float
         d ln G_s / d ln a.
     size_ratios : (float, float)
-        Range of a/l, in which it is uniform.
+        Range of a/l, which is uniform there.
     noise : Noise
     """
 
@@ -77,7 +77,7 @@ class Lab:
 
     @property
     def experiment(self) -> Experiment:
-        """What the lab knows of its channel and its liquid."""
+        """The channel and the liquid as the lab knows them."""
         return Experiment(
             cross_section="square",
             half_width=Quantity(self.half_width, self.half_width_error),
@@ -85,19 +85,19 @@ class Lab:
         )
 
     def log_density(self, surface_shear_modulus: Floats, size_ratio: Floats) -> Floats:
-        """Logarithm of the density of ln G_s at given a/l, but for a constant; -inf outside the range of sizes."""
+        """Return the log density of ln G_s at given a/l, up to a constant; -inf outside the range of sizes."""
         low, high = self.size_ratios
-        away = (np.log(surface_shear_modulus) - self._median(size_ratio)) / self.spread
-        return np.where((size_ratio >= low) & (size_ratio <= high), -0.5 * away**2, -np.inf)
+        deviation = (np.log(surface_shear_modulus) - self._median(size_ratio)) / self.spread
+        return np.where((size_ratio >= low) & (size_ratio <= high), -0.5 * deviation**2, -np.inf)
 
     def drawn(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
-        """G_s [N/m], a/l and U [m/s] of capsules : (count,) arrays."""
+        """Draw G_s [N/m], a/l and U [m/s] of capsules : (count,) arrays."""
         low, high = self.size_ratios
         size = rng.uniform(low, high, count)
         modulus = np.exp(self._median(size) + self.spread * rng.standard_normal(count))
         return modulus, size, rng.choice(np.array(self.mean_velocities), count)
 
     def _median(self, size_ratio: Floats) -> Floats:
-        """Median of ln G_s at given a/l."""
+        """Return the median of ln G_s at given a/l."""
         relative = size_ratio / np.mean(self.size_ratios)
         return np.asarray(np.log(self.surface_shear_modulus) + self.slope * np.log(relative))

@@ -1,4 +1,4 @@
-"""What a microscope makes of an outline, as plane geometry."""
+"""Changes of an outline by a microscope, as plane geometry; outlines are (p, 2) arrays."""
 
 from __future__ import annotations
 
@@ -10,37 +10,49 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-__all__ = ["enlarged", "grown", "smeared"]
+from capsbayes.profile import edge_lengths, vertex_normals
+
+__all__ = ["enlarged", "grown", "smeared", "smooth_pattern"]
 
 Floats = NDArray[np.float64]
 
 _ROUND = 64  # segments of a quarter of a circle
+_WAVES = 6  # of the arc
 
 
 def grown(outline: Floats, distance: float) -> Floats:
-    """Outline (p, 2) of all points within a distance of the capsule; of those farther from its edge, if negative."""
+    """Return the outline of all points within a distance of the capsule; it shrinks if the distance is negative."""
     return _edge(Polygon(outline).buffer(distance, quad_segs=_ROUND))
 
 
 def smeared(outline: Floats, length: float) -> Floats:
-    """Outline (p, 2) of all that the capsule covers on a way along the flow, about its middle."""
+    """Return the outline of the area that the capsule covers while it moves by a length along the flow."""
     if length == 0.0:
         return outline
-    way = np.array([0.5 * length, 0.0])
+    half = np.array([0.5 * length, 0.0])
     following = np.roll(outline, -1, axis=0)
-    swept = np.stack([outline - way, outline + way, following + way, following - way], axis=1)
+    swept = np.stack([outline - half, outline + half, following + half, following - half], axis=1)
     swaths = np.asarray(shapely.make_valid(shapely.polygons(swept)))
-    ends = np.array([Polygon(outline - way), Polygon(outline + way)])
+    ends = np.array([Polygon(outline - half), Polygon(outline + half)])
     return _edge(shapely.union_all(np.concatenate([swaths, ends])))
 
 
 def enlarged(outline: Floats, factor: float) -> Floats:
-    """Outline (p, 2) with both lengths multiplied."""
+    """Return the outline scaled about the origin."""
     return _edge(scale(Polygon(outline), factor, factor, origin=(0.0, 0.0)))
 
 
+def smooth_pattern(outline: Floats, seed: int) -> Floats:
+    """Return displacements (p, 2) along the normals: a smooth random function of the arc of unit root mean square."""
+    cosines, sines = np.random.default_rng([seed, _WAVES]).standard_normal((2, _WAVES))
+    arc = np.concatenate([[0.0], np.cumsum(edge_lengths(outline))])
+    phase = 2.0 * np.pi * np.outer(arc[:-1] / arc[-1], np.arange(1, _WAVES + 1))
+    pattern = (np.cos(phase) @ cosines + np.sin(phase) @ sines) / np.sqrt(0.5 * np.sum(cosines**2 + sines**2))
+    return np.asarray(pattern[:, None] * vertex_normals(outline))
+
+
 def _edge(area: BaseGeometry) -> Floats:
-    """Vertices of the outer edge of a polygon, counterclockwise in the plane (z, y)."""
+    """Return the vertices of the outer edge of a polygon, counterclockwise in the plane (z, y)."""
     assert isinstance(area, Polygon), "one piece"
     ring = orient(area).exterior
     return np.asarray(ring.coords, dtype=np.float64)[:-1]

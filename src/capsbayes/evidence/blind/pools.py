@@ -1,4 +1,4 @@
-"""Pools of simulated shapes from which hidden sessions are drawn: one database for each thing hidden and its size."""
+"""Pools of simulated shapes from which blind sessions are drawn: one database for each effect and size."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from capsbayes.database import Database
-from capsbayes.evidence.blind.hideable import HIDEABLE, Hideable
+from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect
 from capsbayes.physics.databases.build import build_database
 from capsbayes.physics.databases.grid import Cases
 from capsbayes.physics.databases.sweep import SteadySimulator
@@ -34,23 +34,23 @@ _SIZES: dict[str, tuple[float, ...]] = {
     "hooke": (0.5,),
 }
 
-POOLS = MappingProxyType({(effect, size): HIDEABLE[effect] for effect, sizes in _SIZES.items() for size in sizes})
-"""What each pool hides, by its name and size."""
+POOLS = MappingProxyType({(effect, size): TRUE_EFFECTS[effect] for effect, sizes in _SIZES.items() for size in sizes})
+"""True effect of each pool, by its name and size."""
 
 
 def pool_name(effect: str, size: float) -> str:
-    """Name of a pool's file, without its ending."""
+    """Return the name of a pool's file, without its ending."""
     return f"{effect.replace('_', '-')}-{size:g}"
 
 
 def pool_cases() -> Cases:
-    """Ca and a/l of the shapes of each pool, all of them between the nodes of the shipped databases."""
+    """Return Ca and a/l of the shapes of each pool, all of them between the nodes of the shipped databases."""
     return [(ca, size) for size in _SIZE_RATIOS for ca in _CAPILLARY_NUMBERS]
 
 
-def simulator_with(hidden: Hideable, size: float, refinement: int = _REFINEMENT) -> SteadySimulator:
-    """The simulator of a neo-Hookean capsule in a square channel with something hidden in it."""
-    changed = dict(hidden.simulated(size))
+def simulator_with(effect: TrueEffect, size: float, refinement: int = _REFINEMENT) -> SteadySimulator:
+    """Return the simulator of a neo-Hookean capsule in a square channel with a true effect."""
+    changed = dict(effect.simulated(size))
     unsteadiness = changed.pop("unsteadiness", 0.0)
     simulator = replace(Simulator(refinement=refinement), **changed)
     return UnsteadySimulator(simulator, unsteadiness) if unsteadiness else simulator
@@ -59,22 +59,22 @@ def simulator_with(hidden: Hideable, size: float, refinement: int = _REFINEMENT)
 def build_pools(
     names: Iterable[tuple[str, float]], folder: str | os.PathLike[str], *, workers: int | None = None
 ) -> dict[tuple[str, float], Database]:
-    """Make the pools that a folder lacks.
+    """Build the pools that a folder lacks.
 
     Parameters
     ----------
     names : iterable of (str, float)
-        Those wanted, of `POOLS`.
+        Keys of `POOLS`.
     folder : path
     workers : int, optional
         Of `build_database`.
     """
-    found = {}
+    pools = {}
     for effect, size in names:
         path = Path(folder) / f"{pool_name(effect, size)}.nc"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            made = build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
-            made.compact().write(path)
-        found[effect, size] = Database.read(path)
-    return found
+            built = build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
+            built.compact().write(path)
+        pools[effect, size] = Database.read(path)
+    return pools

@@ -1,9 +1,11 @@
-"""A session drawn from simulated shapes, and its truth."""
+"""Blind sessions drawn from stored shapes, or simulated capsule by capsule, with their truth."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,27 +14,33 @@ from numpy.typing import NDArray
 from capsbayes.database import Database
 from capsbayes.diagnosis import Session
 from capsbayes.errors import InputError
-from capsbayes.evidence.blind.camera import measured
 from capsbayes.evidence.blind.capsule import Capsule
-from capsbayes.evidence.blind.hideable import Hideable
+from capsbayes.evidence.blind.effects import TrueEffect
 from capsbayes.evidence.blind.lab import Lab
+from capsbayes.evidence.blind.pools import simulator_with
+from capsbayes.physics.databases.build import build_database
 
-__all__ = ["HiddenSession", "assembled", "capsule_of", "drawn_session"]
+__all__ = ["BlindSession", "draw_session", "simulate_session"]
 
 Floats = NDArray[np.float64]
 
+_TYPICAL = -4.5  # log density relative to its maximum: three standard deviations
+_SPARE = 1.15  # simulated capsules for each one wanted, since some have no steady shape
+_DIGITS = 6  # of Ca and a/l, so that a case can be found again
+_LOWEST = 0.02  # Ca, below which two shapes may be stable
+
 
 @dataclass(frozen=True, eq=False)
-class HiddenSession:
-    """What a lab has measured, and what it does not know.
+class BlindSession:
+    """The measurements of a lab, and the truth that it does not know.
 
     Parameters
     ----------
     session : Session
     effect : str
-        Name of what is hidden, "none" if nothing is.
+        Name of the true effect, "none" if there is none.
     size : float
-        In SI.
+        Of the effect, in SI.
     seed : int
     lab : Lab
     capsules : tuple of Capsule
@@ -51,43 +59,37 @@ class HiddenSession:
     @property
     def log_modulus(self) -> Floats:
         """ln G_s of the capsules [N/m] : (n,) array."""
-        return np.log([one.surface_shear_modulus for one in self.capsules])
+        return np.log([capsule.surface_shear_modulus for capsule in self.capsules])
 
     def truth(self) -> dict[str, Any]:
-        """All that is hidden, in SI, as JSON can hold it."""
+        """Return the whole truth in SI, as JSON can hold it."""
         numbers = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio", "capsule_velocity")
-        capsules = [{name: float(getattr(one, name)) for name in numbers} for one in self.capsules]
-        told = {"effect": self.effect, "size": self.size, "seed": self.seed, "shapes_sha256": self.shapes}
-        return {**told, "lab": asdict(self.lab), "capsules": capsules}
+        capsules = [{name: float(getattr(capsule, name)) for name in numbers} for capsule in self.capsules]
+        known = {"effect": self.effect, "size": self.size, "seed": self.seed, "shapes_sha256": self.shapes}
+        return {**known, "lab": asdict(self.lab), "capsules": capsules}
 
 
-def drawn_session(
-    shapes: Database,
-    hidden: Hideable,
-    size: float,
-    *,
-    lab: Lab,
-    capsules: int,
-    seed: int,
-    outline: bool = True,
-) -> HiddenSession:
-    """Draw a session from the shapes that there are.
+def draw_session(
+    shapes: Database, effect: TrueEffect, size: float, *, lab: Lab, capsules: int, seed: int, outline: bool = True
+) -> BlindSession:
+    """Draw a session from stored shapes.
 
-    Capsules are drawn among all pairs of a simulated shape and a flow rate, with the probability that the lab's
-    population has there; the pair says what G_s is.
+    Capsules are drawn among all pairs of a shape and a flow rate, with the probability density of the lab's population
+    there; the pair determines G_s.
 
     Parameters
     ----------
     shapes : Database
-        Plain; simulated with what is hidden, if it acts on the simulation.
-    hidden : Hideable
+        Simulated with the effect if it acts on the simulation, else plain.
+    effect : TrueEffect
     size : float
-        In SI.
+        Of the effect, in SI.
     lab : Lab
     capsules : int
+        Number of capsules.
     seed : int
     outline : bool
-        Whether outlines are measured, or lengths alone.
+        False to measure lengths alone.
 
     Raises
     ------
@@ -95,52 +97,112 @@ def drawn_session(
         If there are too few shapes for so many capsules.
     """
     rng = np.random.default_rng(seed)
-    there = shapes.converged
-    chosen = _pairs(there, hidden.lab(lab, size), capsules, rng)
-    seen = [hidden.drawn(capsule_of(there, row, speed, lab), size, lab, seed) for row, speed in chosen]
-    return assembled(seen, hidden, size, lab=lab, seed=seed, outline=outline, rng=rng, shapes=shapes.sha256)
+    converged = shapes.converged
+    pairs = _pairs(converged, effect.lab(lab, size), capsules, rng)
+    drawn = [effect.drawn(_capsule(converged, row, speed, lab), size, lab, seed) for row, speed in pairs]
+    return _measured(drawn, effect, size, lab, seed, outline, rng, shapes.sha256)
 
 
-def assembled(
-    seen: Sequence[Capsule],
-    hidden: Hideable,
+def simulate_session(
+    effect: TrueEffect,
     size: float,
     *,
+    lab: Lab,
+    capsules: int,
+    seed: int,
+    shapes: str | os.PathLike[str],
+    outline: bool = True,
+    refinement: int | None = None,
+    workers: int | None = None,
+) -> BlindSession:
+    """Draw capsules from a lab's population, simulate each at its own Ca and size, and measure them.
+
+    Parameters
+    ----------
+    effect : TrueEffect
+    size : float
+        Of the effect, in SI.
+    lab : Lab
+    capsules : int
+        Number of capsules.
+    seed : int
+    shapes : path
+        Database that keeps the shapes; the same call repeated continues from the shapes that are finished.
+    outline : bool
+        False to measure lengths alone.
+    refinement : int, optional
+        Of the mesh.
+    workers : int, optional
+        Of `build_database`.
+
+    Raises
+    ------
+    InputError
+        If too few of the capsules have a steady shape.
+    """
+    rng = np.random.default_rng(seed)
+    modulus, size_ratio, speed = effect.lab(lab, size).drawn(rng, int(np.ceil(_SPARE * capsules)))
+    number = np.round(np.maximum(lab.viscosity * speed / modulus, _LOWEST), _DIGITS)
+    cases = list(zip(number, np.round(size_ratio, _DIGITS), strict=True))
+    simulator = simulator_with(effect, size) if refinement is None else simulator_with(effect, size, refinement)
+    Path(shapes).parent.mkdir(parents=True, exist_ok=True)
+    converged = build_database(simulator, cases, out=shapes, workers=workers).converged
+    rows = [_row(converged, *case) for case in cases]
+    pairs = [(row, float(velocity)) for row, velocity in zip(rows, speed, strict=True) if row is not None][:capsules]
+    if len(pairs) < capsules:
+        advice = "let them be softer or smaller"
+        raise InputError("blind session", "capsules", f"{capsules} with a steady shape", f"{len(pairs)}", advice)
+    drawn = [effect.drawn(_capsule(converged, row, velocity, lab), size, lab, seed) for row, velocity in pairs]
+    return _measured(drawn, effect, size, lab, seed, outline, rng, converged.sha256)
+
+
+def _measured(
+    capsules: Sequence[Capsule],
+    effect: TrueEffect,
+    size: float,
     lab: Lab,
     seed: int,
     outline: bool,
     rng: np.random.Generator,
     shapes: str,
-) -> HiddenSession:
-    """Measure capsules and put them into one session."""
-    each = [
-        measured(one, lab.noise, rng, outline=outline, source=f"capsule {i:03d}") for i, one in enumerate(seen, start=1)
+) -> BlindSession:
+    measurements = [
+        capsule.measured(lab.noise, rng, outline=outline, source=f"capsule {number:03d}")
+        for number, capsule in enumerate(capsules, start=1)
     ]
-    return HiddenSession(Session(each, lab.experiment), hidden.name, size, seed, lab, tuple(seen), shapes)
+    session = Session(measurements, lab.experiment)
+    return BlindSession(session, effect.name, size, seed, lab, tuple(capsules), shapes)
 
 
 def _pairs(shapes: Database, lab: Lab, count: int, rng: np.random.Generator) -> list[tuple[int, float]]:
-    """Row of a shape and mean velocity of each capsule, no pair twice."""
+    """Draw the row of a shape and the mean velocity of each capsule, no pair twice."""
     speeds = np.array(lab.mean_velocities)
     modulus = lab.viscosity * speeds / shapes["capillary_number"][:, None]
     density = np.exp(lab.log_density(modulus, shapes["size_ratio"][:, None])).ravel()
-    possible = int(np.sum(density > np.exp(-4.5)))  # within three standard deviations
+    possible = int(np.sum(density > np.exp(_TYPICAL)))
     if possible < count:
         expected = f"shapes for {count} capsules"
-        raise InputError("hidden session", "shapes", expected, f"{possible} pairs of a shape and a flow rate")
+        raise InputError("blind session", "shapes", expected, f"{possible} pairs of a shape and a flow rate")
     places = rng.choice(density.size, count, replace=False, p=density / density.sum())
     return [(int(place) // len(speeds), float(speeds[place % len(speeds)])) for place in places]
 
 
-def capsule_of(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Capsule:
-    """The capsule that has a shape (a row of the database) at a mean velocity [m/s]."""
-    ca, size = float(shapes["capillary_number"][row]), float(shapes["size_ratio"][row])
+def _row(shapes: Database, capillary_number: float, size_ratio: float) -> int | None:
+    """Return the row of a case, None if it has no steady shape."""
+    same = np.isclose(shapes["capillary_number"], capillary_number) & np.isclose(shapes["size_ratio"], size_ratio)
+    rows = np.flatnonzero(same)
+    return int(rows[0]) if len(rows) else None
+
+
+def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Capsule:
+    """Return the capsule that has the shape in a row of the database at a mean velocity [m/s]."""
+    capillary_number, size_ratio = float(shapes["capillary_number"][row]), float(shapes["size_ratio"][row])
     velocity = mean_velocity * float(shapes["velocity_ratio"][row])
     return Capsule(
-        capillary_number=ca,
-        size_ratio=size,
-        surface_shear_modulus=lab.viscosity * mean_velocity / ca,
-        capsule_radius=size * lab.half_width,
+        capillary_number=capillary_number,
+        size_ratio=size_ratio,
+        surface_shear_modulus=lab.viscosity * mean_velocity / capillary_number,
+        capsule_radius=size_ratio * lab.half_width,
         capsule_velocity=velocity,
         velocity_seen=velocity,
         outline=np.array(shapes["profile"][row]),

@@ -1,1 +1,1 @@
-"""The exam: many blind sessions diagnosed, and the table of the answers."""
+"""The exam: many blind sessions diagnosed, and the page of the answers."""

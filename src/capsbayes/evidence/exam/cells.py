@@ -1,14 +1,24 @@
-"""What the exam asks: cells of sessions alike but for their seeds."""
+"""The cells of the exam: sessions that differ in their seeds only."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
-from capsbayes.evidence.blind.hideable import HIDEABLE, Hideable
+import numpy as np
+from scipy.stats import norm
+
+from capsbayes.effect import Effect, Kind, Theta
+from capsbayes.effects import catalogue
+from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect
 from capsbayes.evidence.blind.lab import Lab, Noise
+from capsbayes.evidence.blind.optics import smooth_pattern
 from capsbayes.evidence.blind.pools import POOLS
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import Parameter
+from capsbayes.prediction import Prediction
 
-__all__ = ["CELLS", "Cell"]
+__all__ = ["CELLS", "Cell", "Decoy"]
 
 _CAPSULES = 40
 _NULLS = {
@@ -18,7 +28,7 @@ _NULLS = {
     "noise understated by 20 %": (Noise(understated=1.2), 60),
     "noise overstated by 20 %": (Noise(understated=0.8), 60),
 }
-_DRAWN = {  # a small and a clear size of what is not simulated, in SI
+_DRAWN = {  # a small and a clear size of effects that are not simulated, in SI
     "halo": (0.2e-6, 0.5e-6),
     "exposure": (1e-4, 3e-4),
     "pixel_scale": (0.01, 0.025),
@@ -34,30 +44,69 @@ _SESSIONS = 24
 
 
 @dataclass(frozen=True)
+class Decoy:
+    """An effect that does not exist, and must explain nothing: a smooth random displacement of the edge.
+
+    Parameters
+    ----------
+    seed : int
+        Of the function.
+    """
+
+    seed: int
+    name: ClassVar[str] = "random pattern"
+    parameter: ClassVar[Parameter] = Parameter("decoy", "d", "d", "-", "-", 1.0, "root mean square displacement over l")
+    null_value: ClassVar[float] = 0.0
+    kind: ClassVar[Kind] = Kind.SESSION
+    circumstances: ClassVar[tuple[str, ...]] = ()
+    changes: ClassVar[str] = "Edges are displaced by a random pattern."
+    separated_by: ClassVar[str] = "None: it is not in the channel."
+    prior: ClassVar[Any] = norm(0.0, 0.02)
+
+    def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Displace the edges that a model predicts, and with them the ends of its lengths."""
+        plain = model(theta, outline=True)
+        assert plain.outline is not None, "asked for"
+        moved = plain.outline.copy()
+        for row in np.flatnonzero(plain.inside):
+            moved[row] += theta["decoy"][row] * smooth_pattern(moved[row], self.seed)
+        nose, rear = (moved[:, place, 0] - plain.outline[:, place, 0] for place in (0, moved.shape[1] // 2))
+        longer = np.ptp(moved[..., 0], axis=1) - np.ptp(plain.outline[..., 0], axis=1)
+        return replace(
+            plain,
+            axial_extent=plain.axial_extent + longer,
+            axial_length=plain.axial_length + nose - rear,
+            outline=moved if outline else None,
+        )
+
+
+@dataclass(frozen=True)
 class Cell:
-    """Sessions with the same thing hidden in them.
+    """Sessions with the same true effect.
 
     Parameters
     ----------
     name : str
     effect : str
-        Name of what is hidden.
+        Name of the true effect.
     size : float
         In SI.
     known : bool
-        Whether the catalogue has it.
+        True if the catalogue has the effect.
     sessions, capsules : int
+        Number of sessions, and of capsules in each.
     lab : Lab
     removed : tuple of str
         Effects taken out of the catalogue.
     outline : bool
-        Whether outlines are measured, or lengths alone.
+        False if lengths alone are measured.
     clear : bool
-        Whether it moves edges by 0.02 l or more, or the apparent G_s of some capsules by 10 % or more beside others.
+        True if the effect moves edges by 0.02 l or more, or the apparent G_s of some capsules by 10 % or more relative
+        to others.
     also : tuple of (str, float)
-        What else is hidden, and its size.
+        Further true effects and their sizes.
     decoy : bool
-        Whether a random pattern is all that is tried.
+        True if the only candidate is a random pattern.
     """
 
     name: str
@@ -75,26 +124,32 @@ class Cell:
 
     @property
     def null(self) -> bool:
-        """Whether nothing is hidden."""
+        """True if there is no effect."""
         return self.effect == "none"
 
     @property
     def sizes(self) -> dict[str, float]:
-        """Of all that is hidden, by name."""
+        """Sizes of all true effects, by name."""
         return {self.effect: self.size, **dict(self.also)}
 
     @property
-    def hidden(self) -> Hideable:
-        """All that is hidden, its size that of `effect`."""
-        found = HIDEABLE[self.effect]
+    def true_effect(self) -> TrueEffect:
+        """All true effects combined; the size is that of `effect`."""
+        combined = TRUE_EFFECTS[self.effect]
         for name, size in self.also:
-            found = found.beside(HIDEABLE[name], size)
-        return found
+            combined = combined.combined(TRUE_EFFECTS[name], size)
+        return combined
 
     @property
     def shapes(self) -> tuple[str, float]:
-        """The pool of shapes from which its capsules come."""
+        """Pool of the shapes of its capsules."""
         return next((pair for pair in self.sizes.items() if pair in POOLS), ("none", 0.0))
+
+    def candidates(self, seed: int) -> dict[str, Effect]:
+        """Return the effects that the diagnosis of a session tries."""
+        if self.decoy:
+            return {Decoy.parameter.name: Decoy(seed)}
+        return {name: effect for name, effect in catalogue().items() if name not in self.removed}
 
 
 def _cells() -> list[Cell]:
@@ -105,7 +160,7 @@ def _cells() -> list[Cell]:
     cells.append(Cell("nothing, lengths alone", "none", 0.0, True, 60, outline=False))
     simulated = [pair for pair in POOLS if pair[0] not in ("none", "hooke")]
     drawn = [(effect, size) for effect, sizes in _DRAWN.items() for size in sizes]
-    shown = {effect: _shown(effect) for effect in HIDEABLE}
+    shown = {effect: effect.replace("_", " ") for effect in TRUE_EFFECTS}
     large = [(effect, sizes[1]) for effect, sizes in _DRAWN.items()]
     cells += [
         Cell(f"{shown[effect]} {size:g}", effect, size, True, clear=(effect, size) in large)
@@ -116,8 +171,14 @@ def _cells() -> list[Cell]:
         for effect, size in (("pre_inflation", 0.035), ("bending", 2e-3), ("rest_aspect", 1.075), ("exposure", 3e-4))
     ]
     cells += [
-        Cell(f"{shown[one]} {size:g} with {shown[other]} {other_size:g}", one, size, True, also=((other, other_size),))
-        for (one, size), (other, other_size) in _PAIRS
+        Cell(
+            f"{shown[effect]} {size:g} with {shown[other]} {other_size:g}",
+            effect,
+            size,
+            True,
+            also=((other, other_size),),
+        )
+        for (effect, size), (other, other_size) in _PAIRS
     ]
     cells += [
         Cell(f"{shown[effect]} {size:g}, a random pattern tried", effect, size, False, decoy=True)
@@ -127,9 +188,5 @@ def _cells() -> list[Cell]:
     return [*cells, Cell("generalised Hooke membrane", "hooke", 0.5, False)]
 
 
-def _shown(effect: str) -> str:
-    return effect.replace("_", " ")
-
-
 CELLS = tuple(_cells())
-"""All of the exam."""
+"""All cells of the exam."""

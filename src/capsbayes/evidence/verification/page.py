@@ -1,4 +1,4 @@
-"""The page of verification: a summary, then a table and a picture for each section."""
+"""The page of verification: a summary, then a table and a picture for each topic."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import capsbayes
-from capsbayes.evidence.verification.row import Row, Verdict
-from capsbayes.evidence.verification.section import Results, Section
+from capsbayes.evidence.markdown import table_lines
+from capsbayes.evidence.verification.topic import Results, Row, Topic, Verdict
 from capsbayes.output_file import replaced
 from capsbayes.work import Records
 
@@ -19,10 +19,10 @@ _COLUMNS = ("quantity", "reference", "source", "ours", "difference", "target", "
 _VERDICTS: tuple[Verdict, ...] = ("met", "missed", "not computed")
 
 
-def write_page(sections: Sequence[Section], records: Records, out: Path) -> None:
+def write_page(topics: Sequence[Topic], records: Records, out: Path) -> None:
     """Write ``verification.md`` and its pictures into the folder `out`."""
-    known = [(section, Results.read(records, section.name)) for section in sections]
-    drawn = {section.name for section, results in known if _draw(section, results, out)}
+    known = [(topic, Results.read(records, topic.name)) for topic in topics]
+    drawn = {topic.name for topic, results in known if _draw(topic, results, out)}
     lines = [
         "# Verification",
         "",
@@ -33,38 +33,33 @@ def write_page(sections: Sequence[Section], records: Records, out: Path) -> None
         "",
         *_summary(known),
     ]
-    for section, results in known:
+    for topic, results in known:
         lines += [
             "",
-            f"## {section.title}",
+            f"## {topic.title}",
             "",
-            section.about,
+            topic.about,
             "",
-            *_table(_COLUMNS, map(_cells, section.rows(results))),
+            *table_lines(_COLUMNS, map(_cells, topic.rows(results))),
         ]
-        lines += _gaps(section, results)
-        if section.name in drawn:
-            lines += ["", f"![{section.title}]({section.name}.png)"]
+        lines += _gaps(topic, results)
+        if topic.name in drawn:
+            lines += ["", f"![{topic.title}]({topic.name}.png)"]
     replaced(out / "verification.md", "\n".join(lines) + "\n")
 
 
-def _summary(known: Iterable[tuple[Section, Results]]) -> Iterator[str]:
+def _summary(known: Iterable[tuple[Topic, Results]]) -> Iterator[str]:
     rows = []
-    for section, results in known:
-        verdicts = Counter(row.verdict for row in section.rows(results))
-        seconds = sum(outcome.seconds for item, outcome in results.outcomes.items() if item in section.items)
-        link = f"[{section.title}](#{_anchor(section.title)})"
+    for topic, results in known:
+        verdicts = Counter(row.verdict for row in topic.rows(results))
+        seconds = sum(outcome.seconds for item, outcome in results.outcomes.items() if item in topic.items)
+        link = f"[{topic.title}](#{_anchor(topic.title)})"
         rows.append((link, *(str(verdicts[verdict]) for verdict in _VERDICTS), f"{seconds:.0f}"))
-    return _table(("section", *_VERDICTS, "seconds"), rows)
+    return table_lines(("topic", *_VERDICTS, "seconds"), rows)
 
 
 def _anchor(title: str) -> str:
     return "".join(letter for letter in title.lower().replace(" ", "-") if letter.isalnum() or letter == "-")
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
-    for cells in (head, ["---"] * len(head), *rows):
-        yield f"| {' | '.join(cells)} |"
 
 
 def _cells(row: Row) -> tuple[str, ...]:
@@ -78,27 +73,26 @@ def _cells(row: Row) -> tuple[str, ...]:
 def _difference(row: Row) -> str:
     if row.reference is None or not math.isfinite(row.ours):
         return ""
-    absolute = row.reference.value == 0.0 or (row.target is not None and row.target.kind == "absolute")
-    return f"{row.difference:+.1e}" if absolute else f"{100 * row.difference:+.2g} %"
+    return f"{100 * row.difference:+.2g} %" if row.is_relative else f"{row.difference:+.1e}"
 
 
-def _gaps(section: Section, results: Results) -> Iterator[str]:
-    missing = section.missing(results)
+def _gaps(topic: Topic, results: Results) -> Iterator[str]:
+    missing = topic.missing(results)
     if missing:
         yield from ("", f"Not computed yet: {', '.join(missing)}.")
-    for item, reason in section.failed(results).items():
+    for item, reason in topic.failed(results).items():
         yield from ("", f"Without a result: {item}, because {reason}")
 
 
-def _draw(section: Section, results: Results, out: Path) -> bool:
-    """Write the section's picture, if it has one and every item has ended."""
-    if section.picture is None or section.missing(results):
+def _draw(topic: Topic, results: Results, out: Path) -> bool:
+    """Write the topic's picture if it has one and every item has ended."""
+    if topic.picture is None or topic.missing(results):
         return False
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
-    section.picture(results, figure)
-    partial = out / f".{section.name}.png"
+    topic.picture(results, figure)
+    partial = out / f".{topic.name}.png"
     figure.savefig(partial, dpi=120)
-    partial.replace(out / f"{section.name}.png")
+    partial.replace(out / f"{topic.name}.png")
     return True

@@ -1,4 +1,4 @@
-"""Every number that verification compares with and does not compute itself, with its source.
+"""Reference numbers of verification that are not computed here, with their sources.
 
 Lengths are over l (R in a tube, a in shear), velocities over U, pressures over mu U/l.
 """
@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from capsbayes.evidence.verification.row import Reference
+from capsbayes.evidence.verification.topic import Reference
 
 __all__ = [
     "BOUNDARY_INTEGRAL",
@@ -41,7 +41,7 @@ class Published:
     numbers: Mapping[Any, tuple[float, ...]]
 
     def at(self, case: Any, name: str) -> Reference:
-        """One number."""
+        """Return one number."""
         return Reference(self.numbers[case][self.names.index(name)], self.source)
 
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from capsbayes.evidence.verification.references import RIGID_SPHERE
-from capsbayes.evidence.verification.row import Row, Target
-from capsbayes.evidence.verification.section import Results, Section, Values
+from capsbayes.evidence.verification.topic import Results, Row, Target, Topic, Values
 from capsbayes.physics.capsule.problem import Problem
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.stokes.cross_sections import cross_section_named
@@ -20,15 +19,15 @@ from capsbayes.physics.stokes.walls import wall_operator
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["RigidMotion", "rigid_sphere", "section"]
+__all__ = ["RigidMotion", "rigid_sphere", "rigid_spheres"]
 
 _SIZES = (0.3, 0.5, 0.7, 0.8, 0.85, 0.9)
 _WORDS = {"velocity_ratio": "V/U", "extra_pressure_drop": "dP+ [mu U/l]"}
 
 
-def section(refinement: int = 12) -> Section:
-    """Velocity and pressure drop of spheres of every size in both sections."""
-    return Section(
+def rigid_spheres(refinement: int = 12) -> Topic:
+    """Return the topic of velocity and pressure drop of spheres of every size in both cross-sections."""
+    return Topic(
         "rigid-sphere",
         "Rigid sphere",
         f"A sphere free to move on the axis, at refinement {refinement}: its velocity, and the pressure drop it adds.",
@@ -61,12 +60,12 @@ def rigid_sphere(problem: Problem, size_ratio: float) -> RigidMotion:
     """Compute the motion of a force-free rigid sphere on the axis.
 
     The traction f solves v_inf + (single layer) + (walls) = V e_z on the sphere with zero total force; its constant
-    normal part, which moves nothing, is set to zero.
+    normal part, which causes no motion, is set to zero.
 
     Parameters
     ----------
     problem : Problem
-        Only its mesh, cross-section and walls matter.
+        Its mesh, cross-section and walls are used.
     size_ratio : float
         Radius over the half width.
 

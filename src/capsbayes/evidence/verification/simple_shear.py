@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.evidence.verification.references import SHEAR, SHEAR_SLOPE
-from capsbayes.evidence.verification.row import Row, Target
-from capsbayes.evidence.verification.section import Results, Section, Values
+from capsbayes.evidence.verification.topic import Results, Row, Target, Topic, Values
 from capsbayes.physics.capsule.problem import Problem
 from capsbayes.physics.capsule.transient import transient
 from capsbayes.physics.membrane import NeoHookean
@@ -23,17 +22,17 @@ from capsbayes.physics.surface.shape_functions import p2, p2_gradient
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["section", "taylor_deformation"]
+__all__ = ["simple_shear", "taylor_deformation"]
 
 _SMALL, _TIME = 0.01, 8.0
 _BENDING, _CODES_DIFFER = 2e-4, 0.08
 _CAPILLARY_NUMBERS = tuple(SHEAR[0].numbers)
 
 
-def section(refinement: int = 6) -> Section:
-    """Steady deformations, and the slope at small ones."""
+def simple_shear(refinement: int = 6) -> Topic:
+    """Return the topic of steady deformations, and of the slope at small ones."""
     times = {_SMALL: 0.5} | dict.fromkeys(_CAPILLARY_NUMBERS, _TIME)  # a stiff membrane settles within a few Ca
-    return Section(
+    return Topic(
         "simple-shear",
         "Simple shear",
         f"Taylor's D of a neo-Hookean capsule sheared from rest without walls, Ca = mu (shear rate) a / G_s, at "
@@ -57,7 +56,7 @@ def _deformation(capillary_number: float, time: float, refinement: int) -> Value
 
 
 def taylor_deformation(mesh: OctaSphere, nodes: NDArray[np.float64]) -> float:
-    """Compute D = (L - B) / (L + B) of the ellipsoid with the capsule's inertia.
+    """Compute D = (L - B) / (L + B) of the ellipsoid that has the capsule's inertia.
 
     Parameters
     ----------

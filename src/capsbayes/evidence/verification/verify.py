@@ -1,4 +1,4 @@
-"""Compute what is missing of every section, and write the page."""
+"""Compute the missing items of every topic, and write the page."""
 
 from __future__ import annotations
 
@@ -11,59 +11,58 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.evidence.verification.page import write_page
-from capsbayes.evidence.verification.row import Row
-from capsbayes.evidence.verification.section import Outcome, Results, Section, Values
+from capsbayes.evidence.verification.topic import Outcome, Results, Row, Topic, Values
 from capsbayes.work import Records
 
 __all__ = ["verify"]
 
 
 def verify(
-    sections: Sequence[Section],
+    topics: Sequence[Topic],
     out: Path,
     *,
     only: str | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> dict[str, list[Row]]:
-    """Compute what is missing of the sections, and write the page of all that is known.
+    """Compute the missing items of topics, and write the page of all known outcomes.
 
-    Each finished item is kept in ``results.jsonl`` at once. The page is written
-    anew after each section that was computed.
+    Each outcome is stored in ``results.jsonl`` at once. The page is written
+    anew after each topic that was computed.
 
     Parameters
     ----------
-    sections : sequence of Section
+    topics : sequence of Topic
     out : Path
-        Folder of the results, the page and its pictures; it is made if need be.
+        Folder of the results, the page and its pictures; it is made if it does not exist.
     only : str, optional
-        Name of the one section to compute.
+        Name of the only topic to compute.
     tell : callable
-        Is told each item that begins.
+        Called with a line for each item that begins.
 
     Returns
     -------
     dict of str to list of Row
-        The rows of each section.
+        The rows of each topic.
 
     Raises
     ------
     InputError
-        If there is no such section, the folder cannot be written, or ``results.jsonl`` holds something else.
+        If there is no such topic, the folder cannot be written, or ``results.jsonl`` holds something else.
     """
-    chosen = _chosen(sections, only)
+    chosen = _chosen(topics, only)
     records = Records(out / "results.jsonl")
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for section in chosen:
-            _compute(section, records, tell)
-            write_page(sections, records, out)
+        for topic in chosen:
+            _compute(topic, records, tell)
+            write_page(topics, records, out)
     except OSError as error:
         raise InputError("verify", "out", "a folder that can be written", str(error)) from error
-    return {section.name: list(section.rows(Results.read(records, section.name))) for section in sections}
+    return {topic.name: list(topic.rows(Results.read(records, topic.name))) for topic in topics}
 
 
-def _chosen(sections: Iterable[Section], only: str | None) -> list[Section]:
-    by_name = {section.name: section for section in sections}
+def _chosen(topics: Iterable[Topic], only: str | None) -> list[Topic]:
+    by_name = {topic.name: topic for topic in topics}
     if only is None:
         return list(by_name.values())
     if only not in by_name:
@@ -71,16 +70,16 @@ def _chosen(sections: Iterable[Section], only: str | None) -> list[Section]:
     return [by_name[only]]
 
 
-def _compute(section: Section, records: Records, tell: Callable[[str], None]) -> None:
-    for item in section.missing(Results.read(records, section.name)):
-        tell(f"{section.title}: {item}")
+def _compute(topic: Topic, records: Records, tell: Callable[[str], None]) -> None:
+    for item in topic.missing(Results.read(records, topic.name)):
+        tell(f"{topic.title}: {item}")
         begin = time.process_time()
         values: Values = {}
         failed = ""
         try:
             with threadpool_limits(limits=1):  # times are those of one core
-                values = section.items[item]()
+                values = topic.items[item]()
         except CapsbayesError as error:
             failed = str(error)
         outcome = Outcome(time.process_time() - begin, values, failed)
-        records.add({"section": section.name, "item": item, **asdict(outcome)})
+        records.add({"topic": topic.name, "item": item, **asdict(outcome)})

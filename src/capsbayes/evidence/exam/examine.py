@@ -1,4 +1,4 @@
-"""The exam: many hidden sessions diagnosed, and the table of the answers."""
+"""Run the exam: diagnose the sessions of all cells, and keep the answers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from capsbayes.database import Database
 from capsbayes.evidence.blind.pools import pool_name
-from capsbayes.evidence.exam.answer import Answer, answered
+from capsbayes.evidence.exam.answer import Answer, answer_session
 from capsbayes.evidence.exam.cells import Cell
 from capsbayes.surrogate import Surrogate
 from capsbayes.work import Records, run_tasks
@@ -18,7 +18,7 @@ from capsbayes.work import Records, run_tasks
 __all__ = ["Answers", "examine"]
 
 Answers = dict[str, dict[int, Answer]]
-"""By name of the cell and seed."""
+"""Answers by name of the cell and seed."""
 
 _RENAMED = {
     "chance": "p_value",
@@ -39,7 +39,7 @@ def examine(
     """Diagnose every session of the cells that has no answer yet, in rounds over all cells.
 
     The answers of a cell are kept in one file in `out`, a line each, written as soon as it is known, so that the same
-    call made again goes on where it was.
+    call repeated continues where it ended.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def examine(
     workers : int, optional
         Number of worker processes; by default, one for each core.
     tell : callable
-        Is told each round that begins.
+        Called with a line for each round that begins.
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ def examine(
 
 
 def _rounds(last: int) -> Iterator[tuple[int, int]]:
-    """First and last session of each round: a few of every cell come first, and twice as many each time."""
+    """Yield first and last session of each round: a few of every cell first, then twice as many each time."""
     start, end = 1, 4
     while start <= last:
         yield start, min(end, last)
@@ -78,7 +78,7 @@ def _rounds(last: int) -> Iterator[tuple[int, int]]:
 
 
 def _one(cell: Cell, seed: int, pools: str, records: Records) -> None:
-    answer = answered(cell, seed, _shapes(pools, *cell.shapes), _model())
+    answer = answer_session(cell, seed, _shapes(pools, *cell.shapes), _model())
     records.add({"seed": seed, **asdict(answer)})
 
 
@@ -102,5 +102,6 @@ def _records(folder: Path, cell: Cell) -> Records:
 
 def _read(folder: Path, cell: Cell) -> dict[int, Answer]:
     """Return the answers of a cell by seed."""
-    records = ({_RENAMED.get(key, key): value for key, value in one.items()} for one in _records(folder, cell).read())
+    lines = _records(folder, cell).read()
+    records = ({_RENAMED.get(key, key): value for key, value in line.items()} for line in lines)
     return {record.pop("seed"): Answer(**record) for record in records}

@@ -1,4 +1,4 @@
-"""The sections themselves: quick ones from end to end, and what holds for all of them."""
+"""The topics themselves: quick ones from end to end, and what holds for all of them."""
 
 import math
 
@@ -6,41 +6,36 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from capsbayes.evidence.verification import (
-    SECTIONS,
-    membrane_laws,
-    rigid_sphere,
-    single_layer,
-    undisturbed_flow,
-    verify,
-)
-from capsbayes.evidence.verification.section import Results
+from capsbayes.evidence.verification import TOPICS, verify
+from capsbayes.evidence.verification.closed_forms import membrane_laws, single_layer, undisturbed_flow
+from capsbayes.evidence.verification.rigid_sphere import rigid_spheres
+from capsbayes.evidence.verification.topic import Results
 
 
-@pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section.name)
-def test_rows_of_nothing_are_not_computed(section):
-    rows = list(section.rows(Results({})))
+@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
+def test_rows_of_nothing_are_not_computed(topic):
+    rows = list(topic.rows(Results({})))
     assert rows
     assert all(math.isnan(row.ours) for row in rows)
-    assert len({section.name for section in SECTIONS}) == len(SECTIONS)
+    assert len({topic.name for topic in TOPICS}) == len(TOPICS)
 
 
-@pytest.mark.parametrize("section", [undisturbed_flow.section(), membrane_laws.section()], ids=lambda one: one.name)
-def test_quick_sections_meet_every_target(section, tmp_path):
-    rows = verify([section], tmp_path)[section.name]
+@pytest.mark.parametrize("topic", [undisturbed_flow(), membrane_laws()], ids=lambda topic: topic.name)
+def test_quick_topics_meet_every_target(topic, tmp_path):
+    rows = verify([topic], tmp_path)[topic.name]
     assert {row.verdict for row in rows} == {"met"}
 
 
 def test_single_layer_on_coarse_meshes(tmp_path):
-    rows = verify([single_layer.section((4, 6))], tmp_path)["single-layer"]
+    rows = verify([single_layer((4, 6))], tmp_path)["single-layer"]
     orders = [row for row in rows if row.quantity.endswith("order")]
     assert [row.verdict for row in orders] == ["met", "met"]
     assert "![Single layer](single-layer.png)" in (tmp_path / "verification.md").read_text()
 
 
 def test_rigid_sphere_on_a_coarse_mesh():
-    section = rigid_sphere.section(4)
-    values = section.items["square, a/l = 0.5"]()
+    topic = rigid_spheres(4)
+    values = topic.items["square, a/l = 0.5"]()
     assert values["velocity_ratio"] == pytest.approx(1.808701, rel=5e-3)
     assert values["extra_pressure_drop"] == pytest.approx(0.320879, rel=5e-2)
 
@@ -56,10 +51,10 @@ class Made(Results):
 
 
 @pytest.mark.parametrize("results", [Made({}), Results({})], ids=["full", "failed"])
-@pytest.mark.parametrize("section", [one for one in SECTIONS if one.picture], ids=lambda section: section.name)
-def test_pictures_name_their_axes(section, results):
+@pytest.mark.parametrize("topic", [topic for topic in TOPICS if topic.picture], ids=lambda topic: topic.name)
+def test_pictures_name_their_axes(topic, results):
     figure = Figure()
-    section.picture(results, figure)
+    topic.picture(results, figure)
     figure.canvas.draw()
     assert figure.axes
     assert all(axes.lines and axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)

@@ -1,0 +1,120 @@
+"""True effects of blind sessions: in the simulation, in the picture, or in the population of capsules."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+from capsbayes.errors import InputError
+from capsbayes.evidence.blind.capsule import Capsule
+from capsbayes.evidence.blind.lab import Lab
+from capsbayes.evidence.blind.optics import enlarged, grown, smeared, smooth_pattern
+from capsbayes.physics.membrane import GeneralisedHooke, Skalak, StrainHardening
+
+__all__ = ["TRUE_EFFECTS", "TrueEffect", "true_effect_named"]
+
+Drawn = Callable[[Capsule, float, Lab, int], Capsule]
+
+
+@dataclass(frozen=True)
+class TrueEffect:
+    """An effect that the capsules of a blind session have, and a plain model lacks.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter of the catalogue's effect, if the catalogue has it.
+    unit : str
+        Unit of its size in SI, empty for a ratio.
+    simulated : callable
+        ``size -> settings``: the settings of the simulator that it changes.
+    drawn : callable
+        ``(capsule, size, lab, seed) -> capsule``: the change of a capsule as the microscope shows it.
+    lab : callable
+        ``(lab, size) -> lab``: the change of the population of capsules.
+    """
+
+    name: str
+    unit: str = ""
+    simulated: Callable[[float], dict[str, Any]] = lambda size: {}
+    drawn: Drawn = lambda capsule, size, lab, seed: capsule
+    lab: Callable[[Lab, float], Lab] = lambda lab, size: lab
+
+    def combined(self, other: TrueEffect, other_size: float) -> TrueEffect:
+        """Return this effect together with another of a given size, which acts first."""
+        return replace(
+            self,
+            simulated=lambda size: {**other.simulated(other_size), **self.simulated(size)},
+            drawn=lambda capsule, size, lab, seed: self.drawn(
+                other.drawn(capsule, other_size, lab, seed), size, lab, seed
+            ),
+            lab=lambda lab, size: self.lab(other.lab(lab, other_size), size),
+        )
+
+
+def _setting(name: str) -> TrueEffect:
+    return TrueEffect(name, simulated=lambda size: {name: size})
+
+
+def _halo(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    return replace(capsule, outline=grown(capsule.outline, size / lab.half_width))
+
+
+def _blurred(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    return replace(capsule, outline=smeared(capsule.outline, size * capsule.capsule_velocity / lab.half_width))
+
+
+def _wrong_pixels(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    factor = 1.0 + size
+    return replace(capsule, outline=enlarged(capsule.outline, factor), velocity_seen=capsule.velocity_seen * factor)
+
+
+def _swollen(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    """Enlarge the capsule: it was simulated in the true channel, and the lab divides by the nominal half width."""
+    factor = 1.0 + size * capsule.capsule_velocity
+    return replace(capsule, outline=enlarged(capsule.outline, factor), capsule_radius=capsule.capsule_radius * factor)
+
+
+def _patterned(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    """Displace the edge by a smooth random function of the arc, of root mean square `size`, common to all capsules."""
+    return replace(capsule, outline=capsule.outline + size * smooth_pattern(capsule.outline, seed))
+
+
+TRUE_EFFECTS = MappingProxyType(
+    {
+        effect.name: effect
+        for effect in (
+            TrueEffect("none"),
+            *map(_setting, ("pre_inflation", "bending", "rest_aspect", "corner_radius", "unsteadiness")),
+            TrueEffect(
+                "section_aspect", simulated=lambda size: {"cross_section": "rectangular", "section_aspect": size}
+            ),
+            TrueEffect("hardening", simulated=lambda size: {"law": Skalak(hardening=size)}),
+            TrueEffect("strain_hardening", simulated=lambda size: {"law": StrainHardening(strain_hardening=size)}),
+            TrueEffect("hooke", simulated=lambda size: {"law": GeneralisedHooke(poisson_ratio=size)}),
+            TrueEffect("halo", "m", drawn=_halo),
+            TrueEffect("exposure", "s", drawn=_blurred),
+            TrueEffect("pixel_scale", drawn=_wrong_pixels),
+            TrueEffect("swelling", "s/m", drawn=_swollen),
+            TrueEffect("modulus_slope", lab=lambda lab, size: replace(lab, slope=size)),
+            TrueEffect("pattern", drawn=_patterned),
+        )
+    }
+)
+"""All true effects by name."""
+
+
+def true_effect_named(name: str) -> TrueEffect:
+    """Return the true effect of a name, in which hyphens stand for underscores.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message lists the names.
+    """
+    known = name.strip().lower().replace("-", "_").replace(" ", "_")
+    if known not in TRUE_EFFECTS:
+        raise InputError("hide", "effect", f"one of {', '.join(TRUE_EFFECTS)}", repr(name))
+    return TRUE_EFFECTS[known]
