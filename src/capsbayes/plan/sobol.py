@@ -1,22 +1,19 @@
-"""Sobol indices of the paper's deterministic answer: which input, varied over its range, moves it how much.
+"""Sobol indices of the paper's deterministic answer: the share of its variance that each input causes.
 
-Sobol's estimators compare answers in groups of samples that share all inputs
-but one, so that no sample may be missing. Those with a shape that no capsule
-of the database has are therefore answered too, by the nearest shape that one
-has. Beside these indices stands how much they change if all groups that hold
-such a sample are left out, which is wrong in another way: the inputs that
-remain are no longer independent.
+The estimators compare answers in groups of samples that share all inputs but one, so that no sample may be missing.
+Lengths that belong to no capsule of the database therefore get the answer of the nearest shape that does. The study
+also gives the change of the indices when all groups with such a sample are omitted; those indices are biased too, since
+the inputs that remain are no longer independent.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm, qmc
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, Given
@@ -38,6 +35,8 @@ SAMPLES = 1024
 """Groups of samples; each takes as many answers as inputs vary, and two."""
 
 _VARIED = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_length")
+_RESAMPLED = 200  # times, for the errors of the indices
+_FEWEST_KEPT = 8  # groups, with which indices are compared
 _MOST_OUTSIDE = 0.1  # of the samples, beyond which the indices are those of the border of the database
 
 
@@ -50,7 +49,7 @@ def sobol_indices(
     ranges: Mapping[str, Given] | None = None,
     samples: int = SAMPLES,
 ) -> SobolStudy:
-    """Sobol indices of the deterministic answer over ranges of the inputs.
+    """Estimate the Sobol indices of the deterministic answer over ranges of the inputs.
 
     Parameters
     ----------
@@ -84,25 +83,23 @@ def sobol_indices(
     inputs = Inputs.of(measurement, experiment)
     varied = _ranges(measurement, inputs, ranges or {})
     answerer = Answerer.of(model, measurement, inputs, {name: one.error for name, one in varied.items()})
-    problem = _problem(varied)
-    rows = _sampled(problem, samples, seed)
-    values, outside = answerer(dict(zip(varied, rows.T, strict=True)))
-    indices = {name: _analysed(problem, values[name], seed) for name in ANSWERS}
-    share = float(np.mean(outside))
+    rows = _sampled(varied, samples, seed)
+    answers, outside = answerer(dict(zip(varied, rows.reshape(-1, len(varied)).T, strict=True)))
+    values, outside = {name: one.reshape(samples, -1) for name, one in answers.items()}, outside.reshape(samples, -1)
     return SobolStudy(
         ranges=varied,
-        indices=indices,
+        indices={name: _indices(varied, values[name], seed + 1) for name in ANSWERS},
         mean={name: float(values[name].mean()) for name in ANSWERS},
         sd={name: float(values[name].std()) for name in ANSWERS},
-        samples=len(rows),
+        samples=outside.size,
         outside=int(np.count_nonzero(outside)),
-        change=_change(problem, values, outside, indices, seed),
+        change=_change(values, outside),
         groups=samples,
         seed=seed,
         notes=_notes(measurement),
         model_name=model.name,
         model_sha256=model.sha256,
-        status=Status.DONE if share <= _MOST_OUTSIDE else Status.RANGES_LEAVE_DATABASE,
+        status=Status.DONE if outside.mean() <= _MOST_OUTSIDE else Status.RANGES_LEAVE_DATABASE,
     )
 
 
@@ -172,51 +169,47 @@ def _notes(measurement: Measurement) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _problem(varied: Mapping[str, Quantity]) -> dict[str, Any]:
-    return {
-        "num_vars": len(varied),
-        "names": list(varied),
-        "bounds": [list(one.parameters) for one in varied.values()],
-        "dists": [{"uniform": "unif", "normal": "norm"}[one.shape] for one in varied.values()],
-    }
+def _sampled(varied: Mapping[str, Quantity], groups: int, seed: int) -> Floats:
+    """Return samples (groups, 2 + k, k) of k inputs: A, B, and A with one of its inputs taken from B."""
+    count = len(varied)
+    shares = qmc.Sobol(2 * count, rng=seed).random(groups)
+    first, second = shares[:, :count], shares[:, count:]
+    rows = np.repeat(first[:, None], 2 + count, axis=1)
+    rows[:, 1] = second
+    rows[:, 2 + np.arange(count), np.arange(count)] = second
+    return np.stack([one.ppf(rows[..., column]) for column, one in enumerate(varied.values())], axis=-1)
 
 
-def _sampled(problem: dict[str, Any], samples: int, seed: int) -> Floats:
-    from SALib.sample import sobol
+def _estimated(values: Floats) -> Floats:
+    """Return first-order and total indices (2, k) of an answer (groups, 2 + k).
 
-    return np.asarray(sobol.sample(problem, samples, calc_second_order=False, seed=seed))
+    Saltelli et al. (2010), table 2, (b) and (f). `scipy.stats.sobol_indices` takes a power of two of groups
+    only, and its bootstrap takes no seed.
+    """
+    centred = values - values[:, :2].mean()
+    first, second, mixed = centred[:, :1], centred[:, 1:2], centred[:, 2:]
+    alone = np.mean(second * (mixed - first), axis=0)
+    total = 0.5 * np.mean((first - mixed) ** 2, axis=0)
+    return np.asarray(np.stack([alone, total]) / values[:, :2].var())
 
 
-def _analysed(problem: dict[str, Any], values: Floats, seed: int) -> dict[str, SobolIndex]:
-    """Indices of one answer; zero of one that does not vary."""
-    from SALib.analyze import sobol
-
+def _indices(varied: Mapping[str, Quantity], values: Floats, seed: int) -> dict[str, SobolIndex]:
+    """Return the indices of one answer (groups, 2 + k), zero if it does not vary."""
     if np.ptp(values) <= 1e-12 * np.abs(values).max():
-        return {name: SobolIndex(0.0, 0.0, 0.0, 0.0) for name in problem["names"]}
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Constant values encountered")  # resampled within a group
-        found = sobol.analyze(problem, values, calc_second_order=False, conf_level=CONFIDENCE, seed=seed + 1)
-    columns = zip(*(found[key] for key in ("S1", "S1_conf", "ST", "ST_conf")), strict=True)
-    return {name: SobolIndex(*map(float, one)) for name, one in zip(problem["names"], columns, strict=True)}
+        return {name: SobolIndex(0.0, 0.0, 0.0, 0.0) for name in varied}
+    rng = np.random.default_rng(seed)
+    resampled = [_estimated(values[rng.integers(len(values), size=len(values))]) for _ in range(_RESAMPLED)]
+    error = norm.isf(0.5 * (1.0 - CONFIDENCE)) * np.std(resampled, axis=0)
+    columns = np.stack([_estimated(values), error], axis=1).reshape(4, -1).T
+    return {name: SobolIndex(*map(float, row)) for name, row in zip(varied, columns, strict=True)}
 
 
-def _change(
-    problem: dict[str, Any],
-    values: Mapping[str, Floats],
-    outside: NDArray[np.bool_],
-    indices: Mapping[str, Mapping[str, SobolIndex]],
-    seed: int,
-) -> float:
-    """Largest change of an index of G_s or a without the groups that hold a sample outside."""
-    if not outside.any():
+def _change(values: Mapping[str, Floats], outside: NDArray[np.bool_]) -> float:
+    """Return the largest change of an index of G_s or a when the groups that hold a sample outside are omitted."""
+    kept = ~outside.any(axis=1)
+    if kept.all():
         return 0.0
-    size = problem["num_vars"] + 2
-    kept = np.repeat(~outside.reshape(-1, size).any(axis=1), size)
-    if np.count_nonzero(kept) < 8 * size:
+    if np.count_nonzero(kept) < _FEWEST_KEPT:
         return float("nan")
-    changes = []
-    for answer in ("surface_shear_modulus", "capsule_radius"):
-        fewer = _analysed(problem, values[answer][kept], seed)
-        for name, one in indices[answer].items():
-            changes += [abs(fewer[name].first - one.first), abs(fewer[name].total - one.total)]
-    return max(changes)
+    both = (values[answer] for answer in ("surface_shear_modulus", "capsule_radius"))
+    return max(float(np.abs(_estimated(one[kept]) - _estimated(one)).max()) for one in both)
