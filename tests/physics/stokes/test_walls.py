@@ -66,4 +66,4 @@ def test_in_a_tube_one_point_of_each_ring_tells_an_axisymmetric_velocity():
     assert 5 * len(at_rings) < len(everywhere)
     np.testing.assert_allclose(rings.strengths(at_rings), all_points.strengths(everywhere), rtol=1e-9, atol=1e-9)
     row = np.random.default_rng(1).normal(size=(2, 3 * len(rings.sources)))
-    np.testing.assert_allclose(rings.answer(row) @ at_rings, all_points.answer(row) @ everywhere, rtol=1e-7)
+    np.testing.assert_allclose(rings.response(row) @ at_rings, all_points.response(row) @ everywhere, rtol=1e-7)

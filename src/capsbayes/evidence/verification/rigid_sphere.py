@@ -78,9 +78,9 @@ def rigid_sphere(problem: Problem, size_ratio: float) -> RigidMotion:
     targets = nodes[mesh.wedge]
     layer = SingleLayer(mesh, size_ratio, nodes)
     operator = wall_operator(channel, problem.walls)
-    answer = operator.answer(operator.velocity_matrix(targets))
+    response = operator.response(operator.velocity_matrix(targets))
     influence = layer.matrices(targets, target_nodes=mesh.wedge).velocity
-    influence = influence - answer @ layer.matrices(operator.points).velocity
+    influence = influence - response @ layer.matrices(operator.points).velocity
     flow = mesh.reduced(channel.undisturbed(targets)[0])
     axial = basis.T @ np.tile([0.0, 0.0, 1.0], len(targets))
     normal = mesh.reduced(mesh.nodes[mesh.wedge])

@@ -1,7 +1,7 @@
-"""Motion of a membrane that is not steady: dx/dt = v(x) - V e_z + s n, seen from its centroid.
+"""Motion of a membrane that is not steady, relative to its centroid: dx/dt = v(x) - V e_z + s n.
 
-V holds the centroid and the slack s the volume, which the flow keeps only up
-to the mesh's error. Where symmetry alone holds the centroid, V is zero.
+V keeps the centroid in place and the slack s the volume, which the flow conserves only up to the mesh's error. Where
+symmetry alone keeps the centroid in place, V is zero.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class Rate(NamedTuple):
-    """dx/dt (F,) of a shape, V and s, the directions (F, c) in which s and V act, and the speed of the fastest node."""
+    """Rate dx/dt (F,), V and s, the directions (F, c) in which s and V act, and the speed of the fastest node."""
 
     change: Array
     velocity: float
@@ -40,24 +40,24 @@ class FreeMotion:
         self.drifts = bool(np.mean(problem.flow.symmetry.operations[:, 2, 2]) > 0.0)
 
     def rate(self, free: Array) -> Rate:
-        """dx/dt of a shape."""
-        return self._rate(self.problem.motion(self._seen_from_walls(free)), self._gaps(free)[1])
+        """Compute dx/dt of a shape."""
+        return self._rate(self.problem.motion(self._in_frame_of_walls(free)), self._gaps(free)[1])
 
     def linearised(self, free: Array) -> tuple[Rate, Array]:
-        """dx/dt of a shape and its derivative (F, F), but for the turning of the normals that s acts along."""
-        motion, slopes = self.problem.linearised(self._seen_from_walls(free))
+        """Compute dx/dt of a shape and its derivative (F, F), without the rotation of the normals."""
+        motion, slopes = self.problem.linearised(self._in_frame_of_walls(free))
         along = self._gaps(free)[1]
         rate = self._rate(motion, along)
         held = rate.across @ np.linalg.solve(along @ rate.across, along @ slopes.along_shape)
         return rate, slopes.along_shape - held
 
     def held(self, free: Array, across: Array) -> Array:
-        """The shape moved along `across` to its volume and centroid."""
+        """Return the shape after a displacement along `across` to the volume and centroid it must have."""
         gaps, along = self._gaps(free)
         return free - across @ np.linalg.solve(along @ across, gaps)
 
     def changes(self, free: Array) -> Array:
-        """Orthonormal changes (F, F - c) of a shape that keep volume and centroid."""
+        """Return orthonormal displacements (F, F - c) that keep volume and centroid."""
         return scipy.linalg.null_space(self._gaps(free)[1])
 
     def _rate(self, motion: Motion, along: Array) -> Rate:
@@ -66,11 +66,11 @@ class FreeMotion:
         change = motion.error + across @ pull
         return Rate(change, float(0.0 - np.sum(pull[1:])), float(pull[0]), across, self.problem.mesh.largest(change))
 
-    def _seen_from_walls(self, free: Array) -> Iterate:
+    def _in_frame_of_walls(self, free: Array) -> Iterate:
         return replace(self.start, free=free, velocity=0.0, slack=0.0)
 
     def _gaps(self, free: Array) -> tuple[Array, Array]:
-        """Excess (c,) of the volume and of its axial moment, and their gradients (c, F)."""
+        """Return the excess (c,) of the volume and of its axial moment, and their gradients (c, F)."""
         inside = self.membrane.enclosure(free)
         if not self.drifts:
             return np.array([inside.volume - self.volume]), inside.volume_gradient[None]

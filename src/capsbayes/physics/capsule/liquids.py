@@ -1,10 +1,9 @@
-"""How the two liquids move the membrane: undisturbed flow, single layer and walls together.
+"""Velocity of the membrane in the two liquids: undisturbed flow, single layer and response of the walls.
 
-    v(x) = v_inf(x) + (single layer of f)(x) + (walls' answer)(x)
+    v(x) = v_inf(x) + (single layer of f)(x) + (response of the walls)(x)
 
-The liquids have equal viscosities, so the density f alone, the membrane's
-force on them per rest area, decides their motion. Vectors are free
-coordinates (F,) of the mesh's wedge.
+The liquids have equal viscosities, so the density f alone, the force of the membrane on them per rest area, decides
+their motion (Pozrikidis 1992, doi 10.1017/CBO9780511624124). Vectors are free coordinates (F,) of the mesh's wedge.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ Array = NDArray[np.float64]
 class Response(NamedTuple):
     """Velocity (F,) of the membrane over U, and its derivatives (F, F).
 
-    `along_density` is that along the density, `along_shape` that along the shape with the density held.
+    `along_density` is the derivative along the density, `along_shape` that along the shape at constant density.
     """
 
     velocity: Array
@@ -40,7 +39,7 @@ class Response(NamedTuple):
 def membrane_velocity(
     flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Array, density: Array
 ) -> Array:
-    """Velocity (F,) of the membrane in the frame of the walls.
+    """Compute the velocity (F,) of the membrane in the frame of the walls.
 
     Parameters
     ----------
@@ -70,7 +69,7 @@ def membrane_velocity(
 def membrane_response(
     flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Array, density: Array
 ) -> Response:
-    """Velocity of the membrane with its exact derivatives; parameters as of `membrane_velocity`."""
+    """Compute the velocity of the membrane with its exact derivatives; parameters as of `membrane_velocity`."""
     basis, nodes = mesh.basis, mesh.expanded(free)
     targets, wedge_density = nodes[mesh.wedge], basis @ density
     layer = SingleLayer(mesh, radius, nodes, mesh.expanded(density))
@@ -86,14 +85,14 @@ def membrane_response(
         strengths = operator.strengths(far.velocity @ wedge_density)
         to_membrane = operator.velocity_matrix(targets)
         velocity += to_membrane @ strengths.ravel()
-        answer = operator.answer(basis.T @ to_membrane)
-        along_density -= answer @ (basis.T @ far.velocity.T).T
-        along_shape += answer @ (basis.T @ far.source_slope.T).T
+        response = operator.response(basis.T @ to_membrane)
+        along_density -= response @ (basis.T @ far.velocity.T).T
+        along_shape += response @ (basis.T @ far.source_slope.T).T
         along_target += images_gradient(targets, operator.sources, flow.symmetry.operations, strengths)
     moved = (basis.T @ sp.block_diag(along_target, format="csr") @ basis).toarray()
     return Response(basis.T @ velocity, along_density, along_shape + moved)
 
 
 def _both_reduced(mesh: OctaSphere, matrix: Array) -> Array:
-    """Matrix (F, F) between free coordinates from one (3 W, 3 W) between vectors of the wedge."""
+    """Reduce a matrix (3 W, 3 W) between vectors of the wedge to one (F, F) between free coordinates."""
     return mesh.basis.T @ (mesh.basis.T @ matrix.T).T

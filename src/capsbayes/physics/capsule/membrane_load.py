@@ -62,11 +62,11 @@ class _Integral:
         return np.einsum("qka,eki->eqai", self.slopes, nodes[self.elements])
 
     def gathered(self, per_element: Array) -> Array:
-        """Free coordinates (F,) of the sums of element vectors (e, 6, 3)."""
+        """Sum element vectors (e, 6, 3) to free coordinates (F,)."""
         return self.scatter_transposed @ per_element.ravel()
 
     def assembled(self, per_element: Array) -> Array:
-        """Matrix (F, F) from element matrices (e, 18, 18)."""
+        """Assemble element matrices (e, 18, 18) to a matrix (F, F)."""
         count = len(per_element)
         blocks = sp.bsr_matrix((per_element, np.arange(count), np.arange(count + 1)))
         return (self.scatter_transposed @ (blocks @ self.scatter)).toarray()
@@ -116,11 +116,11 @@ class MembraneLoad:
         return self.radius**2 * _scalar_forms(self.mesh)[0]
 
     def mass_solve(self, load: Array) -> Array:
-        """Density per rest area whose virtual work is that of the nodal forces `load` (F,) or (F, m)."""
+        """Return the density per rest area whose virtual work is that of the nodal forces `load` (F,) or (F, m)."""
         return scipy.linalg.cho_solve(_mass_factor(self.mesh), load) / self.radius**2
 
     def elasticity(self, free: Array) -> Elasticity:
-        """Stretching and bending energy and its derivatives at the shape with free coordinates `free`."""
+        """Compute the stretching and bending energy and its derivatives at a shape (F,)."""
         integral, rest = _integral(self.mesh), _rest_metric(self.mesh, self.rest_aspect)
         unstressed = self.radius / (1.0 + self.pre_inflation)
         metric, determinant = rest.metric * unstressed**2, rest.determinant * unstressed**4
@@ -171,7 +171,7 @@ class MembraneLoad:
         )
 
     def enclosure(self, free: Array) -> Enclosure:
-        """Volume inside the membrane and its first moment along z."""
+        """Compute the volume inside the membrane and its first moment along z."""
         integral = _integral(self.mesh)
         nodes = self.mesh.expanded(free)
         tangents = integral.tangents(nodes)
@@ -190,7 +190,7 @@ class MembraneLoad:
         )
 
     def principal_tensions(self, free: Array) -> Array:
-        """Principal Cauchy tensions (N, 2) over G_s at the nodes, the larger first, averaged over the elements."""
+        """Compute the principal Cauchy tensions (N, 2) over G_s at the nodes, larger first, element averages."""
         slopes = p2_gradient(LOCAL_NODES)
         nodes, elements = self.mesh.expanded(free), self.mesh.elements
 
@@ -212,7 +212,7 @@ class MembraneLoad:
 
 
 def _spheroid(mesh: OctaSphere, aspect: float) -> Array:
-    """Nodes (N, 3) of the spheroid about z with this ratio of axes and the unit sphere's volume."""
+    """Return the nodes (N, 3) of a spheroid about z with this ratio of axes and the volume of the unit sphere."""
     across = aspect ** (-1.0 / 3.0)
     return mesh.nodes * [across, across, aspect * across]
 
@@ -233,7 +233,7 @@ def _rest_metric(mesh: OctaSphere, aspect: float) -> _RestMetric:
 
 @lru_cache(maxsize=8)
 def _scalar_forms(mesh: OctaSphere) -> tuple[Array, Array]:
-    """Mass and stiffness (F, F) of the Laplacian on the unit sphere, applied to each Cartesian component."""
+    """Assemble mass and stiffness (F, F) of the Laplacian on the unit sphere, for each Cartesian component."""
     integral, sphere = _integral(mesh), _rest_metric(mesh, 1.0)
     inverse = np.linalg.inv(sphere.metric)
     mass = np.einsum("eq,qk,ql->ekl", sphere.area, integral.shapes, integral.shapes, optimize=True)
@@ -253,7 +253,7 @@ def _mass_factor(mesh: OctaSphere) -> tuple[Array, bool]:
 
 @lru_cache(maxsize=8)
 def _bending_form(mesh: OctaSphere) -> Array:
-    """(F, F) form of int |Lap_0 u|^2 dS_0: on P2, Lap_0 u is the mass-weighted projection of the weak Laplacian."""
+    """Assemble int |Lap_0 u|^2 dS_0 (F, F): on P2, Lap_0 u is the mass-weighted projection of the weak Laplacian."""
     stiffness = _scalar_forms(mesh)[1]
     form = stiffness @ scipy.linalg.cho_solve(_mass_factor(mesh), stiffness)
     symmetric: Array = (form + form.T) / 2

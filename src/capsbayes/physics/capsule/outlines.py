@@ -19,13 +19,13 @@ _DIRECTIONS = 721
 
 
 def profile(mesh: OctaSphere, nodes: Array) -> Profile:
-    """Outline in the plane x = 0, on the curved edges of the elements there.
+    """Return the outline in the plane x = 0, on the curved edges of the elements there.
 
     Parameters
     ----------
     mesh : OctaSphere
     nodes : (N, 3) array
-        Where the mesh's nodes are now.
+        Positions of the nodes of the deformed mesh.
 
     Returns
     -------
@@ -43,16 +43,16 @@ def profile(mesh: OctaSphere, nodes: Array) -> Profile:
 
 
 def silhouette(mesh: OctaSphere, nodes: Array) -> Profile:
-    """Outer outline of the shape seen along x, the farthest point in every direction from its middle.
+    """Return the outer outline of the shape seen along x: the farthest point in every direction from its middle.
 
-    The rear rim lies further back along the section's diagonals than in the plane x = 0, so the silhouette is
-    longer than the profile and hides a concave rear.
+    The rear rim lies further back along the diagonals of the cross-section than in the plane x = 0, so the silhouette
+    is longer than the profile and hides a concave rear.
 
     Parameters
     ----------
     mesh : OctaSphere
     nodes : (N, 3) array
-        Where the mesh's nodes are now.
+        Positions of the nodes of the deformed mesh.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def silhouette(mesh: OctaSphere, nodes: Array) -> Profile:
 
 
 def _edges(mesh: OctaSphere, nodes: Array) -> tuple[Array, Array]:
-    """Edges ((m, 2), (m, 2)), columns (z, y), of the finely divided elements on y >= 0."""
+    """Return the edges ((m, 2), (m, 2)), columns (z, y), of the finely divided elements on y >= 0."""
     count = _PARTS_PER_EDGE
     index = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(count + 1) for j in range(count + 1 - i))}
     grid = np.array(list(index)) / count
@@ -85,11 +85,11 @@ def _edges(mesh: OctaSphere, nodes: Array) -> tuple[Array, Array]:
 
 
 def _farthest(start: Array, change: Array, cosine: float, sine: float) -> float:
-    """Largest distance from the origin at which the ray (cosine, sine) meets one of the edges."""
-    beside_start = cosine * start[:, 1] - sine * start[:, 0]
-    beside_end = beside_start + cosine * change[:, 1] - sine * change[:, 0]
-    near = beside_start * beside_end <= 0.0
-    across = beside_start[near] - beside_end[near]
-    share = np.clip(beside_start[near] / np.where(across == 0.0, 1.0, across), 0.0, 1.0)
+    """Return the largest distance from the origin at which the ray (cosine, sine) meets one of the edges."""
+    offset_start = cosine * start[:, 1] - sine * start[:, 0]
+    offset_end = offset_start + cosine * change[:, 1] - sine * change[:, 0]
+    near = offset_start * offset_end <= 0.0
+    across = offset_start[near] - offset_end[near]
+    share = np.clip(offset_start[near] / np.where(across == 0.0, 1.0, across), 0.0, 1.0)
     ahead = (start[near] + share[:, None] * change[near]) @ [cosine, sine]
     return float(np.max(ahead))

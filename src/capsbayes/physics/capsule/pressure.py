@@ -1,4 +1,4 @@
-"""Pressure inside a steady capsule, and the pressure drop that it adds to the channel's."""
+"""Pressure inside a steady capsule, and the pressure drop that the capsule adds to that of the channel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FAR = 0.9  # of the half length that is represented
 
 
 def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
-    """Inner pressure and extra pressure drop, both over mu U / l.
+    """Compute the inner pressure and the extra pressure drop, both over mu U / l.
 
     The inner pressure is that of the liquid inside over the pressure that the undisturbed flow would have at the
     centroid, half way between the disturbances far up- and downstream. The extra pressure drop follows from the
@@ -47,14 +47,14 @@ def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
 
 
 def far_pressure_drop(problem: Problem, iterate: Iterate) -> float:
-    """Pressure of the disturbance far upstream less that far downstream, over mu U / l: dP+ by another route."""
+    """Compute dP+ by another route: pressure of the disturbance far upstream less that far downstream."""
     end = _FAR * problem.walls.end
     upstream, downstream = _disturbance(problem, iterate, np.array([-end, end]))
     return float(upstream - downstream)
 
 
 def _disturbance(problem: Problem, iterate: Iterate, z: Array) -> Array:
-    """Pressure (p,) of the membrane's and the walls' disturbance at points `z` of the axis."""
+    """Compute the pressure (p,) of the disturbance by membrane and walls at points `z` of the axis."""
     mesh = problem.mesh
     density = problem.density(iterate, problem.membrane(iterate.size_ratio).elasticity(iterate.free).gradient)
     layer = SingleLayer(mesh, iterate.size_ratio, mesh.expanded(iterate.free), mesh.expanded(density))

@@ -1,13 +1,13 @@
 """The discrete equations of motion of one kind of capsule in one flow.
 
-The velocity error of a candidate is what is left of
+The velocity error of a candidate is the residual of
 
     v(x) = V e_z - s n,        M f = -(1/Ca) dE/dx,
 
 at the membrane's nodes: at steady state the liquids move every one of them
 with the capsule's velocity V. The flux of v through the membrane vanishes
-identically; the slack s of that one redundant equation makes room for the
-condition of constant volume, and V for that of the centroid at z = 0.
+identically; the slack s of that redundant equation makes room for the condition
+of constant volume, and V for that of the centroid at z = 0.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Iterate:
     size_ratio: float
 
     def moved(self, step: Array) -> Iterate:
-        """The iterate after a change (F + 2,) of shape, velocity and slack."""
+        """Return the iterate after a change (F + 2,) of shape, velocity and slack."""
         return replace(
             self,
             free=self.free + step[:-2],
@@ -53,7 +53,7 @@ class Iterate:
 
 
 class Motion(NamedTuple):
-    """Velocity error at the free coordinates (F,), and what it was made of."""
+    """Velocity error at the free coordinates (F,), and the density, axis and normals (F,) that enter it."""
 
     error: Array
     density: Array
@@ -93,11 +93,11 @@ class Problem:
         return octasphere(self.refinement, self.flow.symmetry)
 
     def membrane(self, size_ratio: float) -> MembraneLoad:
-        """The membrane of a capsule of radius `size_ratio`."""
+        """Return the membrane of a capsule of radius `size_ratio`."""
         return MembraneLoad(self.mesh, self.law, size_ratio, self.bending, self.pre_inflation, self.rest_aspect)
 
     def at_rest(self, capillary_number: float, size_ratio: float) -> Iterate:
-        """The shape at rest, with about the velocity of a small rigid sphere by Faxen's law."""
+        """Return the shape at rest, with about the velocity of a small rigid sphere by Faxen's law."""
         centre = float(self.flow.undisturbed(np.zeros((1, 3)))[0][0, 2])
         velocity = max(centre - self.flow.pressure_gradient * size_ratio**2 / 6.0, 1.05)
         return Iterate(self.membrane(size_ratio).rest, velocity, 0.0, capillary_number, size_ratio)
@@ -111,18 +111,18 @@ class Problem:
         return replace(at_rest, free=self.mesh.reduced(nodes * [factor, factor, factor**-2]))
 
     def density(self, iterate: Iterate, gradient: Array) -> Array:
-        """Force on the liquid per rest area (F,) over mu U/l, from the gradient (F,) of the elastic energy."""
+        """Return the force on the liquid per rest area (F,) over mu U/l, from the gradient (F,) of the energy."""
         return -self.membrane(iterate.size_ratio).mass_solve(gradient) / iterate.capillary_number
 
     def motion(self, iterate: Iterate) -> Motion:
-        """Velocity error of the equations of motion, without derivatives."""
+        """Compute the velocity error, without derivatives."""
         membrane = self.membrane(iterate.size_ratio)
         density = self.density(iterate, membrane.elasticity(iterate.free).gradient)
         velocity = membrane_velocity(self.flow, self.walls, self.mesh, iterate.size_ratio, iterate.free, density)
         return self._motion(iterate, velocity, density)
 
     def linearised(self, iterate: Iterate) -> tuple[Motion, Slopes]:
-        """Velocity error of the equations of motion, with its exact derivatives."""
+        """Compute the velocity error with its exact derivatives."""
         membrane = self.membrane(iterate.size_ratio)
         elastic = membrane.elasticity(iterate.free)
         density = self.density(iterate, elastic.gradient)
@@ -140,7 +140,7 @@ class Problem:
         return Motion(error, density, axial, normal)
 
     def _normals(self, nodes: Array) -> Array:
-        """Outward unit normals (N, 3) at the nodes, from the averaged area vectors of their elements."""
+        """Return the outward unit normals (N, 3) at the nodes, from the averaged area vectors of their elements."""
         corners = nodes[self.mesh.elements]
         edge_s, edge_t = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         total = np.zeros_like(nodes)

@@ -3,7 +3,7 @@
 The velocity error (see :mod:`capsbayes.physics.capsule.problem`) is bordered by
 the conditions of constant volume and of a centroid at z = 0. The Jacobian is
 exact: elastic tangent, motion of targets and of sources in the kernel, gradient
-of the undisturbed flow, and the walls' answer to all of these.
+of the undisturbed flow, and the response of the walls to all of these.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ __all__ = ["Bordered", "NewtonResult", "bordered", "steady_residual", "steady_st
 Array = NDArray[np.float64]
 
 
-_GAIN = 0.1  # by which a step must lower the residual for its derivatives to be kept
+_REDUCTION = 0.1  # factor by which a step must lower the residual for its derivatives to be kept
 _DIVERGED = 100.0  # times the smallest residual
 _KEEP_BELOW = 1e-2  # residual above which they are never kept
 
 
 class NewtonResult(NamedTuple):
-    """Where Newton's iteration ended.
+    """End of Newton's iteration.
 
     `tangent` is the change (F + 2,) of shape, velocity and slack per unit of Ca at the last step taken.
     """
@@ -44,7 +44,7 @@ class NewtonResult(NamedTuple):
 class Bordered(NamedTuple):
     """Velocity errors with the gaps of volume and centroid (F + 2,), and their derivatives.
 
-    `matrix` (F + 2, F + 2) is that along shape, velocity and slack, `along_ca` (F + 2,) that along Ca.
+    `matrix` (F + 2, F + 2) is the derivative along shape, velocity and slack, `along_ca` (F + 2,) that along Ca.
     """
 
     residual: Array
@@ -53,7 +53,7 @@ class Bordered(NamedTuple):
 
 
 def bordered(problem: Problem, iterate: Iterate) -> Bordered:
-    """The equations of a steady state, linearised at a candidate."""
+    """Linearise the equations of a steady state at a candidate."""
     motion, slopes = problem.linearised(iterate)
     inside = problem.membrane(iterate.size_ratio).enclosure(iterate.free)
     count = len(iterate.free)
@@ -65,7 +65,7 @@ def bordered(problem: Problem, iterate: Iterate) -> Bordered:
 
 
 def steady_residual(problem: Problem, iterate: Iterate) -> Array:
-    """Velocity errors of a candidate with the gaps of volume and centroid (F + 2,)."""
+    """Compute the velocity errors of a candidate with the gaps of volume and centroid (F + 2,)."""
     inside = problem.membrane(iterate.size_ratio).enclosure(iterate.free)
     return _residual(problem.motion(iterate), inside, iterate.size_ratio)
 
@@ -84,11 +84,11 @@ def steady_state(
     patience: int | None = None,
     report: Callable[[int, float, Iterate], None] | None = None,
 ) -> NewtonResult:
-    """Newton's iteration, each step at most 0.15 a long, from `start` at its Ca and a/l.
+    """Find a steady state by Newton's iteration from `start`, at its Ca and a/l, with steps of at most 0.15 a.
 
     Derivatives cost three times as much as the velocity error itself, so they are kept while each step with them
     brings the residual down to a tenth. The iteration is given up when the residual has grown to a hundred times the
-    smallest; with `patience`, also when that many steps have not brought it to 1e-2.
+    smallest; with `patience`, also when that many steps have not reduced it to 1e-2.
     """
     iterate, count, size, smallest = start, len(start.free), np.inf, np.inf
     tangent = np.zeros(count + 2)
@@ -110,7 +110,7 @@ def steady_state(
             return NewtonResult(iterate, True, size, iteration, tangent)
         if iteration == max_iterations or (patience is not None and iteration >= patience and size > 1e-2):
             break
-        if factor is None or size > _GAIN * before:
+        if factor is None or size > _REDUCTION * before:
             linearised = linearised or bordered(problem, iterate)
             factor = scipy.linalg.lu_factor(linearised.matrix, overwrite_a=True, check_finite=False)
             tangent = scipy.linalg.lu_solve(factor, -linearised.along_ca, check_finite=False)

@@ -1,4 +1,4 @@
-"""A capsule followed in time from any shape, and the stability of a steady one.
+"""Motion of a capsule in time from any shape, and stability of a steady one.
 
 The explicit scheme is the midpoint rule, whose step is bounded by the
 stiffness of the smallest elements. The semi-implicit one is Rosenbrock's of
@@ -29,7 +29,7 @@ Stepper = Callable[[Array, Rate, float], tuple[Array, float]]
 """From a shape, its rate and the length of a step to the change of shape and the step's error over l."""
 
 STEADY = 1e-4
-"""Speed of the fastest node over U, seen from the centroid, below which a capsule is steady."""
+"""Speed of the fastest node over U, relative to the centroid, below which a capsule is steady."""
 
 _GAMMA = 1.0 - np.sqrt(0.5)  # L-stable
 _SAFETY, _LARGEST_CHANGE, _SHORTEST = 0.8, 3.0, 1e-7
@@ -37,7 +37,7 @@ _MOVED = 0.02  # of the size, after which the Jacobian is renewed
 
 
 class Instant(NamedTuple):
-    """A capsule at the time U t / l: shape, velocity of the centroid, and the fastest node beside it [U]."""
+    """A capsule at the time U t / l: shape, velocity of the centroid, speed of the fastest node relative to it [U]."""
 
     time: float
     iterate: Iterate
@@ -62,7 +62,7 @@ def transient(
     start : Iterate
         The shape at time 0, as ``problem.at_rest(capillary_number, size_ratio)``.
     times : sequence of float
-        Rising times U t / l to look at.
+        Rising times U t / l.
     scheme : str
         ``"semi-implicit"`` or ``"explicit"``.
     step : float, optional
@@ -107,14 +107,14 @@ def transient(
 
 
 def _factor(error: float, tolerance: float) -> float:
-    """Factor of the next step's length."""
+    """Return the factor by which the next step is longer."""
     if not np.isfinite(error):
         return 1.0 / _LARGEST_CHANGE
     return float(np.clip(_SAFETY * np.sqrt(tolerance / max(error, 1e-12)), 1.0 / _LARGEST_CHANGE, _LARGEST_CHANGE))
 
 
 def _too_far(change: Array, motion: FreeMotion) -> bool:
-    """Whether a node would move by the capsule's radius in one step: such a shape is not worth computing."""
+    """Return whether a node would move by the capsule's radius in one step; such a shape is not computed."""
     return not motion.problem.mesh.largest(change) < motion.start.size_ratio
 
 
@@ -132,7 +132,7 @@ class _Midpoint:
 
 
 class _Rosenbrock:
-    """ROS2, with a Jacobian that is renewed when the shape has moved; its error is that of the first-order step."""
+    """ROS2 with a Jacobian that is renewed when the shape has moved; its error is that of the first-order step."""
 
     def __init__(self, motion: FreeMotion) -> None:
         self.motion = motion
@@ -153,7 +153,7 @@ class _Rosenbrock:
 
 
 def stable_step(problem: Problem, start: Iterate) -> float:
-    """Time step U dt / l with which the explicit scheme is stable.
+    """Return a time step U dt / l with which the explicit scheme is stable.
 
     The fastest rate of the discrete membrane is about n / (Ca a/l) (2 (K_s + 1) + 140 B n^2) for refinement n, area
     dilation modulus K_s/G_s and bending B. This was measured for n from 4 to 12: it is right to 25 % at rest, too large
@@ -166,7 +166,7 @@ def stable_step(problem: Problem, start: Iterate) -> float:
 
 
 def growth_rates(problem: Problem, iterate: Iterate) -> NDArray[np.complex128]:
-    """Rates [U/l] at which small disturbances of a steady state grow, the fastest first.
+    """Compute the rates [U/l] at which small disturbances of a steady state grow, the fastest first.
 
     Parameters
     ----------

@@ -23,10 +23,10 @@ __all__ = ["ArcPoint", "fold", "interpolated", "traced"]
 
 Array = NDArray[np.float64]
 
-_SHAPE_WEIGHT = 60.0  # of the rms displacement over a beside log Ca; with 10 the fold of a small dimple is too sharp
+_SHAPE_WEIGHT = 60.0  # of the rms displacement over a to log Ca; with 10 the fold of a small dimple is too sharp
 _MAX_ITERATIONS = 8
 _TOLERANCE = 1e-6
-_GAIN = 0.1  # by which a step must lower the residual for its derivatives to be kept
+_REDUCTION = 0.1  # factor by which a step must lower the residual for its derivatives to be kept
 _EASY = 5  # iterations up to which the next step is longer
 _SHORTEST, _LONGEST = 1e-3, 2.0
 
@@ -44,12 +44,12 @@ class ArcPoint(NamedTuple):
 
     @property
     def rising(self) -> bool:
-        """Whether Ca grows along the direction."""
+        """True if Ca grows along the direction."""
         return bool(self.direction[-1] > 0.0)
 
 
 def traced(problem: Problem, start: NewtonResult, *, rising: bool = True, step: float = 0.1) -> Iterator[ArcPoint]:
-    """States along the branch of `start`, itself first, until none is found any more.
+    """Trace the branch of `start`, itself first, until no further state is found.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def traced(problem: Problem, start: NewtonResult, *, rising: bool = True, step: 
     start : NewtonResult
         A converged state of the same problem.
     rising : bool
-        Whether to set out towards larger Ca.
+        True to start towards larger Ca.
     step : float
         First length, in units of log Ca or of a sixtieth of a in the rms displacement.
 
@@ -72,18 +72,18 @@ def traced(problem: Problem, start: NewtonResult, *, rising: bool = True, step: 
     point = ArcPoint(start, _direction(problem, start.iterate, ahead, scale))
     yield point
     while step > _SHORTEST:
-        found = _corrected(problem, point, step, scale)
-        if found is None:
+        corrected = _corrected(problem, point, step, scale)
+        if corrected is None:
             step /= 2.0
             continue
-        point = found
+        point = corrected
         yield point
         if point.result.iterations <= _EASY:
             step = min(1.5 * step, _LONGEST)
 
 
 def fold(problem: Problem, before: ArcPoint, after: ArcPoint) -> ArcPoint:
-    """The state where Ca is extreme, between two successive points with directions of different sense.
+    """Find the state where Ca is extreme, between two successive points with directions of different sense.
 
     Ca is taken as a cubic of the arc length between the two; the state there is corrected once, and its Ca is off
     by no more than the fourth power of their distance.
@@ -97,14 +97,14 @@ def fold(problem: Problem, before: ArcPoint, after: ArcPoint) -> ArcPoint:
     inside = [float(root.real) for root in roots if abs(root.imag) < 1e-9 and 0.0 < root.real < 1.0]
     share = inside[0] if inside else float(start / (start - end))
     nearer, step = (before, share * length) if share <= 0.5 else (after, (share - 1.0) * length)
-    found = _corrected(problem, nearer, step, scale)
-    candidates = [before, after] if found is None else [before, after, found]
+    corrected = _corrected(problem, nearer, step, scale)
+    candidates = [before, after] if corrected is None else [before, after, corrected]
     sense = 1.0 if before.rising else -1.0
     return max(candidates, key=lambda point: sense * point.log_ca)
 
 
 def interpolated(before: ArcPoint, after: ArcPoint, capillary_number: float) -> Iterate:
-    """A candidate at a Ca between those of two successive points of rising or falling Ca, by a cubic of log Ca."""
+    """Interpolate a candidate at a Ca between two successive points of rising or falling Ca, by a cubic of log Ca."""
     length = after.log_ca - before.log_ca
     share = (np.log(capillary_number) - before.log_ca) / length
     start, end = _vector(before.result.iterate), _vector(after.result.iterate)
@@ -118,7 +118,7 @@ def interpolated(before: ArcPoint, after: ArcPoint, capillary_number: float) -> 
 
 
 def _scale(problem: Problem, iterate: Iterate) -> Array:
-    """Units (F + 3,) in which lengths along the branch are measured; velocity and slack do not count."""
+    """Return the units (F + 3,) of lengths along the branch; velocity and slack do not count."""
     shape = np.sqrt(len(problem.mesh.wedge)) * iterate.size_ratio / _SHAPE_WEIGHT
     return np.concatenate([np.full(len(iterate.free), shape), [np.inf, np.inf, 1.0]])
 
@@ -132,7 +132,7 @@ def _moved(iterate: Iterate, change: Array) -> Iterate:
 
 
 def _extended(problem: Problem, iterate: Iterate, row: Array) -> tuple[Array, Array]:
-    """Residual (F + 2,) and matrix (F + 3, F + 3) with the column of log Ca and the last row given."""
+    """Return the residual (F + 2,) and the matrix (F + 3, F + 3) with the column of log Ca and a given last row."""
     linearised = bordered(problem, iterate)
     count = len(row)
     matrix = np.empty((count, count))
@@ -142,7 +142,7 @@ def _extended(problem: Problem, iterate: Iterate, row: Array) -> tuple[Array, Ar
 
 
 def _direction(problem: Problem, iterate: Iterate, ahead: Array, scale: Array) -> Array:
-    """Direction of the branch at a steady state, on the same side as `ahead`."""
+    """Return the direction of the branch at a steady state, on the same side as `ahead`."""
     _, matrix = _extended(problem, iterate, ahead / scale**2)
     return _normalised(scipy.linalg.solve(matrix, np.append(np.zeros(len(ahead) - 1), 1.0)), scale)
 
@@ -153,9 +153,9 @@ def _normalised(direction: Array, scale: Array) -> Array:
 
 
 def _corrected(problem: Problem, point: ArcPoint, step: float, scale: Array) -> ArcPoint | None:
-    """The state `step` ahead of a point, or None where Newton's iteration finds none near the prediction.
+    """Return the state `step` ahead of a point, None if Newton's iteration finds none near the prediction.
 
-    Derivatives are kept while a step with them brings the residual down to a tenth.
+    Derivatives are kept while a step with them reduces the residual to a tenth.
     """
     row = point.direction / scale**2
     iterate = _moved(point.result.iterate, step * point.direction)
@@ -165,7 +165,7 @@ def _corrected(problem: Problem, point: ArcPoint, step: float, scale: Array) -> 
         if factor is not None:
             residual = steady_residual(problem, iterate)
             size = float(np.max(np.abs(residual)))
-        if factor is None or size > _GAIN * before:
+        if factor is None or size > _REDUCTION * before:
             residual, matrix = _extended(problem, iterate, row)
             size = float(np.max(np.abs(residual)))
             if not np.isfinite(size):

@@ -1,4 +1,4 @@
-"""Follow branches of steady states: the one of a capsule at rest, and that of the parachutes.
+"""Follow branches of steady states: that of a capsule at rest, and that of the parachutes.
 
 At low Ca a capsule has one of two shapes. Followed up from rest its rear stays
 convex until that branch ends or becomes unstable, where a capsule snaps through
@@ -47,7 +47,7 @@ _EASY = 5  # iterations after which the next step is longer
 
 @dataclass(frozen=True)
 class BranchEnd:
-    """Where following a branch ended.
+    """End of a branch that was followed.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ def followed(problem: Problem, start: NewtonResult, capillary_number: float, siz
 
 
 def reached_from_rest(problem: Problem, capillary_number: float, size_ratio: float) -> BranchEnd:
-    """The steady state that a capsule started from rest reaches.
+    """Find the steady state that a capsule started from rest reaches.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def reached_from_rest(problem: Problem, capillary_number: float, size_ratio: flo
 
 
 def parachute(problem: Problem, capillary_number: float, size_ratio: float) -> BranchEnd:
-    """The parachute at one case."""
+    """Find the parachute at one case."""
     start = _first_parachute(problem, size_ratio)
     return _along_ca(problem, start.result, capillary_number) if start.status in _USABLE else start
 
@@ -122,7 +122,7 @@ _USABLE = (Status.DONE, Status.UNRESOLVED)
 
 @lru_cache(maxsize=64)
 def near_rest(problem: Problem, size_ratio: float) -> BranchEnd:
-    """A steady state at a Ca so low that the capsule is hardly deformed."""
+    """Find a steady state at a Ca so low that the capsule is hardly deformed."""
 
     def smallest(problem: Problem) -> NewtonResult:
         return steady_state(problem, problem.at_rest(*_REST))
@@ -132,7 +132,7 @@ def near_rest(problem: Problem, size_ratio: float) -> BranchEnd:
 
 @lru_cache(maxsize=64)
 def _first_parachute(problem: Problem, size_ratio: float) -> BranchEnd:
-    """A parachute at Ca = 0.05, found with a strong bending that is lowered."""
+    """Find a parachute at Ca = 0.05, with a strong bending stiffness that is lowered."""
 
     def unbent(problem: Problem) -> NewtonResult:
         start = problem.at_rest(*_PARACHUTE)
@@ -144,10 +144,10 @@ def _first_parachute(problem: Problem, size_ratio: float) -> BranchEnd:
 
 
 def _grown(problem: Problem, first: Callable[[Problem], NewtonResult], size_ratio: float) -> BranchEnd:
-    """The first state of a branch, brought to another size: on a coarse mesh if its shape can be carried over.
+    """Continue the first state of a branch to another size, on a coarse mesh if its shape can be prolonged.
 
-    On the coarse mesh a step costs a fraction of a second. A shape with a sharp rear rim cannot be carried from
-    there: it is brought to its size on the mesh of `problem`.
+    On the coarse mesh a step costs a fraction of a second. A shape with a sharp rear rim cannot be prolonged from
+    there: it is continued on the mesh of `problem`.
     """
     if problem.refinement <= _COARSE:
         result = first(problem)
@@ -155,20 +155,20 @@ def _grown(problem: Problem, first: Callable[[Problem], NewtonResult], size_rati
     coarse = replace(problem, refinement=_COARSE)
     grown = _grown(coarse, first, size_ratio)
     if grown.status in _USABLE:
-        carried = _carried(grown.result, coarse, problem)
-        if carried.converged:
-            return BranchEnd(carried, _resolved(carried))
-    result = _carried(first(coarse), coarse, problem)
+        fine = _prolonged_state(grown.result, coarse, problem)
+        if fine.converged:
+            return BranchEnd(fine, _resolved(fine))
+    result = _prolonged_state(first(coarse), coarse, problem)
     return _along_size(problem, result, size_ratio) if result.converged else BranchEnd(result, Status.NOT_CONVERGED)
 
 
-def _carried(result: NewtonResult, coarse: Problem, fine: Problem) -> NewtonResult:
+def _prolonged_state(result: NewtonResult, coarse: Problem, fine: Problem) -> NewtonResult:
     free = prolonged(result.iterate.free, coarse.mesh, fine.mesh)
     return steady_state(fine, replace(result.iterate, free=free), max_iterations=10, patience=6)
 
 
 def _along_size(problem: Problem, start: NewtonResult, size_ratio: float) -> BranchEnd:
-    """Follow a branch at constant Ca, along its tangent, with a step that adapts."""
+    """Follow a branch at constant Ca, along its tangent, with adaptive steps."""
     whole = size_ratio - start.iterate.size_ratio
     last, step, slope = start, float(np.clip(whole, -_LONGEST, _LONGEST)), None
     while last.iterate.size_ratio != size_ratio:
@@ -193,7 +193,7 @@ def _scaled(iterate: Iterate, size_ratio: float) -> Iterate:
 
 
 def _size_tangent(problem: Problem, iterate: Iterate) -> Array:
-    """Change (F + 2,) of a steady state per unit of a/l, beside that of scaling it."""
+    """Return the change (F + 2,) of a steady state per unit of a/l, in addition to that of scaling it."""
     change = 1e-4
     matrix = bordered(problem, iterate).matrix
     residual = steady_residual(problem, _scaled(iterate, iterate.size_ratio + change))
@@ -208,14 +208,14 @@ def _upward(problem: Problem, start: NewtonResult, capillary_number: float) -> B
     if compressed and trial is None:
         return BranchEnd(start, Status.UNSTABLE)
     end = BranchEnd(trial, _resolved(trial)) if trial is not None else _along_ca(problem, start, capillary_number)
-    found = end.result.iterate
-    if end.status is Status.DONE and may_buckle(problem, found) and not is_stable(problem, found):
+    reached = end.result.iterate
+    if end.status is Status.DONE and may_buckle(problem, reached) and not is_stable(problem, reached):
         return BranchEnd(end.result, Status.UNSTABLE)
     return end
 
 
 def _at_once(problem: Problem, start: NewtonResult, capillary_number: float) -> NewtonResult | None:
-    """The state of a branch at another Ca by one step along the tangent, if that will do."""
+    """Return the state of a branch at another Ca by one step along the tangent, None if it is too far."""
     if abs(np.log(capillary_number / start.iterate.capillary_number)) > _AT_ONCE:
         return None
     predicted = _predicted(start, capillary_number)
@@ -223,7 +223,7 @@ def _at_once(problem: Problem, start: NewtonResult, capillary_number: float) -> 
 
 
 def _along_ca(problem: Problem, start: NewtonResult, capillary_number: float) -> BranchEnd:
-    """Follow a branch at constant a/l: at once along the tangent, or by tracing it."""
+    """Follow a branch at constant a/l: by one step along the tangent, or by tracing it."""
     if capillary_number == start.iterate.capillary_number:
         return BranchEnd(start, _resolved(start))
     trial = _at_once(problem, start, capillary_number)
@@ -249,22 +249,22 @@ def _along_ca(problem: Problem, start: NewtonResult, capillary_number: float) ->
 
 
 def _predicted(last: NewtonResult, capillary_number: float) -> Iterate:
-    """A state moved along its tangent to another Ca."""
+    """Move a state along its tangent to another Ca."""
     moved = last.iterate.moved(last.tangent * (capillary_number - last.iterate.capillary_number))
     return replace(moved, capillary_number=capillary_number)
 
 
 def _near(problem: Problem, start: Iterate, distance: float) -> NewtonResult | None:
-    """The steady state to which Newton's iteration converges, if it is no other branch's: within a displacement."""
+    """Return the steady state that Newton's iteration finds within a displacement, None beyond: another branch."""
     trial = steady_state(problem, start, max_iterations=12, patience=6)
     near = trial.converged and _displacement(problem, trial.iterate, start) < distance
     return trial if near and abs(trial.iterate.slack) < 20 * SLACK_LIMIT else None
 
 
-def _displacement(problem: Problem, one: Iterate, other: Iterate) -> float:
-    """Root mean square distance over a between two shapes, per coordinate of a node."""
+def _displacement(problem: Problem, first: Iterate, second: Iterate) -> float:
+    """Return the rms distance over a between two shapes, per coordinate of a node."""
     coordinates = 3 * len(problem.mesh.wedge)
-    return float(np.linalg.norm(one.free - other.free)) / (np.sqrt(coordinates) * one.size_ratio)
+    return float(np.linalg.norm(first.free - second.free)) / (np.sqrt(coordinates) * first.size_ratio)
 
 
 def _resolved(result: NewtonResult) -> Status:

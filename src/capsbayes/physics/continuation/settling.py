@@ -1,12 +1,12 @@
-"""The steady shape that a capsule started from rest comes to.
+"""The steady shape to which a capsule settles from rest.
 
 A hardly deformed capsule is compressed at its rear. A spherical membrane
 buckles at a compressive tension of 2 (E B)^(1/2) G_s, with Young's modulus
 E = 4 K / (K + 1) over G_s, the area dilation modulus K over G_s and the bending
 stiffness B over G_s a^2. From about there on the branch that leads up from rest
-may be unstable, and other steady shapes exist beside it: the motion itself
-decides which of them the capsule takes. It is followed in time, with linearised
-implicit Euler steps, which damp what decays fast and let grow what grows slowly.
+may be unstable, and other steady shapes exist: the motion itself decides which
+of them the capsule takes. It is followed in time with linearised implicit Euler
+steps, which damp fast decaying modes and let slowly growing ones grow.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from capsbayes.physics.stokes.circular import CircularChannel, FourfoldTube
 
 __all__ = ["SHALLOW", "is_shallow", "is_stable", "may_buckle", "settled", "wrinkling_rate"]
 
-SHALLOW = 0.1  # depth of the rear over a that no capsule exceeds before it snaps through
+SHALLOW = 0.1  # largest depth of the rear over a before a snap-through
 _STEPS = 100
 _LONGEST = 0.5  # time step U dt / l; instabilities that grow at more than twice its inverse would be damped
 _SHORTEST = 1e-4
@@ -35,13 +35,13 @@ _SLOW = 0.05  # speed below which the steady state is tried
 
 
 def is_shallow(problem: Problem, iterate: Iterate) -> bool:
-    """Whether the rear is convex, or so little concave that the capsule may still snap through to a parachute."""
+    """Return whether the rear is convex, or so little concave that the capsule may still snap through."""
     outline = profile(problem.mesh, problem.mesh.expanded(iterate.free))
     return bool(outline.parachute_depth < SHALLOW * iterate.size_ratio)
 
 
 def may_buckle(problem: Problem, iterate: Iterate) -> bool:
-    """Whether a shallow shape is compressed by half as much as makes a sphere buckle, or by more."""
+    """Return whether a shallow shape has at least half the compressive tension at which a sphere buckles."""
     return is_shallow(problem, iterate) and _is_compressed(problem, iterate)
 
 
@@ -53,15 +53,15 @@ def _is_compressed(problem: Problem, iterate: Iterate) -> bool:
 
 
 def is_stable(problem: Problem, iterate: Iterate) -> bool:
-    """Whether small disturbances of a steady state that share its symmetry decay."""
+    """Return whether small disturbances of a steady state that share its symmetry decay."""
     return bool(growth_rates(problem, iterate)[0].real < 0.0)
 
 
 def wrinkling_rate(problem: Problem, iterate: Iterate) -> float:
-    """Rate [U/l] at which the fastest of those wrinkles about the axis grow in which the capsule keeps four mirrors.
+    """Compute the growth rate [U/l] of the fastest wrinkles about the axis that keep four mirror planes.
 
-    NaN where it has none but these symmetries anyway, or is hardly compressed. The mesh decides how short the wrinkles
-    can be: the rate says whether there are any, not which.
+    NaN where the shape is not axisymmetric anyway, or hardly compressed. The mesh decides how short the wrinkles can
+    be: the rate tells whether there are any, not which.
     """
     if not isinstance(problem.flow, CircularChannel) or not _is_compressed(problem, iterate):
         return float("nan")
@@ -71,12 +71,12 @@ def wrinkling_rate(problem: Problem, iterate: Iterate) -> float:
 
 
 def settled(problem: Problem, capillary_number: float, size_ratio: float) -> NewtonResult | None:
-    """The stable steady state that a capsule started from rest comes to.
+    """Find the stable steady state to which a capsule settles from rest.
 
     Returns
     -------
     NewtonResult or None
-        None where it came to none.
+        None if it did not settle.
     """
     here = problem.at_rest_in_channel(capillary_number, size_ratio)
     motion, free, patience = FreeMotion(problem, here), here.free, 0
@@ -87,9 +87,9 @@ def settled(problem: Problem, capillary_number: float, size_ratio: float) -> New
             return None
         if rate.speed < _SLOW and step >= patience:
             iterate = replace(here, free=free, velocity=rate.velocity, slack=rate.slack)
-            found = steady_state(problem, iterate, max_iterations=10, patience=5)
-            if found.converged and is_stable(problem, found.iterate):
-                return found
+            result = steady_state(problem, iterate, max_iterations=10, patience=5)
+            if result.converged and is_stable(problem, result.iterate):
+                return result
             patience = 2 * step
         length, change = _LONGEST, np.full_like(free, np.inf)
         while not problem.mesh.largest(change) < _FARTHEST * size_ratio:

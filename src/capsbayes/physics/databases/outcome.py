@@ -1,4 +1,4 @@
-"""How a simulated case ended: its row of the database, its steady state, and both as a part of a store."""
+"""The outcome of a simulated case: its row of the database, its steady state, and both as a part of a store."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _VARIABLE, _STATE = "variable ", "state "
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """How one case ended.
+    """Outcome of one case.
 
     Parameters
     ----------

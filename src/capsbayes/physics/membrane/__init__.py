@@ -23,12 +23,12 @@ LAWS: dict[str, type[MembraneLaw]] = {
 
 
 def law_named(text: str) -> MembraneLaw:
-    """Law from its text form, ``name`` or ``name:parameter=value,...``.
+    """Return a law from its text form, ``name`` or ``name:parameter=value,...``.
 
     Parameters
     ----------
     text : str
-        A name of `LAWS`, with the parameters that are to differ from their defaults.
+        A name of `LAWS`, with the parameters that differ from their defaults.
 
     Returns
     -------
@@ -53,6 +53,6 @@ def law_named(text: str) -> MembraneLaw:
 
 
 def _form(name: str) -> str:
-    """A law's text form with every parameter at its default."""
+    """Return the text form of a law with every parameter at its default."""
     parameters = ",".join(f"{field.name}={field.default}" for field in fields(LAWS[name]))
     return f"{name}:{parameters}" if parameters else name

@@ -1,4 +1,4 @@
-"""Generalised Hooke's law: linear elasticity of a thin sheet, carried to large displacements by Green's strain."""
+"""Generalised Hooke's law: linear elasticity of a thin sheet, for large displacements by Green's strain."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class GeneralisedHooke(MembraneLaw):
     """Membrane with an energy quadratic in Green's strain, W = I1^2 / (4 (1 - nu_s)) + (I1 - I2) / 2.
 
     With the principal Green strains e = (l^2 - 1) / 2 this is W = e1^2 + e2^2 + nu_s / (1 - nu_s) (e1 + e2)^2.
-    K_s = (1 + nu_s) / (1 - nu_s) G_s. A law for small strains: it gives way under a strong compression.
+    K_s = (1 + nu_s) / (1 - nu_s) G_s. A law for small strains: it softens under strong compression.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class GeneralisedHooke(MembraneLaw):
         return (1.0 + self.poisson_ratio) / (1.0 - self.poisson_ratio)
 
     def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
-        """Energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
+        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         curvature = 0.5 / (1.0 - self.poisson_ratio)
         return (
             0.5 * (curvature * i1**2 + i1 - i2),

@@ -1,4 +1,4 @@
-"""What every membrane law must tell: its energy as a function of the two strain invariants.
+"""The interface of membrane laws: their energy as a function of the two strain invariants.
 
 A law is an isotropic, thin, hyperelastic sheet. Its energy W, per unit area
 *at rest* and over the surface shear modulus G_s, is a function of the Skalak
@@ -28,15 +28,14 @@ InvariantDerivatives = tuple[Array, Array, Array, Array, Array, Array]
 class MembraneLaw(abc.ABC):
     """Abstract law of an isotropic hyperelastic membrane, over G_s.
 
-    A subclass is a frozen dataclass of the law's own parameters and gives
-    three things: `name`, `area_dilation_modulus` and `derivatives`.
-    `capsbayes.testing.check_law` tells whether they agree with each other.
+    A subclass is a frozen dataclass of the parameters of the law and defines `name`, `area_dilation_modulus` and
+    `derivatives`. `capsbayes.testing.check_law` checks that they agree with each other.
     """
 
     @property
     @abc.abstractmethod
     def name(self) -> str:
-        """Name shown to people and stored in databases, parameters included."""
+        """Name of the law and its parameters, as shown and stored in databases."""
 
     @property
     @abc.abstractmethod
@@ -45,7 +44,7 @@ class MembraneLaw(abc.ABC):
 
     @abc.abstractmethod
     def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
-        """Energy and its derivatives with respect to the invariants, all over G_s.
+        """Compute the energy and its derivatives with respect to the invariants, all over G_s.
 
         Parameters
         ----------
@@ -60,7 +59,7 @@ class MembraneLaw(abc.ABC):
         """
 
     def energy(self, i1: ArrayLike, i2: ArrayLike) -> Array:
-        """Energy per unit area at rest, over G_s.
+        """Compute the energy per unit area at rest, over G_s.
 
         Parameters
         ----------
@@ -75,11 +74,11 @@ class MembraneLaw(abc.ABC):
         return self.derivatives(first, second)[0]
 
     def principal_tensions(self, stretch: ArrayLike) -> Array:
-        """Principal Cauchy tensions, over G_s.
+        """Compute the principal Cauchy tensions, over G_s.
 
         The tension along the first direction is tau_1 = (1/l2) dW/dl1: the
-        force per unit *deformed* length. Written with the invariants it has
-        no division by l1 - l2.
+        force per unit *deformed* length. In terms of the invariants it has no
+        division by l1 - l2.
 
         Parameters
         ----------

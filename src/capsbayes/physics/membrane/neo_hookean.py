@@ -16,7 +16,7 @@ class NeoHookean(MembraneLaw):
     """Neo-Hookean membrane, W = (I1 - 1 + 1/(I2 + 1)) / 2.
 
     The sheet keeps its volume: it thins where its area grows. It softens at
-    large strain and has no parameter beside G_s; K_s = 3 G_s. Codes that use
+    large strain and has no parameter other than G_s; K_s = 3 G_s. Codes that use
     the Young modulus E_s = 3 G_s have capillary numbers three times smaller.
 
     Examples
@@ -42,7 +42,7 @@ class NeoHookean(MembraneLaw):
         return 3.0
 
     def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
-        """Energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
+        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         thinning = 1.0 / (i2 + 1.0)  # square of the thickness over that at rest
         zero = np.zeros_like(thinning)
         return (

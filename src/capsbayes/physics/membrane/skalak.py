@@ -1,4 +1,4 @@
-"""Skalak's law: a sheet that hardens with strain and may resist a change of its area more than shear."""
+"""Skalak's law: a sheet that hardens with strain and may resist area dilation more than shear."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ __all__ = ["Skalak"]
 class Skalak(MembraneLaw):
     """Skalak's membrane, W = (I1^2 + 2 I1 - 2 I2 + C I2^2) / 4.
 
-    With the principal Green strains e = (l^2 - 1) / 2 this is W = e1^2 + e2^2 + C I2^2 / 4: C sets what a change of
-    area costs beside a shear, K_s = (1 + 2 C) G_s, and the sheet hardens as it stretches.
+    With the principal Green strains e = (l^2 - 1) / 2 this is W = e1^2 + e2^2 + C I2^2 / 4: C sets the
+    resistance to area dilation, K_s = (1 + 2 C) G_s, and the sheet hardens as it stretches.
 
     Parameters
     ----------
     hardening : float
-        The C of the law, above -1/2 [-]. Where it is negative the energy falls again at large strain.
+        The C of the law, above -1/2 [-]. If it is negative the energy decreases again at large strain.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class Skalak(MembraneLaw):
         return 1.0 + 2.0 * self.hardening
 
     def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
-        """Energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
+        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         c = self.hardening
         return (
             0.25 * (i1**2 + 2.0 * i1 - 2.0 * i2 + c * i2**2),

@@ -1,4 +1,4 @@
-"""A law between two of equal moduli: rubber that hardens with strain."""
+"""A law between the neo-Hookean and Skalak's: rubber that hardens with strain."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _RUBBER, _HARDENING = NeoHookean(), Skalak(hardening=1.0)
 
 @dataclass(frozen=True)
 class StrainHardening(MembraneLaw):
-    """A share h of Skalak's energy with C = 1, the rest neo-Hookean: W = (1 - h) W_NH + h W_SK.
+    """Mixture of a share h of Skalak's energy with C = 1 and the neo-Hookean one: W = (1 - h) W_NH + h W_SK.
 
     Both have K_s = 3 G_s, so that h changes nothing at small strain: it is hardening alone, where the C of Skalak's
-    law changes the resistance to a change of area as well.
+    law changes the resistance to area dilation as well.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class StrainHardening(MembraneLaw):
         return 3.0
 
     def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
-        """Energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
+        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         share = self.strain_hardening
         both = zip(_RUBBER.derivatives(i1, i2), _HARDENING.derivatives(i1, i2), strict=True)
         w, w1, w2, w11, w12, w22 = starmap(lambda soft, hard: (1.0 - share) * soft + share * hard, both)

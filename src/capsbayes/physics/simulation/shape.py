@@ -1,4 +1,4 @@
-"""The shape of a simulated capsule: its nodes, its outlines, its file for ParaView."""
+"""The shape of a simulated capsule: nodes, outlines, and a file for ParaView."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Shape:
 
     @property
     def point_data(self) -> dict[str, Array]:
-        """Values (N,) at the nodes that are saved with the shape, by the names ParaView shows."""
+        """Values (N,) at the nodes that are saved with the shape, by the names that ParaView shows."""
         return {}
 
     def save(self, path: str | os.PathLike[str]) -> Path:

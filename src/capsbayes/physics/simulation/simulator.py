@@ -46,22 +46,22 @@ class SteadyState(Shape):
     principal_tensions : (N, 2) array [G_s]
         At all nodes, the larger first.
     residual : float
-        Largest velocity left at a node [U] or error of volume or centroid [l^3, l^4].
+        Largest remaining velocity at a node [U] or error of volume or centroid [l^3, l^4].
     slack : float
-        Uniform normal velocity left over [U]: an indicator of the mesh's error.
+        Uniform normal velocity that remains [U]: an indicator of the mesh's error.
     iterations : int
         Newton steps of the last solve.
     status : Status
-        Where it is not ``DONE``, the shape is that of the last steady state on the way to the case.
+        If it is not ``DONE``, the shape is that of the last steady state towards the case.
     detail : str
-        What else there is to say about `status`.
+        Details of `status`.
     limit : float
         Where a branch of steady states ended in a fold, the Ca there; else NaN.
     wrinkling_rate : float
         In a circular tube the shape is axisymmetric: rate [U/l] at which fourfold wrinkles about its axis grow, if
         positive. NaN in other cross-sections and where the membrane is hardly compressed.
     along_ca : (f + 2,) array
-        Derivative of shape, velocity and slack along Ca: starts the next case.
+        Derivative of shape, velocity and slack along Ca, for the start of a neighbouring case.
     """
 
     inner_pressure: float
@@ -78,7 +78,7 @@ class SteadyState(Shape):
 
     @property
     def point_data(self) -> dict[str, Array]:
-        """The principal tensions; see :attr:`Shape.point_data`."""
+        """Principal tensions; see :attr:`Shape.point_data`."""
         names = ("larger principal tension / G_s", "smaller principal tension / G_s")
         return dict(zip(names, self.principal_tensions.T, strict=True))
 
@@ -155,7 +155,7 @@ class Simulator:
         }
 
     def refined(self, refinement: int) -> Simulator:
-        """The same simulator on another mesh."""
+        """Return the same simulator on another mesh."""
         return replace(self, refinement=refinement)
 
     @property
@@ -169,30 +169,30 @@ class Simulator:
     def run(
         self, *, capillary_number: float, size_ratio: float, start: Start = "rest", threads: int = 1
     ) -> SteadyState:
-        """Steady state of one case.
+        """Compute the steady state of one case.
 
         Parameters
         ----------
         capillary_number : float
-            Ca = mu U / G_s, positive.
+            Ca = mu U / G_s (Eq. 1 of the paper), positive.
         size_ratio : float
             a/l, between 0.2 and 1.3.
         start : SteadyState or str
             ``"rest"``: the state that a capsule started from rest reaches. ``"parachute"``: the parachute, which at
             low Ca may be stable as well. A neighbouring steady state, of any mesh: the one on its branch, if that is
-            stable, which is some ten seconds quicker to find.
+            stable, which is found some ten seconds faster.
         threads : int
             Threads of the linear algebra.
 
         Returns
         -------
         SteadyState
-            Look at its `status`: above the limit of existence there is none.
+            Its `status` tells whether there is one: above the limit of existence there is none.
 
         Raises
         ------
         InputError
-            If the case is not a possible one.
+            If the case is out of range.
         """
         _check("run", "capillary_number", capillary_number, 0.0, 10.0)
         _check("run", "size_ratio", size_ratio, 0.2, 1.3)
@@ -201,7 +201,7 @@ class Simulator:
         with threadpool_limits(limits=threads):
             problem = self.problem
             if not isinstance(start, str):
-                first = self._taken_up(problem, start)
+                first = self._as_start(problem, start)
                 if first.converged:
                     end = followed(problem, first, capillary_number, size_ratio)
                     return self.state(problem, end, capillary_number, size_ratio)
@@ -238,7 +238,7 @@ class Simulator:
         every : float
             Time U dt / l between two snapshots.
         start : Snapshot or SteadyState, optional
-            Shape at time 0; by default that at rest, squeezed to 0.95 of the channel's width where it is wider.
+            Shape at time 0; by default that at rest, squeezed to 0.95 of the width of the channel if it is wider.
         scheme : str
             ``"semi-implicit"``, or ``"explicit"``, whose steps are some twenty times shorter.
         viscosity_ratio : float
@@ -254,7 +254,7 @@ class Simulator:
         Raises
         ------
         InputError
-            If the case is not a possible one.
+            If the case is out of range.
         CapsbayesError
             On the way, if the mesh becomes so distorted that no time step is short enough.
         """
@@ -273,8 +273,8 @@ class Simulator:
         times = [*np.arange(0.0, until - 1e-9, every), until]
         return snapshots(problem, self.settings, first, times, scheme, threads)
 
-    def _taken_up(self, problem: Problem, start: SteadyState) -> NewtonResult:
-        """A steady state of this or another mesh as the start of a branch."""
+    def _as_start(self, problem: Problem, start: SteadyState) -> NewtonResult:
+        """Return a steady state of this or another mesh as the start of a branch."""
         mesh, along_ca = start.mesh, start.along_ca
         free = mesh.reduced(start.nodes)
         if mesh is not problem.mesh:
@@ -285,7 +285,7 @@ class Simulator:
         return taken if dict(start.settings) == self.settings else steady_state(problem, iterate)
 
     def state(self, problem: Problem, end: BranchEnd, capillary_number: float, size_ratio: float) -> SteadyState:
-        """All that is told of a shape, from the unknowns of this simulator's problem."""
+        """Return the steady state at the end of a branch of this simulator's problem."""
         result, iterate = end.result, end.result.iterate
         detail = ""
         if end.status in (Status.NO_STEADY_STATE, Status.NOT_CONVERGED, Status.UNSTABLE):

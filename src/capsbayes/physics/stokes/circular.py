@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CircularChannel(Channel):
-    """Circular tube of radius one; the capsule in it is held to axisymmetric shapes."""
+    """Circular tube of radius one, in which capsules are axisymmetric."""
 
     name: ClassVar[str] = "circular"
     symmetry: ClassVar[Symmetry] = C_INF_V
@@ -27,21 +27,21 @@ class CircularChannel(Channel):
     pressure_gradient: ClassVar[float] = 8.0
 
     def undisturbed(self, points: Array) -> tuple[Array, Array]:
-        """Poiseuille's parabola; see :meth:`Flow.undisturbed`."""
+        """Return Poiseuille's parabola; see :meth:`Flow.undisturbed`."""
         x, y = points[:, 0], points[:, 1]
         return unidirectional(2.0 * (1.0 - x**2 - y**2), -4.0 * x, -4.0 * y)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """An eighth of the circle; see :meth:`Channel.outline`."""
+        """Return points on an eighth of the circle; see :meth:`Channel.outline`."""
         return rounded_outline(1.0, spacing, outwards)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """Rings on an eighth of the disk; see :meth:`Channel.filling`."""
+        """Return rings on an eighth of the disk; see :meth:`Channel.filling`."""
         return rounded_filling(1.0, spacing, outwards)
 
 
 @dataclass(frozen=True)
 class FourfoldTube(CircularChannel):
-    """The same tube; the capsule in it may take shapes with the symmetry of the mesh, as it does when it wrinkles."""
+    """Circular tube in which capsules have only the symmetry of the mesh, as when they wrinkle."""
 
     symmetry: ClassVar[Symmetry] = D4

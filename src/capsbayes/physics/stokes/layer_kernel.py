@@ -5,8 +5,8 @@ coordinates, the weight, and the three components of the density. All offsets
 within a block are constants, which lets the compiler prove that rows do not
 overlap and work on many points at once.
 
-Only one element of each orbit is summed over. Instead of turning it into its
-images, the target is turned back: with an operation g,
+Only one element of each orbit is summed over. Instead of its images,
+the target is rotated back: with an operation g,
 G(x, g y) g f = g G(g^T x, y) f.
 """
 
@@ -35,21 +35,21 @@ _compiled = numba.njit(cache=True, fastmath=True, error_model="numpy", nogil=Tru
 
 
 class Elements(NamedTuple):
-    """One element of each orbit, and how the group acts.
+    """One element of each orbit, and the action of the group.
 
     Attributes
     ----------
     nodes : (e, 6) int array
     wedge_of : (N,) int array
-        Each node's place among the unknown nodes.
+        Position of each node among the unknown nodes.
     operation : (N, 3, 3) array
         The operation from the unknown node onto the node.
     images : (g, N) int array
         The node that each operation of the group maps onto each node.
     turns : (g, 3, 3) array
-        The operations of the group, which keep the axis z.
+        The operations of the group, which preserve the axis z.
     centres, radii : (e, 3) array, (e,) array
-        A ball around each element, which chooses the rule.
+        A ball around each element, which decides the rule.
     """
 
     nodes: Indices
@@ -71,13 +71,13 @@ class Tiles(NamedTuple):
     coarse : (b * 448,) array
         Blocks of rule 0: each holds as many whole elements as fit.
     coarse_shapes : (q, 8) array
-        Shape functions at the points of rule 0, and two columns of zeros that make whole vectors of them.
+        Shape functions at the points of rule 0, and two columns of zeros that complete the vectors.
     fine : (e * c * 448,) array
         Blocks of the rules 1 to m and of the six rules singular at a node, of each element.
     fine_shapes : (c * 6 * 64,) array
         Shape functions at their points.
     first, counts : (m + 7,) and (m + 6,) int arrays
-        Where the blocks of each of these rules begin among an element's c, and how many points it has.
+        First block of each of these rules among the c of an element, and its number of points.
     """
 
     levels: Array
@@ -158,7 +158,7 @@ def _add_turned(
     """Add g times the kernels of a tile, seen from `x` and weighted by `weights` (64,), to the rows of `total`.
 
     The entries (i, j) of the Stokeslet are in row 3 i + j, those of the derivative in row 9 + 3 i + j; `sums` (9,)
-    becomes the sum of the latter over the points, not turned.
+    becomes the sum of the latter over the points, not rotated.
     """
     x0, x1, x2 = x[0], x[1], x[2]
     a, b, c, d, e = turn[0, 0], turn[0, 1], turn[1, 0], turn[1, 1], turn[2, 2]
@@ -212,7 +212,7 @@ def _add_to_target_slope(sums: Array, turn: Array, slope: Array) -> None:
 
 @_compiled
 def _rules(x: Array, node: int, image: Indices, elements: Elements, levels: Array, rule: Indices) -> None:
-    """Rule for each element seen from `x`: 0 the coarse one, up to m by distance, m + 1 + k singular at its node k."""
+    """Choose the rule of each element seen from `x`: 0 coarse, up to m by distance, m + 1 + k singular at node k."""
     for e in range(elements.nodes.shape[0]):
         d0, d1, d2 = x[0] - elements.centres[e, 0], x[1] - elements.centres[e, 1], x[2] - elements.centres[e, 2]
         ratio = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2) / elements.radii[e]
@@ -231,7 +231,7 @@ def _add_coarse(
     tiles: Tiles, block: int, seen_from: Array, rule: Indices, elements: Elements, weights: Array, total: Array,
     sums: Array, shape: Array, target_slope: Array, on_node: bool, with_slope: bool,
 ) -> None:  # fmt: skip
-    """Contributions of one block of rule 0 to the sums over its elements' nodes."""
+    """Add one block of rule 0 to the sums over the nodes of its elements."""
     points, base = tiles.coarse_shapes.shape[0], block * _BLOCK
     fitting = TILE // points
     first = block * fitting
@@ -260,7 +260,7 @@ def _add_fine(
     tiles: Tiles, e: int, rule: int, x: Array, turn: Array, kernel: Array, local: Array,
     sums: Array, shape: Array, target_slope: Array, on_node: bool, with_slope: bool,
 ) -> None:  # fmt: skip
-    """Contribution of one element by one of its finer rules."""
+    """Add one element by one of its finer rules."""
     rows = 15 if with_slope else 6
     local[:] = 0.0
     blocks = tiles.first[-1]
@@ -292,7 +292,7 @@ def _add_fine(
 def layer_matrices(
     targets: Array, target_nodes: Indices, elements: Elements, tiles: Tiles, unknown: int, with_slope: bool
 ) -> tuple[Array, Array, Array]:
-    """Matrices of the single layer on a symmetric P2 surface, seen from `targets`.
+    """Compute the matrices of the single layer on a symmetric P2 surface, seen from `targets`.
 
     Parameters
     ----------
@@ -304,15 +304,15 @@ def layer_matrices(
     unknown : int
         Number of unknown nodes.
     with_slope : bool
-        Whether derivatives are wanted.
+        True to compute derivatives.
 
     Returns
     -------
     velocity : (3 t, 3 unknown) array
         Velocity at the targets from the density at unknown nodes.
     source_slope : (3 t, 3 unknown) array
-        Derivative of the velocity's integrand with respect to the target, carried by the sources' shape functions:
-        moving the unknown nodes changes the velocity by minus this.
+        Derivative of the integrand of the velocity with respect to the target, weighted by the shape functions of the
+        sources: a displacement of the unknown nodes changes the velocity by minus this.
     target_slope : (t, 3, 3) array
         Derivative of the velocity with respect to the position of those targets that are nodes.
     """

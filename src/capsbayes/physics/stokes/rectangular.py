@@ -23,7 +23,7 @@ _SERIES = 16 / np.pi**3 * _SIGN / _ODD**3
 
 
 def _pressure_gradient(depth: float) -> float:
-    """-(dp/dz) l^2 / (mu U) in the rectangle |x| <= `depth`, |y| <= 1 (White, Viscous Fluid Flow, 3-48).
+    """Return -(dp/dz) l^2 / (mu U) in the rectangle |x| <= `depth`, |y| <= 1 (White, Viscous Fluid Flow, 3-48).
 
     Examples
     --------
@@ -34,7 +34,7 @@ def _pressure_gradient(depth: float) -> float:
 
 
 def _flow(points: Array, depth: float) -> tuple[Array, Array]:
-    """Undisturbed flow in the rectangle |x| <= `depth`, |y| <= 1; see :meth:`Flow.undisturbed`."""
+    """Compute the undisturbed flow in the rectangle |x| <= `depth`, |y| <= 1; see :meth:`Flow.undisturbed`."""
     x, y = points[:, :1] / depth, points[:, 1:2] / depth
     cosine, sine = np.cos(_RATE * x), np.sin(_RATE * x)
     # cosh(k y)/cosh(k / depth) without overflow
@@ -79,20 +79,20 @@ class RectangularChannel(Channel):
         return _pressure_gradient(self.aspect)
 
     def undisturbed(self, points: Array) -> tuple[Array, Array]:
-        """Fourier series; see :meth:`Flow.undisturbed`."""
+        """Sum the Fourier series; see :meth:`Flow.undisturbed`."""
         return _flow(points, self.aspect)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """Half of the wall x = aspect and half of y = 1; see :meth:`Channel.outline`."""
+        """Return points on half of the wall x = aspect and half of y = 1; see :meth:`Channel.outline`."""
         depth, width = self.aspect + outwards, 1.0 + outwards
         x, x_step = midpoints(depth, spacing)
         y, y_step = midpoints(width, spacing)
-        beside = np.column_stack([np.full_like(y, depth), y])
-        above = np.column_stack([x, np.full_like(x, width)])
-        return np.concatenate([beside, above]), np.repeat([y_step, x_step], [len(y), len(x)])
+        side = np.column_stack([np.full_like(y, depth), y])
+        top = np.column_stack([x, np.full_like(x, width)])
+        return np.concatenate([side, top]), np.repeat([y_step, x_step], [len(y), len(x)])
 
     def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """A grid on the quarter 0 <= x, y; see :meth:`Channel.filling`."""
+        """Return a grid on the quarter 0 <= x, y; see :meth:`Channel.filling`."""
         x, x_step = midpoints(self.aspect + outwards, spacing)
         y, y_step = midpoints(1.0 + outwards, spacing)
         points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -109,17 +109,17 @@ class SquareChannel(Channel):
     pressure_gradient: ClassVar[float] = _pressure_gradient(1.0)
 
     def undisturbed(self, points: Array) -> tuple[Array, Array]:
-        """Fourier series; see :meth:`Flow.undisturbed`."""
+        """Sum the Fourier series; see :meth:`Flow.undisturbed`."""
         return _flow(points, 1.0)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """Half of the wall x = 1; see :meth:`Channel.outline`."""
+        """Return points on half of the wall x = 1; see :meth:`Channel.outline`."""
         side = 1.0 + outwards
         across, step = midpoints(side, spacing)
         return np.column_stack([np.full_like(across, side), across]), np.full_like(across, step)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """A grid on the eighth 0 <= y <= x; see :meth:`Channel.filling`."""
+        """Return a grid on the eighth 0 <= y <= x; see :meth:`Channel.filling`."""
         across, step = midpoints(1.0 + outwards, spacing)
         i, j = np.tril_indices(len(across))
         return np.column_stack([across[i], across[j]]), step**2 * np.where(i == j, 0.5, 1.0)

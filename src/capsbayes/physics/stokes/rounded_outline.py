@@ -1,4 +1,4 @@
-"""Points on and within a square with rounded corners, of which the circle is the roundest."""
+"""Points on and within a square with rounded corners, of which the circle is the limit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def _along(radius: float, spacing: float, outwards: float) -> tuple[Array, Array, float]:
-    """Points (p, 2) of the eighth, their normals (p, 2) and the length each stands for."""
+    """Return the points (p, 2) of the eighth, their normals (p, 2) and the length of each."""
     straight, turn = 1.0 - radius, radius + outwards
     along, step = midpoints(straight + np.pi / 4 * turn, spacing)
     angle = np.maximum(along - straight, 0.0) / turn
@@ -23,21 +23,21 @@ def _along(radius: float, spacing: float, outwards: float) -> tuple[Array, Array
 
 
 def rounded_outline(radius: float, spacing: float, outwards: float) -> tuple[Array, Array]:
-    """Eighth 0 <= y <= x of the outline; see :meth:`Channel.outline`.
+    """Return the eighth 0 <= y <= x of the outline; see :meth:`Channel.outline`.
 
     Parameters
     ----------
     radius : float
         Radius of the corners; 1 for the circle.
     spacing, outwards : float
-        Distance of the points, and how far from the wall they are.
+        Distance between the points, and their distance from the wall.
     """
     points, _, step = _along(radius, spacing, outwards)
     return points, np.full(len(points), step)
 
 
 def rounded_filling(radius: float, spacing: float, outwards: float) -> tuple[Array, Array]:
-    """Rings, each the outline made smaller, that fill the eighth; see :meth:`Channel.filling`."""
+    """Return rings, each a smaller outline, that fill the eighth; see :meth:`Channel.filling`."""
     scales, scale_step = midpoints(1.0, spacing / (1.0 + outwards))
     rings, areas = [], []
     for scale in scales:

@@ -40,7 +40,7 @@ class _Harmonic(NamedTuple):
     pressure_gradient: float
 
     def at(self, z: Complex) -> tuple[Array, Array, Array]:
-        """h and its derivatives along x and y at z = x + i y (p,)."""
+        """Compute h and its derivatives along x and y at z = x + i y (p,)."""
         fourth = z**4
         powers = np.polynomial.Polynomial(self.coefficients)
         apart = 1.0 / (fourth[:, None] - self.poles), 1.0 / (fourth[:, None] - self.poles.conj())
@@ -51,14 +51,14 @@ class _Harmonic(NamedTuple):
 
 
 def _wall(radius: float, share: Array) -> tuple[Complex, Complex]:
-    """Points of the straight wall and of the arc at these shares of each, from where they meet."""
+    """Return points of the straight wall and of the arc at these shares of each, from where they meet."""
     straight = 1.0 + 1j * (1.0 - radius) * (1.0 - share)
     return straight, (1.0 - radius) * (1 + 1j) + radius * np.exp(0.25j * np.pi * share)
 
 
 @lru_cache(maxsize=64)
 def _harmonic(radius: float) -> _Harmonic:
-    """Least-squares fit of h on the wall."""
+    """Fit h on the wall by least squares."""
     share = np.concatenate([np.geomspace(1e-6, 1.0, _SAMPLES), np.linspace(0.0, 1.0, _SAMPLES)])
     z = np.concatenate(_wall(radius, share))
     junction = 1.0 + 1j * (1.0 - radius)
@@ -78,7 +78,7 @@ def _area(radius: float) -> float:
 
 
 def _flow_rate(harmonic: _Harmonic, radius: float) -> float:
-    """Integral of h - r^2 / 4 over the cross-section, along rays from the axis to the wall."""
+    """Integrate h - r^2 / 4 over the cross-section, along rays from the axis to the wall."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     share, weight = (nodes + 1.0) / 2, weights / 2
     straight, arc = _wall(radius, share)
@@ -125,7 +125,7 @@ class RoundedSquareChannel(Channel):
         return _harmonic(self.corner_radius).pressure_gradient
 
     def undisturbed(self, points: Array) -> tuple[Array, Array]:
-        """Parabola and harmonic part; see :meth:`Flow.undisturbed`."""
+        """Add the parabola and the harmonic part; see :meth:`Flow.undisturbed`."""
         x, y = points[:, 0], points[:, 1]
         harmonic = _harmonic(self.corner_radius)
         value, along_x, along_y = harmonic.at(x + 1j * y)
@@ -133,9 +133,9 @@ class RoundedSquareChannel(Channel):
         return unidirectional(scale * (value - (x**2 + y**2) / 4), scale * (along_x - x / 2), scale * (along_y - y / 2))
 
     def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """An eighth of the outline; see :meth:`Channel.outline`."""
+        """Return an eighth of the outline; see :meth:`Channel.outline`."""
         return rounded_outline(self.corner_radius, spacing, outwards)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
-        """Rings on an eighth of the cross-section; see :meth:`Channel.filling`."""
+        """Return rings on an eighth of the cross-section; see :meth:`Channel.filling`."""
         return rounded_filling(self.corner_radius, spacing, outwards)

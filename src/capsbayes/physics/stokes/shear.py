@@ -4,9 +4,9 @@ Lengths are over the radius a of the capsule, velocities over the shear rate
 times a, so the capillary number of a problem in this flow is
 Ca = mu (shear rate) a / G_s and its size ratio is 1.
 
-The membrane goes round like the tread of a tank. The bending energy is that
-of the displacement from rest, so it resists this turning with a stress of
-order B, which should stay far below Ca.
+The membrane rotates like the tread of a tank. The bending energy is that of
+the displacement from rest, so it resists this rotation with a stress of order
+B, which should stay far below Ca.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ShearFlow(Flow):
     pressure_gradient: ClassVar[float] = 0.0
 
     def undisturbed(self, points: Array) -> tuple[Array, Array]:
-        """See :meth:`Flow.undisturbed`."""
+        """Compute the flow; see :meth:`Flow.undisturbed`."""
         velocity, gradient = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         velocity[:, 2] = points[:, 1]
         gradient[:, 2, 1] = 1.0

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class LayerMatrices(NamedTuple):
-    """Velocity, and its derivatives, from the wedge's density (see `layer_matrices`)."""
+    """Velocity and its derivatives from the density of the wedge (see `layer_matrices`)."""
 
     velocity: Array
     source_slope: Array
@@ -37,7 +37,7 @@ class LayerMatrices(NamedTuple):
 
 @dataclass(frozen=True)
 class QuadratureChoice:
-    """Which rule serves which distance from an element, in units of the element's radius."""
+    """Quadrature rules by distance from an element, in units of the radius of the element."""
 
     levels: tuple[float, ...] = (3.5, 1.8)
     rules: tuple[tuple[int, int], ...] = ((5, 0), (6, 1), (5, 2))
@@ -45,7 +45,7 @@ class QuadratureChoice:
 
 
 class _Tables(NamedTuple):
-    """Everything about the rules that does not move with the membrane.
+    """Parts of the rules that do not move with the membrane.
 
     Shapes (q, 6), weights (e, q) and, of the finer rules laid out in tiles, the first tile and the number of points.
     """
@@ -59,7 +59,7 @@ class _Tables(NamedTuple):
 
 
 def _rest_area(nodes: Array, elements: NDArray[np.int64], points: Array) -> Array:
-    """Area of the rest surface per area of the unit triangle, (e, q)."""
+    """Return the area (e, q) of the rest surface per area of the unit triangle."""
     tangents = np.einsum("qka,eki->eqai", p2_gradient(points), nodes[elements])
     return np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=-1)
 
@@ -84,7 +84,7 @@ def _tables(mesh: OctaSphere, choice: QuadratureChoice) -> _Tables:
     return _Tables(p2(coarse.points), weights(coarse), fine_shapes, fine_weights, first, counts)
 
 
-_ELSEWHERE = 1e3  # where points without weight lie, far from every target
+_ELSEWHERE = 1e3  # position of points without weight, far from every target
 
 
 class SingleLayer:
@@ -96,9 +96,9 @@ class SingleLayer:
     radius : float
         Radius of the rest sphere, whose area carries the density.
     nodes : (N, 3) array
-        Where the mesh's nodes are now.
+        Positions of the nodes of the deformed mesh.
     density : (N, 3) array, optional
-        Force on the liquid per rest area at the nodes; only derivatives need it.
+        Force on the liquid per rest area at the nodes; needed for derivatives only.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class SingleLayer:
         )
 
     def matrices(self, targets: Array, *, target_nodes: NDArray[np.int64] | None = None) -> LayerMatrices:
-        """Matrices from the wedge's density to the velocity at `targets` (t, 3), with the factor 1/(8 pi)."""
+        """Compute the matrices from the density of the wedge to the velocity at `targets` (t, 3), with 1/(8 pi)."""
         on_nodes = np.full(len(targets), -1) if target_nodes is None else target_nodes
         unknown = len(self.mesh.wedge)
         placed = np.ascontiguousarray(targets)
@@ -161,7 +161,7 @@ class SingleLayer:
         )
 
     def pressure(self, targets: Array) -> Array:
-        """Pressure (t,) of the layer at points away from the membrane, over mu U/l."""
+        """Compute the pressure (t,) of the layer at points away from the membrane, over mu U/l."""
         assert self.density is not None, "the pressure is that of a density"
         rule = dunavant(6)
         elements = self.mesh.elements

@@ -1,7 +1,7 @@
 """Compiled sums of Stokeslets: velocities, their matrices and their derivatives.
 
 The Stokeslet is G = I/r + r r^T / r^3 with r from source to target; the factor
-1/(8 pi mu) belongs to the callers.
+1/(8 pi mu) is left to the callers.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ _compiled = numba.njit(cache=True, fastmath=True, error_model="numpy", nogil=Tru
 
 @_compiled
 def images_matrix(targets: Array, sources: Array, operations: Array) -> Array:
-    """Velocity (3 t, 3 s) at `targets` (t, 3) from Stokeslets at `sources` (s, 3) and their images.
+    """Compute the velocity (3 t, 3 s) at `targets` (t, 3) from Stokeslets at `sources` (s, 3) and their images.
 
-    A force at a source acts with all its images under `operations` (g, 3, 3), turned as they are.
+    A force at a source acts with all its images under `operations` (g, 3, 3), rotated like them.
     """
     matrix = np.zeros((3 * targets.shape[0], 3 * sources.shape[0]))
     turned, g = np.empty(3), np.empty((3, 3))
@@ -48,7 +48,7 @@ def images_matrix(targets: Array, sources: Array, operations: Array) -> Array:
 
 @_compiled
 def images_gradient(targets: Array, sources: Array, operations: Array, forces: Array) -> Array:
-    """Gradient (t, 3, 3) at `targets` of the velocity of `forces` (s, 3) at `sources` and of their images.
+    """Compute the gradient (t, 3, 3) at `targets` of the velocity of `forces` (s, 3) at `sources` and their images.
 
     Entry [t, i, j] is the derivative of component i along coordinate j.
     """
@@ -74,7 +74,7 @@ def images_gradient(targets: Array, sources: Array, operations: Array, forces: A
 
 
 def pressure_kernel(targets: Array, sources: Array) -> Array:
-    """Pressure (t, s, 3) at `targets` per unit force at `sources`: 2 r / r^3, the factor 1/(8 pi) apart."""
+    """Return the pressure (t, s, 3) at `targets` per unit force at `sources`, 2 r / r^3, without 1/(8 pi)."""
     r = targets[:, None] - sources[None]
     kernel: Array = 2.0 * r / np.linalg.norm(r, axis=-1, keepdims=True) ** 3
     return kernel

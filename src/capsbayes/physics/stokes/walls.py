@@ -1,4 +1,4 @@
-"""The walls' answer to a disturbance, by the method of fundamental solutions.
+"""The response of the walls to a disturbance, by the method of fundamental solutions.
 
 Stokeslets outside the channel cancel, in the least-squares sense, the velocity
 that the membrane induces on the walls and on two far caps (Fairweather &
@@ -26,18 +26,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WallDiscretisation:
-    """How finely the walls are represented, in units of l.
+    """Discretisation of the walls, in units of l.
 
     Attributes
     ----------
     spacing : float
         Distance between Stokeslets near the capsule.
     far_spacing : float
-        The same at the caps.
+        Distance between Stokeslets at the caps.
     end : float
-        Half length of the channel that is represented.
+        Half length of the discretised channel.
     near : float
-        Half length that keeps the near spacing.
+        Half length with the near spacing.
     offset : float
         Distance of the Stokeslets from the wall over their spacing.
     oversampling : float
@@ -56,7 +56,7 @@ class WallDiscretisation:
 
 
 def _axial(spacing: float, far_spacing: float, near: float, end: float) -> tuple[Array, Array]:
-    """Graded axial positions from 0 to `end` and the length each stands for."""
+    """Return graded axial positions from 0 to `end` and the length of each."""
     half_near = max(int(np.ceil(near / spacing)), 1)
     edges = list(near * np.arange(half_near + 1) / half_near)
     step = near / half_near
@@ -69,10 +69,10 @@ def _axial(spacing: float, far_spacing: float, near: float, end: float) -> tuple
 
 
 class WallOperator:
-    """Strengths of the Stokeslets that cancel a velocity on the walls.
+    """Operator from a velocity on the walls to the strengths of the Stokeslets that cancel it.
 
     The mirror z -> -z maps walls and Stokeslets onto themselves, so that even and odd velocities are cancelled
-    apart, each by a system of half the size. Arrays over points or Stokeslets hold the downstream half first, then
+    separately, each by a system of half the size. Arrays over points or Stokeslets hold the downstream half first, then
     its mirror image in the same order.
 
     Parameters
@@ -83,9 +83,9 @@ class WallOperator:
     Attributes
     ----------
     points : (p, 3) array
-        Where the velocity on the walls is asked for: one point of each ring, if the flow is axisymmetric.
+        Points at which the velocity on the walls is needed: one of each ring, if the flow is axisymmetric.
     sources : (s, 3) array
-        Places of the Stokeslets.
+        Positions of the Stokeslets.
     """
 
     def __init__(self, channel: Channel, walls: WallDiscretisation) -> None:
@@ -107,7 +107,7 @@ class WallOperator:
 
     @cached_property
     def _inverses(self) -> tuple[Array, Array]:
-        """Strengths per velocity on half the wall of even and of odd velocities, regularised least squares."""
+        """Strengths per velocity on half the wall, for even and odd velocities, by regularised least squares."""
         points, sources = self._wall[: len(self._wall) // 2], self.sources[: len(self.sources) // 2]
         same = images_matrix(points, sources, self.operations)
         other = _mirrored_columns(images_matrix(points, sources * _MIRROR, self.operations))
@@ -123,11 +123,11 @@ class WallOperator:
         return inverse
 
     def velocity_matrix(self, targets: Array) -> Array:
-        """(3 t, 3 s): velocity at `targets` from the Stokeslets and their images."""
+        """Compute the velocity (3 t, 3 s) at `targets` from the Stokeslets and their images."""
         return images_matrix(np.ascontiguousarray(targets), self.sources, self.operations)
 
     def strengths(self, velocity: Array) -> Array:
-        """Strengths (s, 3) of the Stokeslets that cancel the velocity (3 p,) on the wall points."""
+        """Compute the strengths (s, 3) of the Stokeslets that cancel the velocity (3 p,) at the wall points."""
         spread = velocity if self._spread is None else self._spread @ velocity
         down, up = spread.reshape(2, -1, 3)
         even, odd = self._inverses
@@ -136,18 +136,18 @@ class WallOperator:
         here, mirrored = (even_part + odd_part).reshape(-1, 3), (even_part - odd_part).reshape(-1, 3)
         return np.concatenate([here, mirrored * _MIRROR])
 
-    def answer(self, velocity_matrix: Array) -> Array:
-        """What the walls take away (r, 3 p) from rows (r, 3 s) of velocities, per velocity at the wall points."""
+    def response(self, velocity_matrix: Array) -> Array:
+        """Compute the reduction (r, 3 p) by the walls of velocities with rows (r, 3 s), per velocity at the walls."""
         half = velocity_matrix.shape[1] // 2
         down, up = velocity_matrix[:, :half], _mirrored_columns(velocity_matrix[:, half:])
         even, odd = self._inverses
         even_part, odd_part = (down + up) @ even, (down - up) @ odd
-        answer: Array = 0.5 * np.hstack([even_part + odd_part, _mirrored_columns(even_part - odd_part)])
-        return answer if self._spread is None else (self._spread.T @ answer.T).T
+        response: Array = 0.5 * np.hstack([even_part + odd_part, _mirrored_columns(even_part - odd_part)])
+        return response if self._spread is None else (self._spread.T @ response.T).T
 
 
 def _of_rings(points: Array) -> tuple[NDArray[np.int64], sp.bsr_matrix]:
-    """One of the points (p, 3) of each ring about z, and what turns velocities at these to all (3 p,)."""
+    """Return one of the points (p, 3) of each ring about z, and the matrix from velocities there to all (3 p,)."""
     rings = np.round(np.column_stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]]), 9)
     _, first, ring = np.unique(rings, axis=0, return_index=True, return_inverse=True)
     ring = ring.ravel()
@@ -165,12 +165,12 @@ _OPERATORS: dict[tuple[Channel, WallDiscretisation], WallOperator] = {}
 
 
 def _mirrored_columns(matrix: Array) -> Array:
-    """`matrix` (r, 3 c) for columns of which the axial component changes sign."""
+    """Change the sign of the axial component of the columns of `matrix` (r, 3 c)."""
     return matrix * np.tile(_MIRROR, matrix.shape[1] // 3)
 
 
 def wall_operator(channel: Channel, walls: WallDiscretisation) -> WallOperator:
-    """The operator of a cross-section; the same one is returned for the same arguments."""
+    """Return the operator of a channel; the same object for the same arguments."""
     key = (channel, walls)
     if key not in _OPERATORS:
         _OPERATORS[key] = WallOperator(channel, walls)

@@ -1,10 +1,9 @@
-"""P2 mesh of the unit sphere that keeps the symmetry of a channel.
+"""P2 mesh of the unit sphere with the symmetry of a channel.
 
 The sphere is an octahedron with poles on the z axis; corner ring i of an octant lies
-at the polar angle proportional to i and holds i equal steps in azimuth, so that
-elements have nearly one size everywhere. Of the groups that map the mesh onto
-itself, the problem's decides which nodes are unknowns: one of each orbit, which
-together make the wedge.
+at the polar angle proportional to i and has i equal steps in azimuth, so that
+elements have nearly one size everywhere. The symmetry of the problem decides
+which nodes are unknowns: one of each orbit, which together make the wedge.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class OctaSphere:
     wedge : (W,) int array
         The unknown nodes, one of each orbit: those of 0 <= y <= x under D4.
     wedge_of : (N,) int array
-        Position in `wedge` of the node each node is an image of.
+        Position in `wedge` of the node of which each node is an image.
     operation : (N, 3, 3) array [-]
         The operation that maps the wedge node onto the node.
     """
@@ -90,20 +89,20 @@ class OctaSphere:
         return (copies @ self.basis).tocsr()
 
     def expanded(self, free: Array) -> Array:
-        """Values (N, 3) at all nodes of the symmetric vector field with free coordinates (F,)."""
+        """Return the values (N, 3) at all nodes of the symmetric vector field with free coordinates (F,)."""
         return (self.expansion @ free).reshape(-1, 3)
 
     def reduced(self, wedge_vectors: Array) -> Array:
-        """Free coordinates (F,) of the vectors (W, 3) given on the wedge."""
+        """Return the free coordinates (F,) of the vectors (W, 3) on the wedge."""
         return self.basis.T @ wedge_vectors.ravel()
 
     def largest(self, free: Array) -> float:
-        """Largest component of the vectors at the nodes with free coordinates (F,)."""
+        """Return the largest component of the vectors at the nodes with free coordinates (F,)."""
         return float(np.max(np.abs(self.basis @ free)))
 
 
 def _meridional(points: Array, intervals: int) -> Array:
-    """Orthonormal columns (3 W, 2 intervals): vectors at points (W, 3) of the sphere that are axisymmetric fields.
+    """Return orthonormal columns (3 W, 2 intervals): axisymmetric fields at points (W, 3) of the sphere.
 
     Their radial and axial parts are cubic splines of the polar angle, odd and even about the poles, with knots at the
     latitudes of the mesh.
@@ -124,7 +123,7 @@ def _meridional(points: Array, intervals: int) -> Array:
 
 
 def _octant(refinement: int) -> tuple[Array, NDArray[np.int64]]:
-    """Points (p, 3) and P2 triangles (t, 6), counterclockwise seen from outside, of x, y, z >= 0."""
+    """Return points (p, 3) and P2 triangles (t, 6), counterclockwise seen from outside, of x, y, z >= 0."""
     points: list[Array] = []
     index: dict[tuple[int, int], int] = {}
     for ring in range(refinement + 1):
@@ -137,7 +136,7 @@ def _octant(refinement: int) -> tuple[Array, NDArray[np.int64]]:
 
     def middle(first: int, second: int) -> int:
         # The midside lies on the great circle: an arc of latitude would bend the elements near the pole within the
-        # surface by as much as their size, and cost them an order of accuracy.
+        # surface by as much as their size, and reduce the order of accuracy.
         edge = (min(first, second), max(first, second))
         if edge not in middles:
             middles[edge] = len(points)
@@ -158,7 +157,7 @@ def _octant(refinement: int) -> tuple[Array, NDArray[np.int64]]:
 
 @lru_cache(maxsize=8)
 def octasphere(refinement: int, symmetry: Symmetry = D4) -> OctaSphere:
-    """Mesh with 8 refinement**2 elements and 16 refinement**2 + 2 nodes."""
+    """Make a mesh with 8 refinement**2 elements and 16 refinement**2 + 2 nodes."""
     points, triangles = _octant(refinement)
     all_points: list[Array] = []
     all_triangles: list[NDArray[np.int64]] = []

@@ -1,4 +1,4 @@
-"""Carry fields from one symmetric mesh of the sphere to another."""
+"""Prolong fields from one symmetric mesh of the sphere to another."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NEIGHBOURS = 80
 
 
 def prolonged(free: NDArray[np.float64], coarse: OctaSphere, fine: OctaSphere) -> NDArray[np.float64]:
-    """Free coordinates on `fine` of the symmetric field with free coordinates `free` on `coarse`.
+    """Return the free coordinates on `fine` of the symmetric field with free coordinates `free` on `coarse`.
 
     The field is interpolated smoothly: the kinks of P2 interpolation at the coarse elements' edges would strain
     the fine ones by more than Newton's iteration recovers from.

@@ -37,7 +37,7 @@ _ORBITS: dict[int, list[tuple[float, ...]]] = {
 
 
 def dunavant(degree: int) -> Rule:
-    """Symmetric rule exact for polynomials up to `degree` (2, 5 or 6)."""
+    """Return the symmetric rule exact for polynomials up to `degree` (2, 5 or 6)."""
     points: list[tuple[float, float]] = []
     weights: list[float] = []
     for weight, *barycentric in _ORBITS[degree]:
@@ -54,7 +54,7 @@ def dunavant(degree: int) -> Rule:
 
 
 def _mapped(rule: Rule, triangle: NDArray[np.float64]) -> Rule:
-    """`rule` carried to a sub-triangle (3, 2) of the unit triangle."""
+    """Map `rule` to a sub-triangle (3, 2) of the unit triangle."""
     origin, edges = triangle[0], triangle[1:] - triangle[0]
     return Rule(origin + rule.points @ edges, rule.weights * abs(np.linalg.det(edges)))
 
@@ -64,7 +64,7 @@ def _joined(rules: list[Rule]) -> Rule:
 
 
 def subdivided(rule: Rule, times: int) -> Rule:
-    """`rule` on each of the 4**times similar triangles that halving the edges makes."""
+    """Apply `rule` on each of the 4**times similar triangles that halving the edges makes."""
     if times == 0:
         return rule
     finer = subdivided(rule, times - 1)
@@ -79,7 +79,7 @@ def subdivided(rule: Rule, times: int) -> Rule:
 
 
 def _duffy(order: int) -> Rule:
-    """Rule for a kernel that is singular like 1/r at the corner (0, 0)."""
+    """Return the rule for a kernel that is singular like 1/r at the corner (0, 0)."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     nodes, weights = (nodes + 1) / 2, weights / 2
     radius, side = (array.ravel() for array in np.meshgrid(nodes, nodes, indexing="ij"))
@@ -88,7 +88,7 @@ def _duffy(order: int) -> Rule:
 
 
 def singular(local_node: int, order: int) -> Rule:
-    """Rule for a kernel singular like 1/r at one of the six local nodes.
+    """Return the rule for a kernel singular like 1/r at one of the six local nodes.
 
     A corner is collapsed once; a midside node splits the triangle in two, each
     collapsed at that node. All six rules have ``2 * order**2`` points so that

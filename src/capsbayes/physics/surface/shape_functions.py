@@ -18,7 +18,7 @@ CORNERS = LOCAL_NODES[:3]
 
 
 def p2(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shape functions.
+    """Compute the shape functions.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def p2(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def p2_gradient(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Derivatives of the shape functions along both local coordinates.
+    """Compute the derivatives of the shape functions along both local coordinates.
 
     Parameters
     ----------

@@ -1,10 +1,9 @@
-"""Symmetry groups under which a flow, its channel and the mesh of the capsule are the same.
+"""Symmetry groups of a flow, its channel and the mesh of the capsule.
 
 Only one node of each orbit is unknown, and sums over the surface run over one
 element of each orbit. All operations are signed permutations of the axes,
-because the mesh has the symmetry of an octahedron. What is the same about the
-axis in every direction shares the square's operations; the fields are then
-held to it.
+because the mesh has the symmetry of an octahedron. The axisymmetric group has
+the operations of the square; the fields are then restricted to axisymmetric ones.
 """
 
 from __future__ import annotations
@@ -21,16 +20,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """A group of turns and mirrors.
+    """A group of rotations and mirrors.
 
     Attributes
     ----------
     name : str
-        Schoenflies' symbol of the rotations, and what they stand for.
+        Schoenflies symbol, also the name of the object in this file.
     operations : (g, 3, 3) array [-]
         Orthogonal matrices, the identity first.
     axisymmetric : bool
-        Whether the group also holds every turn about z, which the mesh does not.
+        True if the group also contains every rotation about z, which does not map the mesh onto itself.
     """
 
     name: str
@@ -41,7 +40,7 @@ class Symmetry:
         return self.name  # one object in every process, so that what is cached by it is found
 
     def orbits(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Orbits of points that the group maps onto themselves as a set.
+        """Find the orbits of points that the group maps onto themselves as a set.
 
         Parameters
         ----------
@@ -52,14 +51,14 @@ class Symmetry:
         representatives : (r,) int array
             One point of each orbit, the one with the largest x, of these with the largest y, then z; in rising order.
         orbit : (p,) int array
-            Position in `representatives` of each point's.
+            Position in `representatives` of the representative of each point.
         operation : (p,) int array
             First operation that maps the representative onto the point.
         """
         keys = np.round(points * 1e9).astype(np.int64)
         place = {tuple(key): index for index, key in enumerate(keys)}
         images = np.round(np.einsum("gij,pj->pgi", self.operations, points) * 1e9).astype(np.int64)
-        leaders = np.array([place[max(map(tuple, of_one))] for of_one in images])
+        leaders = np.array([place[max(map(tuple, orbit))] for orbit in images])
         representatives, orbit = np.unique(leaders, return_inverse=True)
         operation = np.empty(len(points), np.int64)
         for leader in representatives:
@@ -68,7 +67,7 @@ class Symmetry:
         return representatives, orbit, operation
 
     def free_directions(self, point: Array) -> Array:
-        """Orthonormal columns (3, f): the vectors at `point` (3,) that every operation which keeps it leaves alone."""
+        """Return orthonormal columns (3, f): the vectors at `point` (3,) that its stabiliser leaves unchanged."""
         keeping = np.linalg.norm(self.operations @ point - point, axis=1) < 1e-9
         columns: list[Array] = []
         for column in np.mean(self.operations[keeping], axis=0).T:
@@ -82,13 +81,13 @@ _SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _MIRRORS = [np.diag([sx, sy, 1.0]) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
 
 D4 = Symmetry("D4", np.array([mirror @ other for other in (np.eye(3), _SWAP) for mirror in _MIRRORS]))
-"""The square's about z: four quarter turns with mirrors; representatives have 0 <= y <= x."""
+"""Group of the square about z: four quarter rotations with mirrors; representatives have 0 <= y <= x."""
 
 C_INF_V = Symmetry("C_INF_V", D4.operations, axisymmetric=True)
-"""The circle's about z: every turn, with mirrors."""
+"""Group of the circle about z: every rotation, with mirrors."""
 
 D2 = Symmetry("D2", np.array(_MIRRORS))
-"""The rectangle's about z: a half turn with mirrors; representatives have 0 <= x, y."""
+"""Group of the rectangle about z: a half rotation with mirrors; representatives have 0 <= x, y."""
 
 C2H = Symmetry("C2H", np.array([np.diag([sx, s, s]) for sx in (1.0, -1.0) for s in (1.0, -1.0)]))
-"""That of a shear flow along z in the plane x = 0: the half turn about x and the mirror x -> -x."""
+"""Group of a shear flow along z in the plane x = 0: the half rotation about x and the mirror x -> -x."""
