@@ -47,13 +47,13 @@ SNAP_THROUGH, LOST_FROM_REST = "snap-through", "lost from rest"
 """Kinds of borders.
 
 The first two end the cases of one size ratio at high Ca. Below them, a snap-through ends the shapes that a capsule
-takes from rest: up to there a parachute may be stable as well. Where a capsule beyond it was not seen to come to
+takes from rest: up to there a parachute may be stable as well. Where a capsule beyond it was not observed to come to
 rest, the branch is lost from rest: which shape it takes from there on is not established.
 """
 
 
 class Variable(NamedTuple):
-    """What a variable of the file is.
+    """Description of a variable of the file.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ class Database:
 
     @staticmethod
     def shipped() -> list[str]:
-        """Names of the databases that come with the library."""
+        """Return the names of the databases that come with the library."""
         return sorted({path.stem for folder in _shipped_folders() for path in folder.glob("*.nc")})
 
     def write(self, path: str | os.PathLike[str]) -> None:
@@ -302,7 +302,7 @@ class Database:
         return np.unique(self["effect_value"])
 
     def at_value(self, value: float) -> Database:
-        """The cases and borders of one value of the effect, with the hash of the whole."""
+        """Return the cases and borders of one value of the effect, with the hash of the whole."""
         chosen = {
             dimension: np.flatnonzero(self[name] == value)
             for dimension, name in (("case", "effect_value"), ("border", "border_effect_value"))
@@ -310,7 +310,7 @@ class Database:
         return Database(self.dataset.isel(chosen))
 
     def plain_relative(self) -> Database | None:
-        """The plain database of the same section and law that comes with the library, if there is one."""
+        """Return the plain database of the same cross-section and law that comes with the library, if there is one."""
         for folder in _shipped_folders():
             for path in sorted(folder.glob("*.nc")):
                 with xr.open_dataset(path, engine="h5netcdf") as opened:
@@ -336,7 +336,7 @@ _OUTLINE_STEPS = 2.0**20  # of l; a power of two, so that rounded values are exa
 
 
 def _shipped_folders() -> tuple[Path, ...]:
-    """Where shipped files lie: in the installed package, or in the source tree."""
+    """Return the folders of shipped files: in the installed package, and in the source tree."""
     package = Path(__file__).resolve().parent
     return package / "databases", package.parents[1] / "data" / "databases"
 

@@ -1,4 +1,4 @@
-"""What goes wrong: errors named for their cause, carrying their evidence."""
+"""Errors, named for their cause, with their evidence as attributes."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class InputError(CapsbayesError):
     key : str
         The key, column or parameter at fault (may be empty).
     expected, got : str
-        What would have been right, and what was found.
+        The right form of the value, and the value given.
     advice : str, optional
-        What to do about it.
+        Remedy.
     """
 
     def __init__(self, where: str, key: str, expected: str, got: str, advice: str = "") -> None:
@@ -72,7 +72,7 @@ class BrokenPromiseError(CapsbayesError, AssertionError):
     promise : str
         The promise, as a sentence that should be true.
     found : str
-        What was found instead, and where.
+        The result that contradicts it, and its place.
     """
 
     def __init__(self, subject: str, promise: str, found: str) -> None:

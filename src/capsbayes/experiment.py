@@ -139,7 +139,7 @@ class Experiment(Readable):
 
 
 def capillary_number(*, viscosity: ArrayLike, mean_velocity: ArrayLike, surface_shear_modulus: ArrayLike) -> Floats:
-    """Capillary number Ca = mu U / G_s, equation 1 of the paper.
+    """Return the capillary number Ca = mu U / G_s, equation 1 of the paper.
 
     Examples
     --------
@@ -150,22 +150,22 @@ def capillary_number(*, viscosity: ArrayLike, mean_velocity: ArrayLike, surface_
 
 
 def surface_shear_modulus(*, viscosity: ArrayLike, mean_velocity: ArrayLike, capillary_number: ArrayLike) -> Floats:
-    """Shear modulus of the membrane G_s = mu U / Ca [N/m]."""
+    """Return the shear modulus of the membrane G_s = mu U / Ca [N/m]."""
     return np.asarray(viscosity) * np.asarray(mean_velocity) / np.asarray(capillary_number)
 
 
 def mean_velocity(*, capsule_velocity: ArrayLike, velocity_ratio: ArrayLike) -> Floats:
-    """Mean velocity of the undisturbed flow U = v_o / (v_o/U) [m/s]."""
+    """Return the mean velocity of the undisturbed flow U = v_o / (v_o/U) [m/s]."""
     return np.asarray(capsule_velocity) / np.asarray(velocity_ratio)
 
 
 def size_ratio(*, capsule_radius: ArrayLike, half_width: ArrayLike) -> Floats:
-    """Radius of the capsule over the half width of the channel, a/l [-]."""
+    """Return the radius of the capsule over the half width of the channel, a/l [-]."""
     return np.asarray(capsule_radius) / np.asarray(half_width)
 
 
 def capsule_radius(*, size_ratio: ArrayLike, half_width: ArrayLike) -> Floats:
-    """Radius of the capsule a = (a/l) l [m]."""
+    """Return the radius of the capsule a = (a/l) l [m]."""
     return np.asarray(size_ratio) * np.asarray(half_width)
 
 

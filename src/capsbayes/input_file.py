@@ -1,4 +1,4 @@
-"""A TOML file read with every key checked: one clear line where it is wrong."""
+"""TOML files read with every key checked; a mistake is one line with file, key, expected and got."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from capsbayes.quantity import Quantity
 __all__ = ["InputFile", "Reader", "checked_table", "file_name", "not_negative", "number", "quantity", "unread"]
 
 Reader = Callable[[Any, str, str], Any]
-"""From the value of a key, the file and the dotted key to what it means; raises InputError."""
+"""Function of a value, the file and the dotted key; it returns what the value means, or raises InputError."""
 
 Keys = Mapping[str, Reader] | Collection[str]
 
@@ -29,7 +29,7 @@ class InputFile:
     Parameters
     ----------
     path : Path
-        Where it was read.
+        Place of the file.
     content : mapping
         Keys and tables.
     sha256 : str

@@ -1,4 +1,4 @@
-"""An outline as it was measured: points along the edge of the capsule, and how wrong they may be."""
+"""Measured outline of a capsule: points along its edge, with the covariance of their errors."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class OutlineNoise:
                 )
 
     def covariance(self, points: Floats) -> Floats:
-        """Covariance (m, m) of the errors at the vertices (m, 2) of a closed outline."""
+        """Return the covariance (m, m) of the errors at the vertices (m, 2) of a closed outline."""
         arc = np.concatenate([[0.0], np.cumsum(edge_lengths(points))])
         apart = np.abs(arc[:-1, None] - arc[:-1])
         apart = np.minimum(apart, arc[-1] - apart)
@@ -74,7 +74,7 @@ class OutlineNoise:
         return covariance
 
     def drawn(self, rng: np.random.Generator, points: Floats, count: int) -> Floats:
-        """Errors drawn for the vertices (m, 2) of a closed outline : (count, m) array."""
+        """Draw errors for the vertices (m, 2) of a closed outline : (count, m) array."""
         factor = scipy.linalg.cholesky(
             self.covariance(points) + 1e-12 * self.scale**2 * np.eye(len(points)), lower=True
         )
@@ -83,7 +83,7 @@ class OutlineNoise:
 
 @dataclass(frozen=True)
 class Pose:
-    """Standard deviations of what an outline has besides its shape.
+    """Standard deviations of the position, the tilt and the offset of an outline.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Pose:
     tilt : float
         Of the flow direction on the picture [rad].
     offset : float
-        Of all edges along their normals, over l: how far too far out a halo or a threshold puts them.
+        Of all edges along their normals, over l: a halo or a threshold puts them too far out.
     """
 
     along: float = 1.0
@@ -101,7 +101,7 @@ class Pose:
     offset: float = 0.0
 
     def directions(self, points: Floats, normal: Floats) -> Floats:
-        """Change of the normal distances by one standard deviation of each : (m, 4) array."""
+        """Return the change of the normal distances by one standard deviation of each : (m, 4) array."""
         turned = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
         each = [self.along * normal[:, 0], self.across * normal[:, 1], self.tilt * turned]
         return np.stack([*each, np.full(len(points), self.offset)], axis=1)
@@ -118,7 +118,7 @@ class MeasuredOutline:
         tilt.
     noise : OutlineNoise
     pose : Pose
-        What it may have besides the capsule's shape.
+        Uncertainty of its position, tilt and offset.
     view : str
         ``"mid-plane"`` in the plane x = 0, ``"silhouette"`` as seen from the side.
 
@@ -140,8 +140,8 @@ class MeasuredOutline:
         Parameters
         ----------
         file : InputFile
-            With the keys ``file``, a CSV file beside it with the columns ``z_over_l`` and ``y_over_l``; ``noise``, the
-            standard deviation of the normal errors over l; ``correlation``, their length along the arc over l; and
+            With the keys ``file``, a CSV file in its folder with the columns ``z_over_l`` and ``y_over_l``; ``noise``,
+            the standard deviation of the normal errors over l; ``correlation``, their length along the arc over l; and
             optionally ``white``, the share of their variance that is independent from point to point, ``pose``, a
             table of some of the numbers of a `Pose`, as ``{ offset = 0.01 }``, and ``view``, one of `VIEWS`.
 
@@ -172,7 +172,7 @@ class MeasuredOutline:
         Returns
         -------
         list of str
-            Lines of the table ``[outline]`` with which `read` finds them, in a file beside it.
+            Lines of the table ``[outline]`` with which `read` finds them, for a file of the same folder.
         """
         np.savetxt(path, self.points, fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
         noise, pose = self.noise, asdict(self.pose)

@@ -213,7 +213,7 @@ class Measurement(Readable):
         ----------
         path : path
             The experiment is named in it by its absolute path, or by its name alone if it lies in the same folder; an
-            outline is written beside it, in a CSV file of the same name.
+            outline is written next to it, in a CSV file of the same name.
 
         Raises
         ------
@@ -254,12 +254,12 @@ class Measurement(Readable):
 
     @property
     def lengths(self) -> Floats:
-        """The lengths measured, L_z or (L_z, L_a) : (k,) array."""
+        """Measured lengths, L_z or (L_z, L_a) : (k,) array."""
         both = [self.axial_extent] if self.axial_length is None else [self.axial_extent, self.axial_length]
         return np.array(both)
 
     @property
-    def length_beside_outline(self) -> tuple[float, float] | None:
+    def length_with_outline(self) -> tuple[float, float] | None:
         """L_a and its standard error where the outline is a silhouette, which does not show it, else None."""
         if self.outline is None or self.outline.view != SILHOUETTE:
             return None
@@ -293,7 +293,7 @@ def _pair(value: float, error: float) -> str:
     return f"{float(value)!r} +/- {float(error)!r}"
 
 
-def _name_of(file: Path, beside: str | Path) -> str:
-    """Return the name of a file in one that may lie in the same folder."""
+def _name_of(file: Path, reader: str | Path) -> str:
+    """Return the name under which one file names another: bare in the same folder, else absolute."""
     whole = file.resolve()
-    return whole.name if whole.parent == Path(beside).resolve().parent else str(whole)
+    return whole.name if whole.parent == Path(reader).resolve().parent else str(whole)

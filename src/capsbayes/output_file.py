@@ -12,12 +12,12 @@ __all__ = ["replaced", "unfinished"]
 
 @contextlib.contextmanager
 def unfinished(path: Path) -> Iterator[Path]:
-    """A file beside, to be written, which takes the place of `path` in the end; an error leaves nothing of it.
+    """Give a temporary file to write, which replaces `path` in the end; after an error nothing of it is left.
 
     Parameters
     ----------
     path : Path
-        In a folder that is there.
+        In an existing folder.
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:

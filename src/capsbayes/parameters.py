@@ -1,4 +1,4 @@
-"""The one table of quantities: name, symbol, unit, the unit people read, and what each one means."""
+"""The one table of quantities: name, symbol, unit, the unit that people read, and meaning."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Parameter:
 
     @property
     def si(self) -> str:
-        """Its SI unit, empty for a ratio and for what is over a scale of the flow problem."""
+        """SI unit, empty for a ratio and for what is over a scale of the flow problem."""
         return self.unit if self.unit in SI_UNITS else ""
 
     @property
@@ -67,7 +67,7 @@ class Parameter:
         return f"${self.latex}$ [{self.shown_unit}]" if self.shown_unit not in ("", "-") else f"${self.latex}$"
 
     def shown(self, value: float) -> float:
-        """Value in the unit people read."""
+        """Return a value in the unit that people read."""
         return value * self.scale
 
 
@@ -82,7 +82,7 @@ _TABLE = (
     _ratio("bending", "B", "B", "bending modulus of the membrane", "G_s a^2"),
     _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
     _ratio("rest_aspect", "A_0", "A_0", "axis of the shape at rest along the flow over that across"),
-    _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area beside a shear"),
+    _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area relative to a shear"),
     _ratio("strain_hardening", "h", "h", "share of Skalak's energy with C = 1 in that of a neo-Hookean membrane"),
     # of the experiment
     Parameter("half_width", "l", r"\ell", "m", "µm", 1e6, "half width of the channel"),
@@ -111,7 +111,7 @@ _TABLE = (
     _ratio("minimum_tension", "tau_min", r"\tau_\mathrm{min}", "smallest principal tension of the membrane", "G_s"),
     _ratio("wrinkling_rate", "sigma", r"\sigma", "growth rate of wrinkles about the axis, where checked", "U/l"),
     # of the picture, and of what the flow does to the channel
-    Parameter("halo", "delta", r"\delta", "m", "µm", 1e6, "distance by which all edges are found too far out"),
+    Parameter("halo", "delta", r"\delta", "m", "µm", 1e6, "distance by which all detected edges lie too far out"),
     Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "µs", 1e6, "time for which a picture is exposed"),
     Parameter("pixel_scale", "eps_p", r"\epsilon_\mathrm{p}", "-", "%", 1e2, "relative error of the size of a pixel"),
     Parameter("swelling", "s_l", r"s_\ell", "s/m", "% per mm/s", 0.1, "relative widening of the channel per velocity"),
@@ -144,7 +144,7 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: paramete
 
 
 class Stated(NamedTuple):
-    """How a user states a quantity, and what is plausible.
+    """Example of a stated quantity, and its plausible range.
 
     Parameters
     ----------
@@ -184,4 +184,4 @@ COORDINATES = (
     "section_aspect",
     "unsteadiness",
 )
-"""Those that a forward model may have beside the capillary number and the size ratio."""
+"""Coordinates that a forward model may have in addition to the capillary number and the size ratio."""

@@ -135,7 +135,7 @@ class Profile:
         return signed_area(self.points)
 
     def stretch_ratio(self, radius: float) -> float:
-        """Perimeter over that of the sphere at rest, Lambda = P / (2 pi a).
+        """Return the perimeter over that of the sphere at rest, Lambda = P / (2 pi a).
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Profile:
         return self.perimeter / (2.0 * np.pi * radius)
 
     def resampled(self, count: int) -> Profile:
-        """Outline of `count` points at equal arc length, the first at the nose.
+        """Return the outline with `count` points at equal arc length, the first at the nose.
 
         Parameters
         ----------
@@ -167,20 +167,20 @@ class Profile:
         return Profile(np.stack([np.interp(length, corner, closed[:, axis]) for axis in (0, 1)], axis=1))
 
     def scaled(self, factor: float) -> Profile:
-        """Outline with every length multiplied by a positive factor: a change of unit."""
+        """Return the outline with every length multiplied by a positive factor: a change of unit."""
         return Profile(self.points * factor)
 
     def translated(self, dz: float) -> Profile:
-        """Outline moved by `dz` along the flow."""
+        """Return the outline moved by `dz` along the flow."""
         return Profile(self.points + np.array([dz, 0.0]))
 
     def mirrored(self) -> Profile:
-        """Outline seen from the other side, y -> -y."""
+        """Return the outline seen from the other side, y -> -y."""
         swapped = self.points * np.array([1.0, -1.0])
         return Profile(np.concatenate([swapped[:1], swapped[:0:-1]]))
 
     def hausdorff(self, other: Profile) -> float:
-        """Hausdorff distance to another outline of the same unit, neither moved.
+        """Return the Hausdorff distance to another outline of the same unit, neither moved.
 
         The largest distance from a vertex of either outline to the nearest
         point, vertex or not, of the other.
@@ -197,7 +197,7 @@ class Profile:
 
 
 def vertex_normals(points: Floats) -> Floats:
-    """Outward unit normals (..., p, 2) at the vertices of closed outlines like a `Profile`'s."""
+    """Return the outward unit normals (..., p, 2) at the vertices of closed outlines like a `Profile`'s."""
     around = np.concatenate([points[..., -1:, :], points, points[..., :1, :]], axis=-2)
     chord = around[..., 2:, :] - around[..., :-2, :]
     normals = np.stack([chord[..., 1], -chord[..., 0]], axis=-1)
@@ -218,18 +218,18 @@ def _checked(points: ArrayLike, minimum: int = 4) -> Floats:
 
 
 def signed_area(points: Floats) -> float:
-    """Area within a closed outline (p, 2) with columns (z, y), positive in the sense of a `Profile`."""
+    """Return the area within a closed outline (p, 2) with columns (z, y), positive in the sense of a `Profile`."""
     z, y = points.T
     return float(0.5 * np.sum(z * np.roll(y, -1) - np.roll(z, -1) * y))
 
 
 def edge_lengths(points: Floats) -> Floats:
-    """Length of each edge of a closed outline (p, 2), from its vertex to the next : (p,) array."""
+    """Return the length of each edge of a closed outline (p, 2), from its vertex to the next : (p,) array."""
     return np.asarray(np.hypot(*(np.roll(points, -1, axis=0) - points).T))
 
 
 def _crossing_of_each_edge(points: Floats) -> Floats:
-    """Where each edge meets the axis y = 0, NaN if it does not; (p,) array of z.
+    """Return z where each edge meets the axis y = 0, NaN if it does not : (p,) array.
 
     A vertex on the axis belongs to the side y > 0, so that it is met once.
     """
@@ -246,7 +246,7 @@ def _axis_crossings(points: Floats) -> Floats:
 
 
 def _furthest(points: Floats, outline: Floats) -> float:
-    """Largest distance from a set of points to a closed polygon."""
+    """Return the largest distance from a set of points to a closed polygon."""
     z, y = outline.T
     edge_z, edge_y = np.roll(z, -1) - z, np.roll(y, -1) - y
     square = np.maximum(edge_z**2 + edge_y**2, np.finfo(float).tiny)

@@ -117,7 +117,7 @@ class Quantity:
         units : sequence of str
             SI units allowed, by default that of the parameter.
         signed : bool
-            Whether it may be zero or negative.
+            True if it may be zero or negative.
 
         Raises
         ------
@@ -166,7 +166,7 @@ class Quantity:
         Parameters
         ----------
         text : object
-            What a file holds; only text can be read. ``"0.85 Pa s"`` is known; ``"0.85 +/- 0.02 Pa s"`` is normal, cut
+            Value of a key; only text can be read. ``"0.85 Pa s"`` is known; ``"0.85 +/- 0.02 Pa s"`` is normal, cut
             at zero unless signed; ``"0.80 .. 0.90 Pa s"`` is uniform, ``"log-uniform 1 .. 100 mN/m"`` log-uniform.
         where, key : str
             File and key, for the message.
@@ -176,7 +176,7 @@ class Quantity:
         example : str
             A value that would have been right, for the message.
         signed : bool
-            Whether zero and negative numbers are allowed.
+            True if zero and negative numbers are allowed.
 
         Raises
         ------
@@ -211,7 +211,7 @@ class Quantity:
 
     @cached_property
     def distribution(self) -> Any:
-        """The frozen distribution of `scipy.stats`; of an uncertain quantity only."""
+        """Frozen distribution of `scipy.stats` of an uncertain quantity."""
         import scipy.stats  # half a second to import
 
         if self.family is not None:
@@ -237,7 +237,7 @@ class Quantity:
 
     @property
     def _as_stated(self) -> bool:
-        """Whether value and error are mean and standard deviation: no cut is near."""
+        """True if value and error are mean and standard deviation: no cut is near."""
         return self.known or self.shape != "normal" or self.value - self.low > _FAR * self.error
 
     @property
@@ -247,7 +247,7 @@ class Quantity:
 
     @property
     def power(self) -> int:
-        """The k of the density of log x of a range, proportional to x^k."""
+        """Exponent k of a range, whose density of log x is proportional to x^k."""
         return 1 if self.shape == "uniform" else 0
 
     def logpdf(self, values: ArrayLike) -> Floats:

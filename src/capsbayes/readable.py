@@ -1,4 +1,4 @@
-"""How results show themselves: in one line at a prompt, as a table in a notebook."""
+"""Readable results: one line at a prompt, a table in a notebook."""
 
 from __future__ import annotations
 

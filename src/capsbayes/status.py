@@ -1,4 +1,4 @@
-"""Why a piece of work ended: each status is a sentence written for people."""
+"""Reasons for the end of a piece of work, each a sentence for people."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Status(enum.Enum):
     SATURATED = "The picture is clipped between the walls; expose it less."
     NO_CAPSULE = "No capsule was found between the walls."
     SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them."
-    DEBRIS = "What was found is too small for a capsule."
+    DEBRIS = "The object found is too small for a capsule."
     DOUBLET = "The outline is notched: two capsules touch or overlap, or something sticks to one."
     LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."
     BROKEN_MASK = "The mask of the event falls into several pieces."
@@ -62,7 +62,7 @@ class Status(enum.Enum):
         "The outline fits no shape of the model: even the best one is off by more than twice the stated errors; "
         "do not use the intervals."
     )
-    UNUSABLE = "The numbers given for this capsule cannot be used; the reason stands beside it."
+    UNUSABLE = "The numbers given for this capsule cannot be used; see its reason."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
     # studies of sensitivity
     NO_FLOW_RATE = "No flow rate keeps the expected capsules below the limit of existence with the margin asked for."

@@ -103,6 +103,6 @@ def whitened_at(model: ForwardModel, session: Session, pilots: Floats) -> Whiten
             each.append(OfLengths.of(one, own[i]))
         else:
             place = {name: float(values[i]) for name, values in places.items()}
-            each.append(OfOutline(outline_likelihood(model, one.outline, place, length=one.length_beside_outline)))
+            each.append(OfOutline(outline_likelihood(model, one.outline, place, length=one.length_with_outline)))
     outline = any(one.outline is not None for one in session.measurements)
     return Whitening(tuple(each), pilots, outline)

@@ -1,4 +1,4 @@
-"""The inputs that carry an error besides the lengths: viscosity, half width and velocity of the capsule."""
+"""Inputs with an error other than the lengths: viscosity, half width and velocity of the capsule."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOOSEST_VELOCITY = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The inputs of one capsule other than its lengths."""
+    """Inputs of one capsule other than its lengths."""
 
     viscosity: Quantity
     half_width: Quantity

@@ -162,7 +162,7 @@ def coordinate_prior(text: object, *, where: str, key: str) -> Quantity:
     text : str
         ``"0 .. 0.1"``, uniform between two limits, or ``"0.03 +/- 0.01"``, normal.
     where, key : str
-        What it is the prior of, for the message of an error.
+        File and coordinate, for the message of an error.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def _coordinate(given: Given, where: str, key: str) -> Quantity:
 
 
 def log_jacobian(*, half_width: ArrayLike, capsule_velocity: ArrayLike) -> Floats:
-    """Log of |d(log G_s, a, log U) / d(log Ca, a/l, v_o)| = log(l / v_o); see the module's text."""
+    """Return the log of |d(log G_s, a, log U) / d(log Ca, a/l, v_o)| = log(l / v_o); see the module's text."""
     return np.log(np.asarray(half_width) / np.asarray(capsule_velocity))
 
 

@@ -88,8 +88,8 @@ def _each_halved(
         noise = measurement.outline.noise
         sharper = replace(measurement.outline, noise=replace(noise, scale=0.5 * noise.scale))
         yield "outline", engine(replace(measurement, outline=sharper), inputs=inputs)
-        if measurement.length_beside_outline is not None:
-            half = replace(measurement, axial_length_error=0.5 * measurement.length_beside_outline[1])
+        if measurement.length_with_outline is not None:
+            half = replace(measurement, axial_length_error=0.5 * measurement.length_with_outline[1])
             yield "axial_length", engine(half, inputs=inputs)
         yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)
         return

@@ -1,4 +1,4 @@
-"""A set as a folder: one measurement file a capsule, and the experiment's."""
+"""A set as a folder: one measurement file for each capsule, and the file of the experiment."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def read_folder(folder: Path, experiment: Experiment | str | Path | None = None)
     Parameters
     ----------
     folder : Path
-        Each file as `Measurement.read` reads it; files of experiments among them are passed over.
+        Each file as `Measurement.read` reads it; files of experiments among them are ignored.
     experiment : Experiment or path, optional
         By default the one that each measurement names; if there are several, of one cross-section, half width and
         viscosity are those of each.
@@ -51,7 +51,7 @@ def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: 
     InputError
         If the folder holds TOML files already, which would be read as well, or a capsule has conditions of its own.
     """
-    if any(one.conditions for one in measurements):
+    if any(measurement.conditions for measurement in measurements):
         raise InputError(str(folder), "conditions", "capsules under one experiment", "others", "write a .csv or a .nc")
     if folder.exists() and (not folder.is_dir() or any(folder.glob("*.toml"))):
         got = "one with TOML files" if folder.is_dir() else "a file"
@@ -59,19 +59,19 @@ def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: 
     folder.mkdir(parents=True, exist_ok=True)
     experiment.write(folder / _EXPERIMENT)
     digits = max(3, len(str(len(measurements))))
-    for number, one in enumerate(measurements, start=1):
-        named = replace(one, experiment_file=folder / _EXPERIMENT)
+    for number, measurement in enumerate(measurements, start=1):
+        named = replace(measurement, experiment_file=folder / _EXPERIMENT)
         named.write(folder / f"capsule-{number:0{digits}d}.toml")
 
 
 def measurement_files(folder: Path) -> list[Path]:
-    """Measurement files of a folder and those one folder down; files of experiments among them are passed over."""
+    """Return the measurement files of a folder and of its subfolders; files of experiments among them are ignored."""
     files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/measurement.toml"))]
     return [file for file in files if not _is_experiment(file)]
 
 
 def _is_experiment(file: Path) -> bool:
-    """Whether a file holds an experiment; one that cannot be read is kept, to be refused by name."""
+    """Return True for the file of an experiment; a file that cannot be read is kept, to be refused by name."""
     try:
         content = InputFile.read(file).content
     except InputError:
@@ -80,8 +80,8 @@ def _is_experiment(file: Path) -> bool:
 
 
 def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Measurement, ...], Experiment]:
-    """The measurements with the conditions of the experiments that they name, if these are several, and the first."""
-    files = [_named(one) for one in measurements]
+    """Return the first experiment, and the measurements with the conditions of their own if they name several."""
+    files = [_named(measurement) for measurement in measurements]
     known = {file: Experiment.read(file) for file in dict.fromkeys(files)}
     first = known[files[0]]
     for other in known.values():
@@ -93,7 +93,9 @@ def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Me
     conditions = {
         file: {name: getattr(experiment, name).mean for name in CONDITIONS} for file, experiment in known.items()
     }
-    own = [replace(one, conditions=conditions[file]) for one, file in zip(measurements, files, strict=True)]
+    own = [
+        replace(measurement, conditions=conditions[file]) for measurement, file in zip(measurements, files, strict=True)
+    ]
     return tuple(own), first
 
 

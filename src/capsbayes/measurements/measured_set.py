@@ -1,4 +1,4 @@
-"""What a set on disk holds: the capsules that can be compared, and why the others are left out."""
+"""Content of a set on disk: the capsules that can be compared, and why the others are omitted."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class MeasuredSet:
 
 
 def check_comparable(measurement: Measurement, where: str) -> None:
-    """Refuse a measurement that came to nothing, or whose lengths are in metres.
+    """Refuse a measurement that failed, or whose lengths are in metres.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def check_comparable(measurement: Measurement, where: str) -> None:
 def gathered(
     readers: Iterable[Callable[[], Measurement]], where: Path
 ) -> tuple[tuple[Measurement, ...], tuple[str, ...]]:
-    """The capsules that can be read and compared, and one line for each of the others.
+    """Return the capsules that can be read and compared, and one line for each of the others.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def gathered(
     left_out: list[str] = []
     for read in readers:
         try:
-            one = read()
-            check_comparable(one, one.source)
-            found.append(one)
+            measurement = read()
+            check_comparable(measurement, measurement.source)
+            found.append(measurement)
         except InputError as error:
             left_out.append(str(error))
     if not found:
@@ -76,7 +76,7 @@ def gathered(
 
 
 def known_experiment(path: Path, experiment: Experiment | str | Path | None) -> Experiment:
-    """The experiment that is given.
+    """Return the experiment that is given, read if it is a file.
 
     Raises
     ------

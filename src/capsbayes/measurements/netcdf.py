@@ -64,33 +64,34 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     InputError
         If a capsule has no outline, or one with another `Pose` than the usual, or if they differ in their view.
     """
-    edges = [one.outline for one in measurements if one.outline is not None]
-    if len(edges) < len(measurements):
+    outlines = [seen.outline for seen in measurements if seen.outline is not None]
+    if len(outlines) < len(measurements):
         raise InputError(str(path), "outline", "capsules with outlines", "one without", "write a folder or a .csv")
-    if any(one.pose != Pose() for one in edges):
+    if any(outline.pose != Pose() for outline in outlines):
         advice = "write a folder"
         raise InputError(str(path), "outline.pose", "outlines of the usual pose", "one of another", advice)
-    views = sorted({one.view for one in edges})
+    views = sorted({outline.view for outline in outlines})
     if len(views) > 1:
         raise InputError(str(path), "outline.view", "outlines of one view", ", ".join(views), "write a folder")
-    outlines = np.full((len(edges), max(len(one.points) for one in edges), 2), np.nan)
-    for row, one in enumerate(edges):
-        outlines[row, : len(one.points)] = one.points
-    noise = np.array([[one.noise.scale, one.noise.correlation_length, one.noise.white] for one in edges])
-    numbers = {name: [getattr(one, name) for one in measurements] for name in (*_NEEDED, *_LENGTH)}
+    points = np.full((len(outlines), max(len(outline.points) for outline in outlines), 2), np.nan)
+    for row, outline in enumerate(outlines):
+        points[row, : len(outline.points)] = outline.points
+    noises = [outline.noise for outline in outlines]
+    noise = np.array([[noise.scale, noise.correlation_length, noise.white] for noise in noises])
+    numbers = {name: [getattr(seen, name) for seen in measurements] for name in (*_NEEDED, *_LENGTH)}
     numbers |= dict(zip(_NOISE, noise.T, strict=True))
-    own = {name: [one.conditions.get(name, np.nan) for one in measurements] for name in CONDITIONS}
-    own |= {"flow_rate": [one.flow_rate or np.nan for one in measurements]}
+    own = {name: [seen.conditions.get(name, np.nan) for seen in measurements] for name in CONDITIONS}
+    own |= {"flow_rate": [seen.flow_rate or np.nan for seen in measurements]}
     numbers |= {name: values for name, values in own.items() if np.isfinite(values).any()}
     units = _UNITS | _NOISE
     variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
-    dataset = xr.Dataset({**variables, "outline": (_OUTLINE, outlines, {"units": "l"})}, coords={"axis": ["z", "y"]})
+    dataset = xr.Dataset({**variables, "outline": (_OUTLINE, points, {"units": "l"})}, coords={"axis": ["z", "y"]})
     dataset.attrs["view"] = (views or [MID_PLANE])[0]
     dataset.to_netcdf(path, engine="h5netcdf")
 
 
 def opened(path: Path) -> xr.Dataset:
-    """The content of a NetCDF file.
+    """Return the content of a NetCDF file.
 
     Raises
     ------
@@ -124,18 +125,20 @@ def _check(path: Path, dataset: xr.Dataset) -> None:
 
 
 def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
-    one = dataset.isel(capsule=row)
-    label = str(one["name"].item()) if "name" in one.variables else str(row + 1)
+    capsule = dataset.isel(capsule=row)
+    label = str(capsule["name"].item()) if "name" in capsule.variables else str(row + 1)
     where = f"{path}: capsule {label}"
-    numbers = {name: float(one[name]) for name in (*_NEEDED, *_LENGTH, "flow_rate") if name in one.variables}
+    numbers = {name: float(capsule[name]) for name in (*_NEEDED, *_LENGTH, "flow_rate") if name in capsule.variables}
     seen = {name: value for name, value in numbers.items() if name in _NEEDED or np.isfinite(value)}
-    points = np.asarray(one["outline"].values, np.float64)
-    view = check_view(one.attrs.get("view", MID_PLANE), str(path), "view")
-    white = float(one["noise_white"]) if "noise_white" in one.variables else 0.0
+    points = np.asarray(capsule["outline"].values, np.float64)
+    view = check_view(capsule.attrs.get("view", MID_PLANE), str(path), "view")
+    white = float(capsule["noise_white"]) if "noise_white" in capsule.variables else 0.0
     try:
-        noise = OutlineNoise(float(one["noise_scale"]), float(one["noise_correlation"]), white)
+        noise = OutlineNoise(float(capsule["noise_scale"]), float(capsule["noise_correlation"]), white)
         outline = MeasuredOutline(points[np.isfinite(points).any(axis=1)], noise, view=view)
     except InputError as error:  # which does not know whose outline it is
         raise InputError(where, error.key, error.expected, error.got, error.advice) from None
-    own = {name: float(one[name]) for name in CONDITIONS if name in one.variables and np.isfinite(one[name])}
+    own = {
+        name: float(capsule[name]) for name in CONDITIONS if name in capsule.variables and np.isfinite(capsule[name])
+    }
     return Measurement(**seen, outline=outline, conditions=own, source=where)  # type: ignore[arg-type]

@@ -168,7 +168,7 @@ class MeasuredLengths:
         name : str
             The number at fault.
         expected : str
-            What would have been right.
+            The right form of the number.
         """
         rows = rows & (self.refusals == "")
         if not rows.any():
@@ -245,11 +245,14 @@ def write_table(path: Path, measurements: Sequence[Measurement]) -> None:
     """
     import pandas as pd
 
-    if any(one.outline is not None for one in measurements):
+    if any(measurement.outline is not None for measurement in measurements):
         raise InputError(str(path), "outline", "capsules without outlines", "one with", "write a folder or a .nc")
     columns: dict[str, list[float | None]] = {}
     for name, headers in _HEADERS.items():
-        values = [one.conditions.get(name) if name in CONDITIONS else getattr(one, name) for one in measurements]
+        values = [
+            measurement.conditions.get(name) if name in CONDITIONS else getattr(measurement, name)
+            for measurement in measurements
+        ]
         if any(value is not None for value in values):
             columns[next(iter(headers))] = values
     frame = pd.DataFrame(columns, index=pd.RangeIndex(1, len(measurements) + 1, name="name"), dtype=np.float64)

@@ -221,7 +221,7 @@ def _notes(posterior: Posterior) -> tuple[str, ...]:
     seen: Measurement = posterior.measurement
     notes = []
     if seen.outline is not None:
-        beside = ", with L_a beside it" if seen.length_beside_outline is not None else ""
+        beside = ", with L_a beside it" if seen.length_with_outline is not None else ""
         notes.append(
             f"The outline is one input{beside}: it took the place of the lengths, so nothing is owed to L_z "
             f"{'and L_a ' if not beside else ''}apart, and there is no derivative by it."

@@ -1,4 +1,4 @@
-"""The errors with which a lab measures a capsule, and what it would then measure of a given shape."""
+"""Measuring errors of a lab, and the measurement that a given shape would lead to."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class LabErrors:
     length_correlation : float
         Between the errors of the two lengths.
     over_half_width : bool
-        Whether the lengths are over l or in metres.
+        True for lengths over l, False for lengths in metres.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class LabErrors:
 
     @classmethod
     def of(cls, measurement: Measurement) -> LabErrors:
-        """Those of a measured capsule; an outline beside its lengths is passed over."""
+        """Return the errors of a measured capsule; its outline is ignored."""
         relative = measurement.capsule_velocity_error / measurement.capsule_velocity
         return cls(
             measurement.axial_extent_error,
@@ -71,19 +71,19 @@ class LabErrors:
 
     @property
     def covariance(self) -> Floats:
-        """Of the lengths measured, L_z or (L_z, L_a) : (k, k) array."""
+        """Covariance of the measured lengths, L_z or (L_z, L_a) : (k, k) array."""
         if self.axial_length is None:
             return np.array([[self.axial_extent**2]])
         cross = self.length_correlation * self.axial_extent * self.axial_length
         return np.array([[self.axial_extent**2, cross], [cross, self.axial_length**2]])
 
     def measured(self, lengths: Floats, capsule_velocity: float) -> Measurement:
-        """A measurement of given lengths.
+        """Return a measurement of given lengths.
 
         Parameters
         ----------
         lengths : (2,) array [l or m]
-            L_z and L_a. Where noise makes the latter the longer it is cut: nothing lies beyond the extent.
+            L_z and L_a; L_a is cut at L_z where noise makes it the longer.
         capsule_velocity : float [m/s]
         """
         extent = float(lengths[0])
@@ -99,7 +99,7 @@ class LabErrors:
         )
 
     def as_dict(self) -> dict[str, float | str | None]:
-        """Fields with their unit, for files."""
+        """Return the fields with their unit, for files."""
         unit = "l" if self.over_half_width else "m"
         return {
             "axial_extent": self.axial_extent,

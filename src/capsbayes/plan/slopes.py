@@ -64,7 +64,7 @@ def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
     if measurement.outline is None:
         pair = measurement.axial_extent, measurement.axial_extent_error
         found["axial_extent"] = Setting("axial_extent", *pair, unit)
-    if measurement.outline is None or measurement.length_beside_outline is not None:
+    if measurement.outline is None or measurement.length_with_outline is not None:
         length, error = measurement.axial_length, measurement.axial_length_error
         if length is not None and error is not None:
             found["axial_length"] = Setting("axial_length", length, error, unit)

@@ -103,5 +103,5 @@ def test_a_model_of_the_other_view_is_refused(capsule, model):
 
 
 def test_a_mid_plane_outline_needs_no_length_beside(capsule):
-    assert capsule.length_beside_outline == (capsule.axial_length, 0.004)
-    assert replace(capsule, outline=replace(capsule.outline, view="mid-plane")).length_beside_outline is None
+    assert capsule.length_with_outline == (capsule.axial_length, 0.004)
+    assert replace(capsule, outline=replace(capsule.outline, view="mid-plane")).length_with_outline is None

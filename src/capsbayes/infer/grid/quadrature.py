@@ -106,7 +106,7 @@ class Quadrature:
             return self._refined(window, density)
         if outline is not None:
             return self._refined(window, replace(density, outline=outline))
-        seen, length = measurement.outline, measurement.length_beside_outline
+        seen, length = measurement.outline, measurement.length_with_outline
         posterior = self._on(window, window.nodes(self.model, density), density, None)
         least, most = _PILOTS
         for number in range(1, most + 1):
