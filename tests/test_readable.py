@@ -17,13 +17,13 @@ MEASUREMENT = cb.Measurement(
 
 def test_an_experiment_and_a_measurement_show_their_numbers_in_the_units_that_people_read():
     line = (
-        "<Experiment: cross_section square; half_width 25 +/- 0.2 um; viscosity 0.85 +/- 0.02 Pa s; frame_rate 2000 1/s"
+        "<Experiment: cross_section square; half_width 25 +/- 0.2 µm; viscosity 0.85 +/- 0.02 Pa s; frame_rate 2000 1/s"
     )
     assert repr(EXPERIMENT) == line + "; source <lab>.toml>"
     line = "<Measurement: axial_extent 2.14 +/- 0.01 l; axial_length 1.81 +/- 0.01 l; capsule_velocity 5 +/- 0.05 mm/s"
-    assert repr(MEASUREMENT) == line + "; flow_rate 0.6 uL/min>"
+    assert repr(MEASUREMENT) == line + "; flow_rate 0.6 µL/min>"
     in_metres = cb.Measurement(axial_extent="53.5 +/- 0.3 um", capsule_velocity="5.00 +/- 0.05 mm/s")
-    assert "axial_extent 53.5 +/- 0.3 um" in repr(in_metres)
+    assert "axial_extent 53.5 +/- 0.3 µm" in repr(in_metres)
 
 
 def test_a_measurement_that_failed_shows_why():
@@ -32,7 +32,7 @@ def test_a_measurement_that_failed_shows_why():
 
 def test_a_table_of_a_notebook_is_escaped():
     table = EXPERIMENT._repr_html_()
-    assert "<td>25 +/- 0.2 um</td>" in table
+    assert "<td>25 +/- 0.2 µm</td>" in table
     assert "&lt;lab&gt;.toml" in table
 
 

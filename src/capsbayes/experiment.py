@@ -61,7 +61,7 @@ class Experiment(Readable):
     >>> experiment.half_width.value, experiment.viscosity.error
     (2.5e-05, 0.02)
     >>> experiment
-    <Experiment: cross_section square; half_width 25 um; viscosity 0.85 +/- 0.02 Pa s>
+    <Experiment: cross_section square; half_width 25 µm; viscosity 0.85 +/- 0.02 Pa s>
     """
 
     cross_section: str

@@ -325,6 +325,7 @@ class Quantity:
         if least <= self.value <= most:
             return
         unit, shown = (self.unit, known.shown_unit) if self.unit else (known.unit, "um")  # a length over l
+        shown = shown.replace("µ", "u")  # as it can be typed
         likely = not self.unit or least <= self.value / known.scale <= most
         advice = f'did you mean "{self.value:g} {shown}"?' if likely else "check the unit"
         read = f" (read in {unit})" if bare else ""
