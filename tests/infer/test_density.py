@@ -51,7 +51,7 @@ def test_completed_draws_stay_in_the_ranges_and_are_consistent(model, experiment
     density = PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), prior)
     nodes = {"capillary_number": np.full(2000, 0.082), "size_ratio": np.full(2000, 0.96)}
     points = points_of(model, nodes["capillary_number"], nodes["size_ratio"])
-    draws = density.completed(np.random.default_rng(5), nodes, points, np.ones(2000))
+    draws = density.completed(np.random.default_rng(5), nodes, points)
     assert np.all((draws["capsule_radius"] >= 23.9e-6) & (draws["capsule_radius"] <= 24.1e-6))
     by_mean_ratio = draws["viscosity"] * draws["capsule_velocity"] / (0.082 * points.velocity_ratio)
     assert np.all((by_mean_ratio >= 0.038) & (by_mean_ratio <= 0.041))
@@ -67,7 +67,7 @@ def test_inputs_of_any_distribution_are_drawn_as_they_are(model, capsule):
     density = PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), Prior())
     nodes = {"capillary_number": np.full(5000, 0.082), "size_ratio": np.full(5000, 0.96)}
     points = points_of(model, nodes["capillary_number"], nodes["size_ratio"])
-    draws = density.completed(np.random.default_rng(6), nodes, points, np.ones(5000))
+    draws = density.completed(np.random.default_rng(6), nodes, points)
     assert stats.kstest(draws["viscosity"], viscosity.cdf).pvalue > 1e-3
     assert np.ptp(draws["half_width"]) < 1e-15
 

@@ -15,7 +15,7 @@ a function of one number each, whatever the distributions of the inputs are.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -83,7 +83,7 @@ class PosteriorDensity:
         coordinate: Mapping[str, Floats] | None = None,
         *,
         outline: bool = True,
-    ) -> tuple[ModelAtPoints, Floats]:
+    ) -> ModelAtPoints:
         """Evaluate a model, Lambda included; everything is NaN outside its domain.
 
         Parameters
@@ -99,8 +99,8 @@ class PosteriorDensity:
         prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
         if outline and self.outline is not None:
-            points = replace(points, outline=self.outline.at(model, theta))
-        return points, prediction.stretch_ratio
+            points = points._replace(outline=self.outline.at(model, theta))
+        return points
 
     @property
     def shape_depends_on_half_width(self) -> bool:
@@ -181,7 +181,7 @@ class PosteriorDensity:
         return self.likelihood.velocity_ratio(model, self.width_at(half_width))
 
     def completed(
-        self, rng: np.random.Generator, nodes: Mapping[str, Floats], model: ModelAtPoints, stretch_ratio: Floats
+        self, rng: np.random.Generator, nodes: Mapping[str, Floats], model: ModelAtPoints
     ) -> dict[str, Floats]:
         """Draw everything else for given draws of the shape.
 
@@ -193,8 +193,6 @@ class PosteriorDensity:
             coordinate of the model: (n,) arrays drawn from the integrated posterior.
         model : ModelAtPoints
             The model there.
-        stretch_ratio : (n,) array
-            Lambda of the model there.
 
         Returns
         -------
@@ -224,7 +222,7 @@ class PosteriorDensity:
                 draws[name][found] = values[good[first]]
             out = np.setdiff1d(out, found)
         return _derived(draws) | {
-            "stretch_ratio": stretch_ratio,
+            "stretch_ratio": model.stretch_ratio,
             "axial_extent": model.extent,
             "axial_length": model.length,
         }

@@ -157,9 +157,9 @@ def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
     coordinate = grid.density.coordinate
     further = {} if coordinate is None else {coordinate.name: nodes[coordinate.name]}
     place = nodes["capillary_number"], nodes["size_ratio"]
-    points, stretch = grid.density.evaluated(grid.forward, *place, further, outline=False)
+    points = grid.density.evaluated(grid.forward, *place, further, outline=False)
     rng = np.random.default_rng([seed, 1])
-    flat = grid.density.completed(rng, nodes, points, stretch) | {"lp": np.ravel(kept.log_density)}
+    flat = grid.density.completed(rng, nodes, points) | {"lp": np.ravel(kept.log_density)}
     draws = {name: values.reshape(steps, -1).T for name, values in flat.items()}
     gates = [*table_gates, *chains.gates, *ess_gates({name: draws[name] for name in _reported(grid)})]
     agreed = agreement(draws, {name: grid.log_marginal(name) for name in _reported(grid)})

@@ -6,8 +6,8 @@ covariance is part of the likelihood. L_a may be missing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,8 +21,7 @@ __all__ = ["LengthsLikelihood", "ModelAtPoints"]
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class ModelAtPoints:
+class ModelAtPoints(NamedTuple):
     """Predictions of a model as the likelihood reads them, of any batch shape.
 
     Parameters
@@ -33,6 +32,8 @@ class ModelAtPoints:
         Covariance of the model's own error in L_z and L_a.
     zr, ar, rr : arrays
         The same with v_o/U.
+    stretch_ratio : array
+        Lambda.
     outline : array or None
         Log density of the measured outline given the model's, where there is one.
     """
@@ -46,32 +47,25 @@ class ModelAtPoints:
     zr: Floats
     ar: Floats
     rr: Floats
+    stretch_ratio: Floats
     outline: Floats | None = None
 
     @classmethod
     def of(cls, prediction: Prediction, *, error_scale: float = 1.0) -> ModelAtPoints:
         """Return the numbers of a prediction; `error_scale` multiplies the standard errors of the model."""
         c = prediction.covariance if error_scale == 1.0 else prediction.covariance * error_scale**2
-        return cls(
-            prediction.axial_extent,
-            prediction.axial_length,
-            prediction.velocity_ratio,
-            *(c[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))),
-        )
+        ratio, stretch = prediction.velocity_ratio, prediction.stretch_ratio
+        of_error = (c[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))
+        return cls(*(prediction.axial_extent, prediction.axial_length, ratio, *of_error, stretch))
 
     def taken(self, index: Any) -> ModelAtPoints:
         """Return some of the points, by a numpy index."""
-        return ModelAtPoints(*(None if values is None else values[index] for values in self._arrays))  # type: ignore[arg-type]
+        return ModelAtPoints(*(values if values is None else values[index] for values in self))  # type: ignore[arg-type]
 
     def joined(self, other: ModelAtPoints) -> ModelAtPoints:
-        """Return these points followed by others."""
-        pairs = zip(self._arrays, other._arrays, strict=True)
-        joined = (None if first is None or rest is None else np.concatenate([first, rest]) for first, rest in pairs)
-        return ModelAtPoints(*joined)  # type: ignore[arg-type]
-
-    @property
-    def _arrays(self) -> list[Floats | None]:
-        return [getattr(self, field.name) for field in fields(self)]
+        """Return these points followed by others, both with the density of an outline or neither."""
+        pairs = zip(self, other, strict=True)
+        return ModelAtPoints(*(mine if mine is None else np.concatenate([mine, rest]) for mine, rest in pairs))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +87,7 @@ class LengthsLikelihood:
     --------
     >>> seen = LengthsLikelihood(2.14, None, 0.01**2, 0.0, 0.0, True)
     >>> one, zero = np.ones(1), np.zeros(1)
-    >>> at = ModelAtPoints(2.14 * one, one, one, zero, zero, zero, zero, zero, zero)
+    >>> at = ModelAtPoints(2.14 * one, one, one, zero, zero, zero, zero, zero, zero, one)
     >>> seen.log_density(at).round(4).tolist()  # -log(0.01 sqrt(2 pi))
     [3.6862]
     """

@@ -90,7 +90,7 @@ def test_a_posterior_is_found_from_a_window_that_does_not_hold_it(model, monkeyp
 def test_the_interval_of_the_shear_modulus_covers(model, engine):
     """40 capsules over the plane: the truth's quantile is uniform."""
     rng, quantiles = np.random.default_rng(8), []
-    truth = EXPERIMENT.viscosity * FLOW
+    truth = EXPERIMENT.viscosity.value * FLOW
     while len(quantiles) < 40:
         case = rng.uniform(0.03, 0.09), rng.uniform(0.78, 1.0)
         posterior = engine(measured(model, *case, rng))

@@ -34,15 +34,12 @@ class Nodes:
         Sides of a piece over those of a cell.
     model : ModelAtPoints
         Of (n,) arrays, NaN outside the model's domain.
-    stretch_ratio : (n,) array
-        Lambda.
     """
 
     log_ca: Floats
     size: Floats
     side: Floats
     model: ModelAtPoints
-    stretch_ratio: Floats
 
     @classmethod
     def at(
@@ -51,14 +48,12 @@ class Nodes:
         """Evaluate a model at centres of pieces: all that a posterior density reads, by default the lengths."""
         ca = np.exp(log_ca)
         if density is not None:
-            return cls(log_ca, size, side, *density.evaluated(forward, ca, size))
-        prediction = forward({"capillary_number": ca, "size_ratio": size})
-        return cls(log_ca, size, side, ModelAtPoints.of(prediction), prediction.stretch_ratio)
+            return cls(log_ca, size, side, density.evaluated(forward, ca, size))
+        return cls(log_ca, size, side, ModelAtPoints.of(forward({"capillary_number": ca, "size_ratio": size})))
 
     def taken(self, index: NDArray[np.intp] | Booleans) -> Nodes:
         """Return some of the nodes."""
-        arrays = (self.log_ca[index], self.size[index], self.side[index])
-        return Nodes(*arrays, self.model.taken(index), self.stretch_ratio[index])
+        return Nodes(self.log_ca[index], self.size[index], self.side[index], self.model.taken(index))
 
     def joined(self, other: Nodes) -> Nodes:
         """Return these nodes followed by others."""
@@ -67,7 +62,6 @@ class Nodes:
             np.concatenate([self.size, other.size]),
             np.concatenate([self.side, other.side]),
             self.model.joined(other.model),
-            np.concatenate([self.stretch_ratio, other.stretch_ratio]),
         )
 
 
@@ -188,8 +182,7 @@ class CoarseTable:
         nodes = window.nodes(forward)
         model = nodes.model
         (z_u, z_s), (a_u, a_s) = (_changes(lengths.reshape(_COARSE)) for lengths in (model.extent, model.length))
-        wide = replace(
-            model,
+        wide = model._replace(
             zz=model.zz + (z_u**2 + z_s**2).ravel(),
             za=model.za + (z_u * a_u + z_s * a_s).ravel(),
             aa=model.aa + (a_u**2 + a_s**2).ravel(),

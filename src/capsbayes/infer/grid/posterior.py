@@ -153,8 +153,8 @@ class GridPosterior(ExactPosterior):
         if self.half_width is not None:
             nodes["half_width"] = self.half_width[width] * np.where(inside, change, 1.0)
         ca, size = nodes["capillary_number"], nodes["size_ratio"]
-        at, stretch = self.density.evaluated(self.forward, ca, size, outline=False)
-        return self.density.completed(rng, nodes, at, stretch)
+        points = self.density.evaluated(self.forward, ca, size, outline=False)
+        return self.density.completed(rng, nodes, points)
 
     @cached_property
     def _kept(self) -> tuple[Floats, Nodes, Floats | None]:
@@ -183,7 +183,7 @@ class GridPosterior(ExactPosterior):
             "size_ratio": (np.log(nodes.size), ds / self.window.low[1]),
             "axial_extent": (np.log(nodes.model.extent), 0.0),
             "axial_length": (np.log(nodes.model.length), 0.0),
-            "stretch_ratio": (np.log(nodes.stretch_ratio), 0.0),
+            "stretch_ratio": (np.log(nodes.model.stretch_ratio), 0.0),
         }
 
     def is_exact(self, name: str) -> bool:

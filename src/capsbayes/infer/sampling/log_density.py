@@ -51,7 +51,7 @@ class LogDensity:
         coordinate = self.density.coordinate
         further = {} if coordinate is None else {coordinate.name: theta[coordinate.name]}
         place = theta["capillary_number"], theta["size_ratio"]
-        points, _ = self.density.evaluated(self.model, *place, further)
+        points = self.density.evaluated(self.model, *place, further)
         outside = np.isnan(points.extent)
         log_density = self._of_points(points, coordinates[:, 0], theta)
         if coordinate is not None:

@@ -84,7 +84,7 @@ def _columns(model: ForwardModel, nodes: Nodes, shape: tuple[int, int]) -> Float
     if not answered.all():
         to_border = ndimage.distance_transform_cdt(answered, "chessboard").ravel()
     columns = [getattr(nodes.model, name) for name in COLUMNS[:-3]]
-    columns += [np.log(nodes.stretch_ratio), to_border, _caveats(model, nodes)]
+    columns += [np.log(nodes.model.stretch_ratio), to_border, _caveats(model, nodes)]
     return np.ascontiguousarray(np.stack(columns, axis=1).reshape(*shape, -1), dtype=np.float64)
 
 
