@@ -1,9 +1,9 @@
-"""What a model may miss: effects, which `model + effect` adds to a forward model.
+"""Effects that a forward model may miss, and that `model + effect` adds to it.
 
-An effect is a forward operator with one parameter. It may change what goes into
-a model, what comes out, or both; at its null value it changes nothing. Some
-effects depend on more than the parameter: on how fast the capsule was, or how
-wide the channel. These circumstances are further names in ``theta``.
+An effect is a forward operator with one parameter. It may change the input of a
+model, its output, or both; at its null value it changes nothing. Some effects
+depend on more than the parameter, for example on the velocity of the capsule or
+the width of the channel. These circumstances are further names in ``theta``.
 """
 
 from __future__ import annotations

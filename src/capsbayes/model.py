@@ -3,7 +3,7 @@
 A forward model maps parameters to a `Prediction` and declares what it stands
 for: the cross-section of the channel, the view of its outlines, its further
 coordinates, what it must know of each capsule, and its domain. Every part of
-the library reads these declarations and nothing else of a model.
+the library reads these declarations and no others.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,13 +33,17 @@ __all__ += ["CoordinateRange", "Domain", "Extended", "FixedParameters", "Forward
 Floats = NDArray[np.float64]
 
 TWO_SHAPES = "two shapes"
-"""Caveat where another shape than that of a capsule started from rest is stable too."""
+"""Caveat: another shape than that of a capsule started from rest is stable too."""
 
 WRINKLES = "wrinkles"
-"""Caveat where the membrane wrinkles and the model answers with a smooth shape."""
+"""Caveat: the membrane wrinkles, and the model answers with a smooth shape."""
 
 CIRCUMSTANCES = ("half_width", "capsule_velocity", "mean_velocity", "viscosity")
-"""What an effect may need to know of each capsule [SI]; every model accepts these names in ``theta``."""
+"""Properties of each capsule on which an effect may depend [SI]; every model accepts these names in ``theta``."""
+
+
+_DECLARATIONS = ("name", "sha256", "domain", "cross_section", "view")
+_DECLARATIONS += ("coordinates", "effects", "circumstances", "database")
 
 
 class CoordinateRange(NamedTuple):
@@ -95,7 +99,7 @@ class ForwardModel(ABC):
     Attributes
     ----------
     name : str
-        What the model is called in results.
+        Name of the model in results.
     sha256 : str
         Fingerprint of the data behind the model, stored with every result.
     domain : Domain
@@ -103,13 +107,13 @@ class ForwardModel(ABC):
     cross_section : str or None
         Cross-section of the channel, as that of an `Experiment`; None if the model holds for any.
     view : str
-        Which outlines it predicts, one of `capsbayes.measured_outline.VIEWS`.
+        View of the outlines that it predicts, one of `capsbayes.measured_outline.VIEWS`.
     coordinates : mapping of str to CoordinateRange
-        Further coordinates beside (Ca, a/l), by name; optional in ``theta``.
+        Further coordinates besides (Ca, a/l), by name; optional in ``theta``.
     effects : tuple of str
         Names of the parameters of effects added to it; optional in ``theta``.
     circumstances : tuple of str
-        Which of `CIRCUMSTANCES` its effects must know of each capsule.
+        Those of `CIRCUMSTANCES` on which its effects depend.
     database : Database or None
         The cases that the paper's inverse procedure uses in the model's place, if there are such.
     """
@@ -229,14 +233,9 @@ class _Derived(ForwardModel):
 
     model: ForwardModel
 
-    _KEPT: ClassVar = (
-        *("name", "sha256", "domain", "cross_section", "view"),
-        *("coordinates", "effects", "circumstances", "database"),
-    )
-
     def _declare(self, **own: Any) -> None:
         own.setdefault("coordinates", dict(self.model.coordinates))  # the default mapping cannot be pickled
-        for name in self._KEPT:
+        for name in _DECLARATIONS:
             object.__setattr__(self, name, own[name] if name in own else getattr(self.model, name))
 
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
@@ -342,7 +341,7 @@ class FixedParameters(_Derived):
             raise InputError(model.name, "fixed parameters", expected, ", ".join(unknown))
         places = [f"{name} = {value:g}" for name, value in values.items() if name in model.coordinates]
         self._declare(
-            name=" at ".join([model.name, *([", ".join(places)] if places else [])]),
+            name=f"{model.name} at {', '.join(places)}" if places else model.name,
             sha256=hashlib.sha256(f"{model.sha256} {sorted(values.items())}".encode()).hexdigest(),
             domain=model.domain.at(values),
             coordinates={name: ends for name, ends in model.coordinates.items() if name not in values},

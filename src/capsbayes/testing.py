@@ -95,13 +95,13 @@ def check_model(model: ForwardModel) -> None:
 def _keep(name: str, promises: Mapping[str, Callable[[], str]]) -> None:
     for promise, deviation in promises.items():
         try:
-            found = deviation()
+            difference = deviation()
         except BrokenPromiseError:
             raise
         except Exception as error:
             raise BrokenPromiseError(name, promise, f"{type(error).__name__}: {error}") from error
-        if found:
-            raise BrokenPromiseError(name, promise, found)
+        if difference:
+            raise BrokenPromiseError(name, promise, difference)
 
 
 def _invariants(stretch: Array) -> tuple[Array, Array]:
@@ -177,15 +177,15 @@ def _has_true_tensions(law: MembraneLaw) -> str:
     tensions = law.principal_tensions(_STRETCHES)
     if tensions.shape != _STRETCHES.shape:
         return f"tensions of shape {tensions.shape} for stretches of shape {_STRETCHES.shape}"
-    due = []
+    expected = []
     for direction, other in ((0, 1), (1, 0)):
         step = np.zeros(2)
         step[direction] = _STEP
         up, down = law.energy(*_invariants(_STRETCHES + step)), law.energy(*_invariants(_STRETCHES - step))
-        due.append((up - down) / (2 * _STEP) / _STRETCHES[:, other])
+        expected.append((up - down) / (2 * _STEP) / _STRETCHES[:, other])
     return _first(
-        _difference("tau_1", tensions[:, 0], due[0], at=_STRETCHES),
-        _difference("tau_2", tensions[:, 1], due[1], at=_STRETCHES),
+        _difference("tau_1", tensions[:, 0], expected[0], at=_STRETCHES),
+        _difference("tau_2", tensions[:, 1], expected[1], at=_STRETCHES),
     )
 
 
@@ -321,11 +321,11 @@ def _stays_outside(effect: Effect, model: ForwardModel) -> str:
     return _leaves_the_domain((model + effect)(_batch(effect, _typical(effect), model), outline=True))
 
 
-def _leaves_the_domain(found: Prediction) -> str:
+def _leaves_the_domain(prediction: Prediction) -> str:
     """Describe a prediction unless its last point, and no other, is outside the domain."""
-    if found.inside[-1] or not np.isnan(found.values[-1]).all():
+    if prediction.inside[-1] or not np.isnan(prediction.values[-1]).all():
         return "a point outside the domain of the model is not NaN with inside False"
-    return _difference("a prediction inside", np.isfinite(_table(found)[found.inside]), np.ones(()))
+    return _difference("a prediction inside", np.isfinite(_table(prediction)[prediction.inside]), np.ones(()))
 
 
 def _moves_outline_and_lengths(effect: Effect, model: ForwardModel) -> str:
@@ -335,9 +335,9 @@ def _moves_outline_and_lengths(effect: Effect, model: ForwardModel) -> str:
     if there.outline is None or here.outline is None:
         return "it loses the outline"
     longer = np.ptp(there.outline[both, :, 0], axis=1) - np.ptp(here.outline[both, :, 0], axis=1)
-    due = there.axial_extent[both] - here.axial_extent[both]
+    expected = there.axial_extent[both] - here.axial_extent[both]
     unsure = np.sqrt(there.covariance[both, 0, 0])
-    within = np.clip(longer, due - unsure, due + unsure)
+    within = np.clip(longer, expected - unsure, expected + unsure)
     return _difference("the change of the outline's extent along the flow", longer, within, _OUTLINE)
 
 
@@ -398,8 +398,8 @@ def _agrees_with_its_domain(model: ForwardModel) -> str:
 
 def _states_errors_and_caveats(model: ForwardModel) -> str:
     capsules = {name: values[:-1] for name, values in _capsules(model).items()}
-    found = model(capsules)
-    if np.linalg.eigvalsh(found.covariance).min() < -1e-12:
+    prediction = model(capsules)
+    if np.linalg.eigvalsh(prediction.covariance).min() < -1e-12:
         return "a covariance with a negative eigenvalue"
     modes = model.outline_modes(**{name: float(values[0]) for name, values in capsules.items()})
     outline = model(capsules, outline=True).outline
@@ -408,8 +408,8 @@ def _states_errors_and_caveats(model: ForwardModel) -> str:
             f"outline modes of shape {modes.shape} for outlines of shape {None if outline is None else outline.shape}"
         )
     for kind, concerned in model.caveats(capsules).items():
-        if np.shape(concerned) != (len(found),):
-            return f"the caveat {kind!r} of shape {np.shape(concerned)} for {len(found)} points"
+        if np.shape(concerned) != (len(prediction),):
+            return f"the caveat {kind!r} of shape {np.shape(concerned)} for {len(prediction)} points"
     return ""
 
 

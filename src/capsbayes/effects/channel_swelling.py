@@ -36,7 +36,7 @@ class ChannelSwelling:
     null_value: ClassVar[float] = 0.0
     kind: ClassVar[Kind] = Kind.SPEED
     circumstances: ClassVar[tuple[str, ...]] = ("capsule_velocity",)
-    changes: ClassVar[str] = "The gap is wider than the nominal size says; the apparent G_s drifts with the flow rate."
+    changes: ClassVar[str] = "The gap is wider than the nominal one; the apparent G_s drifts with the flow rate."
     separated_by: ClassVar[str] = (
         "The distance between the walls in the picture at each flow rate, or a second distance from the outlet."
     )

@@ -47,15 +47,15 @@ class Caveats:
 
     def __call__(self, capillary_number: Floats, size_ratio: Floats) -> dict[str, NDArray[np.bool_]]:
         """Return by kind whether a caveat concerns each point : (n,) arrays."""
-        found = {}
+        caveats = {}
         if self.two_shapes is not None:
-            found[TWO_SHAPES] = self.two_shapes.contains(capillary_number, size_ratio)
+            caveats[TWO_SHAPES] = self.two_shapes.contains(capillary_number, size_ratio)
         if self.wrinkled.any():
             places = self.scaling.to_plane(capillary_number, size_ratio)
             known: NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=1))
             nearest = np.asarray(KDTree(self.cases).query(np.where(known[:, None], places, 0.0))[1])
-            found[WRINKLES] = np.logical_and(known, self.wrinkled[nearest])
-        return found
+            caveats[WRINKLES] = np.logical_and(known, self.wrinkled[nearest])
+        return caveats
 
 
 def _two_shapes(database: Database) -> Region | None:

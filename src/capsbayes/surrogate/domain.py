@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.model import Domain
 
-__all__ = ["DomainOfExistence", "Region", "inside_borders"]
+__all__ = ["DomainOfExistence", "Region", "between_columns", "inside_borders"]
 
 Floats = NDArray[np.float64]
 
@@ -121,6 +121,15 @@ def inside_borders(ca, size, columns, lowest, highest):  # type: ignore[no-untyp
     """Return whether one point lies between the polygonal borders (compiled; NaN is outside)."""
     if not (columns[0] <= size <= columns[-1]):
         return False
+    left, share = between_columns(size, columns)
+    below = (1.0 - share) * lowest[left] + share * lowest[left + 1]
+    above = (1.0 - share) * highest[left] + share * highest[left + 1]
+    return below <= ca <= above
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def between_columns(size, columns):  # type: ignore[no-untyped-def]
+    """Return the column at or below an a/l within the columns, and the share of the way to the next."""
     left, right = 0, len(columns) - 1
     while right - left > 1:
         middle = (left + right) // 2
@@ -128,10 +137,7 @@ def inside_borders(ca, size, columns, lowest, highest):  # type: ignore[no-untyp
             left = middle
         else:
             right = middle
-    share = (size - columns[left]) / (columns[right] - columns[left])
-    below = (1.0 - share) * lowest[left] + share * lowest[right]
-    above = (1.0 - share) * highest[left] + share * highest[right]
-    return below <= ca <= above
+    return left, (size - columns[left]) / (columns[right] - columns[left])
 
 
 @njit(cache=True, nogil=True)

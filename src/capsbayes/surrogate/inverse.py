@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
 from capsbayes.database import Database
@@ -59,9 +60,13 @@ class VelocityTriangulation:
 
     parameters: Floats
     velocity_ratio: Floats
+    _hull: NDArray[np.int32] = field(init=False, repr=False)
+    _within: LinearNDInterpolator = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_triangles", Delaunay(self.parameters))
+        triangles = Delaunay(self.parameters)
+        object.__setattr__(self, "_hull", triangles.convex_hull)
+        object.__setattr__(self, "_within", LinearNDInterpolator(triangles, self.velocity_ratio))
 
     def __call__(self, capillary_number: float, size_ratio: float) -> float:
         """Return the weighted mean of v_o/U at the vertices of the triangle that contains the point.
@@ -70,15 +75,11 @@ class VelocityTriangulation:
         the hull, so that nothing is extrapolated.
         """
         point = np.array([capillary_number, size_ratio])
-        triangles: Delaunay = self._triangles  # type: ignore[attr-defined]
-        index = int(triangles.find_simplex(point))
-        if index < 0:
-            return self._on_the_hull(point, triangles.convex_hull)
-        vertices = triangles.simplices[index]
-        weights = _area_ratios(point, self.parameters[vertices])
-        return float(weights @ self.velocity_ratio[vertices])
+        within = float(self._within(point[None])[0])
+        return self._on_the_hull(point) if np.isnan(within) else within
 
-    def _on_the_hull(self, point: Floats, edges: NDArray[np.int32]) -> float:
+    def _on_the_hull(self, point: Floats) -> float:
+        edges = self._hull
         start, stop = self.parameters[edges[:, 0]], self.parameters[edges[:, 1]]
         along = stop - start
         share = np.clip(np.sum((point - start) * along, axis=1) / np.sum(along**2, axis=1), 0.0, 1.0)
@@ -144,6 +145,7 @@ class Inverse:
     velocity_ratio: Floats
     contours: Floats
     neighbours: int = 14
+    _velocity: VelocityTriangulation = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not FEWEST_NEIGHBOURS <= self.neighbours <= len(self.parameters):
@@ -171,11 +173,10 @@ class Inverse:
         cloud = rotated(self.lengths)
         near, weight = _neighbourhood(cloud, target, self.neighbours)
         parameters = _solve_local_fit(self.parameters[near], cloud[near], weight, target)
-        velocity: VelocityTriangulation = self._velocity  # type: ignore[attr-defined]
         return InverseResult(
             capillary_number=float(parameters[0]),
             size_ratio=float(parameters[1]),
-            velocity_ratio=velocity(parameters[0], parameters[1]),
+            velocity_ratio=self._velocity(parameters[0], parameters[1]),
             contour=np.tensordot(weight / weight.sum(), self.contours[near], axes=1),
             neighbours=near,
         )
@@ -232,11 +233,3 @@ def _solve_local_fit(parameters: Floats, cloud: Floats, weight: Floats, target: 
 def _centred(profile: Profile) -> Profile:
     z = profile.points[:, 0]
     return profile.translated(-(z.max() + z.min()) / 2)
-
-
-def _area_ratios(point: Floats, vertices: Floats) -> Floats:
-    """Return the area of the subtriangle opposite each vertex over that of the whole triangle : (3,) array."""
-    towards = vertices - point
-    following, last = np.roll(towards, -1, axis=0), np.roll(towards, -2, axis=0)
-    areas = np.abs(following[:, 0] * last[:, 1] - following[:, 1] * last[:, 0])
-    return areas / areas.sum()

@@ -121,8 +121,8 @@ def joint_surrogate(effect_database: str, base: Surrogate | None, view: str) -> 
     view : str
     """
     if base is None:
-        found = Surrogate.open(effect_database, view=view)
+        joint = Surrogate.open(effect_database, view=view)
     else:
-        found = Surrogate.from_database(Database.open(effect_database), base=base, view=view)
-    assert isinstance(found, EffectSurrogate), "an effect database"
-    return found
+        joint = Surrogate.from_database(Database.open(effect_database), base=base, view=view)
+    assert isinstance(joint, EffectSurrogate), "an effect database"
+    return joint

@@ -83,11 +83,10 @@ class LeaveOneOut:
 
     def summary(self, which: str = "all") -> Summary:
         """Return the statistics over the cases of one of `CHOICES`."""
-        chosen = self.chosen(which)
-        errors = self.errors[chosen]
-        found = np.all(np.isfinite(errors), axis=1)
-        good = errors[found]
-        return Summary(good.mean(axis=0), good.std(axis=0), np.median(good, axis=0), len(errors), int(np.sum(~found)))
+        errors = self.errors[self.chosen(which)]
+        good = errors[np.isfinite(errors).all(axis=1)]
+        mean, sd, median = good.mean(axis=0), good.std(axis=0), np.median(good, axis=0)
+        return Summary(mean, sd, median, len(errors), len(errors) - len(good))
 
 
 def validate_inverse(database: Database, *, neighbours: int = 14) -> LeaveOneOut:
@@ -99,8 +98,8 @@ def validate_inverse(database: Database, *, neighbours: int = 14) -> LeaveOneOut
         rest = Inverse(
             whole.parameters[keep], whole.lengths[keep], whole.velocity_ratio[keep], whole.contours[keep], neighbours
         )
-        found = rest(axial_extent=whole.lengths[i, 0], axial_length=whole.lengths[i, 1])
-        return np.array([found.capillary_number, found.size_ratio, found.velocity_ratio])
+        answer = rest(axial_extent=whole.lengths[i, 0], axial_length=whole.lengths[i, 1])
+        return np.array([answer.capillary_number, answer.size_ratio, answer.velocity_ratio])
 
     return _errors_of("paper's inverse", database, np.array([answer_without(i) for i in range(len(whole.parameters))]))
 

@@ -19,6 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from capsbayes.surrogate.domain import between_columns
 from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
 
 __all__ = ["BRANCHES", "Borders", "border", "common_folds", "matched", "moving_borders", "place"]
@@ -149,14 +150,7 @@ def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-
     """
     if not (columns[0] <= size <= columns[-1]):
         return -1, 0
-    left, right = 0, len(columns) - 1
-    while right - left > 1:
-        middle = (left + right) // 2
-        if columns[middle] <= size:
-            left = middle
-        else:
-            right = middle
-    share = (size - columns[left]) / (columns[right] - columns[left])
+    left, share = between_columns(size, columns)
     lowest = border(cubics, 0, left, share, distance)
     highest = border(cubics, 2, left, share, distance)
     division = min(max(border(cubics, 1, left, share, distance), lowest), highest)

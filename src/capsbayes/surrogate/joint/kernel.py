@@ -237,7 +237,7 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     count, null, q = len(weighing.knots), weighing.null, values.shape[1]
     width = weighing.knots[-1] - weighing.knots[0]
     position, own, weights, no_slopes = np.empty(4), np.empty(4), np.empty(count), np.empty((0, 2))
-    found, of_base, of_null, error = np.zeros((count, q)), np.empty(q), np.empty(q), np.empty((3, 3))
+    of_slices, of_base, of_null, error = np.zeros((count, q)), np.empty(q), np.empty(q), np.empty((3, 3))
     for n in range(len(ca)):
         interval, branch, column, row = located(ca[n], size[n], effect[n], weighing, position)
         if row < 0:
@@ -256,9 +256,9 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
         for j in range(count):
             if weights[j] == 0.0 and left_out[0, j] == 0.0 and left_out[1, j] == 0.0:
                 continue
-            _read(j, branch, column, position, size[n], stack, found[j], no_slopes, error)
+            _read(j, branch, column, position, size[n], stack, of_slices[j], no_slopes, error)
             for k in range(q):
-                values[n, k] += weights[j] * found[j, k]
+                values[n, k] += weights[j] * of_slices[j, k]
             weight = weights[j] - 1.0 if corrected and j == null else weights[j]
             for k in range(3):
                 for m in range(3):
@@ -266,7 +266,7 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
         first, last = weighing.ends[row, interval]
         bump = 4.0 * (effect[n] - first) * (last - effect[n]) / (last - first) ** 2
         for side in range(2):
-            _add_missed(bump, left_out[side], found, total)
+            _add_missed(bump, left_out[side], of_slices, total)
         if corrected:
             far = (effect[n] - weighing.knots[null]) / width
             for k in range(3):
@@ -276,12 +276,16 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add_missed(factor, left_out, found, covariance):  # type: ignore[no-untyped-def]
+def _add_missed(factor, left_out, values, covariance):  # type: ignore[no-untyped-def]
     """Add the square of the interpolation error when one slice is left out."""
     missed = (0.0, 0.0, 0.0)
     for j in range(len(left_out)):
         share = factor * left_out[j]
-        missed = missed[0] + share * found[j, 0], missed[1] + share * found[j, 1], missed[2] + share * found[j, 2]
+        missed = (
+            missed[0] + share * values[j, 0],
+            missed[1] + share * values[j, 1],
+            missed[2] + share * values[j, 2],
+        )
     for k in range(3):
         for m in range(3):
             covariance[k, m] += missed[k] * missed[m]

@@ -43,13 +43,13 @@ class EffectSurrogate(ForwardModel):
     ----------
     effect_database : Database
         Steady shapes at a few values of one parameter.
-    base : PlaneSurrogate, optional
-        Of a finer mesh at the null value; by default the null slice itself.
+    slices : tuple of PlaneSurrogate
+        One for each value.
+    base : PlaneSurrogate
+        Of a finer mesh at the null value, or the null slice itself.
 
     Attributes
     ----------
-    slices : tuple of PlaneSurrogate
-        One for each value.
     domain : EffectDomain
         Where it has an answer: for parachutes and for convex shapes between the values that have them.
     """
@@ -164,11 +164,11 @@ class EffectSurrogate(ForwardModel):
         knots = self.domain.weighing.knots
         below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
         points = np.arange(len(ca))
-        found = {}
+        combined = {}
         for kind in sorted({kind for caveats in each for kind in caveats}):
             of_slice = np.stack([caveats.get(kind, np.zeros(len(ca), dtype=np.bool_)) for caveats in each])
-            found[kind] = of_slice[below, points] | (of_slice[below + 1, points] & (place > knots[below]))
-        return found
+            combined[kind] = of_slice[below, points] | (of_slice[below + 1, points] & (place > knots[below]))
+        return combined
 
     def _points(self, theta: Mapping[str, ArrayLike]) -> list[Floats]:
         effect = self.domain.place(theta.get(self.coordinate, self.domain.ends.null_value))
