@@ -137,3 +137,14 @@ def test_errors_grow_with_the_noise():
         for count in (50_000, 1500)
     )
     assert noisy > 1.5 * quiet
+
+
+def test_the_table_holds_lengths_and_integrals_over_l():
+    made = drawn(0.05, 0.8)
+    found = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    table = found.table()
+    assert list(table.index) == ["L_z", "L_a", "L_p", "l", "perimeter", "area", "volume", "Lambda"]
+    np.testing.assert_allclose(table["value_px"].iloc[:4], found.lengths)
+    assert table.loc["area", "value_over_l"] == pytest.approx(found.integrals.area.value / found.lengths[3] ** 2)
+    assert table.loc["l", ["value_over_l", "error_over_l"]].tolist() == [1.0, 0.0]
+    assert table.loc["Lambda", "error_over_l"] == pytest.approx(found.integrals.stretch_ratio.error)

@@ -4,7 +4,7 @@ from drawn_film import HALF_WIDTH, SHAPE, bright, exposed, film, written
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image.measure_film import measure_film
+from capsbayes.image.measure_film import FilmMeasurement, measure_film
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
@@ -38,7 +38,7 @@ def test_velocity_and_lengths_lie_within_their_errors(tmp_path):
         made = measured(tmp_path / str(seed), film(PLACES, seed))
         (capsule,) = made.capsules
         assert capsule.status is Status.DONE
-        assert len(capsule.frames) == len(PLACES)
+        assert len(capsule.record.measured) == len(PLACES)
         seen = capsule.measurement
         z.append((capsule.velocity.value - STEP) / capsule.velocity.error)
         of_lengths.append((seen.lengths - truth) / np.sqrt(np.diag(seen.covariance)))
@@ -61,7 +61,7 @@ def test_the_error_of_the_half_width_is_in_the_velocity(tmp_path):
 def test_the_mean_has_less_noise_than_one_frame_and_the_same_misfit(tmp_path):
     noisy = film(PLACES, 3, electrons=1000.0)
     (capsule,) = measured(tmp_path / "film", noisy).capsules
-    one = capsule.frames[0]
+    one = capsule.record.measured[0]
     alone, lasting = (one.covariance - one.systematic)[0, 0], one.systematic[0, 0]
     mean = capsule.measurement.covariance[0, 0] * HALF_WIDTH**2
     assert lasting < mean < lasting + 0.5 * alone
@@ -84,7 +84,7 @@ def test_everything_in_a_film_is_a_capsule_or_has_a_reason(tmp_path):
     assert made.capsules[0].velocity.value == pytest.approx(STEP, abs=0.01)
     assert made.statuses[Status.TOUCHES_BORDER] >= 5
     assert np.isnan(made.capsules[2].measurement.axial_extent)
-    assert all(capsule.picture is not None for capsule in made.capsules)
+    assert all(capsule.record.picture is not None for capsule in made.capsules)
 
 
 def test_a_bad_frame_stops_nothing(tmp_path):
@@ -93,7 +93,7 @@ def test_a_bad_frame_stops_nothing(tmp_path):
     made = measure_film(folder, EXPERIMENT, frame_rate=RATE, background=empty())
     assert (made.frames, made.unreadable) == (9, 1)
     assert made.capsules[0].velocity.value == pytest.approx(STEP, abs=0.01)
-    assert len(made.capsules[0].frames) == 8
+    assert len(made.capsules[0].record.measured) == 8
 
 
 @pytest.mark.parametrize(
@@ -130,3 +130,13 @@ def test_a_capsule_that_lengthens_is_unsteady(tmp_path):
     (capsule,) = measured(tmp_path / "film", frames).capsules
     assert capsule.status is Status.UNSTEADY
     assert capsule.drifts["L_z"].unsteady
+
+
+def test_tables_hold_the_capsules_and_their_frames(tmp_path):
+    made = measured(tmp_path / "film", film(PLACES))
+    table, (capsule,) = made.table(), made.capsules
+    assert table.loc[0, ["capsule", "status", "frames"]].tolist() == [1, "DONE", len(PLACES)]
+    assert table.loc[0, "velocity_m_s"] == capsule.measurement.capsule_velocity
+    assert table.loc[0, "L_z_change"] == capsule.drifts["L_z"].change
+    assert capsule.table()["frame"].tolist() == list(range(len(PLACES)))
+    assert list(FilmMeasurement(Status.NO_WALLS).table().columns) == list(table.columns)

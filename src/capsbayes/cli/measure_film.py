@@ -99,8 +99,9 @@ def _write(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "capsules.csv", index=False)
     for number, capsule in enumerate(made.capsules, start=1):
-        if capsule.picture is None or capsule.detection is None:
+        shown = capsule.record
+        if shown.picture is None or shown.detection is None:
             continue
         folder = out / f"capsule-{number}"
-        write_detection(folder, capsule.picture, capsule.detection, capsule.measurement)
+        write_detection(folder, shown.picture, shown.detection, capsule.measurement)
         capsule.table().to_csv(folder / "frames.csv", index=False, float_format="%.4f")

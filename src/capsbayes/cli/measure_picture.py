@@ -42,7 +42,7 @@ def measured_picture(
     out : Path, optional
         Folder.
     quiet : bool
-        Whether to print nothing but why it failed.
+        True to print only the reason of a failure.
     """
     from capsbayes.image.files.picture import Picture
     from capsbayes.image.measure import detect, measurement_of

@@ -59,22 +59,22 @@ class FrameMeasurement:
 
 @dataclass(eq=False)
 class FrameRecord:
-    """Detections of one blob while the film runs.
+    """Detections of one capsule in the frames of a film.
 
     Parameters
     ----------
     statuses : Counter of Status
-        Over the frames.
+        Of the frames that show it.
     measured : list of FrameMeasurement
-        Of the frames in which it was measured.
+        Of those in which it was measured.
     picture, detection, frame
-        Of these, that nearest to the middle of the picture.
+        The one of these that shows it nearest to the middle of the picture, or the first that shows it.
     """
 
     statuses: Counter[Status] = field(default_factory=Counter)
     measured: list[FrameMeasurement] = field(default_factory=list)
-    picture: Picture | None = None
-    detection: Detection | None = None
+    picture: Picture | None = field(default=None, repr=False)
+    detection: Detection | None = field(default=None, repr=False)
     frame: int = 0
 
     def add(self, frame: int, picture: Picture, detection: Detection) -> None:
@@ -108,10 +108,7 @@ class FilmCapsule:
     ----------
     status : Status
         ``DONE``, or why it was refused.
-    statuses : Counter of Status
-        Of the frames that show it.
-    frames : tuple of FrameMeasurement
-        Of the frames in which it was measured.
+    record : FrameRecord
     velocity : Velocity, optional
     drifts : dict of str to Drift
         Of ``"L_z"``, ``"L_a"`` and ``"v_o"`` along the channel.
@@ -119,27 +116,21 @@ class FilmCapsule:
         Scatter of L_z, L_a, L_p and l from frame to frame.
     measurement : Measurement
         The mean over the frames; refused unless the status is ``DONE``.
-    picture, detection, frame
-        One of the frames, and what was detected in it.
     """
 
     status: Status
-    statuses: Counter[Status]
-    frames: tuple[FrameMeasurement, ...] = field(repr=False)
+    record: FrameRecord = field(repr=False)
     velocity: Velocity | None
     drifts: dict[str, Drift]
     repeat_error: Floats
     measurement: Measurement
-    picture: Picture | None = field(repr=False)
-    detection: Detection | None = field(repr=False)
-    frame: int
 
     @classmethod
     def of(
         cls, record: FrameRecord, experiment: Experiment, frame_rate: Quantity, film: Path, sha256: str
     ) -> FilmCapsule:
         """Return the mean of a record, refused unless it is steady; the frame rate is in 1/s."""
-        frames = tuple(record.measured)
+        frames = record.measured
         speed, drifts = None, dict[str, Drift]()
         lengths, covariance, repeat = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
         capsule_velocity = Quantity(np.nan, np.nan, "m/s")
@@ -154,8 +145,7 @@ class FilmCapsule:
         measured = measurement_of_lengths(
             lengths, covariance, capsule_velocity, experiment, status=status, source=str(film), sha256=sha256
         )
-        shown = record.picture, record.detection, record.frame
-        return cls(status, record.statuses, frames, speed, drifts, repeat, measured, *shown)
+        return cls(status, record, speed, drifts, repeat, measured)
 
     def table(self) -> pd.DataFrame:
         """Tabulate the frames in which the capsule was measured.
@@ -169,11 +159,11 @@ class FilmCapsule:
         import pandas as pd
 
         columns = ("frame", "along_px", "across_px", "axial_extent_px", "axial_length_px", "half_width_px")
-        rows = [(measured.frame, *measured.place, *measured.lengths[[0, 1, 3]]) for measured in self.frames]
+        rows = [(measured.frame, *measured.place, *measured.lengths[[0, 1, 3]]) for measured in self.record.measured]
         return pd.DataFrame(rows, columns=columns)
 
 
-def _motion(frames: tuple[FrameMeasurement, ...]) -> tuple[Velocity, dict[str, Drift]]:
+def _motion(frames: list[FrameMeasurement]) -> tuple[Velocity, dict[str, Drift]]:
     times = np.array([float(measured.frame) for measured in frames])
     along = np.array([measured.place[0] for measured in frames])
     speed = velocity(times, along, np.array([measured.place_variance for measured in frames]))
@@ -187,7 +177,7 @@ def _motion(frames: tuple[FrameMeasurement, ...]) -> tuple[Velocity, dict[str, D
     return speed, drifts
 
 
-def _mean(frames: tuple[FrameMeasurement, ...], drifts: dict[str, Drift]) -> tuple[Floats, Floats, Floats]:
+def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Floats, Floats, Floats]:
     """Return mean lengths, covariance of their errors, and scatter from frame to frame [px, px^2, px].
 
     The error of the mean is that of the scatter, or of the noise if this is larger, and the part that all frames share:
@@ -195,7 +185,7 @@ def _mean(frames: tuple[FrameMeasurement, ...], drifts: dict[str, Drift]) -> tup
     seen in half of the frames, all lengths are taken from these.
     """
     with_rear = [measured for measured in frames if np.isfinite(measured.lengths[1])]
-    used = with_rear if 2 * len(with_rear) >= len(frames) and len(with_rear) >= _FEWEST else list(frames)
+    used = with_rear if 2 * len(with_rear) >= len(frames) and len(with_rear) >= _FEWEST else frames
     lengths = np.array([measured.lengths for measured in used])
     if used is not with_rear:
         lengths[:, 1:3] = np.nan

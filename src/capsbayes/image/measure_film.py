@@ -88,7 +88,7 @@ class FilmMeasurement:
             measured, drifts = capsule.measurement, (capsule.drifts.get(name) for name in _DRIFTS)
             changes = [pair for drift in drifts for pair in ((drift.change, drift.error) if drift else (None, None))]
             values = [getattr(measured, name) for name in _COLUMNS.values()]
-            rows.append((number, capsule.status.name, len(capsule.frames), *values, *changes))
+            rows.append((number, capsule.status.name, len(capsule.record.measured), *values, *changes))
         of_changes = [f"{name}_{what}" for name in _DRIFTS for what in ("change", "change_error")]
         table = pd.DataFrame(rows, columns=["capsule", "status", "frames", *_COLUMNS, *of_changes])
         return table.astype(dict.fromkeys([*_COLUMNS, *of_changes], float))

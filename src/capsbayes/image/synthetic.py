@@ -7,7 +7,7 @@ first pixel at (0, 0).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -139,34 +139,31 @@ class Drawing:
         With and without the capsule.
     scene : Scene
         Its geometry.
-
-    Attributes
-    ----------
-    axial_extent : float [px]
-        L_z of the silhouette.
-    axial_length : float [px]
-        L_a of the profile.
-    half_width : float [px]
-        l.
-    outline : (q, 2) array [px]
-        Silhouette, columns (x, y).
     """
 
     picture: NDArray[np.uint8]
     background: NDArray[np.uint8]
     scene: Scene
-    axial_extent: float = field(init=False)
-    axial_length: float = field(init=False)
-    half_width: float = field(init=False)
-    outline: Floats = field(init=False)
 
-    def __post_init__(self) -> None:
-        scene = self.scene
-        extent = float(np.ptp(np.asarray(scene.silhouette)[:, 0]))
-        object.__setattr__(self, "half_width", scene.half_width)
-        object.__setattr__(self, "axial_extent", scene.half_width * extent)
-        object.__setattr__(self, "axial_length", scene.half_width * Profile.from_outline(scene.profile).axial_length)
-        object.__setattr__(self, "outline", scene.placed(scene.silhouette))
+    @property
+    def half_width(self) -> float:
+        """l [px]."""
+        return self.scene.half_width
+
+    @property
+    def axial_extent(self) -> float:
+        """L_z of the silhouette [px]."""
+        return self.half_width * float(np.ptp(np.asarray(self.scene.silhouette)[:, 0]))
+
+    @property
+    def axial_length(self) -> float:
+        """L_a of the profile [px]."""
+        return self.half_width * Profile.from_outline(self.scene.profile).axial_length
+
+    @property
+    def outline(self) -> Floats:
+        """Silhouette, columns (x, y) : (q, 2) array [px]."""
+        return self.scene.placed(self.scene.silhouette)
 
 
 def draw(scene: Scene, optics: Optics, *, seed: int) -> Drawing:
