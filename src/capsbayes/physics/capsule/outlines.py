@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.physics.surface.facets import subdivision
 from capsbayes.physics.surface.octasphere import OctaSphere
 from capsbayes.physics.surface.shape_functions import p2
 from capsbayes.profile import Profile
@@ -71,15 +72,9 @@ def silhouette(mesh: OctaSphere, nodes: Array) -> Profile:
 
 def _edges(mesh: OctaSphere, nodes: Array) -> tuple[Array, Array]:
     """Return the edges ((m, 2), (m, 2)), columns (z, y), of the finely divided elements on y >= 0."""
-    count = _PARTS_PER_EDGE
-    index = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(count + 1) for j in range(count + 1 - i))}
-    grid = np.array(list(index)) / count
-    pairs = []
-    for i, j in index:
-        pairs += [(index[i, j], index[k]) for k in ((i + 1, j), (i, j + 1)) if k in index]
-        if (i + 1, j) in index and (i, j + 1) in index:
-            pairs.append((index[i + 1, j], index[i, j + 1]))
-    first, second = np.array(pairs).T
+    grid, triangles = subdivision(_PARTS_PER_EDGE)
+    oriented = triangles[: _PARTS_PER_EDGE * (_PARTS_PER_EDGE + 1) // 2]
+    first, second = oriented[:, [0, 0, 1]].ravel(), oriented[:, [1, 2, 2]].ravel()
     points = (p2(grid) @ nodes[mesh.quarter])[..., [2, 1]]
     return points[:, first].reshape(-1, 2), points[:, second].reshape(-1, 2)
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradient
 
-__all__ = ["facets"]
+__all__ = ["facets", "subdivision"]
 
 Floats = NDArray[np.float64]
 
@@ -28,15 +28,18 @@ def facets(elements: NDArray[np.int64], nodes: Floats, parts: int = 6) -> tuple[
     normals : (t, 3) array
         Outward unit normals of the smooth surface.
     """
-    grid, triangles = _subdivision(parts)
+    grid, triangles = subdivision(parts)
     shapes = p2(grid)
     corners = (shapes @ nodes[elements])[:, triangles].reshape(-1, 3, 3)
     normals = (shapes @ _normals(nodes, elements)[elements])[:, triangles].reshape(-1, 3, 3).mean(axis=1)
     return corners, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def _subdivision(parts: int) -> tuple[Floats, NDArray[np.int64]]:
-    """Points (p, 2) of a grid on the unit triangle, and the corners (t, 3) of its small triangles."""
+def subdivision(parts: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Return points (p, 2) of a grid on the unit triangle, and the corners (t, 3) of its small triangles.
+
+    The first parts (parts + 1) / 2 of them have the orientation of the unit triangle; each edge is one of theirs.
+    """
     index = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
     place = {key: k for k, key in enumerate(index)}
     triangles = [(place[i, j], place[i + 1, j], place[i, j + 1]) for i, j in index if i + j < parts]
