@@ -54,10 +54,6 @@ def write_report(
     source : str
         File or name of the result, named on the page.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError
@@ -105,10 +101,6 @@ def report_page(
 
 def opened(result: str | Path) -> tuple[Result, str]:
     """Open a file, a folder of ``capsbayes identify``, or a database by its name.
-
-    Parameters
-    ----------
-    result : path or str
 
     Returns
     -------

@@ -30,10 +30,6 @@ _QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 def atlas(database: Database) -> dict[str, Figure]:
     """Draw the figures of a database.
 
-    Parameters
-    ----------
-    database : Database
-
     Returns
     -------
     dict of str to Figure
@@ -89,10 +85,6 @@ def changes_figure(database: Database) -> Figure:
     ----------
     database : Database
         Of an effect.
-
-    Returns
-    -------
-    Figure
     """
     values = [value for value in database.values if value != database.null_value]
     figure = new_figure(9.6, 1.9 + 2.3 * len(values))

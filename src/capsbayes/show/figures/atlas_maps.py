@@ -25,30 +25,12 @@ _POINTS = (150, 100)  # of a surface, along sqrt(Ca) and a/l
 
 
 def velocity_figure(surrogate: Surrogate) -> Figure:
-    """Draw v_o/U over (Ca, a/l), as the paper's figure 6.
-
-    Parameters
-    ----------
-    surrogate : Surrogate
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw v_o/U over (Ca, a/l), as the paper's figure 6."""
     return _maps(surrogate, ("velocity_ratio",), 5.2)
 
 
 def lengths_figure(surrogate: Surrogate) -> Figure:
-    """Draw L_z/l, L_a/l and L_p/l over (Ca, a/l), one above the other.
-
-    Parameters
-    ----------
-    surrogate : Surrogate
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw L_z/l, L_a/l and L_p/l over (Ca, a/l), one above the other."""
     return _maps(surrogate, _LENGTHS, 11.5)
 
 
@@ -71,10 +53,6 @@ def map_plot(surrogate: Surrogate, name: str, ax: Axes) -> Axes:
     name : str
         A quantity that a prediction and a database have, as ``"velocity_ratio"``.
     ax : Axes
-
-    Returns
-    -------
-    Axes
     """
     from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator
@@ -109,16 +87,7 @@ def _surface(surrogate: Surrogate, region: Region, name: str) -> tuple[Floats, F
 
 
 def velocity_surface_figure(surrogate: Surrogate) -> Figure:
-    """Draw the cases in the space (Ca, a/l, v_o/U) over the surrogate's surface, as the paper's figure 7.
-
-    Parameters
-    ----------
-    surrogate : Surrogate
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the cases in the space (Ca, a/l, v_o/U) over the surrogate's surface, as the paper's figure 7."""
     database = surrogate.database
     figure = new_figure(7.4, 6.4, layout=None)
     ax: Any = figure.add_axes((0.0, 0.02, 0.94, 0.92), projection="3d", computed_zorder=False)

@@ -109,16 +109,7 @@ def draw_borders(ax: Axes, database: Database) -> None:
 
 
 def cases_figure(database: Database) -> Figure:
-    """Draw every case and the borders, as the paper's figure 5; one plane for each value of an effect.
-
-    Parameters
-    ----------
-    database : Database
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw every case and the borders, as the paper's figure 5; one plane for each value of an effect."""
     values = database.values
     columns = 1 if len(values) == 1 else 2
     rows = -(-len(values) // columns)

@@ -76,16 +76,7 @@ def cases_of_cell(database: Database, capillary_numbers: Floats, column: int, si
 
 
 def shapes_figure(database: Database) -> Figure:
-    """Draw profiles in the plane x = 0 between the walls, lengths over l; those of all values of an effect together.
-
-    Parameters
-    ----------
-    database : Database
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw profiles in the plane x = 0 between the walls, lengths over l; those of all values of an effect together."""
     import matplotlib
 
     ca, sizes = table_of_cases(database)

@@ -35,10 +35,6 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     posterior : Posterior
     names : sequence of str
         Quantities, as in `capsbayes.parameters`.
-
-    Returns
-    -------
-    Figure
     """
     shown = [PARAMETERS[name] for name in names]
     draws = np.stack([parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown], axis=1)

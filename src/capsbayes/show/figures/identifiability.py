@@ -40,10 +40,6 @@ def identifiability_figure(found: xr.Dataset, quantity: str = "surface_shear_mod
         Of `capsbayes.identifiability_map`.
     quantity : str
         ``"surface_shear_modulus"`` or ``"capsule_radius"``.
-
-    Returns
-    -------
-    Figure
     """
     figure = new_figure(7.4, 5.6)
     ax = figure.subplots()

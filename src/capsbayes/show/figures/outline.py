@@ -36,10 +36,6 @@ def outline_figure(posterior: Posterior, *, width: float = 7.4) -> Figure:
     ----------
     posterior : Posterior
     width : float [inch]
-
-    Returns
-    -------
-    Figure
     """
     left, right, bottom, top = 0.75, 0.2, 1.0, 0.7
     figure = new_figure(width, width, layout=None)
@@ -60,15 +56,6 @@ def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
     the normal. The points of a measured outline are shifted and turned onto
     it. The measured lengths are arrows that start at the predicted
     nose; their ends are shaded over two standard errors either side.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    ax : Axes
-
-    Returns
-    -------
-    Axes
 
     Raises
     ------

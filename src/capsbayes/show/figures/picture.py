@@ -80,10 +80,6 @@ def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
     picture : path
     width : float [inch]
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     InputError

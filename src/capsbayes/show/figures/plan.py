@@ -24,16 +24,7 @@ _HEIGHT = 0.36  # of a bar
 
 
 def budget_figure(budget: ErrorBudget) -> Figure:
-    """Draw the shares of the variance of G_s and a, and next to them the change of each with one standard error.
-
-    Parameters
-    ----------
-    budget : ErrorBudget
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the shares of the variance of G_s and a, and next to them the change of each with one standard error."""
     figure = new_figure(9.6, 1.6 + 0.42 * len(budget.rows))
     left, right = figure.subplots(1, 2, sharey=True)
     places = np.arange(len(budget.rows), dtype=float)
@@ -83,10 +74,6 @@ def sobol_figure(study: SobolStudy, answers: tuple[str, ...] = ("surface_shear_m
     study : SobolStudy
     answers : tuple of str
         As in `capsbayes.parameters`.
-
-    Returns
-    -------
-    Figure
     """
     figure = new_figure(4.2 * len(answers) + 1.2, 1.9 + 0.45 * len(study.ranges))
     axes = figure.subplots(1, len(answers), sharey=True, squeeze=False)[0]
@@ -117,16 +104,7 @@ def _bars(ax: Axes, study: SobolStudy, answer: str) -> None:
 
 
 def flow_figure(design: FlowDesign) -> Figure:
-    """Draw the expected width over the mean velocity, with the flow rate above, and the risk below.
-
-    Parameters
-    ----------
-    design : FlowDesign
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the expected width over the mean velocity, with the flow rate above, and the risk below."""
     figure = new_figure(7.4, 5.6)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     table, velocity = design.table(), PARAMETERS["mean_velocity"]

@@ -25,15 +25,6 @@ def modulus_histogram(population: Population, spread: ModulusSpread | None = Non
     """Draw the medians of G_s as a histogram, and over it the spread with the errors removed.
 
     Capsules whose intervals cannot be used are left out.
-
-    Parameters
-    ----------
-    population : Population
-    spread : ModulusSpread, optional
-
-    Returns
-    -------
-    Figure
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -56,16 +47,7 @@ def modulus_histogram(population: Population, spread: ModulusSpread | None = Non
 
 
 def modulus_against_radius(population: Population) -> Figure:
-    """Draw the median G_s of each capsule against its median radius, with 68 % intervals.
-
-    Parameters
-    ----------
-    population : Population
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the median G_s of each capsule against its median radius, with 68 % intervals."""
     figure = new_figure(5.8, 4.2)
     ax = figure.subplots()
     use = population.usable

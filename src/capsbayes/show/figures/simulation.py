@@ -31,17 +31,7 @@ _FAINT = (1.0, 0.5)  # an edge behind the capsule, and one before it
 
 
 def shape_plot(state: SteadyState, ax: Axes) -> Axes:
-    """Draw profile, silhouette, walls and the lengths L_z and L_a, all over l.
-
-    Parameters
-    ----------
-    state : SteadyState
-    ax : Axes
-
-    Returns
-    -------
-    Axes
-    """
+    """Draw profile, silhouette, walls and the lengths L_z and L_a, all over l."""
     profile, silhouette = (closed(outline.points) for outline in (state.profile, state.silhouette))
     ax.fill(silhouette[:, 0], silhouette[:, 1], color=FILL, linewidth=0)
     ax.plot(silhouette[:, 0], silhouette[:, 1], color=ACCENT, linewidth=1, linestyle=(0, (4, 2)), label="silhouette")
@@ -62,17 +52,7 @@ def shape_plot(state: SteadyState, ax: Axes) -> Axes:
 
 
 def section_plot(state: SteadyState, ax: Axes) -> Axes:
-    """Draw the capsule seen along the flow in the square cross-section, all over l.
-
-    Parameters
-    ----------
-    state : SteadyState
-    ax : Axes
-
-    Returns
-    -------
-    Axes
-    """
+    """Draw the capsule seen along the flow in the square cross-section, all over l."""
     from scipy.spatial import ConvexHull
 
     points = state.surface_nodes[:, :2]
@@ -94,16 +74,7 @@ def shape_figure(state: SteadyState) -> Figure:
 
 
 def transient_figure(snapshots: Sequence[Snapshot]) -> Figure:
-    """Draw one view for each snapshot, in two columns.
-
-    Parameters
-    ----------
-    snapshots : sequence of Snapshot
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw one view for each snapshot, in two columns."""
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     rows = -(-len(snapshots) // 2)
@@ -129,10 +100,6 @@ def view_plot(snapshot: Snapshot, ax: Axes, reach: float) -> Axes:
     ax : Axes
     reach : float
         Half the length of the piece over l.
-
-    Returns
-    -------
-    Axes
     """
     from matplotlib.collections import PolyCollection
 

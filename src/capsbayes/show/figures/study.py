@@ -24,16 +24,7 @@ _OTHER = "#b8c4cb"  # candidates that are not in question
 
 
 def candidate_ratios(study: Study) -> Figure:
-    """Draw the log-likelihood ratio of every candidate, those in question in a colour.
-
-    Parameters
-    ----------
-    study : Study
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the log-likelihood ratio of every candidate, those in question in a colour."""
     figure = new_figure(10.0, 0.9 + 0.32 * len(study.scores))
     ax = figure.subplots()
     ratios = [scores.log_likelihood_ratio for scores in study.scores.values()]
@@ -47,16 +38,7 @@ def candidate_ratios(study: Study) -> Figure:
 
 
 def moduli(verification: Verification) -> Figure:
-    """Draw G_s of each held-out capsule with its error before and after an effect is added, and the medians.
-
-    Parameters
-    ----------
-    verification : Verification
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw G_s of each held-out capsule with its error before and after an effect is added, and the medians."""
     from matplotlib.ticker import MaxNLocator
 
     figure = new_figure(10.0, 3.8)
@@ -86,10 +68,6 @@ def trends(compared: Comparison, finding: Finding) -> Figure:
     compared : Comparison
     finding : Finding
         Its slopes are drawn.
-
-    Returns
-    -------
-    Figure
     """
     figure = new_figure(10.0, 3.8)
     left, right = figure.subplots(1, 2, sharey=True)

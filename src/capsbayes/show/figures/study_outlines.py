@@ -37,10 +37,6 @@ def outline_finding(along: AlongOutline, finding: Finding) -> Figure:
     along : AlongOutline
     finding : Finding
         Its regions are named.
-
-    Returns
-    -------
-    Figure
     """
     figure = new_figure(10.0, 8.2)
     axes = figure.subplot_mosaic([["um", "sigma"], ["unrolled", "unrolled"]], height_ratios=(2.3, 1.0))
@@ -134,10 +130,6 @@ def held_out(verification: Verification) -> Figure:
     ----------
     verification : Verification
         Of capsules with outlines.
-
-    Returns
-    -------
-    Figure
     """
     rows = chosen_capsules(verification)
     figure = new_figure(10.0, 8.6)

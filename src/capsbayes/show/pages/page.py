@@ -51,10 +51,6 @@ def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = 
     fit : str
         With ``scroll``, a narrow screen scrolls it instead of making it small; with ``narrow``, a wide one does not
         make it as wide as the page.
-
-    Returns
-    -------
-    Markup
     """
     import matplotlib
 

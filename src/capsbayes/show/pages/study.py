@@ -19,10 +19,6 @@ __all__ = ["study_page"]
 def study_page(study: Study) -> str:
     """Return a study as HTML.
 
-    Parameters
-    ----------
-    study : Study
-
     Returns
     -------
     str
