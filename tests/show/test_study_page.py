@@ -140,7 +140,7 @@ def test_other_verdicts_keep_what_they_have(study):
     failed = replace(study, verdict=Verdict.UNKNOWN)
     assert verdict_sentence(failed).endswith("nothing that was tried explains it; motion blur comes nearest.")
     ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, verification=None)
-    assert "What would: the width of the edges at nose and flanks" in study_page(ambiguous)
+    assert "What would distinguish them: the width of the edges at nose and flanks" in study_page(ambiguous)
     assert verdict_sentence(ambiguous).endswith("several effects explain it equally well: motion blur.")
 
 

@@ -31,7 +31,7 @@ def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, 
     console = Console(highlight=False)
     for part in parts:
         if isinstance(part, pd.DataFrame):
-            console.print(terminal_table(part), end="\n\n")
+            console.print(terminal_table(part))
         elif part:
             console.print(Text(part, style="bold" if isinstance(part, Strong) else ""))
     if status is not None:

@@ -120,7 +120,7 @@ def _draw_profiles(ax: Axes, database: Database, here: NDArray[np.bool_], inks: 
 
 
 def _draw_words(ax: Axes, database: Database, here: NDArray[np.bool_], heading_ca: float) -> None:
-    """Say why a cell is empty, and its Ca where that is not the one above the table."""
+    """Write why a cell is empty, and its Ca where it differs from that above the table."""
     kinds = [name for name, rows in kinds_of_case(database).items() if (rows & here).any()]
     ca = database["capillary_number"][here]
     words = [f"Ca = {ca[0]:.4g}"] if ca.size and ca[0] != heading_ca else []

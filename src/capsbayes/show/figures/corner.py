@@ -28,7 +28,7 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
 
     Contours hold 68 % and 95 % of the probability; dashed lines are the median
     and the equal-tailed 68 % interval, which the titles give in numbers. The
-    paper's deterministic answer is marked where there is one.
+    paper's deterministic answer is marked if it is known.
 
     Parameters
     ----------

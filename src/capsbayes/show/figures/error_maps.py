@@ -1,4 +1,4 @@
-"""Heat maps of leave-one-out errors over (Ca, a/l), as in the paper's figure 11 (matplotlib is imported here)."""
+"""Heat maps of leave-one-out errors over (Ca, a/l), as in the paper's figure 11."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LONGEST_EDGE = 0.12  # of either range: longer triangles lie outside the cases
 
 
 def heat_maps(*studies: LeaveOneOut) -> Figure:
-    """One row of three maps (Ca, a/l, v_o/U) for each study, on one colour scale each column."""
+    """Draw a row of three maps (Ca, a/l, v_o/U) for each study, with one colour scale a column."""
     figure = Figure(figsize=(13.0, 3.9 * len(studies)), layout="constrained")
     axes = figure.subplots(len(studies), 3, squeeze=False, sharex=True, sharey=True)
     for column in range(3):

@@ -28,7 +28,7 @@ _LEVELS = (
 _TICKS = (0.003, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
-def identifiability_figure(found: xr.Dataset, quantity: str = "surface_shear_modulus") -> Figure:
+def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_modulus") -> Figure:
     """Draw the relative width of G_s or a over (Ca, a/l).
 
     Hatched is where the posterior leans on the border of the model, so that its width is cut and not measured; below
@@ -36,37 +36,37 @@ def identifiability_figure(found: xr.Dataset, quantity: str = "surface_shear_mod
 
     Parameters
     ----------
-    found : Dataset
+    widths : Dataset
         Of `capsbayes.identifiability_map`.
     quantity : str
         ``"surface_shear_modulus"`` or ``"capsule_radius"``.
     """
     figure = new_figure(7.4, 5.6)
     ax = figure.subplots()
-    width = 100.0 * found[f"width_of_{quantity}"].to_numpy()
-    _draw(ax, found, width, f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]")
-    ax.set_title(_errors(found), fontsize=10)
+    width = 100.0 * widths[f"width_of_{quantity}"].to_numpy()
+    _draw(ax, widths, width, f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]")
+    ax.set_title(_errors(widths), fontsize=10)
     return figure
 
 
-def _draw(ax: Axes, found: xr.Dataset, width: Floats, label: str) -> None:
+def _draw(ax: Axes, widths: xr.Dataset, width: Floats, label: str) -> None:
     from matplotlib.colors import LogNorm
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch, Polygon
     from matplotlib.path import Path
     from matplotlib.patheffects import withStroke
 
-    ca, size = found["capillary_number"].to_numpy(), found["size_ratio"].to_numpy()
-    border = _border(found)
-    shown = _levels(np.where(found["leaning"].to_numpy() <= LEANING_SHARE, width, np.nan))
+    ca, size = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy()
+    border = _border(widths)
+    shown = _levels(np.where(widths["leaning"].to_numpy() <= LEANING_SHARE, width, np.nan))
     clip = ax.add_patch(Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3))
     norm: Any = LogNorm(shown[0], shown[-1])
     filled = _filled(width)
     areas = ax.contourf(ca, size, filled, levels=shown, norm=norm, cmap="viridis_r", extend="both")
     lines = ax.contour(ca, size, filled, levels=shown, colors="white", linewidths=0.7)
-    leaning = _filled(found["leaning"].to_numpy())
+    leaning = _filled(widths["leaning"].to_numpy())
     hatch = ax.contourf(ca, size, leaning, levels=[LEANING_SHARE, 1.1], colors="none", hatches=["////"])
-    two = _filled(found["two_shapes"].to_numpy().astype(float))
+    two = _filled(widths["two_shapes"].to_numpy().astype(float))
     doubt = ax.contour(ca, size, two, levels=[0.5], colors=ACCENT, linestyles="dotted", linewidths=1.6)
     for drawn in (areas, lines, hatch, doubt):
         drawn.set_clip_path(clip)
@@ -81,7 +81,7 @@ def _draw(ax: Axes, found: xr.Dataset, width: Floats, label: str) -> None:
         Patch(facecolor="none", hatch="////", label="leans on the border of the database: cut there, not measured"),
         Line2D([], [], color=ACCENT, linestyle="dotted", linewidth=1.6, label="left of it two shapes are stable"),
     ]
-    marks = marks if found["two_shapes"].any() else marks[:1]
+    marks = marks if widths["two_shapes"].any() else marks[:1]
     figure: Any = ax.figure
     figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
 
@@ -97,10 +97,10 @@ def _axes(ax: Axes, border: Floats) -> None:
     ax.set(xlabel=ratio_label("capillary_number"), ylabel=ratio_label("size_ratio"))
 
 
-def _border(found: xr.Dataset) -> Floats:
+def _border(widths: xr.Dataset) -> Floats:
     """Closed line around the shapes of the model, columns (Ca, a/l)."""
-    size = found["size_ratio"].to_numpy()
-    sides = [np.stack([found[end].to_numpy(), size], axis=1) for end in ("lowest", "highest")]
+    size = widths["size_ratio"].to_numpy()
+    sides = [np.stack([widths[end].to_numpy(), size], axis=1) for end in ("lowest", "highest")]
     whole = np.concatenate([sides[0], sides[1][::-1]])
     return whole[np.isfinite(whole).all(axis=1)]
 
@@ -126,15 +126,15 @@ def _filled(values: Floats) -> Floats:
     return np.stack(rows)
 
 
-def _errors(found: xr.Dataset) -> str:
+def _errors(widths: xr.Dataset) -> str:
     """Model and errors in two lines."""
-    stated, lab = (json.loads(found.attrs[name]) for name in ("errors", "experiment"))
+    stated, lab = (json.loads(widths.attrs[name]) for name in ("errors", "experiment"))
     scale, unit = (1.0, "l") if stated["unit_of_lengths"] == "l" else (1e6, "µm")
     extent, length = stated["axial_extent"], stated["axial_length"]
     of_length = "not measured" if length is None else f"± {scale * length:.3g} {unit}"
     share = {name: 100.0 * lab[name]["error"] / lab[name]["value"] for name in ("viscosity", "half_width")}
     return (
-        f"{found.attrs['model']}; errors: $L_z$ ± {scale * extent:.3g} {unit}, $L_a$ {of_length}, "
+        f"{widths.attrs['model']}; errors: $L_z$ ± {scale * extent:.3g} {unit}, $L_a$ {of_length}, "
         f"$v_\\mathrm{{o}}$ ± {100.0 * stated['capsule_velocity_relative']:.2g} %,\n"
         f"$\\mu$ ± {share['viscosity']:.2g} %, $\\ell$ ± {share['half_width']:.2g} %"
     )

@@ -30,7 +30,7 @@ _BAR = 0.25  # of the picture's width, at most
 def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:
     """Draw the predicted outline over the picture that the capsule was measured in.
 
-    Walls and capsule are found in the picture again; the predicted nose is laid on the nose seen.
+    Walls and capsule are found in the picture again; the predicted nose is laid on the measured nose.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
 
 
 def on_picture(outline: Floats, detection: Detection) -> Floats:
-    """Lay an outline on the capsule that was found in a picture, nose on nose.
+    """Lay an outline on the capsule that was detected in a picture, nose on nose.
 
     Parameters
     ----------

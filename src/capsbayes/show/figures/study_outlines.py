@@ -25,7 +25,7 @@ _SEEN = "#222222"
 _COUNT = 3  # capsules that are shown one by one
 _COLOURS = "RdBu_r"
 _LABELS = {"nose": (0.76, -1.5), "flanks": (0.76, 1.5), "rear rim": (0.24, 1.5), "rear on the axis": (0.24, -1.5)}
-"""Where the name of a region that is one place stands: share of the picture's width, and y over l."""
+"""Place of the name of each region: share of the picture's width, and y over l."""
 _SHARE_TICKS = (0, 25, 50, 75, 100)
 
 
@@ -76,7 +76,7 @@ def _coloured(ax: Axes, outline: Floats, values: Floats, label: str) -> None:
 
 
 def _places(outline: Floats) -> dict[str, int]:
-    """Middle vertex of each region that is one place, on the upper side."""
+    """Middle vertex of each region, on the upper side."""
     upper = outline[:, 1] > -1e-3
     shapes = dict(zip(REGIONS, region_displacements(outline), strict=True))
     middles = {name: int(np.argmax(np.where(upper, shapes[name], 0.0))) for name in _LABELS}

@@ -29,7 +29,7 @@ def population_page(
     ----------
     population : Population
     spread : ModulusSpread, optional
-        Of G_s with the errors removed, drawn over the histogram; by default the one that the population holds.
+        Of G_s with the errors removed, drawn over the histogram; by default that of the population.
     rows : int
         At most so many capsules in the table.
     source : str
@@ -43,7 +43,7 @@ def population_page(
     number, used = len(population), int(population.usable.sum())
     stored = population.attributes.get("hierarchy")
     drawn = spread or ModulusSpread.of_population(population)
-    said = spread or stored or drawn
+    distribution = spread or stored or drawn
     left_out = f"The {rows} worst of {number} are shown; the others are in {source or 'the file of the population'}."
     return page(
         "population.html",
@@ -55,7 +55,7 @@ def population_page(
         all_done=used == number,
         histogram=_histogram(population, drawn, used),
         summary=html_table(summary_table(population)),
-        spread="" if said is None else typeset(words.spread_words(said)),
+        spread="" if distribution is None else typeset(words.spread_words(distribution)),
         hierarchy_title=typeset(words.hierarchy_title(stored)) if stored else "",
         hierarchy=html_table(hierarchy_table(stored)) if stored else "",
         shared=typeset(words.shared_words(stored)) if stored else "",
@@ -69,7 +69,7 @@ def population_page(
 
 
 def _histogram(population: Population, spread: ModulusSpread | None, used: int) -> Markup:
-    caption = f"Medians of {used} capsules; the histogram is wider than the capsules differ, for errors are in it."
+    caption = f"Medians of {used} capsules; the histogram is wider than their spread, for it contains the errors."
     if spread is not None:
         caption = f"Medians of {used} capsules, and how G_s itself differs from capsule to capsule."
     alternative = "histogram of the shear moduli"

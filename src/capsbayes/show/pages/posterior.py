@@ -32,7 +32,7 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
     ----------
     posterior : Posterior
     capsule : path, optional
-        Picture of the capsule; by default the one it was measured in, if that is still there.
+        Picture of the capsule; by default that of the measurement, if it is still there.
     folder : Path, optional
         Where its files lie, for the picture that was drawn when the capsule was measured.
 
@@ -78,7 +78,7 @@ def capsule_pictures(
     ----------
     posterior : Posterior
     capsule : path, optional
-        Photograph; by default the one the capsule was measured in, if it is still there unchanged.
+        Photograph; by default that of the measurement, if it is still there unchanged.
     folder : Path, optional
         With the ``overlay.png`` that was drawn when the capsule was measured, if there is one.
     """
@@ -109,7 +109,7 @@ def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path |
 
 
 def _overlay(posterior: Posterior, folder: Path | None) -> Iterator[Markup]:
-    """What was drawn over the picture when it was measured, in the folder of the result or of the measurement."""
+    """The picture with the detected capsule, from the folder of the result or of the measurement."""
     source = posterior.measurement.source
     folders = [place for place in (folder, Path(source).parent if source else None) if place is not None]
     for place in filter(Path.is_file, (place / _OVERLAY for place in folders)):

@@ -55,7 +55,7 @@ def _finding(study: Study, compared: Comparison) -> dict[str, Any]:
     shown = "apparent shear modulus against velocity and size"
     return {
         "largest": typeset(largest),
-        "p_value": words.same_by_chance(finding),
+        "p_value": words.largest_p_value(finding),
         "again": "" if study.second_finding is None else typeset(again.get(largest, "not there")),
         "outline": ""
         if along is None

@@ -16,15 +16,17 @@ _ANSWERS = tuple(PARAMETERS[name] for name in ("surface_shear_modulus", "capsule
 
 def budget_table(budget: ErrorBudget) -> pd.DataFrame:
     """Return share, slope and change of G_s and of a for each input."""
-    values = ", ".join(
-        f"{one.symbol} = {with_unit(one.name, budget.value[one.name], '.4g')} ± {100.0 * budget.sd[one.name]:.2g} %"
-        for one in _ANSWERS
-    )
-    head = ["input", *(Symbols(f"{one.symbol}\n{what}") for one in _ANSWERS for what in ("share", "slope", "change"))]
-    rows = [
-        [Symbols(_input(row)), *(cell for one in _ANSWERS for cell in _cells(row, one.name))] for row in budget.rows
+    known = ((answer, with_unit(answer.name, budget.value[answer.name], ".4g")) for answer in _ANSWERS)
+    values = ", ".join(f"{answer.symbol} = {value} ± {100.0 * budget.sd[answer.name]:.2g} %" for answer, value in known)
+    head = [
+        "input",
+        *(Symbols(f"{answer.symbol}\n{what}") for answer in _ANSWERS for what in ("share", "slope", "change")),
     ]
-    units = " and ".join(one.shown_unit for one in _ANSWERS)
+    rows = [
+        [Symbols(_input(row)), *(cell for answer in _ANSWERS for cell in _cells(row, answer.name))]
+        for row in budget.rows
+    ]
+    units = " and ".join(answer.shown_unit for answer in _ANSWERS)
     note = (
         "share: of the variance of the logarithm; slope: d ln / d ln of the input; change: with one standard error of "
         f"the input, in {units}"
@@ -52,7 +54,7 @@ def flow_table(design: FlowDesign) -> pd.DataFrame:
     shown = [point for k, point in enumerate(design.points) if point is design.best or k % 12 == 11]
     rows = [[*_flow_cells(point), "best" if point is design.best else "" if point.allowed else "no"] for point in shown]
     quantities = (PARAMETERS[name] for name in _FLOW)
-    head = [f"{one.symbol}{chr(10)}{unit_of(one).strip()}" for one in quantities]
+    head = [f"{quantity.symbol}{chr(10)}{unit_of(quantity).strip()}" for quantity in quantities]
     head += ["G_s\n±", "a\n±", "next to\nborder", "beyond\nlimit", ""]
     note = "no: not to be chosen, for the posterior leans on the border of the database, or it is too near"
     return table(list(map(Symbols, head)), rows, title="Expected width of G_s", note=note, numbers=range(8))

@@ -41,16 +41,16 @@ def summary_table(population: Population) -> pd.DataFrame:
             [shown(row[key]) for key in ("median", "lower_quartile", "upper_quartile", "error")], digits
         )
         rows.append((Symbols(PARAMETERS[str(name)].label), middle, f"{low} to {high}", error))
-    head = ("", "median", "quartiles", "error of one, 68 %")
+    head = ("", "median", "quartiles", "error of one capsule, 68 %")
     return table(head, rows, title="Of the capsules that can be used", numbers=(1, 2, 3))
 
 
 def hierarchy_table(stored: Mapping[str, Any]) -> pd.DataFrame:
     """Return medians and 95 % intervals of mean, spread and slope; `stored` is ``Hierarchy.as_dict()``."""
     rows = []
-    for name, found in stored["quantities"].items():
+    for name, summary in stored["quantities"].items():
         parameter = PARAMETERS[name]
-        numbers = [parameter.shown(found[key]) for key in ("median", "lower_95", "upper_95")]
+        numbers = [parameter.shown(summary[key]) for key in ("median", "lower_95", "upper_95")]
         middle, low, high = together(numbers, decimals(0.25 * (numbers[2] - numbers[1])))
         rows.append((Symbols(parameter.label), middle, f"{low} to {high}"))
     return table(("", "median", "95 % interval"), rows, title=hierarchy_title(stored), numbers=(1, 2))

@@ -11,11 +11,11 @@ from capsbayes.show.tables.table import Strong, Symbols, table
 from capsbayes.show.words.rounding import with_unit
 from capsbayes.show.words.study import (
     deviation_words,
+    largest_p_value,
     odds_words,
     p_value_words,
-    same_by_chance,
+    question_words,
     size_words,
-    told_words,
 )
 
 __all__ = ["candidate_table", "finding_table", "flow_rate_table", "held_out_table", "meaning_table"]
@@ -26,7 +26,10 @@ _OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike 
 
 def finding_table(finding: Finding) -> pd.DataFrame:
     """Return every deviation that was tested, the most surprising first."""
-    rows = [(Symbols(one.name), deviation_words(one), p_value_words(one.p_value)) for one in finding.deviations]
+    rows = [
+        (Symbols(deviation.name), deviation_words(deviation), p_value_words(deviation.p_value))
+        for deviation in finding.deviations
+    ]
     title = f"Deviations of {finding.capsules} capsules from the model"
     return table(("where", "size ± standard error (significance)", "p-value"), rows, title=title)
 
@@ -41,7 +44,7 @@ def candidate_table(study: Study) -> pd.DataFrame:
             scores = study.scores[name]
             size = Symbols(f"{scores.effect.parameter.symbol} = {size_words(scores)}")
             modulus = _modulus(scores.modulus[scores.best])
-            verdict = told_words(study, name)
+            verdict = question_words(study, name)
             rows.append((_named(study, name), f"{scores.log_likelihood_ratio:.1f}", *odds, size, modulus, verdict))
         else:
             rows.append((_OTHERS[name], "", *odds, "", "", ""))
@@ -69,15 +72,18 @@ def meaning_table(study: Study) -> pd.DataFrame:
 
 def held_out_table(verification: Verification) -> pd.DataFrame:
     """Return gap, noise, p-value and shear modulus before and after."""
-    pairs = (verification.before, verification.after)
-    gaps = [f"{1e6 * one.gap:.3f} µm" if math.isfinite(one.gap) else "no outlines" for one in verification.comparisons]
-    noise = [f"{one.noise:.2f} σ" if math.isfinite(one.noise) else "nothing is left over" for one in pairs]
-    before, after = (one.median_modulus for one in verification.comparisons)
+    findings = (verification.before, verification.after)
+    gaps = [_finite(1e6 * half.gap, ".3f", " µm", "no outlines") for half in verification.comparisons]
+    noise = [_finite(finding.noise, ".2f", " σ", "nothing is left over") for finding in findings]
+    before, after = (half.median_modulus for half in verification.comparisons)
     rows = [
         ("gap: rms distance of measured and predicted edge", *gaps),
         ("the same over the stated noise, correlations counted", *noise),
-        ("largest deviation", *(deviation_words(one.deviations[0]) if one.deviations else "" for one in pairs)),
-        ("its p-value (residual p-value)", *map(same_by_chance, pairs)),
+        (
+            "largest deviation",
+            *("" if not each.deviations else deviation_words(each.deviations[0]) for each in findings),
+        ),
+        ("its p-value (residual p-value)", *map(largest_p_value, findings)),
         (
             "log score per capsule, over that before",
             "0",
@@ -107,6 +113,10 @@ def flow_rate_table(verification: Verification) -> pd.DataFrame | None:
     ]
     head = ("flow rate", "capsules", Symbols("median G_s before"), "after")
     return table(head, rows, title="Held-out capsules by flow rate", numbers=(1, 2, 3))
+
+
+def _finite(value: float, digits: str, unit: str, otherwise: str) -> str:
+    return f"{value:{digits}}{unit}" if math.isfinite(value) else otherwise
 
 
 def _modulus(value: float) -> str:

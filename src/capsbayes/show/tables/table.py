@@ -14,7 +14,7 @@ import pandas as pd
 from markupsafe import Markup
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.console import Group
 
 __all__ = ["Code", "Number", "Strong", "Symbols", "html_table", "table", "terminal_table", "typeset"]
 
@@ -40,9 +40,9 @@ class Number(str):
 
     def __new__(cls, text: str, value: float) -> Number:
         """Text and value."""
-        made = super().__new__(cls, text)
-        made.value = value
-        return made
+        number = super().__new__(cls, text)
+        number.value = value
+        return number
 
 
 def table(
@@ -73,36 +73,28 @@ def table(
     DataFrame
         What is not in its cells stands in its ``attrs``.
     """
-    made = pd.DataFrame([list(row) for row in rows], columns=pd.Index(range(len(head)), dtype=object), dtype=object)
-    made.columns = pd.Index(list(head), dtype=object)
-    made.attrs = {"title": title, "note": note, "numbers": tuple(numbers), "bars": tuple(bars)}
-    return made
+    frame = pd.DataFrame([list(row) for row in rows], columns=pd.Index(range(len(head)), dtype=object), dtype=object)
+    frame.columns = pd.Index(list(head), dtype=object)
+    frame.attrs = {"title": title, "note": note, "numbers": tuple(numbers), "bars": tuple(bars)}
+    return frame
 
 
-def terminal_table(frame: pd.DataFrame) -> Table:
-    """Return the table for a terminal; text is shown as it is, brackets included."""
+def terminal_table(frame: pd.DataFrame) -> Group:
+    """Return the table for a terminal, with its title and its note; text is shown as it is, brackets included."""
     from rich import box
+    from rich.console import Group
     from rich.table import Table
     from rich.text import Text
 
-    attributes = frame.attrs
-    made = Table(
-        title=Text(attributes["title"]) if attributes["title"] else None,
-        caption=Text(attributes["note"]) if attributes["note"] else None,
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-        show_edge=False,
-        title_justify="left",
-        caption_justify="left",
-        show_header=any(frame.columns),
-    )
+    style = {"box": box.SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False, "show_edge": False}
+    drawn = Table(show_header=any(frame.columns), **style)  # type: ignore[arg-type]
     for number, heading in enumerate(frame.columns):
-        right = number in attributes["numbers"]
-        made.add_column(Text(heading), justify="right" if right else "left", overflow="fold")
+        right = number in frame.attrs["numbers"]
+        drawn.add_column(Text(heading), justify="right" if right else "left", overflow="fold")
     for row in frame.itertuples(index=False, name=None):
-        made.add_row(*(Text(cell, style="bold" if isinstance(cell, Strong) else "") for cell in row))
-    return made
+        drawn.add_row(*(Text(cell, style="bold" if isinstance(cell, Strong) else "") for cell in row))
+    title, note = (Text(frame.attrs[key], style="italic") for key in ("title", "note"))
+    return Group(*([title] if title else []), drawn, *([note] if note else []), "")
 
 
 def html_table(frame: pd.DataFrame, *, sortable: bool = False) -> Markup:
@@ -131,9 +123,9 @@ def html_table(frame: pd.DataFrame, *, sortable: bool = False) -> Markup:
 
 def typeset(text: str) -> Markup:
     """Return HTML of a text with plain symbols, as G_s or 10^3."""
-    made = re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9]+)\b", r"\1<sub>\2</sub>", str(Markup.escape(text)))
-    made = re.sub(r"\^(\w+)", r"<sup>\1</sup>", made)
-    return Markup(re.sub(rf"\b({'|'.join(_SIGNS)})\b", lambda sign: _SIGNS[sign[0]], made))
+    html = re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9]+)\b", r"\1<sub>\2</sub>", str(Markup.escape(text)))
+    html = re.sub(r"\^(\w+)", r"<sup>\1</sup>", html)
+    return Markup(re.sub(rf"\b({'|'.join(_SIGNS)})\b", lambda sign: _SIGNS[sign[0]], html))
 
 
 def _html(text: str) -> str:

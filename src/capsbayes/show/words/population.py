@@ -31,12 +31,12 @@ def headline(population: Population) -> str:
 
 
 def width_words(population: Population) -> str:
-    """Say how well G_s of one capsule is known, to compare with how much the capsules differ."""
+    """Say how well G_s of a single capsule is known."""
     half = population.typical_width()
     if not np.isfinite(half):
         return ""
     used = int(population.usable.sum())
-    return f"Median of {used} capsules; the 95 % interval of one of them is typically ± {per_cent(half)}."
+    return f"Median of {used} capsules; the 95 % interval of a single capsule is typically ± {per_cent(half)}."
 
 
 def status_words(population: Population) -> str:

@@ -14,15 +14,15 @@ from capsbayes.show.words.rounding import unit_of
 __all__ = [
     "caveats",
     "deviation_words",
+    "largest_p_value",
     "lengths_alone",
     "modulus_words",
     "odds_words",
     "opening",
     "origin_words",
     "p_value_words",
-    "same_by_chance",
+    "question_words",
     "size_words",
-    "told_words",
     "verdict_sentence",
 ]
 
@@ -41,8 +41,8 @@ def verdict_sentence(study: Study) -> str:
     if study.verdict is Verdict.NOT_TESTABLE:
         return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."
     if study.verdict is Verdict.NONE:
-        doubt = "" if study.second_finding is None else ": the held-out capsules do not show what the first half shows"
-        return f"No disagreement was found between the capsules and {model}{doubt}."
+        caveat = "" if study.second_finding is None else ": the held-out capsules do not show what the first half shows"
+        return f"No disagreement was found between the capsules and {model}{caveat}."
     disagree = f"The capsules disagree with {model}, and"
     if study.verdict is Verdict.NAMED:
         named = [step.best for step in study.steps]
@@ -110,7 +110,7 @@ def caveats(study: Study) -> Iterator[str]:
     if study.verdict is Verdict.AMBIGUOUS:
         best = next((step for step in study.steps if len(step.in_question) > 1), study.steps[0]).best.effect
         yield (
-            "These data do not distinguish the effects in question. What would: "
+            "These data do not distinguish the effects in question. What would distinguish them: "
             f"{best.separated_by[0].lower()}{best.separated_by[1:]}"
         )
 
@@ -125,7 +125,7 @@ def origin_words(study: Study) -> str:
     )
 
 
-def told_words(study: Study, name: str) -> str:
+def question_words(study: Study, name: str) -> str:
     """Say whether a candidate is in question."""
     if study.verdict is Verdict.UNKNOWN or not study.names:
         return "does not explain it"
@@ -156,7 +156,7 @@ def deviation_words(deviation: Deviation) -> str:
     return f"{deviation.size:+.2f} ± {deviation.error:.2f}{unit} ({deviation.sigma:+.1f} σ)"
 
 
-def same_by_chance(finding: Finding) -> str:
+def largest_p_value(finding: Finding) -> str:
     """Return the p-value of the largest deviation of a finding."""
     return p_value_words(finding.p_value) if finding.deviations else "not tested"
 

@@ -8,18 +8,18 @@ for (const table of document.querySelectorAll("table.sortable")) {
     const value = cell.dataset.value;
     return value === undefined ? cell.textContent.trim() : value === "" ? NaN : Number(value);
   };
-  const compared = (one, other, sign) => {
-    if (typeof one === "string") return sign * one.localeCompare(other, "en", { numeric: true });
-    if (Number.isNaN(one) || Number.isNaN(other)) return Number.isNaN(one) - Number.isNaN(other);
-    return sign * (one - other);
+  const compared = (first, second, sign) => {
+    if (typeof first === "string") return sign * first.localeCompare(second, "en", { numeric: true });
+    if (Number.isNaN(first) || Number.isNaN(second)) return Number.isNaN(first) - Number.isNaN(second);
+    return sign * (first - second);
   };
   headings.forEach((heading, column) => {
     heading.querySelector("button").addEventListener("click", () => {
       const falling = heading.getAttribute("aria-sort") === "ascending";
-      headings.forEach((other) => other.removeAttribute("aria-sort"));
+      headings.forEach((second) => second.removeAttribute("aria-sort"));
       heading.setAttribute("aria-sort", falling ? "descending" : "ascending");
       const rows = [...body.rows].map((row) => [key(row, column), row]);
-      rows.sort((one, other) => compared(one[0], other[0], falling ? -1 : 1));
+      rows.sort((first, second) => compared(first[0], second[0], falling ? -1 : 1));
       body.append(...rows.map((pair) => pair[1]));
     });
   });
