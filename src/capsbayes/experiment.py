@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile, quantity, unread
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 
 __all__ = [
@@ -25,7 +24,6 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float64]
-Given = Any  # a Quantity, or what `Quantity.of` makes one of: a text, a number, a pint quantity, a frozen distribution
 
 CROSS_SECTIONS = ("square", "circular")
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Given
 from capsbayes.input_file import InputFile, Reader, file_name, quantity, unread
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
 from capsbayes.parameters import STATED
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 from capsbayes.status import Status
 

@@ -15,9 +15,12 @@ from capsbayes.errors import InputError
 from capsbayes.parameters import PARAMETERS, SI_UNITS, STATED
 from capsbayes.units import parsed
 
-__all__ = ["Quantity"]
+__all__ = ["Given", "Quantity"]
 
 Floats = NDArray[np.float64]
+
+Given = Any
+"""Any form that `Quantity.of` reads: a Quantity, a text, a number in SI, a pint quantity, a frozen distribution."""
 
 _NEGATIVE_SHARE = 1e-6  # of a distribution's mass that may lie below zero before it is refused
 _FAR = 10.0  # standard deviations beyond which a cut changes neither mean nor deviation

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, Given
+from capsbayes.experiment import Experiment
 from capsbayes.image.background import estimate_background, transmission
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.detection import Detection, analyse_blob
@@ -18,7 +18,7 @@ from capsbayes.image.files.picture import Picture
 from capsbayes.image.silhouette import silhouette_of
 from capsbayes.image.walls import find_walls
 from capsbayes.measurement import Measurement
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
 __all__ = ["FLOWS", "detect", "measure", "measurement_of", "measurement_of_lengths"]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, Given
+from capsbayes.experiment import Experiment
 from capsbayes.image.background import estimate_background, flatten, temporal_median, transmission
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.detection import analyse_blob
@@ -23,7 +23,7 @@ from capsbayes.image.film_capsule import FilmCapsule, FrameRecord
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture
 from capsbayes.image.tracking import Linker, Track
 from capsbayes.image.walls import WallLines, find_walls
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
 if TYPE_CHECKING:

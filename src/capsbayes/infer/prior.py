@@ -34,10 +34,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Given
 from capsbayes.input_file import InputFile
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 
 __all__ = ["Prior", "coordinate_prior", "log_jacobian"]
 

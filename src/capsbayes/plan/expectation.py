@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.experiment import Experiment, Given, size_ratio
+from capsbayes.experiment import Experiment, size_ratio
 from capsbayes.infer.log_grid import LogGrid
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 
 __all__ = ["Draws", "Expectation"]
 

@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, Given
+from capsbayes.experiment import Experiment
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import ForwardModel
@@ -25,6 +25,7 @@ from capsbayes.plan.identifiability import Progress, lab_attributes
 from capsbayes.plan.lab_errors import LabErrors
 from capsbayes.plan.width_table import WidthTable
 from capsbayes.plan.widths import NOISES, WidthPredictor
+from capsbayes.quantity import Given
 from capsbayes.status import Status
 
 __all__ = ["MARGIN", "RISK", "flow_design", "flow_rate"]

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, Given
+from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
 from capsbayes.model import ForwardModel
 from capsbayes.plan.expectation import Draws, Expectation
 from capsbayes.plan.lab_errors import LabErrors
 from capsbayes.plan.widths import check_model, width_of
+from capsbayes.quantity import Given
 
 __all__ = ["SimulatedWidths", "simulated_widths"]
 

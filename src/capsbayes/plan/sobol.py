@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, Given
+from capsbayes.experiment import Experiment
 from capsbayes.infer.inputs import Inputs
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -24,7 +24,7 @@ from capsbayes.parameters import PARAMETERS, STATED
 from capsbayes.plan.answers import ANSWERS, Answerer
 from capsbayes.plan.slopes import settings_of
 from capsbayes.plan.sobol_study import CONFIDENCE, SobolIndex, SobolStudy
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
 __all__ = ["SAMPLES", "sobol_indices", "varied_range"]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, Given
+from capsbayes.experiment import Experiment
 from capsbayes.infer.coordinate import check_coordinates
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.listing import Listed, common_experiment, listed
@@ -31,7 +31,7 @@ from capsbayes.infer.many.tasks import RowsTask, StoredTask
 from capsbayes.infer.prior import Prior
 from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.model import ForwardModel
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 from capsbayes.work import Store, progress_bar, run_tasks
 
 if TYPE_CHECKING:
