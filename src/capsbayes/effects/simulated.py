@@ -157,7 +157,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 (0.0, 0.2),
                 Kind.SESSION,
                 "Less liquid passes by in the corners: the velocity ratio and the length change together.",
-                "A cross-section of the channel under the microscope.",
+                "A cut through the channel under the microscope.",
             ),
             Simulated(
                 "not yet steady",
@@ -175,7 +175,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 (0.9, 1.1),
                 Kind.SESSION,
                 "The gap along the direction of view differs from that across it.",
-                "A cross-section of the channel, or a view from the side.",
+                "A cut through the channel, or a view from the side.",
             ),
         )
     }

@@ -49,7 +49,7 @@ class Surrogate(PlaneSurrogate):
     def open(cls, source: str | Path, *, view: str = MID_PLANE) -> Surrogate | EffectSurrogate:
         """Make a surrogate of a shipped database (by name) or of a file (by path, with its ending .nc).
 
-        The base of an effect database is the shipped one of its section and law, if there is one.
+        The base of an effect database is the shipped one of its cross-section and law, if there is one.
 
         Parameters
         ----------
@@ -62,7 +62,7 @@ class Surrogate(PlaneSurrogate):
         DatabaseError
             If the database cannot be read.
         InputError
-            On another word for the view.
+            On an unknown view.
         """
         view = check_view(view, "Surrogate", "view")
         is_file = isinstance(source, Path) or str(source).endswith(".nc")
@@ -87,9 +87,10 @@ class Surrogate(PlaneSurrogate):
         Raises
         ------
         DatabaseError
-            If an effect database has too few values or not the null value, or if the base is of another section.
+            If an effect database has too few values or not the null value, or if the base is of another
+            cross-section.
         InputError
-            On another word for the view, or if it is not that of the base.
+            On an unknown view, or one that is not that of the base.
         """
         of_base = base.view if isinstance(base, Surrogate) else MID_PLANE
         view = of_base if view is None else check_view(view, "Surrogate", "view")
