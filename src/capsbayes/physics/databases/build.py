@@ -18,18 +18,16 @@ from threadpoolctl import threadpool_limits
 from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.physics.databases.gather import gathered, pedigree
+from capsbayes.physics.databases.grid import Case
 from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error
 from capsbayes.physics.databases.outcome import Outcome, count_ended
-from capsbayes.physics.databases.sweep import Cases, SteadySimulator, Sweep, sweep
+from capsbayes.physics.databases.sweep import CaseRunner, SteadySimulator, Sweep, sweep
 from capsbayes.physics.databases.variation import null_value, simulators_at
 from capsbayes.work import Store, progress_bar, run_tasks
 
 __all__ = ["build_database"]
 
 _logger = logging.getLogger(__name__)
-
-Case = tuple[float, float]
-"""Capillary number and size ratio."""
 
 
 def build_database(
@@ -160,7 +158,7 @@ def _run_sweep(simulator: SteadySimulator, store: Store, size_ratio: float, capi
     if "numba" in sys.modules:
         sys.modules["numba"].set_num_threads(1)
     with threadpool_limits(limits=1):
-        return sweep(Cases(simulator, store, size_ratio), capillary_numbers)
+        return sweep(CaseRunner(simulator, store, size_ratio), capillary_numbers)
 
 
 def _compared(
@@ -177,4 +175,4 @@ def _compared(
 def _run_again(simulator: SteadySimulator, store: Store, outcome: Outcome) -> Outcome:
     """Run the case of `outcome` with another simulator, started from its steady state."""
     with threadpool_limits(limits=1):
-        return Cases(simulator, store, outcome.size_ratio).run(outcome.capillary_number, outcome)
+        return CaseRunner(simulator, store, outcome.size_ratio).run(outcome.capillary_number, outcome)

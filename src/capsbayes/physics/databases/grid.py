@@ -8,9 +8,20 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 
-__all__ = ["Cases", "default_grid", "effect_grid", "parachute_grid", "read_cases", "stiffening_grid", "wide_grid"]
+__all__ = [
+    "Case",
+    "Cases",
+    "default_grid",
+    "effect_grid",
+    "parachute_grid",
+    "read_cases",
+    "stiffening_grid",
+    "wide_grid",
+]
 
-Cases = list[tuple[float, float]]
+Case = tuple[float, float]
+Cases = list[Case]
+"""Capillary numbers and size ratios."""
 
 # fmt: off
 _CAPILLARY_NUMBERS = (

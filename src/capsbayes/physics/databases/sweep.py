@@ -22,7 +22,7 @@ from capsbayes.physics.databases.outcome import Outcome, variables_of
 from capsbayes.status import Status
 from capsbayes.work import Store
 
-__all__ = ["Border", "Cases", "SteadySimulator", "Sweep", "sweep"]
+__all__ = ["Border", "CaseRunner", "SteadySimulator", "Sweep", "sweep"]
 
 _FIRST_TRIED = (0.01, 0.02, 0.05)  # first Ca to try if the lowest case does not converge
 _BELOW_LIMIT = (0.96, 0.99)  # of the Ca at which a branch ends: cases added to those asked for
@@ -65,8 +65,8 @@ class Sweep(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cases:
-    """Cases of one size ratio: taken from the store if they are there, else computed by the simulator.
+class CaseRunner:
+    """Runner of the cases of one size ratio: it takes them from the store, or computes them with the simulator.
 
     A case is started from another's outcome or, see `Simulator.run`, from ``"rest"`` or from a ``"parachute"``.
     The last outcome of each case is in `final`.
@@ -112,64 +112,65 @@ class Cases:
         return outcome
 
 
-def sweep(cases: Cases, capillary_numbers: list[float]) -> Sweep:
+def sweep(runner: CaseRunner, capillary_numbers: list[float]) -> Sweep:
     """Run every case of one size ratio, and some more at the ends of its branches.
 
     Parameters
     ----------
-    cases : Cases
+    runner : CaseRunner
     capillary_numbers : list of float
         Those asked for [-].
     """
     ordered = sorted(capillary_numbers)
-    first = _first_converged(cases, ordered)
+    first = _first_converged(runner, ordered)
     borders: list[Border] = []
     if first is not None:
-        borders = _upward(cases, first, [ca for ca in ordered if ca > first.capillary_number])
-        _downward(cases, first, [ca for ca in reversed(ordered) if ca < first.capillary_number])
-    return Sweep([cases.final[ca] for ca in sorted(cases.final)], borders)
+        borders = _upward(runner, first, [ca for ca in ordered if ca > first.capillary_number])
+        _downward(runner, first, [ca for ca in reversed(ordered) if ca < first.capillary_number])
+    return Sweep([runner.final[ca] for ca in sorted(runner.final)], borders)
 
 
-def _first_converged(cases: Cases, ordered: list[float]) -> Outcome | None:
+def _first_converged(runner: CaseRunner, ordered: list[float]) -> Outcome | None:
     nearest = [min(ordered, key=lambda ca: abs(np.log(ca / tried))) for tried in _FIRST_TRIED]
     candidates = dict.fromkeys([ordered[0], *nearest, *ordered])
-    return next((outcome for outcome in (cases.run(ca, "rest") for ca in candidates) if outcome.done), None)
+    return next((outcome for outcome in (runner.run(ca, "rest") for ca in candidates) if outcome.done), None)
 
 
-def _upward(cases: Cases, first: Outcome, capillary_numbers: list[float]) -> list[Border]:
+def _upward(runner: CaseRunner, first: Outcome, capillary_numbers: list[float]) -> list[Border]:
     last, convex, lost = first, [first], []
     upper = None
     for position, ca in enumerate(capillary_numbers):
-        outcome = cases.run(ca, last)
+        outcome = runner.run(ca, last)
         if outcome.status is Status.RAISED:
             continue
         if not outcome.done:
             limit = _limit(outcome, last)
-            beyond = None if _is_deep(last) else _beyond_branch(cases, ca)
+            beyond = None if _is_deep(last) else _beyond_branch(runner, ca)
             if beyond is None:
-                cases.final[ca] = outcome
-                _approach(cases, last, limit)
+                runner.final[ca] = outcome
+                _approach(runner, last, limit)
                 kind = LIMIT_OF_EXISTENCE if outcome.status is Status.NO_STEADY_STATE else LIMIT_OF_DATABASE
-                upper = Border(cases.size_ratio, limit, kind)
-                _skip_above(cases, last, outcome, capillary_numbers[position + 1 :])
+                upper = Border(runner.size_ratio, limit, kind)
+                _skip_above(runner, last, outcome, capillary_numbers[position + 1 :])
                 break
             if beyond.start == "parachute":
-                lost = [Border(cases.size_ratio, limit, LOST_FROM_REST)]
+                lost = [Border(runner.size_ratio, limit, LOST_FROM_REST)]
             outcome = beyond
         if not _is_deep(last):
             convex.append(outcome)
         last = outcome
-    end = upper or Border(cases.size_ratio, last.capillary_number, LIMIT_OF_DATABASE)
-    return [*(lost or _snap_through(cases, _confirmed(cases, convex))), end]
+    end = upper or Border(runner.size_ratio, last.capillary_number, LIMIT_OF_DATABASE)
+    return [*(lost or _snap_through(runner, _confirmed(runner, convex))), end]
 
 
-def _beyond_branch(cases: Cases, capillary_number: float) -> Outcome | None:
+def _beyond_branch(runner: CaseRunner, capillary_number: float) -> Outcome | None:
     """Return the state of a capsule whose branch has ended: the one it reaches from rest, or a parachute."""
     starts: tuple[Start, ...] = ("rest", "parachute")
-    return next((outcome for outcome in (cases.run(capillary_number, start) for start in starts) if outcome.done), None)
+    outcomes = (runner.run(capillary_number, start) for start in starts)
+    return next((outcome for outcome in outcomes if outcome.done), None)
 
 
-def _confirmed(cases: Cases, followed: list[Outcome]) -> list[Outcome]:
+def _confirmed(runner: CaseRunner, followed: list[Outcome]) -> list[Outcome]:
     """Return the cases up to the first parachute, each the one that a capsule reaches from rest.
 
     If the state reached from rest at one Ca is on the branch, so are those at all lower Ca: the search goes downward.
@@ -180,9 +181,9 @@ def _confirmed(cases: Cases, followed: list[Outcome]) -> list[Outcome]:
             continue
         if outcome.start == "rest":
             break
-        reached = cases.run(outcome.capillary_number, "rest")
+        reached = runner.run(outcome.capillary_number, "rest")
         if not reached.done:
-            cases.final[outcome.capillary_number] = outcome
+            runner.final[outcome.capillary_number] = outcome
             continue
         confirmed[place] = reached
         if abs(reached.variables["axial_extent"] / outcome.variables["axial_extent"] - 1.0) < _SAME:
@@ -190,17 +191,17 @@ def _confirmed(cases: Cases, followed: list[Outcome]) -> list[Outcome]:
     return confirmed
 
 
-def _snap_through(cases: Cases, outcomes: list[Outcome]) -> list[Border]:
+def _snap_through(runner: CaseRunner, outcomes: list[Outcome]) -> list[Border]:
     """Enclose the Ca at which a capsule snaps through; no border if the shape changes smoothly."""
     last, beyond = next((pair for pair in pairwise(outcomes) if _has_snapped(*pair)), (None, None))
     if last is None or beyond is None:
         return []
     while beyond.capillary_number > _BRACKET * last.capillary_number:
-        between = cases.run(_middle(last, beyond), "rest")
+        between = runner.run(_middle(last, beyond), "rest")
         if not between.done:
             break
         last, beyond = (last, between) if _has_snapped(last, between) else (between, beyond)
-    return [Border(cases.size_ratio, _middle(last, beyond), SNAP_THROUGH)]
+    return [Border(runner.size_ratio, _middle(last, beyond), SNAP_THROUGH)]
 
 
 def _has_snapped(last: Outcome, outcome: Outcome) -> bool:
@@ -219,12 +220,12 @@ def _limit(outcome: Outcome, last: Outcome) -> float:
     return limit if limit > last.capillary_number else last.capillary_number
 
 
-def _approach(cases: Cases, last: Outcome, limit: float) -> None:
+def _approach(runner: CaseRunner, last: Outcome, limit: float) -> None:
     """Run cases between the last converged one and the end of its branch."""
     for share in _BELOW_LIMIT:
         ca = _rounded(share * limit)
         if ca > 1.01 * last.capillary_number:
-            outcome = cases.run(ca, last)
+            outcome = runner.run(ca, last)
             last = outcome if outcome.done else last
 
 
@@ -236,19 +237,19 @@ def _rounded(capillary_number: float) -> float:
     return float(f"{capillary_number:.4g}")
 
 
-def _skip_above(cases: Cases, last: Outcome, above: Outcome, capillary_numbers: list[float]) -> None:
+def _skip_above(runner: CaseRunner, last: Outcome, above: Outcome, capillary_numbers: list[float]) -> None:
     """Give the cases above a limit its status, if that holds for everything above."""
     holds_above = above.status in (Status.NO_STEADY_STATE, Status.UNRESOLVED)
     for ca in capillary_numbers:
-        cases.skip(ca, last, above.status if holds_above else Status.NOT_TRIED)
+        runner.skip(ca, last, above.status if holds_above else Status.NOT_TRIED)
 
 
-def _downward(cases: Cases, first: Outcome, capillary_numbers: list[float]) -> None:
+def _downward(runner: CaseRunner, first: Outcome, capillary_numbers: list[float]) -> None:
     last, failures = first, 0
     for ca in capillary_numbers:
         if failures == _FAILURES_DOWNWARD:
-            cases.skip(ca, last, Status.NOT_TRIED)
+            runner.skip(ca, last, Status.NOT_TRIED)
             continue
-        outcome = cases.run(ca, last)
+        outcome = runner.run(ca, last)
         failures = 0 if outcome.done else failures + 1
         last = outcome if outcome.done else last
