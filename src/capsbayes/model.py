@@ -42,8 +42,10 @@ CIRCUMSTANCES = ("half_width", "capsule_velocity", "mean_velocity", "viscosity")
 """Properties of each capsule on which an effect may depend [SI]; every model accepts these names in ``theta``."""
 
 
-_DECLARATIONS = ("name", "sha256", "domain", "cross_section", "view")
-_DECLARATIONS += ("coordinates", "effects", "circumstances", "database")
+_DECLARATIONS = (
+    *("name", "sha256", "domain", "cross_section", "view"),
+    *("coordinates", "effects", "circumstances", "database"),
+)
 
 
 class CoordinateRange(NamedTuple):
