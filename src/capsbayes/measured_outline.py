@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile, checked_table, file_name, not_negative, number
-from capsbayes.profile import edge_lengths, signed_area
+from capsbayes.profile import arc_length, signed_area
 
 __all__ = ["FEWEST_POINTS", "MID_PLANE", "SILHOUETTE", "VIEWS", "MeasuredOutline", "OutlineNoise", "Pose", "check_view"]
 
@@ -65,7 +65,7 @@ class OutlineNoise:
 
     def covariance(self, points: Floats) -> Floats:
         """Return the covariance (m, m) of the errors at the vertices (m, 2) of a closed outline."""
-        arc = np.concatenate([[0.0], np.cumsum(edge_lengths(points))])
+        arc = arc_length(points)
         apart = np.abs(arc[:-1, None] - arc[:-1])
         apart = np.minimum(apart, arc[-1] - apart)
         same = np.eye(len(points))

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 
-__all__ = ["Profile", "edge_lengths", "signed_area", "vertex_normals"]
+__all__ = ["Profile", "arc_length", "edge_lengths", "equally_spaced", "signed_area", "vertex_normals"]
 
 Floats = NDArray[np.float64]
 
@@ -161,10 +161,7 @@ class Profile:
         -------
         Profile
         """
-        corner = np.concatenate([[0.0], np.cumsum(edge_lengths(self.points))])
-        closed = np.concatenate([self.points, self.points[:1]])
-        length = corner[-1] * np.arange(count) / count
-        return Profile(np.stack([np.interp(length, corner, closed[:, axis]) for axis in (0, 1)], axis=1))
+        return Profile(equally_spaced(self.points, count))
 
     def scaled(self, factor: float) -> Profile:
         """Return the outline with every length multiplied by a positive factor: a change of unit."""
@@ -226,6 +223,18 @@ def signed_area(points: Floats) -> float:
 def edge_lengths(points: Floats) -> Floats:
     """Return the length of each edge of a closed outline (p, 2), from its vertex to the next : (p,) array."""
     return np.asarray(np.hypot(*(np.roll(points, -1, axis=0) - points).T))
+
+
+def arc_length(points: Floats) -> Floats:
+    """Return the arc length of a closed outline (p, 2) at each vertex, and that of the whole : (p + 1,) array."""
+    return np.concatenate([[0.0], np.cumsum(edge_lengths(points))])
+
+
+def equally_spaced(points: Floats, count: int) -> Floats:
+    """Return points at equal distances along a closed outline (p, 2), from its first vertex : (count, 2) array."""
+    arc, closed = arc_length(points), np.concatenate([points, points[:1]])
+    at = arc[-1] * np.arange(count) / count
+    return np.stack([np.interp(at, arc, closed[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def _crossing_of_each_edge(points: Floats) -> Floats:

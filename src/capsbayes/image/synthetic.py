@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter1d
 from scipy.spatial import KDTree
 
-from capsbayes.profile import Profile, signed_area
+from capsbayes.profile import Profile, arc_length, signed_area
 
 __all__ = ["Drawing", "Optics", "Scene", "draw"]
 
@@ -245,8 +245,9 @@ def _concave_rear(profile: Floats) -> Floats:
 
 
 def _dense(points: Floats, *, closed: bool) -> Floats:
-    corners = np.concatenate([points, points[:1]]) if closed else points
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    corners, length = np.concatenate([points, points[:1]]), arc_length(points)
+    if not closed:
+        corners, length = points, length[:-1]
     at = np.linspace(0.0, length[-1], int(length[-1] / _SPACING), endpoint=not closed)
     return np.stack([np.interp(at, length, corners[:, axis]) for axis in (0, 1)], axis=1)
 

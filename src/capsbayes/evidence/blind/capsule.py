@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from capsbayes.evidence.blind.lab import Noise
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
-from capsbayes.profile import Profile, edge_lengths, vertex_normals
+from capsbayes.profile import Profile, arc_length, vertex_normals
 
 __all__ = ["Capsule"]
 
@@ -74,7 +74,7 @@ def edge_errors(points: Floats, noise: Noise, rng: np.random.Generator) -> Float
 
     They are a Gaussian process on the arc, whose scale differs from capsule to capsule where the noise has heavy tails.
     """
-    arc = np.concatenate([[0.0], np.cumsum(edge_lengths(points))])
+    arc = arc_length(points)
     apart = np.abs(np.subtract.outer(arc[:-1], arc[:-1]))
     apart = np.minimum(apart, arc[-1] - apart)
     same = np.eye(len(points))

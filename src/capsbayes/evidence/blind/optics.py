@@ -10,7 +10,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from capsbayes.profile import edge_lengths, vertex_normals
+from capsbayes.profile import arc_length, vertex_normals
 
 __all__ = ["enlarged", "grown", "smeared", "smooth_pattern"]
 
@@ -45,7 +45,7 @@ def enlarged(outline: Floats, factor: float) -> Floats:
 def smooth_pattern(outline: Floats, seed: int) -> Floats:
     """Return displacements (p, 2) along the normals: a smooth random function of the arc of unit root mean square."""
     cosines, sines = np.random.default_rng([seed, _WAVES]).standard_normal((2, _WAVES))
-    arc = np.concatenate([[0.0], np.cumsum(edge_lengths(outline))])
+    arc = arc_length(outline)
     phase = 2.0 * np.pi * np.outer(arc[:-1] / arc[-1], np.arange(1, _WAVES + 1))
     pattern = (np.cos(phase) @ cosines + np.sin(phase) @ sines) / np.sqrt(0.5 * np.sum(cosines**2 + sines**2))
     return np.asarray(pattern[:, None] * vertex_normals(outline))

@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
 from capsbayes.image.edges.models import Model, locate
 from capsbayes.image.edges.robust import robust_spread
+from capsbayes.profile import arc_length, equally_spaced
 
 __all__ = ["ARC", "EdgeOutline", "locate_edge", "pixel_noise"]
 
@@ -134,11 +135,8 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> EdgeO
 
 def _smoothed(curve: Floats) -> tuple[Floats, Floats, Floats]:
     """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex."""
-    closed = np.concatenate([curve, curve[:1]])
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
-    count = max(32, round(length[-1] / _SPACING))
-    even = np.stack([np.interp(np.arange(count) * length[-1] / count, length, closed[:, axis]) for axis in (0, 1)], 1)
-    base = gaussian_filter1d(even, _SMOOTHING / _SPACING, axis=0, mode="wrap")
+    count = max(32, round(arc_length(curve)[-1] / _SPACING))
+    base = gaussian_filter1d(equally_spaced(curve, count), _SMOOTHING / _SPACING, axis=0, mode="wrap")
     first = 0.5 * (np.roll(base, -1, axis=0) - np.roll(base, 1, axis=0))
     second = np.roll(base, -1, axis=0) - 2.0 * base + np.roll(base, 1, axis=0)
     speed = np.hypot(*first.T)
