@@ -20,8 +20,8 @@ from capsbayes.model import TWO_SHAPES
 from capsbayes.show.pages.population import population_page
 from capsbayes.show.pages.posterior import posterior_page
 from capsbayes.show.pages.study import study_page
-from capsbayes.show.tables.table import table, typeset
-from capsbayes.show.terminal import hierarchy_parts, population_parts, posterior_parts, print_parts, study_parts
+from capsbayes.show.tables.table import print_parts, table, typeset
+from capsbayes.show.terminal import hierarchy_parts, population_parts, posterior_parts, study_parts
 
 
 def plain(html):

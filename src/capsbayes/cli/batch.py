@@ -108,7 +108,8 @@ def _summary(population: Population, hierarchy: Hierarchy | None) -> dict[str, o
 def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> None:
     from capsbayes.cli.printing import model_words
     from capsbayes.infer.many.sampled import Compared
-    from capsbayes.show.terminal import hierarchy_parts, population_parts, print_parts
+    from capsbayes.show.tables.table import print_parts
+    from capsbayes.show.terminal import hierarchy_parts, population_parts
 
     attributes = population.attributes
     agreement = attributes.get("agreement")

@@ -65,7 +65,8 @@ def diagnose(
     if as_json:
         print_json(summary(study))
     else:
-        from capsbayes.show.terminal import print_parts, study_parts
+        from capsbayes.show.tables.table import print_parts
+        from capsbayes.show.terminal import study_parts
 
         print_parts(*study_parts(study), written_words(out, "study.html", "study.json"))
 

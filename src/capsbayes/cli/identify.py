@@ -83,7 +83,8 @@ def identify(
     if as_json:
         print_json(posterior.as_dict())
     else:
-        from capsbayes.show.terminal import posterior_parts, print_parts
+        from capsbayes.show.tables.table import print_parts
+        from capsbayes.show.terminal import posterior_parts
         from capsbayes.show.words.posterior import status_words
 
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)

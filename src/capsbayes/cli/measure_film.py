@@ -58,20 +58,15 @@ def _rate(text: str | None, experiment: Experiment) -> Quantity:
 
 
 def _print(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
+    from capsbayes.show.tables.table import print_parts, table
 
-    headings = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "change of L_z", "of L_a", "of v_o", "")
-    table = Table(*headings, box=box.SIMPLE_HEAD)
-    for _, row in capsules.iterrows():
-        table.add_row(str(row["capsule"]), str(row["frames"]), *_cells(row), row["status"])
-    console = Console(highlight=False)
-    console.print(table)
+    head = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "change of L_z", "of L_a", "of v_o", "")
+    rows = [(str(row["capsule"]), str(row["frames"]), *_cells(row), row["status"]) for _, row in capsules.iterrows()]
     clipped = f", {made.saturated} clipped between the walls" if made.saturated else ""
     unread = f", {made.unreadable} that could not be read" if made.unreadable else ""
     refused = [f"{status.name} {count}" for status, count in (made.statuses or {}).items() if not status.ok]
-    console.print(f"{made.frames} frames{unread}{clipped}. Objects refused: {', '.join(refused) or 'none'}.")
+    counts = f"{made.frames} frames{unread}{clipped}. Objects refused: {', '.join(refused) or 'none'}."
+    print_parts(table(head, rows), counts)
 
 
 def _cells(row: pd.Series) -> list[str]:

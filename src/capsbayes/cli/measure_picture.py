@@ -76,34 +76,32 @@ def _print_outline(measured: Measurement) -> None:
 
 def _print(detection: Detection, experiment: Experiment) -> None:
     import numpy as np
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
+
+    from capsbayes.show.tables.table import print_parts, table
 
     half_width, half_width_error = 1e6 * experiment.half_width.mean, 1e6 * experiment.half_width.sd
-    table = Table("", "px", "over l", "um", box=box.SIMPLE_HEAD)
-    quantities = detection.table()
-    for name, power, value, error, ratio, ratio_error in quantities.itertuples():
+    rows: list[tuple[str, ...]] = []
+    for name, power, value, error, ratio, ratio_error in detection.table().itertuples():
         if not np.isfinite(value):
-            table.add_row(name, "not seen", "", "")
+            rows.append((name, "not seen", "", ""))
         elif name == "l":
-            table.add_row(name, pair(value, error), "1", pair(half_width, half_width_error))
+            rows.append((name, pair(value, error), "1", pair(half_width, half_width_error)))
         elif name in ("L_z", "L_a", "L_p"):
             real = np.hypot(half_width * ratio_error, ratio * half_width_error)
-            table.add_row(name, pair(value, error), pair(ratio, ratio_error, digits=4), pair(ratio * half_width, real))
+            lengths = pair(ratio, ratio_error, digits=4), pair(ratio * half_width, real)
+            rows.append((name, pair(value, error), *lengths))
         else:
             words = f"{name} ({_POWERS[power]})" if power in _POWERS else name
-            table.add_row(words, _significant(value, error), _significant(ratio, ratio_error), "")
-    console = Console(highlight=False)
-    console.print(table)
+            rows.append((words, _significant(value, error), _significant(ratio, ratio_error), ""))
     if detection.rear is None:
         bound = (detection.lengths[0] + 2.0 * np.sqrt(detection.covariance[0, 0])) / detection.lengths[3]
-        console.print(f"The concave rear is not seen: L_a is at most {bound:.4f} l, the length of the silhouette.")
+        rear = f"The concave rear is not seen: L_a is at most {bound:.4f} l, the length of the silhouette."
     else:
-        console.print(
+        rear = (
             f"L_a goes to the middle of the rear band, whose standard deviation is {detection.rear.width:.1f} px; "
             "where in the band the membrane lies is not in the error."
         )
+    print_parts(table(("", "px", "over l", "µm"), rows, numbers=(1, 2, 3)), rear)
 
 
 def _significant(value: float, error: float) -> str:

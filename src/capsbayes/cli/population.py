@@ -53,7 +53,8 @@ def population(
     if as_json:
         print_json(found.as_dict())
     else:
-        from capsbayes.show.terminal import hierarchy_parts, print_parts
+        from capsbayes.show.tables.table import print_parts
+        from capsbayes.show.terminal import hierarchy_parts
 
         print_parts(*hierarchy_parts(found))
     if not found.passed:

@@ -11,7 +11,7 @@ import typer
 from capsbayes.cli.options import AsJson, DatabaseName
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    import pandas as pd
 
     from capsbayes.surrogate.validation import LeaveOneOut
 
@@ -29,6 +29,7 @@ def validate(
     from rich.console import Console
 
     from capsbayes.database import Database
+    from capsbayes.show.tables.table import print_parts
     from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
 
     whole = Database.read(database) if database.endswith(".nc") else Database.open(database)
@@ -41,7 +42,7 @@ def validate(
     if as_json:
         typer.echo(json.dumps(figures, indent=2))
     else:
-        Console().print(_table(studies))
+        print_parts(_table(studies))
     if out is not None:
         _write(out, studies, figures)
 
@@ -67,28 +68,22 @@ def _figures(studies: Studies, sha256: str) -> dict[str, Any]:
     return {"sha256": sha256, "stretch_limit": STRETCH_LIMIT, "relative_errors": rows, "paper": paper}
 
 
-def _table(studies: Studies) -> Table:
-    from rich.box import SIMPLE
-    from rich.table import Table
-
+def _table(studies: Studies) -> pd.DataFrame:
+    from capsbayes.show.tables.table import Symbols, table
     from capsbayes.surrogate.validation import CHOICES, PAPER_ERRORS
 
-    table = Table(title="Leave-one-out: relative error, mean ± sd [%]", box=SIMPLE, pad_edge=False)
-    for heading in ("cases", "method"):
-        table.add_column(heading)
-    for heading in ("Ca", "a/l", "v_o/U"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    rows = []
     for name, pair in studies.items():
         for study in pair:
             for which, words in CHOICES.items():
                 summary = study.summary(which)
                 lost = f", {summary.failed} lost" if summary.failed else ""
                 cases = f"{summary.cases} {name if which == 'all' else words}{lost}"
-                table.add_row(cases, study.method, *_percent(summary.mean, summary.sd, digits=2))
-        table.add_section()
+                rows.append((cases, study.method, *_percent(summary.mean, summary.sd, digits=2)))
     published = _percent(PAPER_ERRORS["mean"], PAPER_ERRORS["sd"], digits=1)
-    table.add_row(CHOICES["stretched"], "as published", *published)
-    return table
+    rows.append((CHOICES["stretched"], "as published", *published))
+    head = ("cases", "method", *map(Symbols, ("Ca", "a/l", "v_o/U")))
+    return table(head, rows, title="Leave-one-out: relative error, mean ± sd [%]", numbers=(2, 3, 4))
 
 
 def _percent(means: Iterable[float], sds: Iterable[float], *, digits: int) -> list[str]:

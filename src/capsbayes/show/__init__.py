@@ -1,23 +1,27 @@
 """Presentation of results: sentences, tables for terminal and page, figures, and pages. Results know nothing of it."""
 
-from capsbayes.show.figures.corner import corner_plot
-from capsbayes.show.figures.identifiability import identifiability_figure
-from capsbayes.show.figures.outline import outline_figure, outline_plot
-from capsbayes.show.figures.plan import budget_figure, flow_figure, sobol_figure
-from capsbayes.show.pages.study import study_page
-from capsbayes.show.report import opened, write_report
-from capsbayes.show.words.study import verdict_sentence
+import importlib
+from typing import Any
 
-__all__ = [
-    "budget_figure",
-    "corner_plot",
-    "flow_figure",
-    "identifiability_figure",
-    "opened",
-    "outline_figure",
-    "outline_plot",
-    "sobol_figure",
-    "study_page",
-    "verdict_sentence",
-    "write_report",
-]
+_HOMES = {
+    "budget_figure": "figures.plan",
+    "corner_plot": "figures.corner",
+    "flow_figure": "figures.plan",
+    "identifiability_figure": "figures.identifiability",
+    "opened": "report",
+    "outline_figure": "figures.outline",
+    "outline_plot": "figures.outline",
+    "sobol_figure": "figures.plan",
+    "study_page": "pages.study",
+    "verdict_sentence": "words.study",
+    "write_report": "report",
+}
+"""Module of each public name; it is imported when the name is first used, for a table needs no page."""
+
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -12,30 +12,14 @@ from capsbayes.infer.many import Hierarchy, Population
 from capsbayes.show.tables import population as of_population
 from capsbayes.show.tables import posterior as of_posterior
 from capsbayes.show.tables import study as of_study
-from capsbayes.show.tables.table import Strong, terminal_table
+from capsbayes.show.tables.table import Strong
 from capsbayes.show.words import population as population_words
 from capsbayes.show.words import posterior as posterior_words
 from capsbayes.show.words import study as study_words
-from capsbayes.status import Status
 
-__all__ = ["hierarchy_parts", "population_parts", "posterior_parts", "print_parts", "study_parts"]
+__all__ = ["hierarchy_parts", "population_parts", "posterior_parts", "study_parts"]
 
 Parts = Iterator[str | pd.DataFrame]
-
-
-def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, good: bool = True) -> None:
-    """Print sentences and tables, then a status in the colour of its meaning; empty sentences are skipped."""
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    for part in parts:
-        if isinstance(part, pd.DataFrame):
-            console.print(terminal_table(part))
-        elif part:
-            console.print(Text(part, style="bold" if isinstance(part, Strong) else ""))
-    if status is not None:
-        console.print(f"Status: {status}", style="green" if good else "bold red", markup=False)
 
 
 def posterior_parts(posterior: Posterior) -> Parts:

@@ -51,7 +51,7 @@ def budget(
         print_json(everything)
     else:
         from capsbayes.show.tables.plan import budget_table
-        from capsbayes.show.terminal import print_parts
+        from capsbayes.show.tables.table import print_parts
 
         model_line = model_words(found.model_name, found.model_sha256, seed)
         files = written_words(out, "budget.json", "budget.csv", "budget.png")

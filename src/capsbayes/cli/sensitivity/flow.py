@@ -90,7 +90,7 @@ def _write(design: FlowDesign, everything: dict[str, Any], out: Path) -> None:
 def _print(design: FlowDesign, tried: SimulatedWidths | None, out: Path | None) -> None:
     from capsbayes.cli.printing import model_words, written_words
     from capsbayes.show.tables.plan import flow_table
-    from capsbayes.show.terminal import print_parts
+    from capsbayes.show.tables.table import print_parts
 
     model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
     files = written_words(out, "flow.json", "flow.csv", "flow.png")

@@ -46,7 +46,7 @@ def identifiability(
     from capsbayes.cli.printing import model_words, print_json, write_study, written_words
     from capsbayes.cli.sensitivity.inputs import read_lab
     from capsbayes.plan import identifiability_map
-    from capsbayes.show.terminal import print_parts
+    from capsbayes.show.tables.table import print_parts
     from capsbayes.work.progress import tracked
 
     check_folder("--out", out)

@@ -58,7 +58,7 @@ def sobol(
         print_json(study.as_dict())
     else:
         from capsbayes.show.tables.plan import sobol_table
-        from capsbayes.show.terminal import print_parts
+        from capsbayes.show.tables.table import print_parts
 
         model_line = model_words(study.model_name, study.model_sha256, study.seed)
         files = written_words(out, "sobol.json", "sobol.png")

@@ -16,7 +16,9 @@ from markupsafe import Markup
 if TYPE_CHECKING:
     from rich.console import Group
 
-__all__ = ["Code", "Number", "Strong", "Symbols", "html_table", "table", "terminal_table", "typeset"]
+    from capsbayes.status import Status
+
+__all__ = ["Code", "Number", "Strong", "Symbols", "html_table", "print_parts", "table", "terminal_table", "typeset"]
 
 _SIGNS = {"alpha": "α", "delta": "δ", "eps": "ε", "mu": "µ", "Lambda": "Λ", "l": "ℓ"}
 
@@ -95,6 +97,21 @@ def terminal_table(frame: pd.DataFrame) -> Group:
         drawn.add_row(*(Text(cell, style="bold" if isinstance(cell, Strong) else "") for cell in row))
     title, note = (Text(frame.attrs[key], style="italic") for key in ("title", "note"))
     return Group(*([title] if title else []), drawn, *([note] if note else []), "")
+
+
+def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, good: bool = True) -> None:
+    """Print sentences and tables on the terminal, then a status in the colour of its meaning; skip empty sentences."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    for part in parts:
+        if isinstance(part, pd.DataFrame):
+            console.print(terminal_table(part))
+        elif part:
+            console.print(Text(part, style="bold" if isinstance(part, Strong) else ""))
+    if status is not None:
+        console.print(f"Status: {status}", style="green" if good else "bold red", markup=False)
 
 
 def html_table(frame: pd.DataFrame, *, sortable: bool = False) -> Markup:
