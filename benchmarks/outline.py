@@ -54,7 +54,7 @@ def covered(model: Surrogate, drawn: Callable[[], Case], count: int, rng: np.ran
         start = time.process_time()
         posterior = engine(seen)
         seconds += time.process_time() - start
-        truth = EXPERIMENT.viscosity * FLOW / case[0], case[1] * EXPERIMENT.half_width
+        truth = EXPERIMENT.viscosity.value * FLOW / case[0], case[1] * EXPERIMENT.half_width.value
         names = ("surface_shear_modulus", "capsule_radius")
         ranks[number] = [posterior.probability_below(*pair) for pair in zip(names, truth, strict=True)]
     cells = []
