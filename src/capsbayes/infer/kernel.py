@@ -5,9 +5,11 @@ The lengths (L_z, L_a) are Gaussian: L_z with the variance ``zz``, and L_a given
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
-from numba import guvectorize, njit
-from numpy.typing import NDArray
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "NUDGE",
@@ -81,16 +83,34 @@ def velocity_ratio(
     return mean, variance
 
 
-@guvectorize("f8,f8,f8,f8,f8,f8[:],f8[:]", "(),(),(),(),()->(),()", nopython=True, cache=True)
-def misfits(z, a, zz, za, aa, square, volume):  # type: ignore[no-untyped-def]
-    """Apply `misfit` to arrays that broadcast."""
-    square[0], volume[0] = misfit(z, a, zz, za, aa)
+@compiled
+def _fill_misfits(z, a, zz, za, aa, square, volume):  # type: ignore[no-untyped-def]
+    for k in range(len(z)):
+        square[k], volume[k] = misfit(z[k], a[k], zz[k], za[k], aa[k])
 
 
-@guvectorize("f8,f8,f8,f8,f8,f8,f8,f8,f8,f8[:],f8[:]", "(),(),(),(),(),(),(),(),()->(),()", nopython=True, cache=True)
-def velocity_ratios(z, a, zz, za, aa, ratio, zr, ar, rr, mean, variance):  # type: ignore[no-untyped-def]
-    """Apply `velocity_ratio` to arrays that broadcast."""
-    mean[0], variance[0] = velocity_ratio(z, a, zz, za, aa, ratio, zr, ar, rr)
+@compiled
+def _fill_velocity_ratios(z, a, zz, za, aa, ratio, zr, ar, rr, mean, variance):  # type: ignore[no-untyped-def]
+    for k in range(len(z)):
+        numbers = ratio[k], zr[k], ar[k], rr[k]
+        mean[k], variance[k] = velocity_ratio(z[k], a[k], zz[k], za[k], aa[k], *numbers)
+
+
+def misfits(*arguments: ArrayLike) -> tuple[Floats, Floats]:
+    """Return `misfit` of arrays that broadcast."""
+    return _filled(_fill_misfits, arguments)
+
+
+def velocity_ratios(*arguments: ArrayLike) -> tuple[Floats, Floats]:
+    """Return `velocity_ratio` of arrays that broadcast."""
+    return _filled(_fill_velocity_ratios, arguments)
+
+
+def _filled(fill: Callable[..., None], arguments: Sequence[ArrayLike]) -> tuple[Floats, Floats]:
+    arrays = np.broadcast_arrays(*arguments)
+    first, second = np.empty(arrays[0].size), np.empty(arrays[0].size)
+    fill(*(np.array(array, dtype=np.float64).ravel() for array in arrays), first, second)
+    return first.reshape(arrays[0].shape), second.reshape(arrays[0].shape)
 
 
 @compiled
@@ -127,12 +147,15 @@ def feature_in_cells(squares: float, steps: float) -> float:
 def border_steps(covariance: Floats) -> Floats:
     """Return the steps that take what leans on a border beyond it : (2 d, d) array.
 
-    Half a standard deviation either way along each principal axis of a covariance (d, d).
+    Half a standard deviation either way along each principal axis of a covariance (d, d) of one or two quantities.
     """
-    values, axes = np.linalg.eigh(covariance)
-    count = len(values)
-    steps = np.empty((2 * count, count))
-    for k in range(count):
-        steps[2 * k] = NUDGE * np.sqrt(max(values[k], 0.0)) * axes[:, k]
-        steps[2 * k + 1] = -steps[2 * k]
+    steps = np.zeros((2 * len(covariance), len(covariance)))
+    xx, xy, yy = covariance[0, 0], covariance[0, -1], covariance[-1, -1]
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy) if len(covariance) == 2 else 0.0
+    for k in range(len(covariance)):
+        x, y = np.cos(angle + 0.5 * np.pi * k), np.sin(angle + 0.5 * np.pi * k)
+        reach = NUDGE * np.sqrt(max(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0))
+        steps[2 * k, 0], steps[2 * k + 1, 0] = reach * x, -reach * x
+        if len(covariance) == 2:
+            steps[2 * k, 1], steps[2 * k + 1, 1] = reach * y, -reach * y
     return steps
