@@ -100,7 +100,7 @@ def test_an_outline_is_one_input(capsule, experiment):
     assert not {"axial_extent", "axial_length"} & set(names)
     assert budget["outline"].log_slope == {}
     assert sum(row.share["capsule_radius"] for row in budget.rows) == pytest.approx(1.0)
-    assert "nothing is owed to L_z and L_a apart" in budget.notes[0]
+    assert "L_z and L_a have no separate share" in budget.notes[0]
 
 
 def test_a_hidden_rear_and_a_border_are_said(capsule, model, experiment):

@@ -1,4 +1,4 @@
-"""What a model misses: where data disagree with it, which effect would explain that, and whether adding it helps."""
+"""Diagnosis of a model: deviations of the data from it, the effect that explains them, and its verification."""
 
 from capsbayes.diagnosis.comparison import AlongOutline, Comparison
 from capsbayes.diagnosis.diagnosis import Study, Verdict, diagnose

@@ -1,4 +1,4 @@
-"""Capsules of a session beside the best shapes of a model: what results and pictures are made of."""
+"""Comparison of the capsules of a session with the best shapes of a model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class AlongOutline:
-    """How far out the measured edges lie on average, from place to place.
+    """Mean displacement of the measured edges along the outline.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class AlongOutline:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A session and the fits of a model to it.
+    """Session and the fits of a model to it.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Comparison:
 
     @property
     def modulus_error(self) -> Floats:
-        """Its standard error : (n,) array [N/m]; that of the viscosity, which all share, is not in it."""
+        """Standard error of the apparent G_s : (n,) array [N/m], without the common error of the viscosity."""
         return self.modulus * np.sqrt(self.fits.covariance[:, 0, 0])
 
     @property
@@ -95,7 +95,7 @@ class Comparison:
 
     @property
     def modulus_at_flow_rates(self) -> Mapping[float, tuple[int, float]]:
-        """Capsules and median of their apparent G_s [N/m] by flow rate [m^3/s].
+        """Number of capsules and median of their apparent G_s [N/m] by flow rate [m^3/s].
 
         Empty if fewer than half of the capsules share theirs with another, as where a sensor has measured it.
         """
@@ -118,9 +118,9 @@ class Comparison:
 
     @cached_property
     def edges(self) -> Mapping[int, tuple[Floats, Footing]]:
-        """Measured points (m, 2) [l] shifted and turned onto the predicted outline, and where they stand on it, by row.
+        """Measured points (m, 2) [l] shifted and turned onto the predicted outline, and their feet on it, by row.
 
-        Of the capsules that have an outline and a best shape.
+        Return the residuals due to displaced regions, for capsules that have an outline and a best shape.
         """
         measured = {row: one.outline for row, one in enumerate(self.session.measurements) if self.fits.settled[row]}
         return {row: aligned_with(one.points, self.outlines[row]) for row, one in measured.items() if one is not None}
@@ -133,7 +133,7 @@ class Comparison:
 
     @cached_property
     def along_outline(self) -> AlongOutline | None:
-        """Mean of the distances from place to place; None for fewer than two outlines."""
+        """Mean distance along the outline; None for fewer than two outlines."""
         if len(self.edges) < 2:
             return None
         count = self.outlines.shape[1]

@@ -1,4 +1,4 @@
-"""Find, name, add, verify: what a model misses in a session of capsules.
+"""Diagnosis of a model on a session of capsules: find, name, add, verify.
 
 The capsules are divided before anything is compared. The first half shows whether they disagree with the model, and
 which effects would explain that; the second half is held out and shows whether the model with the effect predicts it
@@ -242,7 +242,7 @@ def _with_a_second(
     search: Search, steps: tuple[Step, ...], verification: Verification, checked: Checked
 ) -> tuple[tuple[Step, ...], Verification]:
     """Add a second effect, if one explains what only the second half shows and both hold there."""
-    both, explained = search.second_beside(steps[0])
+    both, explained = search.add_second(steps[0])
     if explained:
         both, verified_both = checked(both)
         if verified_both.holds:

@@ -1,4 +1,4 @@
-"""Where data disagree with a model: what all capsules of a session show alike after each was fitted.
+"""Deviations from a model that all capsules of a session have in common after each was fitted.
 
 A deviation is an amplitude that the capsules have in common: of a displacement
 of one region of the outline, after the best Ca and a/l of each capsule have
@@ -45,7 +45,7 @@ TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s wi
 
 @dataclass(frozen=True)
 class Deviation:
-    """One way in which the capsules differ from the model alike.
+    """Deviation from the model that the capsules have in common.
 
     Parameters
     ----------
@@ -66,26 +66,26 @@ class Deviation:
 
     @property
     def sigma(self) -> float:
-        """Size over error."""
+        """Size over standard error."""
         return self.size / self.error
 
     def __str__(self) -> str:
-        """Name, amplitude and how surprising it is."""
+        """Return the name, the amplitude and its significance."""
         unit = f" {self.unit}" if self.unit else ""
-        said = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, by chance {self.p_value:.2g}"
-        return f"{self.name}: {said}"
+        words = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, by chance {self.p_value:.2g}"
+        return f"{self.name}: {words}"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Where a session disagrees with a model.
+    """Deviations of a session from a model.
 
     Parameters
     ----------
     deviations : tuple of Deviation
         The most surprising first.
     noise : float
-        Root of the misfit over its freedom: the noise over that stated; NaN where nothing is left over.
+        Root of the misfit over its degrees of freedom: the noise over that stated; NaN without any.
     capsules : int
         How many were fitted.
     displacements : Displacements
@@ -107,11 +107,11 @@ class Finding:
 
     @property
     def p_value(self) -> float:
-        """Probability under a right model of a deviation as large as the largest."""
+        """Probability under a right model of a deviation at least as large as the largest."""
         return min((one.p_value for one in self.deviations), default=1.0)
 
     def leaves_nothing(self, level: float) -> bool:
-        """Whether nothing stands at a level, and displaced regions are less likely than none."""
+        """Tell whether no deviation is significant at a level, and displaced regions are less likely than none."""
         return self.p_value >= level and self.displacements.evidence <= 0.0
 
     def combined_p_value(self, other: Finding, among: float) -> float:
@@ -130,7 +130,7 @@ class Finding:
         return min(both, default=1.0)
 
     def __str__(self) -> str:
-        """One line."""
+        """Return the largest deviation in one line."""
         if not self.deviations:
             return f"{self.capsules} capsules, too few to compare"
         return f"{self.deviations[0]} in {self.capsules} capsules"
@@ -145,7 +145,7 @@ def find(
     sizes: Mapping[str, float] | None = None,
     fits: Fits | None = None,
 ) -> Finding:
-    """Compare a session with a model.
+    """Test a session for deviations from a model.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def find(
 
 
 def _without_a_shape(fits: Fits) -> list[Deviation]:
-    """That many capsules have no shape of the model, if more than a right model leaves."""
+    """Return the deviation that too many capsules have no shape of the model, if they are too many."""
     ill, count = int(fits.ill.sum()), len(fits.ill)
     if ill <= _WITHOUT * count:
         return []
@@ -199,7 +199,7 @@ def _without_a_shape(fits: Fits) -> list[Deviation]:
 
 
 def _standing(first: Deviation, second: Deviation) -> float:
-    """Standard normal deviate of a deviation in the direction of the one that was found before."""
+    """Return the standard normal deviate of a deviation in the direction of an earlier one."""
     if first.name == _SHAPELESS:
         return float(norm.isf(second.p_value))
     return float(second.sigma * np.sign(first.size))
@@ -207,7 +207,7 @@ def _standing(first: Deviation, second: Deviation) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Test:
-    """Contributions (c,) of capsules to an amplitude, and their weights (c,); `own` (c,) is the model's own error."""
+    """Contributions (c,) of the capsules to an amplitude, their weights (c,) and the model's own error `own` (c,)."""
 
     name: str
     unit: str
@@ -232,12 +232,12 @@ class _Test:
 
     @property
     def statistic(self) -> float:
-        """What is compared with random signs; at most the root of the number of capsules."""
+        """Statistic that is compared under random signs; at most the root of the number of capsules."""
         return float(self.contributions.sum() / np.sqrt(self.spread))
 
 
 def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
-    """Probability of each test's deviation as the largest of all when the signs are random."""
+    """Return the p-value of each test: the probability that the largest statistic under random signs is as large."""
     if not table:
         return np.empty(0)
     capsules = max(len(one.contributions) for one in table)
@@ -253,7 +253,7 @@ def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
 
 
 def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> list[_Test]:
-    """A common displacement of each region."""
+    """Return the tests for a common displacement of each region."""
     rows: list[tuple[Floats, Floats, Floats]] = []
     for i, seen, pattern in displaced:
         modes = np.zeros((1, len(seen.pilot))) if seen.modes is None else seen.modes
@@ -267,7 +267,7 @@ def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> lis
 
 
 def _of_trends(session: Session, fits: Fits, done: NDArray[np.int64], own: Floats) -> list[_Test]:
-    """Slopes of the apparent ln G_s, each beside the other, without what errors in both make of them."""
+    """Return the tests for slopes of the apparent ln G_s, corrected for errors that both variables share."""
     velocity = np.log(session.circumstances["capsule_velocity"][done])
     columns = {"velocity": velocity, "size": fits.size[done]}
     together = {"velocity": np.square(session.velocity_errors[done]), "size": fits.covariance[done, 0, 1]}
@@ -292,13 +292,13 @@ def _solved(design: Floats, values: Floats, weight: Floats) -> Floats:
 
 
 def _scatter(fits: Fits, done: NDArray[np.int64]) -> float:
-    """Variance of ln G_s between capsules beyond their errors, by moments."""
+    """Return the variance of ln G_s between capsules in excess of their errors, by moments."""
     beyond = np.var(fits.log_modulus[done]) - np.median(fits.covariance[done, 0, 0])
     return float(max(beyond, 1e-6))
 
 
 def _own_error_of_modulus(model: ForwardModel, rest: Mapping[str, Floats], theta: Floats) -> Floats:
-    """Standard deviation of ln G_s by the model's own error in the lengths, as a shift of Ca at given shape : (c,)."""
+    """Return the standard deviation of ln G_s due to the model's own error in the lengths : (c,) array."""
     step = 1e-3
     here, there = (
         model({**rest, "capillary_number": np.exp(theta[:, 0] + shift), "size_ratio": theta[:, 1]})

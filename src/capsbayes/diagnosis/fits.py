@@ -1,7 +1,7 @@
-"""The best shape of a model for each capsule, and what is left over.
+"""Best shape of a model for each capsule, and its residuals.
 
 Each capsule has its own Ca and a/l; they are found for all capsules together,
-so that many models can be compared. What is left over is whitened, with a
+so that many models can be compared. The residuals are whitened, with a
 covariance that is kept for all models that are compared.
 """
 
@@ -29,7 +29,7 @@ _AGAIN = 2.0  # misfit over its freedom, from which a fit is sought from elsewhe
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """The best shapes of a model for n capsules.
+    """Best shapes of a model for n capsules.
 
     Parameters
     ----------
@@ -63,22 +63,22 @@ class Fits:
 
     @property
     def ill(self) -> NDArray[np.bool_]:
-        """Which have no shape of the model: none at all, none but at its border, or a misfit far beyond the noise."""
+        """Capsules without a shape of the model: none, one at its border only, or a misfit far beyond the noise."""
         return ~(self.settled & (self.misfit < _ILL * np.maximum(self.freedom, 1)))
 
     @property
     def misfit(self) -> Floats:
-        """Sum of the squares of what is left of each capsule : (n,) array."""
+        """Sum of the squared residuals of each capsule : (n,) array."""
         return np.array([residual @ residual for residual in self.residuals])
 
     @property
     def median_modulus(self) -> float:
-        """Median of the apparent G_s [N/m] of those that are settled; NaN if none is."""
+        """Median of the apparent G_s [N/m] of the settled capsules; NaN if none is."""
         return float(np.exp(np.median(self.log_modulus[self.settled]))) if self.settled.any() else np.nan
 
 
 def whitening(model: ForwardModel, session: Session) -> Whitening:
-    """The covariance of each capsule's measurement and of the model's own error there.
+    """Compute the covariance of each capsule's measurement and of the model's own error there.
 
     It is made at the shape that the lengths have, and once more at that which fits the outline.
 
@@ -140,7 +140,7 @@ def fitted(
 
 
 def _begun(evaluate: Evaluation, start: Floats | None) -> Places:
-    """The capsules at a start (n, 2); at their pilots where the model has no shape there, or if there is none."""
+    """Evaluate the capsules at a start (n, 2), or at their pilots where the model has no shape there."""
     pilots = evaluate.white.pilots
     found = evaluate(np.array(pilots if start is None else start), np.arange(len(pilots)))
     outside = np.flatnonzero(~found.inside)

@@ -1,4 +1,4 @@
-"""Damped Gauss-Newton steps of many capsules at once, from shapes that have nearly their lengths."""
+"""Least-squares fits of many capsules at once by damped Gauss-Newton steps, from shapes of nearly their lengths."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 LOOSE = np.array([2.0, 1.0])
-"""Standard deviations of a prior of log Ca and a/l about the pilots: it holds what the data leave open."""
+"""Standard deviations of a loose prior of ln Ca and a/l about the pilots, for what the data leave open."""
 
 _STEPS = 30
 _LEAST_DAMPING = 1e-3
@@ -34,7 +34,7 @@ _BANDS = 4  # of Ca, in each of which a capsule that is not fitted is tried agai
 
 @dataclass(eq=False)
 class Places:
-    """Where n capsules are, and what a model makes of them there.
+    """Points in the plane (ln Ca, a/l) of n capsules, with the residuals and slopes of a model there.
 
     Parameters
     ----------
@@ -54,18 +54,18 @@ class Places:
     ratio_slopes: Floats
 
     def taken(self, rows: Rows) -> Places:
-        """Some of them."""
+        """Return those of some rows."""
         each = [self.residuals[i] for i in rows], [self.slopes[i] for i in rows]
         return Places(self.theta[rows], *each, self.ratio[rows], self.ratio_slopes[rows])
 
     def put(self, rows: Rows, others: Places) -> None:
-        """Replace some."""
+        """Replace those of some rows."""
         self.theta[rows], self.ratio[rows], self.ratio_slopes[rows] = others.theta, others.ratio, others.ratio_slopes
         for i, residual, slope in zip(rows, others.residuals, others.slopes, strict=True):
             self.residuals[i], self.slopes[i] = residual, slope
 
     def take_better(self, rows: Rows, others: Places, centre: Floats) -> None:
-        """Replace those of some rows that fit better elsewhere, and do not only come to the same place in other steps.
+        """Replace those of some rows that fit better elsewhere by more than the convergence error.
 
         `centre` (n, 2) as in `penalised`.
         """
@@ -74,22 +74,22 @@ class Places:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Which have a shape of the model : (n,) array."""
+        """Capsules that have a shape of the model : (n,) array."""
         return np.array([np.isfinite(residual).all() for residual in self.residuals], dtype=bool)
 
     @property
     def differentiable(self) -> NDArray[np.bool_]:
-        """Which have slopes : (n,) array."""
+        """Capsules with finite slopes : (n,) array."""
         return np.array([np.isfinite(slope).all() for slope in self.slopes], dtype=bool)
 
     def penalised(self, centre: Floats) -> Floats:
-        """What is minimised, with a loose prior about centres (n, 2) : (n,) array, infinite outside the domain."""
+        """Return the misfit with a loose prior about centres (n, 2) : (n,) array, infinite outside the domain."""
         misfit = np.array([residual @ residual for residual in self.residuals])
         found = misfit + np.sum(((self.theta - centre) / LOOSE) ** 2, axis=1)
         return np.where(np.isfinite(found), found, np.inf)
 
     def step(self, centre: Floats, damping: Floats) -> tuple[Floats, Floats]:
-        """Damped Gauss-Newton step (n, 2), and by how much the whole one would lower what is minimised (n,)."""
+        """Return the damped step (n, 2), and the decrease of the misfit (n,) predicted for the undamped one."""
         known = np.flatnonzero(self.inside & self.differentiable)
         step, promised = np.zeros_like(self.theta), np.zeros(len(self.theta))
         if not len(known):
@@ -109,7 +109,7 @@ def _solved(matrices: Floats, sides: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What a model makes of some of the capsules somewhere; `rest` holds the circumstances and sizes of all."""
+    """Evaluation of a model for some of the capsules; `rest` holds the circumstances of all, and sizes of effects."""
 
     model: ForwardModel
     white: Whitening
@@ -128,7 +128,7 @@ class Evaluation:
         return found
 
     def _towards(self, theta: Floats, rows: Rows, sign: float) -> Places:
-        """With slopes by differences to one side."""
+        """Evaluate with slopes by differences to one side."""
         shifts = sign * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) * _DIFFERENCE
         points = (theta[:, None] + shifts).reshape(-1, 2)
         batch = {name: np.repeat(values[rows], len(shifts)) for name, values in self.rest.items()}
@@ -145,7 +145,7 @@ class Evaluation:
 
 
 def gauss_newton(evaluate: Evaluation, here: Places, who: Rows) -> Places:
-    """Gauss-Newton steps of k capsules, given by their rows, down to where they fit best."""
+    """Minimise the misfit of k capsules, given by their rows, by damped Gauss-Newton steps."""
     centre = evaluate.white.pilots[who]
     value, promised = here.penalised(centre), here.step(centre, np.zeros(len(who)))[1]
     damping, moving = np.full(len(value), _LEAST_DAMPING), np.isfinite(value)
@@ -157,7 +157,7 @@ def gauss_newton(evaluate: Evaluation, here: Places, who: Rows) -> Places:
         step = here.step(centre, damping)[0]
         there = evaluate(here.theta[rows] + step[rows], who[rows])
         reached, left = there.penalised(centre[rows]), there.step(centre[rows], np.zeros(len(rows)))[1]
-        flatter = (left < 0.5 * promised[rows]) & (reached < value[rows] + _RISE)
+        flatter = there.differentiable & (left < 0.5 * promised[rows]) & (reached < value[rows] + _RISE)
         better = (reached < value[rows] - 0.1 * promised[rows]) | flatter
         here.put(rows[better], there.taken(np.flatnonzero(better)))
         value[rows[better]], promised[rows[better]] = reached[better], left[better]
@@ -168,7 +168,7 @@ def gauss_newton(evaluate: Evaluation, here: Places, who: Rows) -> Places:
 def initial_guesses(
     model: ForwardModel, session: Session, rest: Mapping[str, Floats], rows: Rows, bands: int = _BANDS
 ) -> Floats:
-    """log Ca and a/l (bands, k, 2) of the shapes nearest by their lengths in each band of Ca, for k rows of capsules.
+    """Return ln Ca and a/l (bands, k, 2) of the shapes of nearest lengths in each band of Ca, for k rows of capsules.
 
     `rest` holds the circumstances of all and the sizes of effects.
     """
@@ -176,19 +176,19 @@ def initial_guesses(
     columns = np.linspace(size_low, size_high, _GUESSES[1] + 2)[1:-1]
     ca, size = (one.ravel() for one in np.meshgrid(np.geomspace(ca_low, ca_high, _GUESSES[0] + 2)[1:-1], columns))
     band = np.digitize(ca, np.geomspace(ca_low, ca_high, bands + 1)[1:-1])
-    found = np.empty((bands, len(rows), 2))
+    guesses = np.empty((bands, len(rows), 2))
     acting = [name for name in rest if name not in session.circumstances or name in model.circumstances]
-    alike: dict[tuple[float, ...], Prediction] = {}
+    predictions: dict[tuple[float, ...], Prediction] = {}
     for k, row in enumerate(rows):
-        here = tuple(float(rest[name][row]) for name in acting)
-        if here not in alike:
-            given = {name: np.full(ca.size, value) for name, value in zip(acting, here, strict=True)}
-            alike[here] = model({**given, "capillary_number": ca, "size_ratio": size})
-        seen = alike[here]
-        beside = OfLengths.of(session.measurements[row], np.zeros((2, 2)))
+        conditions = tuple(float(rest[name][row]) for name in acting)
+        if conditions not in predictions:
+            given = {name: np.full(ca.size, value) for name, value in zip(acting, conditions, strict=True)}
+            predictions[conditions] = model({**given, "capillary_number": ca, "size_ratio": size})
+        prediction = predictions[conditions]
+        whitener = OfLengths.of(session.measurements[row], np.zeros((2, 2)))
         away = np.full(ca.size, np.inf)
-        away[seen.inside] = np.sum(np.square(beside(seen))[seen.inside], axis=1)
+        away[prediction.inside] = np.sum(np.square(whitener(prediction))[prediction.inside], axis=1)
         for j in range(bands):
             place = int(np.argmin(np.where(band == j, away, np.inf)))
-            found[j, k] = np.log(ca[place]), size[place]
-    return found
+            guesses[j, k] = np.log(ca[place]), size[place]
+    return guesses

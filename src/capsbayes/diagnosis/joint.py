@@ -1,7 +1,7 @@
-"""Two effects at work together: the likeliest sizes of both, and what is known of each whatever that of the other.
+"""Joint estimate of two effects: the likeliest sizes of both, and the profile likelihood of each.
 
 The log likelihood of both sizes is climbed by parabolas through six points. Through the top runs, for each of the
-effects, the line on which the other has the size that is likeliest beside it; along these lines both are scored.
+effects, the line on which the other has its likeliest size; along these lines both are scored.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SIGMAS = (-2.2, -1.0, 0.0, 1.0, 2.2)  # standard errors, at which each effect i
 
 
 class _Top(NamedTuple):
-    """Likeliest sizes (2,), and the covariance (2, 2) that a parabola there has."""
+    """Likeliest sizes (2,), and their covariance (2, 2) by a parabola."""
 
     sizes: Floats
     covariance: Floats
@@ -45,7 +45,7 @@ def score_jointly(
     alone: Fits,
     measured: Measured,
 ) -> tuple[Scores, Scores]:
-    """Score two effects beside each other.
+    """Score two effects jointly.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def score_jointly(
     first : Scores
         Of one effect alone.
     second : Scores
-        Of the other beside the first at its size.
+        Of the other, with the first at its size.
     session : Session
     white : Whitening
     alone : Fits
@@ -65,7 +65,7 @@ def score_jointly(
     Returns
     -------
     first, second : Scores
-        Each at sizes beside which the other has its likeliest.
+        Each maximised over the size of the other.
     """
     pair = _Pair(model, (first, second), session, white, alone, measured)
     top = pair.climbed()
@@ -76,7 +76,7 @@ def score_jointly(
 
 
 class _Pair:
-    """Two effects at any sizes; what was found once is kept."""
+    """Log likelihood as a function of the sizes of two effects, with a cache."""
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class _Pair:
         self._known: dict[tuple[float, ...], Outcome] = {}
 
     def __call__(self, sizes: Floats) -> Outcome:
-        """With both at given sizes (2,)."""
+        """Fit the capsules with both effects at given sizes (2,)."""
         key = tuple(sizes.tolist())
         if key not in self._known:
             named = dict(zip(self.names, key, strict=True))
@@ -109,11 +109,11 @@ class _Pair:
         return self._known[key]
 
     def total(self, sizes: Floats) -> float:
-        """Log likelihood of all that was measured."""
+        """Return the log likelihood of all measurements."""
         return float(self(sizes).log_likelihood.sum() + self._elsewhere(sizes))
 
     def climbed(self) -> _Top:
-        """The likeliest sizes of both."""
+        """Find the likeliest sizes of both."""
         step = np.minimum(_APART * self.scale, 0.25 * (self.high - self.low))
         centre = np.array([one.size for one in self.scores])
         covariance = np.diag(self.scale**2)
@@ -132,7 +132,7 @@ class _Pair:
         return _Top(np.clip(centre, self.low, self.high), covariance)
 
     def along(self, which: int, top: _Top, without: Outcome, other_without: float) -> Scores:
-        """Scores of one of the effects, the other at its likeliest beside it; `without` has the other alone."""
+        """Score one of the effects with the other at its likeliest size; `without` has the other alone."""
         other = 1 - which
         error = float(np.sqrt(top.covariance[which, which]))
         slope = top.covariance[which, other] / top.covariance[which, which]
@@ -165,7 +165,7 @@ class _Pair:
 
 
 def _parabola(totals: Floats) -> tuple[Floats, Floats]:
-    """Top (2,) and second derivatives (2, 2) of the parabola through the points of the design, in its units."""
+    """Return the top (2,) and the second derivatives (2, 2) of the parabola through the points of the design."""
     here, right, left, up, down, both = totals
     slope = 0.5 * np.array([right - left, up - down])
     mixed = both - right - up + here

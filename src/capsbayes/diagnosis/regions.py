@@ -28,7 +28,7 @@ _DISPLACED = 0.02  # standard deviation of each region's displacement, over l
 
 
 def region_displacements(outline: Floats) -> Floats:
-    """Bumps of height one at each of the `REGIONS`.
+    """Return bumps of height one at each of the `REGIONS`.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def _on_axis(outline: Floats, arc: Floats) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Displacements:
-    """Of the regions, in l; those of several sessions add up.
+    """Information about the displacements of the regions [l]; that of several sessions adds up.
 
     Parameters
     ----------
@@ -83,19 +83,19 @@ class Displacements:
 
     @classmethod
     def of(cls, seen: Iterable[Displaced], fits: Fits) -> Displacements:
-        """From what displacements change, and the fits with which that was found."""
+        """Sum the information of capsules, given their fits."""
         found = cls()
         for one in seen:
             found += cls(one.pattern @ one.pattern.T, one.pattern @ fits.residuals[one.row])
         return found
 
     def __add__(self, other: Displacements) -> Displacements:
-        """Of other capsules too."""
+        """Add the information of other capsules."""
         return Displacements(self.information + other.information, self.shift + other.shift)
 
     @property
     def evidence(self) -> float:
-        """Log of the likelihood averaged over the displacements, over that of none; zero without outlines."""
+        """Log evidence of displaced regions relative to none; zero without outlines."""
         precision = np.eye(len(REGIONS)) / _DISPLACED**2
         together = precision + self.information
         volume = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(together)[1]
@@ -103,7 +103,7 @@ class Displacements:
 
 
 class Displaced(NamedTuple):
-    """What displacements of the regions by l would leave over of one capsule, (5, m), whitened.
+    """Whitened residuals (5, m) of one capsule due to displacements of the regions by l.
 
     Log Ca and a/l have absorbed what they can. `row` is the capsule's, `likelihood` that of its outline.
     """
@@ -114,7 +114,7 @@ class Displaced(NamedTuple):
 
 
 def displaced_regions(white: Whitening, fits: Fits) -> list[Displaced]:
-    """Of the capsules that have an outline and a best shape."""
+    """Return the residuals due to displaced regions, for capsules that have an outline and a best shape."""
     found = []
     for row in np.flatnonzero(fits.settled):
         whitener = white.each[row]

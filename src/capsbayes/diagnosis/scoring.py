@@ -1,4 +1,4 @@
-"""How likely a session is under a model with an effect of a given size.
+"""Likelihood of a session under a model with an effect of a given size.
 
 Of each capsule the best shape and its misfit say how well the picture is met;
 how far the apparent shear moduli of all capsules lie apart says whether one
@@ -40,7 +40,7 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Measured = Mapping[str, tuple[float, float]]
-"""By parameter of an effect: its size as measured apart from the capsules, and the standard error."""
+"""Size of an effect measured independently of the capsules, and its standard error, by name of the parameter."""
 
 _QUANTILES = (0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999)  # of the prior, at which an effect is tried first
 _REFINED = 2  # times that sizes about the best are added
@@ -54,7 +54,7 @@ _NOTHING = -1e6  # log likelihood of each where hardly one can have been made
 
 @dataclass(frozen=True)
 class Population:
-    """ln G_s of the capsules: mean, and standard deviation beyond their errors."""
+    """Mean of ln G_s of the capsules, and standard deviation in excess of their errors."""
 
     mean: float
     spread: float
@@ -85,12 +85,12 @@ class Scores:
 
     @property
     def total(self) -> Floats:
-        """Of all that was measured : (J,) array."""
+        """Log likelihood of all measurements at each size : (J,) array."""
         return np.asarray(self.log_likelihood.sum(axis=1) + self.elsewhere)
 
     @property
     def log_likelihood_ratio(self) -> float:
-        """Of all that was measured, at the best size over that at the null value."""
+        """Log-likelihood ratio of all measurements, at the best size to the null value."""
         return float(self.total[self.best] - self.total[self.null])
 
     @property
@@ -110,12 +110,12 @@ class Scores:
 
     @property
     def log_likelihood_ratios(self) -> Floats:
-        """Log likelihood of each capsule at the best size over that at the null value : (n,) array."""
+        """Log-likelihood ratio of each capsule, at the best size to the null value : (n,) array."""
         return np.asarray(self.log_likelihood[self.best] - self.log_likelihood[self.null])
 
     @property
     def evidence(self) -> float:
-        """Log of the likelihood averaged over the prior of the size, over that at the null value."""
+        """Log of the likelihood averaged over the prior of the size, relative to that at the null value."""
         fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
         total = PchipInterpolator(self.sizes, self.total)(fine)
         prior = self.effect.prior.pdf(fine)
@@ -131,7 +131,7 @@ class Scores:
         return f"{self.effect.name}, {parameter.symbol} = {best:.3g}{unit} [{low:.3g}, {high:.3g}]"
 
     def interval(self, drop: float = 0.5) -> tuple[float, float]:
-        """Sizes at which the log likelihood has fallen by `drop` from its best: 0.5 for 68 %, 1.92 for 95 %."""
+        """Return the sizes at which the log likelihood is `drop` below its maximum: 0.5 for 68 %, 1.92 for 95 %."""
         least = float(self.total.max()) - drop
         ends = PchipInterpolator(self.sizes, self.total).solve(least, extrapolate=False)
         low = self.sizes[0] if self.total[0] >= least else ends.min(initial=self.size)
@@ -140,7 +140,7 @@ class Scores:
 
 
 class Outcome(NamedTuple):
-    """What came of one size, or of one of each effect."""
+    """Fits with an effect at one size, or with two effects."""
 
     log_likelihood: Floats
     theta: Floats
@@ -148,12 +148,12 @@ class Outcome(NamedTuple):
 
     @classmethod
     def of(cls, fits: Fits) -> Outcome:
-        """From the fits with it."""
+        """Score the fits with it."""
         return cls(log_likelihood(fits), fits.theta, fits.median_modulus)
 
 
 class Trial:
-    """An effect that is tried on a session, at more and more sizes.
+    """Profile likelihood of an effect on a session, refined at more and more sizes.
 
     Parameters
     ----------
@@ -190,19 +190,19 @@ class Trial:
 
     @property
     def scores(self) -> Scores:
-        """What is known by now."""
+        """Scores at all sizes tried so far."""
         sizes = np.array(sorted(self._found))
         elsewhere = np.array([log_of_measured(size, self.measured) for size in sizes])
         likelihoods, _, moduli = zip(*(self._found[size] for size in sizes), strict=True)
         return Scores(self.effect, sizes, np.array(likelihoods), elsewhere, np.array(moduli))
 
     def with_measured(self, measured: tuple[float, float] | None) -> Trial:
-        """The same trial with a measurement apart from the capsules."""
+        """Return the trial with an independent measurement of the effect."""
         made = (self.model, self.effect, self.session, self.white, self.without)
         return self if measured == self.measured else Trial(*made, measured, self._found)
 
     def refine(self, times: int = _REFINED) -> None:
-        """Add sizes about the best."""
+        """Add sizes around the best."""
         for _ in range(times):
             known = self.scores
             for size in _about_the_best(known.sizes.tolist(), known.total.tolist(), self.effect.null_value):
@@ -218,31 +218,31 @@ class Trial:
 
 
 def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:
-    """Log likelihood of a size as measured apart from the capsules, with its standard error; zero if it was not."""
+    """Return the log likelihood of a size by an independent measurement of it; zero if there is none."""
     return 0.0 if measured is None else -0.5 * ((size - measured[0]) / measured[1]) ** 2
 
 
 def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[float]:
-    """Sizes at which an effect is tried first: over its prior, and about what was measured of it."""
+    """Return the sizes to try first: quantiles of the prior, and sizes around an independent measurement."""
     low, high = effect.prior.support()
     about = [] if measured is None else [measured[0] + sigma * measured[1] for sigma in (-2.0, -1.0, 0.0, 1.0, 2.0)]
     return [*(float(one) for one in effect.prior.ppf(_QUANTILES)), *(one for one in about if low <= one <= high)]
 
 
 def _likeliest(away: Floats, totals: Floats) -> int:
-    """Row of the highest of totals (J,); of those as high but for rounding, that which is least away (J,)."""
+    """Return the row of the highest total (J,); of those equal but for rounding, that which is least away (J,)."""
     return int(np.argmin(np.where(totals >= totals.max() - _EQUAL, np.abs(away), np.inf)))
 
 
 def _about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) -> list[float]:
-    """Sizes to try next: the top of a parabola through the best and its neighbours, and two standard errors beside.
+    """Return the sizes to try next: the top of a parabola through the best three, and two standard errors either side.
 
-    Those that lie next to a size that is known already are left out.
+    Those close to a known size are omitted.
     """
     best = _likeliest(np.array(sizes) - null, np.array(totals))
     if best in (0, len(sizes) - 1):
-        beside = sizes[1] if best == 0 else sizes[-2]
-        return [0.5 * (sizes[best] + beside)]
+        neighbour = sizes[1] if best == 0 else sizes[-2]
+        return [0.5 * (sizes[best] + neighbour)]
     low, high = sizes[best - 1], sizes[best + 1]
     (x0, x1, x2), (y0, y1, y2) = sizes[best - 1 : best + 2], totals[best - 1 : best + 2]
     left, right = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
@@ -256,7 +256,7 @@ def _about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) 
 
 
 def population(values: Floats, variances: Floats) -> Population:
-    """The likeliest mean and spread of normal values (n,) known with errors of given variances (n,)."""
+    """Estimate mean and spread of normal values (n,) that are known with errors of given variances (n,)."""
 
     def mean(spread: float) -> float:
         weight = 1.0 / (variances + spread**2)
@@ -272,7 +272,7 @@ def population(values: Floats, variances: Floats) -> Population:
 
 
 def log_likelihood(fits: Fits) -> Floats:
-    """Log likelihood of each capsule : (n,) array; one of which the model knows no shape counts as very unlikely."""
+    """Return the log likelihood of each capsule : (n,) array; one without a shape of the model is very unlikely."""
     done, values, variances = fits.known, fits.log_modulus, fits.covariance[:, 0, 0]
     found = np.full(len(done), _NOTHING)
     if done.sum() > 1:

@@ -1,4 +1,4 @@
-"""Effects that explain why a session disagrees with a model: one, or one and what it leaves over."""
+"""Search for the effect that explains why a session disagrees with a model, or for two effects."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 LEFT = 0.01
-"""P-value of what is left unexplained, below which it is not explained."""
+"""P-value of the remaining deviations below which they are not explained."""
 
 LEAST_RATIO = 3.0
-"""In log likelihood, below which an effect explains nothing, or no more than another."""
+"""Log-likelihood ratio below which an effect explains nothing, or no more than another."""
 
 NOTHING, UNKNOWN = "none", "unknown"
 """Names of no effect, and of an effect that is not in the catalogue, next to those of the effects."""
@@ -46,21 +46,21 @@ _APART = 2.5  # standard errors between the log-likelihood ratios of two effects
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One effect that is added.
+    """Effect that is added, with its alternatives.
 
     Parameters
     ----------
     scores : mapping of str to Scores
-        Of every candidate, beside the effects added before, the likeliest first; of the first of two effects and of
-        those that may stand in its place, beside the second.
+        Of every candidate, together with the effects added before, the likeliest first; of the first of two and of
+        its alternatives, together with the second.
     in_question : tuple of str
-        The likeliest, and those that are not distinguished from it; empty if none explains anything.
+        The likeliest, and those that the data do not distinguish from it; empty if none explains anything.
     models : mapping of str to ForwardModel
         To which each is added: with the effect added before, at its size.
     left : mapping of str to Finding
-        What each that is not distinguished from the likeliest leaves over.
+        Deviations that remain with each effect in question.
     before : mapping of str to Scores
-        Of the effect added before, as it is beside each that was measured together with it.
+        Of the effect added before, jointly with each that was scored with it.
     """
 
     scores: Mapping[str, Scores]
@@ -71,21 +71,21 @@ class Step:
 
     @property
     def best(self) -> Scores:
-        """Of the effect that is added."""
+        """Scores of the effect that is added."""
         return self.scores[self.in_question[0]]
 
     @property
     def after(self) -> FixedParameters:
-        """The model with the effect at its size."""
+        """Model with the effect at its size."""
         return self.with_effect(self.in_question[0])
 
     def with_effect(self, name: str) -> FixedParameters:
-        """The model with one of the candidates at its size."""
+        """Return the model with one of the candidates at its size."""
         return _with(self.models[name], self.scores[name])
 
 
 def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mapping[str, Trial]]:
-    """Try every effect, and beside the likeliest every other if it leaves something over.
+    """Try every effect, and every second one together with the likeliest if deviations remain.
 
     Parameters
     ----------
@@ -96,18 +96,18 @@ def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mappin
     Returns
     -------
     steps, explained, trials
-        Whether nothing is left over beside the last step; the trials of each effect alone.
+        The steps, whether no deviation remains after the last, and the trials of each effect alone.
     """
     trials = search.trials(search.model, fits, search.candidates)
     first, explained = search.judged(_refined(trials), dict.fromkeys(search.candidates, search.model), {})
     if explained or not first.in_question:
         return (first,), explained, trials
-    return *search.second_beside(first), trials
+    return *search.add_second(first), trials
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What the effects are tried on.
+    """Session and model on which the effects are tried.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ class Search:
     report: Callable[[str], None]
     earlier: Mapping[str, Trial] = field(default_factory=dict)
 
-    def trials(self, here: ForwardModel, beside: Fits, names: Iterable[str]) -> dict[str, Trial]:
-        """Of effects beside a model, of which the fits are given."""
+    def trials(self, here: ForwardModel, fits: Fits, names: Iterable[str]) -> dict[str, Trial]:
+        """Try effects on top of a model, whose fits are given."""
         found = {}
         for name in names:
             self.report(self.candidates[name].name)
             known = self.earlier.get(name) if here is self.model else None
             if known is None:
-                made = (here, self.candidates[name], self.session, self.white, beside)
+                made = (here, self.candidates[name], self.session, self.white, fits)
                 found[name] = Trial(*made, self.measured.get(name))
             else:
                 found[name] = known.with_measured(self.measured.get(name))
@@ -151,62 +151,62 @@ class Search:
     def judged(
         self, scores: Mapping[str, Scores], models: Mapping[str, ForwardModel], before: Mapping[str, Scores]
     ) -> tuple[Step, bool]:
-        """The effects that are not distinguished; if any leave nothing over, those."""
+        """Select the effects that are not distinguished from the best; if any leave no deviation, those."""
         alike = _indistinguishable_from_best(scores)
         left = {name: find(_with(models[name], scores[name]), self.session, seed=self.seed) for name in alike}
         explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT))
         return Step(scores, explaining or alike, models, left, before), bool(explaining)
 
-    def second_beside(self, first: Step, *, again: bool = True) -> tuple[tuple[Step, ...], bool]:
-        """A second effect beside the likeliest, and what may stand in the first's place then.
+    def add_second(self, first: Step, *, again: bool = True) -> tuple[tuple[Step, ...], bool]:
+        """Find a second effect to add to the likeliest, and the alternatives to the first.
 
-        If something else is likelier there, the second is sought again beside that.
+        If an alternative is likelier together with the second, the second is sought again with that.
         """
         used = first.in_question[0]
         names = [name for name in self.candidates if name != used]
-        before, scores = self._beside(first.best, names)
+        before, scores = self._scored_with(first.best, names)
         models = {name: _with(self.model, before[name]) if name in before else first.after for name in names}
         second, explained = self.judged(_by_ratio(scores), models, before)
         if not explained:
             return (first, second), False
-        pairs = self._alike_beside(first, second)
+        pairs = self._alternatives(first, second)
         if again and next(iter(pairs)) != used:
-            both, explained = self.second_beside(replace(first, in_question=tuple(pairs)), again=False)
+            both, explained = self.add_second(replace(first, in_question=tuple(pairs)), again=False)
             if explained:
                 return both, True
         pairs.pop(used, None)
         return (replace(first, in_question=(used, *pairs), scores={**first.scores, **pairs}), second), True
 
-    def _alike_beside(self, first: Step, second: Step) -> dict[str, Scores]:
-        """The effects that are not distinguished from the likeliest beside the second, which comes first; their scores.
+    def _alternatives(self, first: Step, second: Step) -> dict[str, Scores]:
+        """Score the effects that are not distinguished from the likeliest together with the second.
 
-        Those of the one that was used are the second's.
+        The likeliest comes first.
         """
         used, name = first.in_question[0], second.in_question[0]
         others = [other for other in self.candidates if other not in (used, name)]
-        pairs = {used: second.best, **self._beside(second.best, others)[1]}
+        pairs = {used: second.best, **self._scored_with(second.best, others)[1]}
         best = max(pairs, key=lambda one: float(pairs[one].total.max()))
-        alike = [one for one in pairs if one != best and _alike_in_all(pairs[best], pairs[one])]
+        alike = [one for one in pairs if one != best and _alike_with_others(pairs[best], pairs[one])]
         return {one: pairs[one] for one in (best, *sorted(alike, key=lambda one: -float(pairs[one].total.max())))}
 
-    def _beside(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
-        """Effects beside one at its size; the few likeliest are measured together with it.
+    def _scored_with(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
+        """Score effects together with a known one; the few likeliest are scored jointly with it.
 
-        The scores of the known one beside each of these, and those of all.
+        Return the scores of the known one jointly with each of these, and those of all.
         """
         here = _with(self.model, known)
         alone = fitted(here, self.session, self.white)
-        scores, beside = _refined(self.trials(here, alone, names)), {}
+        scores, known_scores = _refined(self.trials(here, alone, names)), {}
         for name in _worth_measuring_together(scores):
             self.report(f"{known.effect.name} with {self.candidates[name].name}")
-            beside[name], scores[name] = score_jointly(
+            known_scores[name], scores[name] = score_jointly(
                 self.model, known, scores[name], self.session, self.white, alone, self.measured
             )
-        return beside, scores
+        return known_scores, scores
 
 
 def _worth_measuring_together(scores: Mapping[str, Scores]) -> tuple[str, ...]:
-    """The likeliest few beside the first at the size that it has alone."""
+    """Return the likeliest few on top of the first at its size."""
     most = max((one.log_likelihood_ratio for one in scores.values()), default=0.0)
     return tuple(
         name for name, one in scores.items() if one.log_likelihood_ratio > max(LEAST_RATIO, most - _FAR_BEHIND)
@@ -214,7 +214,7 @@ def _worth_measuring_together(scores: Mapping[str, Scores]) -> tuple[str, ...]:
 
 
 def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
-    """Scores of all, the likeliest first; of those that are not far behind at more sizes."""
+    """Return the scores of all, the likeliest first, refined for those that are not far behind."""
     most = max((one.scores.log_likelihood_ratio for one in trials.values()), default=0.0)
     for one in trials.values():
         if one.scores.log_likelihood_ratio > min(0.5 * most, most - _FAR_BEHIND):
@@ -242,14 +242,14 @@ def _alike(best: Scores, other: Scores) -> bool:
     )
 
 
-def _alike_in_all(best: Scores, other: Scores) -> bool:
-    """The same, of scores beside different effects."""
+def _alike_with_others(best: Scores, other: Scores) -> bool:
+    """Tell the same of scores together with different effects."""
     lags = best.log_likelihood[best.best] - other.log_likelihood[other.best]
     return indistinguishable(float(best.total.max() - other.total.max()), lags)
 
 
 def indistinguishable(lag: float, lags: Floats) -> bool:
-    """Whether one effect lags behind another in log likelihood by no more than what a few capsules make of it.
+    """Tell whether an effect lags behind another in log likelihood by no more than a few capsules decide.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measured capsules of one session: one channel, one liquid, one camera."""
+"""Capsules measured in one session: one channel, one liquid, one camera."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _BIN = 4  # capsules of like size among which halves are drawn
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Capsules measured under the same conditions but for the flow rate, and what each says in its `conditions`.
+    """Capsules measured under the same conditions, except for the flow rate and the `conditions` of each.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Session:
 
     @cached_property
     def circumstances(self) -> dict[str, Floats]:
-        """What effects may depend on besides the shape: (n,) arrays, SI."""
+        """Conditions of each capsule on which effects may depend : dict of (n,) array, SI."""
         velocity = np.array([one.capsule_velocity for one in self.measurements])
         found = {"capsule_velocity": velocity}
         for name in CONDITIONS:
@@ -102,7 +102,7 @@ class Session:
 
     @cached_property
     def flow_rates(self) -> Floats:
-        """What the pump was set to : (n,) array [m^3/s], NaN where it is not known."""
+        """Flow rates set at the pump : (n,) array [m^3/s], NaN where unknown."""
         return np.array([np.nan if one.flow_rate is None else one.flow_rate for one in self.measurements])
 
     @property
@@ -111,15 +111,15 @@ class Session:
         return np.array([one.capsule_velocity_error / one.capsule_velocity for one in self.measurements])
 
     def mean(self, name: str) -> float:
-        """Mean of the half width [m] or of the viscosity [Pa s] over the capsules."""
+        """Return the mean of the half width [m] or of the viscosity [Pa s] over the capsules."""
         return float(self.circumstances[name].mean())
 
     def taken(self, rows: Any) -> Session:
-        """Some of the capsules, by an array of row numbers."""
+        """Return some of the capsules, by an array of row numbers."""
         return Session([self.measurements[int(row)] for row in np.asarray(rows)], self.experiment)
 
     def halves(self, seed: int) -> tuple[Session, Session]:
-        """The capsules divided at random, evenly over size and velocity, before anything is looked at.
+        """Divide the capsules at random into halves of like sizes and velocities.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Whether a model with an effect does better on capsules that had no part in finding it."""
+"""Verification of a model with an effect on held-out capsules."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["MeanRatio", "Verification", "verified"]
 Floats = NDArray[np.float64]
 
 _VERIFIED = 1.64  # standard errors of what is by chance one in twenty
-_WORTH_A_LOOK = 0.5  # p-value of what is left over in the first half, up to which the second is asked about it
+_WORTH_A_LOOK = 0.5  # p-value of a deviation remaining in the first half, up to which it is tested on the second
 _ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
 
 
@@ -45,7 +45,7 @@ class MeanRatio(NamedTuple):
 
 @dataclass(frozen=True)
 class Verification:
-    """The second half before and after the effect is added.
+    """Held-out capsules before and after the effect is added.
 
     Parameters
     ----------
@@ -57,9 +57,9 @@ class Verification:
     log_likelihood_ratios : (n,) array
         Of each capsule.
     steps : tuple of MeanRatio
-        Of each effect beside those before.
+        Of each effect over those before.
     comparisons : (Comparison, Comparison)
-        The capsules beside the model before and after.
+        The capsules compared with the model before and after.
     established : tuple of bool
         Of each step, whether its effect is known to be there from what was measured elsewhere.
     first_p_value : float
@@ -97,14 +97,14 @@ class Verification:
 
     @property
     def leaves_nothing(self) -> bool:
-        """Whether nothing is left over, neither in these capsules nor in both halves together."""
+        """Whether no deviation remains, neither in these capsules nor in both halves together."""
         both = self.left.displacements + self.after.displacements
         p_value = min(self.after.p_value, self.left.combined_p_value(self.after, _WORTH_A_LOOK))
         return p_value >= LEFT and both.evidence <= 0.0
 
     @property
     def holds(self) -> bool:
-        """Whether every effect predicts these capsules better, one that is established not worse; nothing is left.
+        """Whether each effect predicts these capsules better (an established one not worse) and no deviation remains.
 
         How much better the first must do is up to how surprising the disagreement was in the first half: by chance both
         together are to be one in twenty.
@@ -126,11 +126,11 @@ def verified(
     measured: Measured,
     first_p_value: float,
 ) -> tuple[tuple[Step, ...], Verification]:
-    """The second half beside the model, and beside it with each effect more.
+    """Compare the held-out capsules with the model, and with each further effect.
 
-    Of the effects that the first half did not tell apart, those stay that leave nothing over here and are not told
-    apart by both halves together. Ratios are of one covariance for all; what is left over in the end, of that of the
-    model with the effects. Of two effects, the first comes back at the size that it has beside the second.
+    Of the effects that the first half did not distinguish, those stay in question that leave no deviation here and that
+    both halves together do not distinguish. Ratios use one covariance for all models; the remaining deviations use that
+    of the model with the effects. Of two effects, the first is returned at its size jointly with the second.
 
     Parameters
     ----------
@@ -184,9 +184,9 @@ def verified(
 
 
 def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ...]:
-    """The effects that are not told apart by both halves and leave nothing over; first, if any, one that holds.
+    """Select the effects that both halves do not distinguish and that leave no deviation; one that holds comes first.
 
-    The likeliest stays in question beside those that leave nothing over but are less likely: what it leaves over may be
+    The likeliest stays in question next to less likely ones that leave no deviation: what it leaves may be
     by chance. If it is far likelier, they are not in question themselves.
     """
     ratios = {

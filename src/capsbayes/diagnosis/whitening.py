@@ -1,4 +1,4 @@
-"""What is left of measurements beside predictions, *whitened*: independent numbers of variance one under a right model.
+"""Whitened residuals of measurements: independent numbers of variance one under a right model.
 
 The covariance that does this is made once, at a pilot, and kept for all models that are compared.
 """
@@ -24,15 +24,15 @@ Floats = NDArray[np.float64]
 
 
 class Whitener(Protocol):
-    """What is left of one capsule's measurement beside predictions."""
+    """Residuals of one capsule's measurement from predictions."""
 
     @property
     def placed(self) -> int:
-        """How many numbers its place in the picture has taken up already."""
+        """Number of measured values that determine its place in the picture."""
         ...
 
     def __call__(self, prediction: Prediction) -> Floats:
-        """Whitened differences (k, m) from k predictions, NaN outside the model's domain."""
+        """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
         ...
 
 
@@ -46,7 +46,7 @@ class OfLengths:
 
     @classmethod
     def of(cls, measurement: Measurement, own: Floats) -> OfLengths:
-        """Whitener of a measurement, for a model whose own error has the covariance (2, 2)."""
+        """Return the whitener of a measurement, for a model whose own error has the covariance (2, 2)."""
         count = len(measurement.lengths)
         return cls(measurement.lengths, measurement.covariance + own[:count, :count])
 
@@ -63,7 +63,7 @@ class OfLengths:
 
 @dataclass(frozen=True, eq=False)
 class OfOutline:
-    """A measured outline; its likelihood holds the covariance."""
+    """Measured outline; its likelihood holds the covariance."""
 
     likelihood: OutlineLikelihood
     placed: ClassVar[int] = 3  # shifts and tilt
@@ -77,7 +77,7 @@ class OfOutline:
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """One whitener for each capsule, and where it was made.
+    """Whitener of each capsule, and the point at which it was made.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Whitening:
 
 
 def whitened_at(model: ForwardModel, session: Session, pilots: Floats) -> Whitening:
-    """Whitening at pilots (n, 2): log Ca and a/l of a shape of the model near each capsule."""
+    """Make the whitening at pilots (n, 2): ln Ca and a/l of a shape of the model near each capsule."""
     places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
     own = model(places).covariance[:, :2, :2]
     each: list[Whitener] = []

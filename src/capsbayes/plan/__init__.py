@@ -1,4 +1,4 @@
-"""Sensitivity: which input owns the interval of a capsule, and where in (Ca, a/l) a lab should measure."""
+"""Sensitivity to the inputs, and design of measurements: error budget, Sobol indices, map of widths, flow rate."""
 
 from capsbayes.plan.budget import BudgetRow, ErrorBudget, error_budget
 from capsbayes.plan.design import FlowDesign, FlowPoint

@@ -1,4 +1,4 @@
-"""The paper's deterministic answer for many samples of the inputs at once, none of them without an answer."""
+"""The paper's deterministic answer for many samples of the inputs, with the nearest shape where there is none."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ __all__ = ["ANSWERS", "Answerer"]
 Floats = NDArray[np.float64]
 
 ANSWERS = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
-"""The quantities answered, as in `capsbayes.parameters`."""
+"""Quantities answered, as in `capsbayes.parameters`."""
 
 _LATTICE = (400, 240)  # of the shapes among which the nearest is sought, along log Ca and a/l
 
 
 @dataclass(frozen=True, eq=False)
 class NearestShape:
-    """The shapes of a model, to find the nearest to two lengths.
+    """Lattice of the shapes of a model, to find the nearest to two lengths.
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ class NearestShape:
         return cls(places, KDTree(there.values[kept, :2] / scales), scales)
 
     def __call__(self, lengths: Floats) -> Floats:
-        """Ca, a/l and v_o/U of the nearest shape : (n, 2) -> (n, 3) array."""
+        """Return Ca, a/l and v_o/U of the nearest shape : (n, 2) -> (n, 3) array."""
         return self.places[np.asarray(self.tree.query(lengths / self.scales)[1])]
 
 
 @dataclass(frozen=True, eq=False)
 class Answerer:
-    """The deterministic answer as a function of all inputs.
+    """Deterministic answer as a function of all inputs.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Answerer:
 
     @classmethod
     def of(cls, model: ForwardModel, measurement: Measurement, inputs: Inputs, sds: Mapping[str, float]) -> Answerer:
-        """For the inputs of one capsule.
+        """Set up the function for the inputs of one capsule.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class Answerer:
         return cls(model, centre | lengths, measurement.over_half_width, NearestShape.of(model, scales))
 
     def __call__(self, samples: Mapping[str, Floats]) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
-        """Answers of all samples.
+        """Answer all samples.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class Answerer:
         return dict(zip(ANSWERS, (modulus, radius, ca, size), strict=True)), outside[which.ravel()]
 
     def _places(self, lengths: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Ca, a/l and v_o/U (n, 3) of lengths (n, 2), and which of them are those of the nearest shape."""
+        """Return Ca, a/l and v_o/U (n, 3) of lengths (n, 2), and a mask of the answers of the nearest shape."""
         from capsbayes.surrogate import inverse
 
         assert self.model.database is not None

@@ -1,4 +1,4 @@
-"""Between which capillary numbers a model has shapes at one size, and whether steady shapes end above."""
+"""Range of capillary numbers in which a model has shapes of one size."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class CaRange:
         return not np.isfinite(self.highest)
 
     def inner(self, count: int) -> Floats:
-        """Points in equal ratios from one end to the other, a thousandth within them : (count,) array."""
+        """Return points in equal ratios from end to end, a thousandth within them : (count,) array."""
         return np.geomspace(1.001 * self.lowest, 0.999 * self.highest, count)
 
 
 def range_at(model: ForwardModel, size_ratio: float) -> CaRange:
-    """Range of Ca of a model at one a/l."""
+    """Return the range of Ca of a model at one a/l."""
     low, high = model.domain.bounds[0]
     ca = np.geomspace(low, high, _SCANNED)
     within = np.flatnonzero(model.domain.contains(ca, np.full(_SCANNED, size_ratio)))

@@ -1,4 +1,4 @@
-"""The error budget of one capsule: which input owns its intervals, and how its answers follow each input."""
+"""Error budget of one capsule: the share of each input in its intervals, and the slopes by each input."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _ORDER = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """What one input does to G_s and to a.
+    """Influence of one input on G_s and a.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class BudgetRow:
 
     @property
     def words(self) -> str:
-        """Symbol and meaning, for people."""
+        """Symbol and meaning of the input."""
         one = PARAMETERS.get(self.name)
         if one is None:
             return {"surrogate": "model's own error", "outline": "errors of the outline"}.get(self.name, self.name)
@@ -99,7 +99,7 @@ class ErrorBudget:
         return next(row for row in self.rows if row.name == name)
 
     def table(self) -> pd.DataFrame:
-        """One row an input, SI: value, error, unit; for G_s and a share, d ln / d ln, d / d, change with an error."""
+        """Return a row for each input, SI: value, error, unit; for G_s and a share, slopes, change with an error."""
         import pandas as pd
 
         records = {}
@@ -117,7 +117,7 @@ class ErrorBudget:
         return pd.DataFrame.from_dict(records, orient="index")
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything, ready for JSON."""
+        """Return all fields, ready for JSON."""
         return {
             "status": self.status.name,
             "sentence": str(self.status),
@@ -140,7 +140,7 @@ class ErrorBudget:
 
 
 def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> ErrorBudget:
-    """Shares of the variance of G_s and a owed to each input, and their derivatives by it.
+    """Compute the share of each input in the variance of G_s and a, and their derivatives by it.
 
     Everything is worked out by quadrature, whichever engine made the posterior.
 
@@ -197,7 +197,7 @@ def _ordered(names: Mapping[str, float]) -> list[str]:
 
 
 def _model_of(posterior: Posterior, model: ForwardModel | None) -> ForwardModel:
-    """The model that made a posterior."""
+    """Return the model that made a posterior."""
     if model is None:
         name, _, coordinate = posterior.model_name.removesuffix(" (silhouettes)").partition(" with ")
         if coordinate:
@@ -217,22 +217,22 @@ def _model_of(posterior: Posterior, model: ForwardModel | None) -> ForwardModel:
 
 
 def _notes(posterior: Posterior) -> tuple[str, ...]:
-    """What the budget of such a measurement cannot tell."""
+    """Return sentences on the limits of the budget of such a measurement."""
     seen: Measurement = posterior.measurement
     notes = []
     if seen.outline is not None:
-        beside = ", with L_a beside it" if seen.length_with_outline is not None else ""
+        alone = seen.length_with_outline is None
         notes.append(
-            f"The outline is one input{beside}: it took the place of the lengths, so nothing is owed to L_z "
-            f"{'and L_a ' if not beside else ''}apart, and there is no derivative by it."
+            f"The outline is one input{'' if alone else ', with L_a measured too'}: it replaces the lengths, so that "
+            f"{'L_z and L_a have' if alone else 'L_z has'} no separate share, and there is no derivative by it."
         )
     elif seen.axial_length is None:
         notes.append(
-            "L_a was not measured: L_z alone leaves Ca open, and what an input seems to own of G_s is small beside "
-            "what the prior and the border of the database own."
+            "L_a was not measured: L_z alone leaves Ca open, and the share of an input in G_s is small compared with "
+            "those of the prior and of the border of the database."
         )
     if seen.length_correlation and seen.outline is None:
-        notes.append("The errors of L_z and L_a are correlated: what the one owns cannot be told from what the other.")
+        notes.append("The errors of L_z and L_a are correlated: their shares cannot be separated.")
     if not posterior.status.ok:
         notes.append(f"Read the shares with care. {posterior.status}")
     return tuple(notes)

@@ -1,4 +1,4 @@
-"""Expected widths over the velocity of the flow, and which velocity is the best."""
+"""Expected widths over the velocity of the flow, and the best velocity."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _AS_GOOD = 1.05  # width over the smallest, up to which a velocity counts as goo
 
 @dataclass(frozen=True)
 class FlowPoint:
-    """What is expected at one velocity of the flow.
+    """Expectation at one velocity of the flow.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class FlowDesign:
 
     @property
     def good(self) -> tuple[float, float] | None:
-        """Mean velocities [m/s] around the best from which to which the width is within 5 % of the smallest."""
+        """Range of mean velocities [m/s] around the best in which the width is within 5 % of the smallest."""
         if self.best is None:
             return None
         place = self.points.index(self.best)
@@ -105,13 +105,13 @@ class FlowDesign:
         return self.points[first].mean_velocity, self.points[last].mean_velocity
 
     def table(self) -> pd.DataFrame:
-        """One row a velocity, SI."""
+        """Return a row for each velocity, SI."""
         import pandas as pd
 
         return pd.DataFrame([asdict(point) for point in self.points])
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything, ready for JSON; what is not known is null."""
+        """Return all fields, ready for JSON; unknown values are null."""
         return {
             "status": self.status.name,
             "sentence": str(self.status),
@@ -133,7 +133,7 @@ class FlowDesign:
 
 
 def _plain(point: FlowPoint) -> dict[str, Any]:
-    """Fields with None in place of NaN, which JSON does not know."""
+    """Return the fields with None in place of NaN, which JSON does not know."""
     values = asdict(point)
     return {
         name: None if isinstance(value, float) and not np.isfinite(value) else value for name, value in values.items()

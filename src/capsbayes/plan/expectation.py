@@ -1,4 +1,4 @@
-"""The capsules that are expected before they are measured, and the conditions under which they will be."""
+"""Capsules expected in an experiment, and its conditions, before anything is measured."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Draws:
         return size_ratio(capsule_radius=self.capsule_radius, half_width=self.half_width)
 
     def capillary_number(self, mean_velocity: float) -> Floats:
-        """Ca of each at one mean velocity of the flow [m/s] : (n,) array."""
+        """Return Ca of each at one mean velocity of the flow [m/s] : (n,) array."""
         return self.viscosity * mean_velocity / self.surface_shear_modulus
 
 
@@ -81,22 +81,22 @@ class Expectation:
 
     @property
     def known(self) -> bool:
-        """Whether nothing has a spread."""
+        """Whether all values are known without error."""
         return all(one.known for one in self._all.values())
 
     @property
     def centre(self) -> Draws:
-        """The one capsule in the middle."""
+        """Capsule with the expected values."""
         return Draws(**{name: np.array([one.value]) for name, one in self._all.items()})
 
     def drawn(self, rng: np.random.Generator, count: int) -> Draws:
-        """Independent draws; one if nothing has a spread."""
+        """Draw independently; one draw if all is known."""
         if self.known:
             return self.centre
         return Draws(**{name: LogGrid.of(one).drawn(rng, count) for name, one in self._all.items()})
 
     def as_dict(self) -> dict[str, dict[str, float]]:
-        """Mean and standard deviation of each, SI."""
+        """Return mean and standard deviation of each, SI."""
         return {name: {"value": one.value, "error": one.error} for name, one in self._all.items()}
 
     @property

@@ -1,4 +1,4 @@
-"""The flow rate to choose: where the posterior of G_s of the capsules expected will be narrowest.
+"""Choice of the flow rate at which the posterior of G_s of the expected capsules is narrowest.
 
 A slow flow tells little of a membrane, and too strong a flow has no steady
 shape. For each mean velocity U the expected width of G_s is averaged over the
@@ -41,7 +41,7 @@ _DRAWS = 4000
 
 
 def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> float:
-    """Flow rate Q of a mean velocity U [m^3/s]: U (2l)^2 in a square channel, U pi l^2 in a circular one.
+    """Return the flow rate Q of a mean velocity U [m^3/s]: U (2l)^2 in a square channel, U pi l^2 in a circular one.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def _expected(
     margin: float,
     cross_section: str,
 ) -> FlowPoint:
-    """One velocity, not yet judged."""
+    """Return the expectation at one velocity, not yet marked as allowed."""
     ca, size = capsules.capillary_number(velocity), capsules.size_ratio
     has_shape = model.domain.contains(ca, size)
     highest = table.highest(size)
@@ -164,7 +164,7 @@ def _expected(
 
 
 def _judged(expected: list[FlowPoint], risk: float) -> tuple[tuple[FlowPoint, ...], Status]:
-    """Which velocities may be chosen: below the limit, and with widths that are measured and not cut by the border."""
+    """Mark the velocities that may be chosen: below the limit, with widths that the border does not cut."""
     below = [one.beyond_margin <= risk and bool(np.isfinite(one.relative)) for one in expected]
     measured = [fine and one.leaning <= LEANING_SHARE for fine, one in zip(below, expected, strict=True)]
     status = Status.DONE if any(measured) else Status.LEANS_ON_BORDER if any(below) else Status.NO_FLOW_RATE

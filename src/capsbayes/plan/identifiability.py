@@ -1,4 +1,4 @@
-"""The identifiability map: how wide the posterior of G_s and a will be, over the plane (Ca, a/l)."""
+"""Identifiability map: expected widths of the posterior of G_s and a over the plane (Ca, a/l)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["GRID", "Progress", "identifiability_map", "lab_attributes"]
 
 Floats = NDArray[np.float64]
 Progress = Callable[[Iterable, int, str], Iterable]
-"""Wraps the points that are worked on, their number and what is done, to show how far it is."""
+"""Wrapper of the points that are computed, given their number and a title, to show progress."""
 
 GRID = (28, 20)
 """Points along log Ca and along a/l."""
@@ -50,7 +50,7 @@ def identifiability_map(
     noises: int = NOISES,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Relative widths that a lab would get, over the plane (Ca, a/l).
+    """Compute the relative widths that a lab would get, over the plane (Ca, a/l).
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def identifiability_map(
 
 
 def lab_attributes(model: ForwardModel, experiment: Experiment, errors: LabErrors) -> dict[str, str]:
-    """Model, experiment and errors, as attributes of a file."""
+    """Return model, experiment and errors as attributes of a file."""
     known = {"half_width": experiment.half_width, "viscosity": experiment.viscosity}
     lab = {name: {"value": one.mean, "error": one.sd, "unit": one.unit} for name, one in known.items()}
     return {

@@ -1,4 +1,4 @@
-"""Simulated measurements of a design, identified: whether the predicted width is the one that comes out."""
+"""Identification of simulated measurements, to check predicted widths."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ class SimulatedWidths:
 
     @property
     def standard_error(self) -> float:
-        """Of the mean width; NaN for a single capsule."""
+        """Standard error of the mean width; NaN for a single capsule."""
         count = len(self.relative)
         return float(np.std(self.relative, ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
 
     def as_dict(self) -> dict[str, float | int | None]:
-        """Summary for files."""
+        """Return a summary for files."""
         return {
             "capsules": len(self.relative),
             "relative": self.mean,
@@ -141,7 +141,7 @@ def simulated_widths(
 def _lengths(
     capsule: Draws, model: ForwardModel, mean_velocity: float, errors: LabErrors, rng: np.random.Generator
 ) -> tuple[Floats, float] | None:
-    """Lengths and velocity as measured; None where the model has no such capsule."""
+    """Draw lengths and velocity as measured; None where the model has no such capsule."""
     there = model({"capillary_number": capsule.capillary_number(mean_velocity), "size_ratio": capsule.size_ratio})
     if not there.inside[0]:
         return None

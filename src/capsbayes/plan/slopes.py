@@ -1,4 +1,4 @@
-"""How G_s and a answer to a small change of each input: differences of the exact engine's medians.
+"""Slopes of G_s and a by each input: differences of the exact engine's medians.
 
 A step is half a standard error of the input, so that the slope is that over
 the range that matters; of an input that is known, half a percent. Where one of
@@ -51,12 +51,12 @@ class Setting:
 
     @property
     def step(self) -> float:
-        """How far it is moved either way."""
+        """Step to either side."""
         return STEP * self.error if self.error > 0.0 else STEP_OF_KNOWN * self.value
 
 
 def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
-    """The inputs of a measurement that are numbers: of an outline, neither of the lengths that it replaces."""
+    """Return the numeric inputs of a measurement; an outline replaces the lengths."""
     known = {"viscosity": (inputs.viscosity, "Pa s"), "capsule_velocity": (inputs.capsule_velocity, "m/s")}
     known["half_width"] = (inputs.half_width, "m")
     found = {name: Setting(name, one.value, one.error, unit) for name, (one, unit) in known.items()}
@@ -74,7 +74,7 @@ def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
 def log_slopes(
     engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, setting: Setting
 ) -> dict[str, float]:
-    """Derivatives d ln(quantity) / d ln(input) of the posterior medians of G_s and a.
+    """Compute the derivatives d ln(quantity) / d ln(input) of the posterior medians of G_s and a.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def log_slopes(
 def _again(
     engine: ExactEngine, before: ExactPosterior, seen: Measurement, moved: Measurement, inputs: Inputs
 ) -> ExactPosterior:
-    """Posterior of a measurement or of inputs that were moved, from that before."""
+    """Return the posterior of a moved measurement or of moved inputs, from that before."""
     same_width = inputs.half_width is before.density.inputs.half_width
     same_shape = moved is seen and (same_width or before.density.likelihood.over_half_width)
     if same_shape and isinstance(before, GridPosterior) and not before.cut:

@@ -1,4 +1,4 @@
-"""Sobol indices of each answer by each input, and what they hold for."""
+"""Sobol indices of each answer by each input, with the ranges that they hold for."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ class SobolStudy:
     status: Status
 
     def table(self, answer: str = "surface_shear_modulus") -> pd.DataFrame:
-        """Indices of one answer, one row an input."""
+        """Return the indices of one answer, a row for each input."""
         import pandas as pd
 
         return pd.DataFrame.from_dict({name: asdict(one) for name, one in self.indices[answer].items()}, orient="index")
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything, ready for JSON."""
+        """Return all fields, ready for JSON."""
         return {
             "status": self.status.name,
             "sentence": str(self.status),

@@ -1,4 +1,4 @@
-"""Expected widths at columns of a/l, to be read for many capsules at once."""
+"""Table of expected widths over Ca and a/l, for many capsules at once."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BORDERS = 65
 
 @dataclass(frozen=True, eq=False)
 class WidthTable:
-    """Widths by columns.
+    """Table of widths: Ca along columns of constant a/l.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class WidthTable:
 
     @classmethod
     def of(cls, predictor: WidthPredictor, sizes: Floats, progress: Progress | None = None) -> WidthTable:
-        """Work out the widths of capsules of given sizes (n,), within the model."""
+        """Compute the table for capsules of given sizes (n,), within the model."""
         model = predictor.model
         columns = _columns(model, sizes)
         ca = np.stack([range_at(model, float(size)).inner(_POINTS) for size in columns])
@@ -59,7 +59,7 @@ class WidthTable:
         return cls(columns, np.log(ca), values, _borders(model, columns))
 
     def at(self, ca: Floats, size: Floats) -> dict[str, Floats]:
-        """Widths of capsules, linear in log Ca and in a/l between two columns : (n,) arrays by name."""
+        """Interpolate the widths of capsules linearly in log Ca and a/l : (n,) arrays by name."""
         size = np.clip(size, self.columns[0], self.columns[-1])
         right = np.clip(np.searchsorted(self.columns, size), 1, max(len(self.columns) - 1, 1))
         left = right - 1
@@ -75,7 +75,7 @@ class WidthTable:
         return found
 
     def highest(self, size: Floats) -> Floats:
-        """Highest Ca of the model at sizes : (n,) array."""
+        """Return the highest Ca of the model at sizes : (n,) array."""
         return np.interp(size, *self.borders)
 
 
@@ -85,7 +85,7 @@ def _along(log_ca: Floats, places: Floats, values: Floats) -> Floats:
 
 
 def _columns(model: ForwardModel, sizes: Floats) -> Floats:
-    """Columns over the sizes and within the model : (k,) array; one, if all are of one size."""
+    """Return columns over the sizes within the model : (k,) array; one if all are of one size."""
     first, last = model.domain.bounds[1]
     low, high = np.clip(np.quantile(sizes, [_TAIL, 1.0 - _TAIL]), first, last)
     if high - low < 1e-9:

@@ -1,6 +1,6 @@
-"""How wide the posterior of a capsule will be, before it is measured.
+"""Expected width of the posterior of a capsule before it is measured.
 
-A width depends on what noise does to the measurement: beside a snap-through,
+A width depends on the noise of the measurement: next to a snap-through,
 and where the posterior is wide, that of the measurement without noise is off
 by a third and more. So it is averaged over the noise, on a Fibonacci lattice
 of measurements: that of N points integrates a smooth function of the two
@@ -30,7 +30,7 @@ __all__ = ["NOISES", "Width", "WidthPredictor", "noise_lattice", "width_of"]
 Floats = NDArray[np.float64]
 
 NOISES = 13
-"""Measurements that a width is averaged over."""
+"""Number of measurements that a width is averaged over."""
 
 _DRAWS = 500  # of a posterior, for its share next to the border
 
@@ -61,12 +61,12 @@ class Width:
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Names of the fields."""
+        """Return the names of the fields."""
         return tuple(field.name for field in fields(cls))
 
 
 class WidthPredictor:
-    """Predicts widths for one lab.
+    """Predictor of widths for one lab.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class WidthPredictor:
         self.lattice = noise_lattice(noises)
 
     def at(self, capillary_number: float, size_ratio: float) -> Width:
-        """Expected width at one point; all NaN outside the model's domain."""
+        """Predict the width at one point; all NaN outside the model's domain."""
         theta = {"capillary_number": np.array([capillary_number]), "size_ratio": np.array([size_ratio])}
         there = self.model(theta)
         if not there.inside[0]:
@@ -126,7 +126,7 @@ class WidthPredictor:
         )
 
     def _lengths(self, mean: Floats, own: Floats) -> tuple[Floats, Floats]:
-        """Expected lengths and a root of the covariance of what is measured about them, the model's error in it."""
+        """Return the expected lengths and a root of the covariance of their measurement, the model's error included."""
         width = self.engine.inputs.half_width
         seen = np.zeros((2, 2))
         stated = self.errors.covariance
@@ -140,7 +140,7 @@ class WidthPredictor:
         return [one for one in found if one is not None]
 
     def _posterior(self, lengths: Floats, velocity: float) -> GridPosterior | None:
-        """Posterior of a measurement; None where the model has no such shape."""
+        """Return the posterior of a measurement; None where the model has no such shape."""
         with contextlib.suppress(InputError):
             return self.engine(self.errors.measured(lengths, velocity))
         return None
@@ -151,14 +151,14 @@ class WidthPredictor:
 
 
 def width_of(posterior: GridPosterior) -> Width:
-    """Width of one posterior."""
+    """Return the width of one posterior."""
     modulus, radius = (posterior.marginal(name) for name in ("surface_shear_modulus", "capsule_radius"))
     half, half_radius = (0.5 * (one.upper_68 - one.lower_68) / one.median for one in (modulus, radius))
     return Width(half, posterior.log_marginal("surface_shear_modulus").sd, half_radius, half)
 
 
 def noise_lattice(count: int) -> Floats:
-    """Points of a Fibonacci lattice as standard normal deviates, of mean zero and unit covariance : (count, 2) array.
+    """Return a Fibonacci lattice of standard normal deviates, of mean zero and unit covariance : (count, 2) array.
 
     Examples
     --------
@@ -186,6 +186,6 @@ def check_model(model: ForwardModel, experiment: Experiment) -> None:
 
 
 def _root(covariance: Floats) -> Floats:
-    """A square root : (k, k) array."""
+    """Return a square root : (k, k) array."""
     values, axes = np.linalg.eigh(covariance)
     return axes * np.sqrt(np.maximum(values, 0.0))
