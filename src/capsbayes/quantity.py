@@ -270,14 +270,21 @@ class Quantity:
         values = np.asarray(values, dtype=np.float64)
         if self.shape == "normal":  # scipy's cut normal takes a hundred times as long
             norm = math.log(self.error * math.sqrt(2.0 * math.pi)) + log_ndtr((self.value - self.low) / self.error)
-            with np.errstate(invalid="ignore"):
-                return np.where(values > self.low, -0.5 * ((values - self.value) / self.error) ** 2 - norm, -np.inf)
+            return self.log_shape(values) - norm
         if self.shape in ("uniform", "log-uniform"):
             within = (values >= self.low) & (values <= self.high)
             if self.power:
                 return np.where(within, -math.log(self.high - self.low), -np.inf)
             return np.where(within, -np.log(np.where(within, values, 1.0) * math.log(self.high / self.low)), -np.inf)
         return np.asarray(self.distribution.logpdf(values), dtype=np.float64)
+
+    def log_shape(self, values: ArrayLike) -> Floats:
+        """Return the log of the density up to a constant, which a normal distribution omits; faster than `logpdf`."""
+        if self.shape != "normal":
+            return self.logpdf(values)
+        values = np.asarray(values, dtype=np.float64)
+        with np.errstate(invalid="ignore"):
+            return np.where(values > self.low, -0.5 * ((values - self.value) / self.error) ** 2, -np.inf)
 
     def pdf(self, values: ArrayLike) -> Floats:
         """Return the density : array of the shape of `values`."""

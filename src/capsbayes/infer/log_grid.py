@@ -87,7 +87,7 @@ class LogGrid(NamedTuple):
         cells = int(np.ceil(max(wide * quantity.value / quantity.error, 2.0 * _REACH) * CELLS_PER_SD))
         step = wide / cells
         logs = np.log(low) + step * (np.arange(cells) + 0.5)
-        density = quantity.logpdf(np.exp(logs)) + (power + 1.0) * logs  # one power more from dx = x dlog x
+        density = quantity.log_shape(np.exp(logs)) + (power + 1.0) * logs  # one power more from dx = x dlog x
         masses = np.exp(density - density.max())
         masses /= masses.sum()
         mean = float(masses @ logs)

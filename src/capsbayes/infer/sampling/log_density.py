@@ -77,5 +77,5 @@ class LogDensity:
         log_density = self.density.log_density(*place) + self.density.log_share(*place)
         if width is not None:
             power = self.density.prior.capsule_radius.power
-            log_density = log_density + self.density.inputs.half_width.logpdf(width) + power * np.log(width)
+            log_density = log_density + self.density.inputs.half_width.log_shape(width) + power * np.log(width)
         return log_density
