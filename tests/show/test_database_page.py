@@ -35,7 +35,7 @@ def test_each_part_is_there(database, page):
         "2 NO_STEADY_STATE",
         str(Status.NO_STEADY_STATE),
         "Shapes and maps",
-        "Where it comes from",
+        "Origin",
         database.sha256,
         "walls: end 3",
         "How to cite",

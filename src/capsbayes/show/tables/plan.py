@@ -5,13 +5,14 @@ from __future__ import annotations
 import pandas as pd
 
 from capsbayes.parameters import PARAMETERS
-from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, FlowPoint, SobolStudy
+from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, SobolStudy
 from capsbayes.show.tables.table import Symbols, table
 from capsbayes.show.words.rounding import unit_of, with_unit
 
 __all__ = ["budget_table", "flow_table", "sobol_table"]
 
 _ANSWERS = tuple(PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_radius"))
+_FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
 
 
 def budget_table(budget: ErrorBudget) -> pd.DataFrame:
@@ -51,23 +52,17 @@ def sobol_table(study: SobolStudy) -> pd.DataFrame:
 
 def flow_table(design: FlowDesign) -> pd.DataFrame:
     """Return some of the velocities, and the best."""
-    shown = [point for k, point in enumerate(design.points) if point is design.best or k % 12 == 11]
-    rows = [[*_flow_cells(point), "best" if point is design.best else "" if point.allowed else "no"] for point in shown]
-    quantities = (PARAMETERS[name] for name in _FLOW)
-    head = [f"{quantity.symbol}{chr(10)}{unit_of(quantity).strip()}" for quantity in quantities]
+    rows = []
+    for k, point in enumerate(design.points):
+        if point is design.best or k % 12 == 11:
+            numbers = [f"{PARAMETERS[name].shown(getattr(point, name)):.3g}" for name in _FLOW]
+            widths = f"{point.relative:.1%}", f"{point.relative_radius:.1%}"
+            risks = f"{point.leaning:.0%}", f"{point.beyond_limit:.1%}"
+            rows.append([*numbers, *widths, *risks, "best" if point is design.best else "" if point.allowed else "no"])
+    head = ["\n".join((PARAMETERS[name].symbol, unit_of(PARAMETERS[name]).strip())) for name in _FLOW]
     head += ["G_s\n±", "a\n±", "next to\nborder", "beyond\nlimit", ""]
     note = "no: not to be chosen, for the posterior leans on the border of the database, or it is too near"
     return table(list(map(Symbols, head)), rows, title="Expected width of G_s", note=note, numbers=range(8))
-
-
-_FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
-
-
-def _flow_cells(point: FlowPoint) -> list[str]:
-    values = (point.mean_velocity, point.flow_rate, point.capsule_velocity, point.capillary_number)
-    numbers = [f"{PARAMETERS[name].shown(value):.3g}" for name, value in zip(_FLOW, values, strict=True)]
-    widths = f"{point.relative:.1%}", f"{point.relative_radius:.1%}"
-    return [*numbers, *widths, f"{point.leaning:.0%}", f"{point.beyond_limit:.1%}"]
 
 
 def _input(row: BudgetRow) -> str:
