@@ -28,7 +28,7 @@ def test_what_a_notebook_shows_is_one_line(posterior):
     modulus = posterior.marginals["surface_shear_modulus"]
     low, middle, high = (f"{1e3 * one:.4g}" for one in (modulus.lower_95, modulus.median, modulus.upper_95))
     assert repr(posterior).startswith(f"<Posterior of a capsule: G_s = {middle} [{low}, {high}] mN/m, a = ")
-    assert repr(posterior).endswith("um (95 %); DONE>")
+    assert repr(posterior).endswith("µm (95 %); DONE>")
 
 
 def test_everything_but_the_draws_is_json(posterior):
