@@ -93,11 +93,11 @@ def test_the_page_counts_what_was_required():
     for row in (
         "| claims where there is nothing: at most 5 % | 1 of 40, 2.5% [0.1%, 13.2%] | met |",
         "| wrong names in every cell: at most 2 % | 1 of 20, 5.0% [0.1%, 24.9%] (halo) | **missed** |",
-        "| halo: right, if need be after measurements, at least 90 % | 19 of 20, 95.0% [75.1%, 99.9%] | met |",
+        "| halo: right, after measurements if needed, at least 90 % | 19 of 20, 95.0% [75.1%, 99.9%] | met |",
         "| pattern: unknown or ambiguous, at least 90 % | 10 of 10, 100.0% [69.2%, 100.0%] | met |",
         "| halo: bias of G_s at least 5 times smaller with the effect | +20.0% to +1.0% | met |",
         "| 95 % intervals of the size cover 90 to 98 % | 19 of 19, 100.0% [82.4%, 100.0%] | **missed** |",
-        "| halo, a random pattern tried: gap held out shrinks by at most 5 % | 0.500 to 0.490 um | met |",
+        "| halo, a random pattern tried: held-out gap shrinks by at most 5 % | 0.500 to 0.490 um | met |",
         "| halo | 20 | 0 | 17 | 2 | 0 | 1 | 2 of 2 by 2.0 | +20.0%, +1.0% | 1.60, 1.01 | 0.50, 0.25 | 19 of 19 |",
     ):
         assert row in page
