@@ -1,9 +1,9 @@
-"""Which shapes there are at low Ca, which are stable, and which one a capsule started from rest reaches.
+"""Shapes at low Ca: which exist, which are stable, and which one a capsule started from rest reaches.
 
 ``python docs/low_capillary_number.py`` traces the branches, follows capsules from rest, and writes the page
-``docs/low-capillary-number.md`` with its pictures. What is computed is kept in ``docs/data/low-capillary-number.json``;
-run again, the script computes only what is missing (``--page``: nothing, it writes the page of what is there; a word
-as ``exact``: what begins with it).
+``docs/low-capillary-number.md`` with its pictures. The results are kept in ``docs/data/low-capillary-number.json``;
+run again, the script computes only what is missing. With ``--page`` it computes nothing and writes the page of the
+stored results; with a word such as ``exact`` it computes the results whose name begins with it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ Results = dict[str, list[State]]
 
 
 def measured(problem: Problem, iterate: Iterate) -> State:
-    """Lengths over l, velocity over U, and whether small symmetric disturbances decay."""
+    """Return lengths over l, velocity over U, and the growth rate of small symmetric disturbances."""
     outline = profile(problem.mesh, problem.mesh.expanded(iterate.free))
     return {
         "ca": iterate.capillary_number,
@@ -68,7 +68,7 @@ def measured(problem: Problem, iterate: Iterate) -> State:
 
 
 def branch(kind: str, size: float) -> list[State]:
-    """States of a branch on the fine mesh: from rest upward to its end, or of the parachutes downward to theirs."""
+    """Return the states of a branch on the fine mesh: upward from rest to its end, or downward for the parachutes."""
     problem, rising = Simulator(refinement=FINE, bending=BENDING).problem, kind == "rest"
     start = near_rest(problem, size) if rising else parachute(problem, HIGHEST, size)
     states: list[State] = []
@@ -84,31 +84,31 @@ def branch(kind: str, size: float) -> list[State]:
 
 
 def from_rest(problem: Problem, ca: float, size: float) -> list[State]:
-    """Where a capsule from rest comes to, or nothing."""
-    found = settled(problem, ca, size)
-    return [] if found is None else [measured(problem, found.iterate)]
+    """Return the steady state that a capsule from rest reaches, or nothing."""
+    steady = settled(problem, ca, size)
+    return [] if steady is None else [measured(problem, steady.iterate)]
 
 
 def snap_through(refinement: int) -> list[State]:
-    """Shapes from rest on either side of the snap-through, as close as BRACKET."""
+    """Return two Ca on either side of the snap-through of a capsule from rest, as close as BRACKET."""
     problem, (low, high) = Simulator(refinement=refinement, bending=BENDING).problem, MESH_RANGE
     while high > BRACKET * low:
         ca = (low * high) ** 0.5
-        found = settled(problem, ca, MESH_SIZE)
-        convex = found is None or is_shallow(problem, found.iterate)
+        steady = settled(problem, ca, MESH_SIZE)
+        convex = steady is None or is_shallow(problem, steady.iterate)
         low, high = (ca, high) if convex else (low, ca)
     return [{"low": low, "high": high}]
 
 
 def exact(refinement: int, size: float, ca: float) -> list[State]:
-    """End of a transient with a small tolerance, beside that of large implicit steps."""
+    """Return the end of a transient with a small tolerance, and that of large implicit steps."""
     problem = Simulator(refinement=refinement, bending=BENDING).problem
     *_, end = transient(problem, problem.at_rest(ca, size), [EXACT_UNTIL], steady=1e-3)
     return [measured(problem, steady_state(problem, end.iterate).iterate), *from_rest(problem, ca, size)]
 
 
 def tasks() -> Iterator[tuple[str, Callable[[], list[State]]]]:
-    """Everything to compute, what costs little first."""
+    """Yield the name and the function of everything to compute, the cheapest first."""
     for case in EXACT:
         yield "exact {} {} {}".format(*case), partial(exact, *case)
     for bending in BENDINGS:
@@ -124,7 +124,7 @@ def tasks() -> Iterator[tuple[str, Callable[[], list[State]]]]:
 
 
 def compute(only_page: bool, wanted: str) -> Results:
-    """Everything that begins with `wanted`, from the store where it is there; with `only_page`, nothing that is not."""
+    """Return the stored results; unless `only_page`, compute the missing ones whose name begins with `wanted`."""
     known: Results = json.loads(STORE.read_text()) if STORE.exists() else {}
     if only_page:
         return known
@@ -141,7 +141,7 @@ def compute(only_page: bool, wanted: str) -> Results:
 
 
 def shipped_rows(database: Database, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ca, L_z/2a and L_a/2a of one column of a database, below HIGHEST."""
+    """Return Ca, L_z/2a and L_a/2a of one sweep of a database, below HIGHEST."""
     cases = database.converged
     here = (np.abs(cases["size_ratio"] - size) < 1e-6) & (cases["capillary_number"] < 1.01 * HIGHEST)
     return (
@@ -152,14 +152,14 @@ def shipped_rows(database: Database, size: float) -> tuple[np.ndarray, np.ndarra
 
 
 def finish(axis, size: float) -> None:
-    """Title and scales of one panel."""
+    """Set title and scales of one panel."""
     axis.set(title=f"a/l = {size:g}", xscale="log", xlim=(LOWEST, 1.1 * HIGHEST), xlabel="Ca")
     axis.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
     axis.xaxis.set_minor_formatter("")
 
 
 def draw_branches(known: Results) -> Path:
-    """Branches on the fine mesh, and the rows of the database upon them."""
+    """Draw the branches on the fine mesh, with the rows of the database."""
     figure, axes = plt.subplots(1, len(BRANCH_SIZES), figsize=(11, 4.2), constrained_layout=True)
     database = Database.open("square-neo-hookean")
     for axis, size in zip(axes, BRANCH_SIZES, strict=True):
@@ -184,7 +184,7 @@ def draw_branches(known: Results) -> Path:
 
 
 def draw_settings(known: Results) -> Path:
-    """What bending and pre-inflation do to the shapes from rest."""
+    """Draw how bending and pre-inflation change the shapes from rest."""
     figure, axes = plt.subplots(2, 2, figsize=(9, 7.5), constrained_layout=True, sharey=True)
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, 5))
     inflated = Database.open("square-pre-inflation") if "square-pre-inflation" in Database.shipped() else None
@@ -215,7 +215,7 @@ def draw_settings(known: Results) -> Path:
 
 
 def snap_rows() -> list[str]:
-    """The columns of the database with a snap-through, and the tension before it."""
+    """Return a table row for each sweep of the database with a snap-through."""
     database = Database.open("square-neo-hookean")
     cases, rows = database.converged, []
     for size, ca, kind in zip(
@@ -237,7 +237,7 @@ def snap_rows() -> list[str]:
 
 
 def inflation_rows() -> list[str]:
-    """A table of the Ca of the snap-through by inflation and size."""
+    """Return the table of the Ca of the snap-through by inflation and size."""
     if "square-pre-inflation" not in Database.shipped():
         return []
     database = Database.open("square-pre-inflation")
@@ -246,53 +246,61 @@ def inflation_rows() -> list[str]:
     for value in database.values:
         of_value = database.at_value(float(value))
         kinds, places, ends = (of_value[f"border_{name}"] for name in ("kind", "size_ratio", "capillary_number"))
-        found = {
+        snap_through_ca = {
             round(float(place), 6): end
             for kind, place, end in zip(kinds, places, ends, strict=True)
             if kind in ("snap-through", "lost from rest")
         }
-        rows.append(f"| {value:g} | " + " | ".join(f"{found[s]:.3g}" if s in found else "-" for s in sizes) + " |")
+        rows.append(
+            f"| {value:g} | "
+            + " | ".join(f"{snap_through_ca[s]:.3g}" if s in snap_through_ca else "-" for s in sizes)
+            + " |"
+        )
     return rows
 
 
+def _shape(state: State) -> str:
+    """Return the name of a shape by the depth of its rear."""
+    return "parachute" if state["axial_extent"] - state["axial_length"] > 0.02 else "convex"
+
+
 def page(known: Results) -> str:
-    """The page, with every number from the store or from the database."""
+    """Return the page, with every number from the store or from the database."""
     buckling = 2 * np.sqrt(3 * BENDING)
     ends = {size: known.get(f"parachute {size}", []) for size in BRANCH_SIZES}
     lines = [
         "# Shapes at low capillary number",
         "",
-        "Made by `python docs/low_capillary_number.py`: square channel, neo-Hookean membrane, bending stiffness "
-        f"B = {BENDING:g} G_s a^2 unless said.",
+        "Made by `python docs/low_capillary_number.py`: square channel, neo-Hookean membrane, bending "
+        f"stiffness B = {BENDING:g} G_s a^2 unless stated otherwise.",
         "",
-        "A capsule started from rest at a very low Ca keeps a convex rear. Its membrane is compressed "
-        "there, and a sphere "
-        f"buckles at a compressive tension of 2 (3 B)^(1/2) G_s = {buckling:.3f} G_s. About where the "
-        "tension comes to that, "
-        "the branch of convex shapes ends in a fold or becomes unstable, and the capsule **snaps "
-        "through** to a parachute. "
-        "Followed down in Ca, the parachute keeps its dimple far below: between the two Ca both shapes are steady, and "
-        "stable to disturbances of the channel's symmetry, and which one is seen depends on the history. The databases "
-        "hold the shape that a capsule started from rest comes to in time, followed with long implicit steps. Up to "
-        "the snap-through another shape is stable too, and a capsule that is set in motion at once may jump there; "
-        "those Ca are marked, and a posterior that leans on them says so. Wide capsules (a/l from about 1.05 on) do "
-        "not snap: their rear turns concave smoothly.",
+        "A capsule started from rest at a very low Ca keeps a convex rear. Its membrane is compressed there, "
+        f"and a sphere buckles at a compressive tension of 2 (3 B)^(1/2) G_s = {buckling:.3f} G_s. Near this "
+        "tension the branch of convex shapes ends in a fold or becomes unstable, and the capsule **snaps "
+        "through** to a parachute. When Ca is lowered again, the parachute keeps its dimple far below: "
+        "between the two Ca both shapes are steady, and stable to disturbances with the symmetry of the "
+        "channel, and the history decides which one is seen. The databases contain the shape that a capsule "
+        "started from rest reaches in time, followed with long implicit steps. Up to the snap-through another "
+        "shape is stable too, and a capsule that is suddenly set in motion may jump to it. Those Ca are "
+        "marked, and a posterior that leans on them says so. Wide capsules (a/l from about 1.05 on) do not "
+        "snap: their rear turns concave smoothly.",
         "",
         f"![Branches at low Ca](pictures/{draw_branches(known).name})",
         "",
-        f"Branches at refinement {FINE}; open circles: states that are unstable. The database's rows are "
-        "on the branch from rest while it is stable, and after the snap-through on that of the parachutes. In "
-        "between a capsule may come to a wrinkled convex shape, as at a/l = 0.75, where it is up to 1 % longer.",
+        f"Branches at refinement {FINE}; open circles are unstable states. The rows of the database follow the "
+        "branch from rest while it is stable, and the branch of the parachutes after the snap-through. In "
+        "between, a capsule may reach a wrinkled convex shape, as at a/l = 0.75, where it is up to 1 % "
+        "longer.",
         "",
         "## Where a capsule from rest snaps through",
         "",
-        "From the database `square-neo-hookean`: the last convex case and the first parachute of each column.",
+        "From the database `square-neo-hookean`: the last convex case and the first parachute of each sweep in Ca.",
         "",
         "| a/l | Ca | smallest tension before, G_s | L_z/2a before | L_z/2a after |",
         "|---|---|---|---|---|",
         *snap_rows(),
         "",
-        "Lower end of the parachutes, followed down in Ca: "
+        "Lower end of the branch of parachutes: "
         + "; ".join(
             f"a/l {size:g}: "
             + (f"Ca {states[-1]['ca']:.4f}" if "fold" in states[-1] else f"below {states[-1]['ca']:.4f}")
@@ -311,29 +319,30 @@ def page(known: Results) -> str:
             for state in known.get(f"mesh {refinement}", [])
         ),
         "",
-        "A coarse mesh is too stiff to buckle as early, and the Ca still falls with the finest of these: on a finer "
-        "one a capsule may snap through at a lower Ca yet. Between the snap-through of the mesh and that of"
-        " the membrane the "
-        "coarse databases hold convex shapes; their marks reach up to their own snap-through.",
+        "A coarse mesh is too stiff to buckle as early, and the Ca still decreases with the finest of these: "
+        "on a finer mesh a capsule may snap through at a still lower Ca. Between the snap-through of their "
+        "mesh and that of the membrane the coarse databases contain convex shapes; their marks extend up to "
+        "their own snap-through.",
         "",
         "## What bending and pre-inflation change",
         "",
         f"![Bending and pre-inflation](pictures/{draw_settings(known).name})",
         "",
-        f"Shapes reached from rest at refinement {COARSE}, those of the inflated capsules at 10. A stiffer membrane "
-        f"stays convex up to a higher Ca. With B = {BENDINGS[0]:g} the wrinkles are too short for this mesh, and what "
-        "a capsule comes to changes from one Ca to the next. Pre-inflation puts the membrane under tension: the "
-        "snap-through moves to a higher Ca, until in wide capsules the rear turns concave smoothly. The Ca of the "
-        "snap-through in `square-pre-inflation`:",
+        f"Shapes reached from rest at refinement {COARSE}, those of the inflated capsules at 10. A stiffer "
+        f"membrane stays convex up to a higher Ca. With B = {BENDINGS[0]:g} the wrinkles are too short for "
+        "this mesh, and the shape that a capsule reaches changes from one Ca to the next. Pre-inflation puts "
+        "the membrane under tension: the snap-through moves to a higher Ca, until in wide capsules the rear "
+        "turns concave smoothly. The Ca of the snap-through in `square-pre-inflation`:",
         "",
         *inflation_rows(),
         "",
         "## Transients",
         "",
-        "The databases follow a capsule from rest with linearised implicit Euler steps of up to 0.5 l/U, which damp "
-        "what would grow and decay again on the way: what a capsule comes to whose flow is raised slowly, as long as "
-        "the convex shape is stable. Beside them the semi-implicit scheme with a tolerance of 1e-3 l a step, for a "
-        "sphere that is put into the flow at once:",
+        "The databases follow a capsule from rest with linearised implicit Euler steps of up to 0.5 l/U, "
+        "which damp what would grow and decay again on the way. They give the shape of a capsule whose flow "
+        "is raised slowly, as long as the convex shape is stable. The table compares them with the "
+        "semi-implicit scheme with a tolerance of 1e-3 l a step, for a sphere that is suddenly put into the "
+        "flow:",
         "",
         "| refinement | a/l | Ca | L_z/l, at once | L_z/l, long steps | growth rate of either [U/l] | shapes |",
         "|---|---|---|---|---|---|---|",
@@ -341,7 +350,7 @@ def page(known: Results) -> str:
     for case in EXACT:
         states = known.get("exact {} {} {}".format(*case), [])
         if len(states) == 2:
-            shapes = ["parachute" if one["axial_extent"] - one["axial_length"] > 0.02 else "convex" for one in states]
+            shapes = [_shape(state) for state in states]
             lines.append(
                 f"| {' | '.join(map(str, case))} | {states[0]['axial_extent']:.4f} | {states[1]['axial_extent']:.4f} "
                 f"| {states[0]['growth']:.2f}, {states[1]['growth']:.2f} "
@@ -349,9 +358,9 @@ def page(known: Results) -> str:
             )
     lines += [
         "",
-        "Where the two differ both shapes are stable: which one a capsule takes hangs on how it was started. Those Ca "
-        "are among the marked ones, and the databases hold the first of the two that a capsule meets as the flow is "
-        "raised.",
+        "Where the two differ both shapes are stable, and which one a capsule takes depends on how it was "
+        "started. Those Ca are among the marked ones, and the databases contain the first of the two that a "
+        "capsule reaches as the flow is raised.",
     ]
     return "\n".join([*lines, ""])
 

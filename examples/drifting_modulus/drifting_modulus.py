@@ -1,7 +1,7 @@
-"""G_s that drifts with the flow rate, and what it is when the effect that makes it drift is in the model.
+"""A shear modulus that drifts with the flow rate, and its value with the effect in the model.
 
-Forty capsules of one batch in a square channel at four settings of the pump, each measured once. How they were made
-is in truth.json: look at it last.
+Forty capsules of one batch in a square channel at four settings of the pump, each measured once. truth.json says how
+they were made: look at it last.
 """
 
 import argparse
@@ -16,22 +16,22 @@ HERE = Path(__file__).parent
 
 
 def picture(before, after, path):
-    """Apparent G_s of the capsules laid aside against their velocity, without and with the effect."""
+    """Draw the apparent G_s of the held-out capsules against their velocity, without and with the effect."""
     figure, axes = plt.subplots(figsize=(5.5, 3.5), layout="constrained")
-    for compared, label, colour in ((before, "model as it was", "tab:red"), (after, "with the effect", "tab:blue")):
-        velocity = 1e3 * compared.session.circumstances["capsule_velocity"]
+    for comparison, label, colour in ((before, "model as it was", "tab:red"), (after, "with the effect", "tab:blue")):
+        velocity = 1e3 * comparison.session.circumstances["capsule_velocity"]
         axes.errorbar(
             velocity,
-            1e3 * compared.modulus,
-            1e3 * compared.modulus_error,
+            1e3 * comparison.modulus,
+            1e3 * comparison.modulus_error,
             fmt="o",
             ms=4,
             lw=1,
             color=colour,
             label=label,
         )
-        for rate, (_, median) in compared.modulus_at_flow_rates.items():
-            there = np.median(velocity[compared.session.flow_rates == rate])
+        for rate, (_, median) in comparison.modulus_at_flow_rates.items():
+            there = np.median(velocity[comparison.session.flow_rates == rate])
             axes.plot(there, 1e3 * median, "_", ms=28, mew=3, color=colour)
     axes.set(xlabel="$v_o$ [mm/s]", ylabel="apparent $G_s$ [mN/m]", ylim=(0.0, None))
     axes.legend(frameon=False)
@@ -45,7 +45,7 @@ def main():
     session = Session.read(HERE / "capsules")
     study = diagnose(session, Surrogate.open("square-neo-hookean"), seed=1)
     print(study)
-    before, after = study.verification.compared
+    before, after = study.verification.comparisons
     print("Q [uL/min]   G_s [mN/m] before   after")
     for rate, (_, without) in before.modulus_at_flow_rates.items():
         within = after.modulus_at_flow_rates[rate][1]
