@@ -1,4 +1,4 @@
-"""Equations as MathML, which browsers draw themselves: no script, nothing fetched."""
+"""Write equations as MathML, which browsers draw themselves: no script, nothing is downloaded."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ TAG = re.compile(r"\\tag\{([^}]*)\}")
 
 
 def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Replace what the Markdown extension has marked as an equation."""
+    """Replace the parts that the Markdown extension has marked as equations."""
     where = page.file.src_uri
 
-    def displayed(found: re.Match[str]) -> str:
-        latex = html.unescape(found[1])
+    def displayed(match: re.Match[str]) -> str:
+        latex = html.unescape(match[1])
         number = TAG.search(latex)
-        said = f'<span class="number">({number[1]})</span>' if number else ""
+        label = f'<span class="number">({number[1]})</span>' if number else ""
         anchor = f' id="eq-{number[1].lower()}"' if number else ""
         formula = _mathml(TAG.sub("", latex), "block", where)
-        return f'<div class="equation"{anchor}><span class="formula">{formula}</span>{said}</div>'
+        return f'<div class="equation"{anchor}><span class="formula">{formula}</span>{label}</div>'
 
     content = DISPLAYED.sub(displayed, content)
-    return INLINE.sub(lambda found: _mathml(html.unescape(found[1]), "inline", where), content)
+    return INLINE.sub(lambda match: _mathml(html.unescape(match[1]), "inline", where), content)
 
 
 def _mathml(latex: str, display: str, where: str) -> str:
-    """MathML of one equation, with the space around logarithms and strokes that books give them."""
-    made = convert(UPRIGHT.sub(r"\\text{\1}", latex.strip()), display=display)
-    made = LOGARITHM.sub('<mi>ln</mi><mspace width="0.167em" />', made)
-    made = made.replace("<mo>&#x0002F;</mo>", '<mo lspace="0" rspace="0">&#x0002F;</mo>')
-    if "\\" in html.unescape(made):
-        LOG.warning("%s: the equation %r holds a command that was not understood", where, latex)
-    return made
+    """Return the MathML of one equation, with the usual space around logarithms and strokes."""
+    mathml = convert(UPRIGHT.sub(r"\\text{\1}", latex.strip()), display=display)
+    mathml = LOGARITHM.sub('<mi>ln</mi><mspace width="0.167em" />', mathml)
+    mathml = mathml.replace("<mo>&#x0002F;</mo>", '<mo lspace="0" rspace="0">&#x0002F;</mo>')
+    if "\\" in html.unescape(mathml):
+        LOG.warning("%s: the equation %r contains a command that is not supported", where, latex)
+    return mathml

@@ -1,4 +1,4 @@
-"""What the pages take from the code when they are built: quantities, statuses and the help of the commands."""
+"""Put quantities, statuses and the help of the commands from the code into the pages when they are built."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Put the tables where a page asks for them."""
+    """Replace the marks of a page by the tables."""
     for mark, table in ((QUANTITIES, _quantities), (STATUSES, _statuses)):
         if mark in markdown:
             markdown = markdown.replace(mark, table())
@@ -36,27 +36,29 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Take the roles of docstrings away."""
+    """Remove the roles of docstrings."""
     return ROLE.sub("", content)
 
 
 def _commands() -> str:
-    """Help of all commands, without the list of their first words."""
+    """Return the help of all commands, without the list of their first lines."""
     command = get_command(app)
     text = get_docs_for_click(obj=command, ctx=typer.Context(command), name="capsbayes")
     return SHORT_HELP.sub("", text.replace("# `capsbayes`", "# Commands", 1))
 
 
 def _quantities() -> str:
-    """Table of `capsbayes.parameters`."""
-    head = "| symbol | name | held in | read in | meaning |\n|---|---|---|---|---|\n"
+    """Return the table of `capsbayes.parameters`."""
+    head = "| symbol | name | stored in | shown in | meaning |\n|---|---|---|---|---|\n"
     rows = (
-        f"| ${one.latex}$ | `{one.name}` | {one.unit} | {one.shown_unit} | {one.meaning} |"
-        for one in PARAMETERS.values()
+        f"| ${known.latex}$ | `{known.name}` | {known.unit} | {known.shown_unit} | {known.meaning} |"
+        for known in PARAMETERS.values()
     )
     return head + "\n".join(rows)
 
 
 def _statuses() -> str:
-    """Table of `capsbayes.Status`."""
-    return "| in files | to people |\n|---|---|\n" + "\n".join(f"| `{one.name}` | {one.value} |" for one in Status)
+    """Return the table of `capsbayes.Status`."""
+    return "| in files | meaning |\n|---|---|\n" + "\n".join(
+        f"| `{status.name}` | {status.value} |" for status in Status
+    )

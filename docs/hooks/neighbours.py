@@ -1,4 +1,4 @@
-"""Pages that live beside docs/ (data, how to contribute) as pages of the site, and links to them from others."""
+"""Add pages that are stored outside docs/ (data, how to contribute) to the site, and resolve links to them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LINK = re.compile(r"(?<=\]\()(?!\w+:)([^)#\s]+)")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the neighbours, at the same places as in the repository."""
+    """Add the neighbours, at the same paths as in the repository."""
     for path in (*NEIGHBOURS, *PICTURES):
         files.append(File.generated(config, path, abs_src_path=str(ROOT / path)))
     return files
@@ -29,11 +29,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     here = page.file.src_uri
     lies = here if here in NEIGHBOURS else f"{DOCS}/{here}"
 
-    def turned(link: re.Match[str]) -> str:
+    def resolved(link: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(lies), link[1]))
         on_site = target.removeprefix(f"{DOCS}/")
         if files.get_file_from_path(on_site) is None:
-            return link[1]  # strict building says what it does not lead to
+            return link[1]  # the strict build reports a link that leads nowhere
         return posixpath.relpath(on_site, posixpath.dirname(here) or ".")
 
-    return LINK.sub(turned, markdown)
+    return LINK.sub(resolved, markdown)
