@@ -2,9 +2,9 @@
 
 Run ``python benchmarks/films.py [COUNT]``; ``--speed`` times films of 1280 x 1024 px instead.
 
-Each film is of one simulated capsule drawn at random from a shipped
-database, with optics and velocity drawn at random, and the empty channel given. In pixels the velocity's error is that
-of the centroid's places; over l those of the half width are in all.
+Each film shows one simulated capsule drawn at random from a shipped
+database, with optics and velocity drawn at random, and the empty channel given. In pixels the error of the
+velocity is that of the positions of the centroid; over l all errors include that of the half width.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NAMES = ("v_o, px a frame", "v_o, l a frame", "L_z, l", "L_a, l")
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("count", nargs="?", type=int, default=60, help="of films (default: 60)")
+    parser.add_argument("count", nargs="?", type=int, default=60, help="number of films (default: 60)")
     parser.add_argument("--seed", type=int, default=2024)
     parser.add_argument("--speed", action="store_true", help="time films of 1280 x 1024 px, a channel 200 px wide")
     asked = parser.parse_args()
@@ -66,7 +66,7 @@ def main() -> None:
 
 
 def timed(seed: int) -> None:
-    """Processor time of one capsule's way through a large picture, by kind of file."""
+    """Print the processor time for one capsule that passes a large picture, by kind of file."""
     random = np.random.default_rng(seed)
     scene, optics = scenery(Database.open("square-neo-hookean").converged, SETS[next(iter(SETS))], random)
     places = np.linspace(0.15, 0.85, LONG)[:: scene.flow]
@@ -96,7 +96,7 @@ def timed(seed: int) -> None:
 
 
 def written(folder: Path, frames: list[NDArray[np.uint8]]) -> list[Path]:
-    """The frames as a video, a TIFF file of many pages, and a folder of pictures."""
+    """Write the frames as a video, a TIFF file of many pages, and a folder of pictures."""
     video = cv2.VideoWriter(str(folder / "MJPG.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, LARGE[::-1], False)
     (folder / "PNG").mkdir()
     for number, frame in enumerate(frames):
@@ -110,7 +110,7 @@ def written(folder: Path, frames: list[NDArray[np.uint8]]) -> list[Path]:
 def measured(
     scene: Scene, optics: Optics, random: np.random.Generator, errors: dict[str, list[tuple[float, float]]]
 ) -> list[str]:
-    """Film one capsule and enter its errors; the statuses of what was found."""
+    """Film one capsule and record its errors; return the statuses of the capsules measured."""
     step = random.uniform(8.0, 30.0) * scene.flow
     drawings = moved(scene, optics, step, random)
     with tempfile.TemporaryDirectory() as folder:
@@ -135,7 +135,7 @@ def measured(
 
 
 def moved(scene: Scene, optics: Optics, step: float, random: np.random.Generator) -> list[Drawing]:
-    """A capsule at eight places along its channel, in a picture wide enough for all of them."""
+    """Return a capsule at eight positions along its channel, in a picture wide enough for all of them."""
     rows, columns = scene.shape[0], int(scene.shape[1] + FRAMES * abs(step))
     along: NDArray[np.float64] = np.array([np.cos(scene.tilt), np.sin(scene.tilt)])
     middle = np.array([0.5 * columns, scene.middle[1]])

@@ -1,9 +1,9 @@
-"""Speed of the inference: both engines, and what a user waits for.
+"""Speed of the inference: both engines, and whole commands.
 
 Run ``python benchmarks/inference.py [DATABASE]``. Every figure is a median;
 commands are whole processes, started warm (files read and kernels compiled
-once before). Beside the seconds that pass stand those of the processor: on a
-busy machine only the latter mean something.
+once before). Wall time is printed next to processor time: on a
+busy machine only the latter is meaningful.
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ RUNS = 5
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("database", nargs="?", default="square-neo-hookean", help="name of a shipped one, or .nc file")
+    parser.add_argument(
+        "database", nargs="?", default="square-neo-hookean", help="name of a shipped database, or .nc file"
+    )
     database = parser.parse_args().database
     table = Table("what", "seconds", "processor", "wanted", "remark")
     with threadpool_limits(limits=1):
@@ -46,22 +48,24 @@ def main() -> None:
 
 
 def engines(database: str) -> list[tuple[str, str, str, str]]:
-    """Seconds of each engine, inside a running process."""
+    """Return the seconds of each engine, inside a running process."""
     measurement = Measurement.read(CAPSULE)
     experiment = Experiment.read(measurement.experiment_file or CAPSULE)
     model = Surrogate.open(database)
     capsules = simulated(measurement, model)
     engine = Quadrature(model, experiment)
-    grid = [clocked(lambda one=one: engine(one)) for one in capsules]
-    intervals = [clocked(lambda one=one: list(map(engine(one).marginal, REPORTED[:2]))) for one in capsules]
+    grid = [clocked(lambda capsule=capsule: engine(capsule)) for capsule in capsules]
+    intervals = [
+        clocked(lambda capsule=capsule: list(map(engine(capsule).marginal, REPORTED[:2]))) for capsule in capsules
+    ]
     identify(measurement, model, experiment, seed=0)
     posteriors = []
     sampling = [
         clocked(lambda seed=seed: posteriors.append(identify(measurement, model, experiment, seed=seed)))
         for seed in range(1, RUNS + 1)
     ]
-    passed = sum(all(gate.passed for gate in one.gates) for one in posteriors)
-    agreed = sum(one.agreement is not None and one.agreement.passed for one in posteriors)
+    passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors)
+    agreed = sum(posterior.agreement is not None and posterior.agreement.passed for posterior in posteriors)
     return [
         ("quadrature, one capsule", *medians(grid), "0.002", f"{len(capsules)} capsules all over the domain"),
         ("the same with intervals of G_s and a", *medians(intervals), "", ""),
@@ -75,7 +79,7 @@ def engines(database: str) -> list[tuple[str, str, str, str]]:
 
 
 def commands(database: str) -> list[tuple[str, str, str, str]]:
-    """Seconds of whole processes."""
+    """Return the seconds of whole processes."""
     script = Path(sys.executable).with_name("capsbayes")
     with tempfile.TemporaryDirectory() as folder:
         asked = {
@@ -96,7 +100,7 @@ def run(command: list[str]) -> None:
 
 
 def clocked(work: Callable[[], object]) -> tuple[float, float]:
-    """Seconds that some work takes, and those of the processor, in this process or in those it starts."""
+    """Return the wall time and the processor time of a call, in this process or in those it starts."""
     start, processor = time.perf_counter(), time.process_time() + sum(os.times()[2:4])
     work()
     return time.perf_counter() - start, time.process_time() + sum(os.times()[2:4]) - processor
@@ -107,7 +111,7 @@ def medians(seconds: list[tuple[float, float]]) -> list[str]:
 
 
 def simulated(like: Measurement, model: Surrogate) -> list[Measurement]:
-    """Noisy measurements of capsules all over the model's domain, with the errors of a given one."""
+    """Return noisy measurements of capsules all over the domain of the model, with the errors of a given one."""
     from dataclasses import replace
 
     rng, made = np.random.default_rng(1), []

@@ -1,4 +1,4 @@
-"""Surrogates beside simulations at other Ca, a/l and sizes of an effect than their databases hold.
+"""Compare surrogates with simulations at Ca, a/l and sizes of an effect that their databases do not contain.
 
 Run ``python benchmarks/off_nodes.py``. The simulations are those of ``data/pools``, at refinement 12. Differences are
 in thousandths of l (of U for the velocity); the last column is their rms over the error that the surrogate states.
@@ -44,7 +44,7 @@ def main() -> None:
             f"{size:g}",
             str(len(away)),
             *(f"{mean:.2f} ({most:.1f})" for mean, most in zip(rms, largest, strict=True)),
-            ", ".join(f"{one:.2f}" for one in over),
+            ", ".join(f"{ratio:.2f}" for ratio in over),
         )
     Console(width=110).print(table)
 

@@ -1,9 +1,9 @@
-"""Coverage of the posterior from a whole outline, and how much narrower it is than that from the lengths.
+"""Coverage of the posterior from a whole outline, and its width compared with that from the lengths.
 
 Run ``python benchmarks/outline.py [CAPSULES]``. In the first row the outlines
 come from the surrogate that identifies them. In the second they are the
-simulator's own shapes, in columns of a/l that were left out of the surrogate:
-what it misses there must be within its own error.
+simulator's own shapes, at a/l that were omitted from the surrogate:
+its error there must be within the error that it states.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Case = tuple[float, float, np.ndarray, float]  # Ca, a/l, outline, v_o/U
 
 
 def measured(case: Case, rng: np.random.Generator) -> Measurement:
-    """The outline of a case with errors, and its lengths."""
+    """Return the outline of a case with errors, and its lengths."""
     _, _, outline, velocity_ratio = case
     vertices = outline[::4]
     points = vertices + NOISE.drawn(rng, vertices, 1)[0][:, None] * vertex_normals(outline)[::4]
@@ -46,7 +46,7 @@ def measured(case: Case, rng: np.random.Generator) -> Measurement:
 
 
 def covered(model: Surrogate, drawn: Callable[[], Case], count: int, rng: np.random.Generator) -> list[str]:
-    """Shares of the intervals of G_s and a that hold the truth."""
+    """Return the shares of the intervals of G_s and a that contain the truth."""
     engine, ranks, seconds = Quadrature(model, EXPERIMENT), np.empty((count, 2)), 0.0
     for number in range(count):
         case = drawn()

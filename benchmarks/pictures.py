@@ -1,8 +1,8 @@
 """Lengths measured in drawn pictures: bias, coverage of the intervals, seconds.
 
-Run ``python benchmarks/pictures.py [COUNT]``. Each picture is of a simulated capsule drawn at random from a shipped
+Run ``python benchmarks/pictures.py [COUNT]``. Each picture shows a simulated capsule drawn at random from a shipped
 database, with optics drawn at random: three sets of blur, each measured with the background given. The intervals are
-those of the measurement; the counts expected by chance stand beside them.
+those of the measurement; the counts expected by chance are printed next to them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LEVELS = {0.68: 0.99446, 0.95: 1.95996}
 
 @dataclass
 class Tally:
-    """What came of one set of pictures."""
+    """Results of one set of pictures."""
 
     errors: dict[str, list[tuple[float, float]]] = field(default_factory=lambda: {name: [] for name in LENGTHS})
     statuses: Counter[str] = field(default_factory=Counter)
@@ -42,9 +42,9 @@ class Tally:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("count", nargs="?", type=int, default=300, help="of pictures (default: 300)")
+    parser.add_argument("count", nargs="?", type=int, default=300, help="number of pictures (default: 300)")
     parser.add_argument("--seed", type=int, default=2024)
-    parser.add_argument("--database", default="square-neo-hookean", help="name of a shipped one")
+    parser.add_argument("--database", default="square-neo-hookean", help="name of a shipped database")
     asked = parser.parse_args()
     cases = Database.open(asked.database).converged
     random = np.random.default_rng(asked.seed)
@@ -61,13 +61,13 @@ def main() -> None:
 
 
 def drawn(cases: Database, blur: tuple[float, float], random: np.random.Generator) -> Drawing:
-    """A capsule, a place and optics at random."""
+    """Return a drawn picture with a capsule, a position and optics at random."""
     scene, optics = scenery(cases, blur, random)
     return draw(scene, optics, seed=int(random.integers(2**31)))
 
 
 def scenery(cases: Database, blur: tuple[float, float], random: np.random.Generator) -> tuple[Scene, Optics]:
-    """What to draw: a capsule, a place and optics at random."""
+    """Return a scene with a capsule, a position and optics at random."""
     case = int(random.integers(len(cases)))
     half_width = random.uniform(45.0, 70.0)
     optics = Optics(
@@ -120,7 +120,7 @@ def count(made: Drawing, tally: Tally) -> None:
     for index, name in enumerate(LENGTHS[4:]):
         if np.isfinite(error[index]):
             ratio = seen.lengths[index] / half_width
-            # in pixels, to stand beside the others
+            # in pixels, to be compared with the others
             tally.errors[name].append(
                 (half_width * (ratio - truth[index] / truth[3]), float(np.hypot(sd[index], ratio * sd[3])))
             )

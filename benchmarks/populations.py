@@ -1,12 +1,12 @@
-"""Many capsules: how time and memory grow with their number, and whether intervals of populations cover the truth.
+"""Many capsules: time and memory by their number, and coverage of the intervals of populations.
 
 Run ``python benchmarks/populations.py [scale|coverage|selection] [--numbers 1000,10000] [--sessions 500]``. Scale:
 tables of lengths of drawn capsules, identified by `identify_folder` in two processes, each number in a process of its
-own; wall time, processor time and peak memory of all processes together. Beside it the point estimates of stiffness of
-dclab, if it is installed: for cells in another flow and without uncertainty, a measure of speed alone. Coverage:
-sessions of 150 and 1000 capsules under a viscosity known to 5 % and a half width known to 1 %, and how often 95 %
-intervals of the population hold the truth; also as if viscosity and half width were exact. Selection: those above
-Lambda = 1.08 only, the cut ignored and accounted for.
+own; wall time, processor time and peak memory of all processes together. For comparison, the point estimates of
+stiffness of dclab, if it is installed: for cells in another flow and without uncertainty, a measure of speed alone.
+Coverage: sessions of 150 and 1000 capsules with a viscosity known to 5 % and a half width known to 1 %, and how often
+95 % intervals of the population contain the truth; also with viscosity and half width taken as exact. Selection:
+only capsules above Lambda = 1.08, with the cut ignored and accounted for.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def scale(numbers: list[int], console: Console) -> None:
 
 
 def one(number: int) -> dict[str, float]:
-    """Identify a table of so many capsules."""
+    """Identify a table of a given number of capsules."""
     model = Surrogate.open("square-neo-hookean")
     lengths, velocities = measured(model, number, seed=1)
     frame = pd.DataFrame(
@@ -133,7 +133,7 @@ def pyramid() -> Pyramid:
 
 
 def intervals(seed: int, *, capsules: int = CAPSULES) -> dict[str, bool]:
-    """Whether each interval of one session holds the truth."""
+    """Return whether each interval of one session contains the truth."""
     found = hierarchy(drawn_population(pyramid(), capsules, seed), seed=seed)
     held = {name: found.marginals[name].contains(truth, level=95) for name, truth in TRUTH.items()}
     for name, draws in found.without_shared.items():

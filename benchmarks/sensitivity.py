@@ -1,9 +1,9 @@
-"""Widths that the flow design predicts beside those of simulated capsules, identified one by one.
+"""Compare the widths that the flow design predicts with those of simulated capsules, identified one by one.
 
 Run ``python benchmarks/sensitivity.py [CAPSULES]``. Each row is one mean velocity of a design: capsules are drawn as
-they are expected, with the model's own error, measured with the lab's errors and identified by quadrature. Wanted is
-a prediction within 10 % of the mean width. The last columns say where the capsule lies: whether the posterior leans
-on the border of the database, whether the rear is convex (L_p = 0), and whether two shapes are stable.
+expected, with the model's own error, measured with the errors of the lab and identified by quadrature. The target is
+a prediction within 10 % of the mean width. The last columns describe the position of the capsule: whether the
+posterior leans on the border of the database, whether the rear is convex (L_p = 0), and whether two shapes are stable.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ WANTED = 0.10
 
 @dataclass(frozen=True)
 class Lab:
-    """A lab and what it expects."""
+    """A lab and the capsules that it expects."""
 
     name: str
     experiment: Experiment
@@ -63,7 +63,7 @@ def labs() -> Iterator[Lab]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("capsules", nargs="?", type=int, default=150, help="of each row")
+    parser.add_argument("capsules", nargs="?", type=int, default=150, help="number of capsules of each row")
     capsules = parser.parse_args().capsules
     console = Console(width=118)
     counts: dict[str, list[tuple[bool, bool]]] = {"all": [], "allowed": [], "allowed, one shape, L_p > 0": []}
@@ -100,7 +100,7 @@ def main() -> None:
 
 
 def chosen(design: FlowDesign) -> list[FlowPoint]:
-    """Some velocities evenly in the logarithm of Ca, and the best."""
+    """Return some velocities, evenly spaced in the logarithm of Ca, and the best one."""
     rows = {round(row) for row in np.linspace(4, len(design.points) - 4, ROWS - 1)}
     if design.best is not None:
         rows.add(design.points.index(design.best))
@@ -108,7 +108,7 @@ def chosen(design: FlowDesign) -> list[FlowPoint]:
 
 
 def kinds(point: FlowPoint, model: Surrogate, design: FlowDesign) -> list[str]:
-    """What is special where the expected capsule lies."""
+    """Return the special conditions at the position of the expected capsule."""
     place = {"capillary_number": [point.capillary_number], "size_ratio": [design.limit.size_ratio]}
     there = model({name: np.array(value) for name, value in place.items()})
     marks = {

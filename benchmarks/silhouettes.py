@@ -1,10 +1,10 @@
-"""Silhouettes measured in drawn pictures: whether their noise is as stated, and what they say of the capsule.
+"""Silhouettes measured in drawn pictures: their noise compared with the stated one, and the posteriors from them.
 
 Run ``python benchmarks/silhouettes.py [CAPSULES]``. The pictures are those of ``benchmarks/pictures.py``, of simulated
-capsules, each of which is left out of the surrogate that identifies it; those at the border of the database, beyond
-which no interval can reach, are not drawn. The first table holds the normal residuals of the measured silhouettes about
-the true ones; the second the shares of the intervals of Ca and a/l that hold the truth, and how wide they are beside
-those from the lengths of the same pictures. An interrupt ends the run, and prints what there is.
+capsules, each of which is omitted from the surrogate that identifies it; those at the border of the database, beyond
+which no interval can reach, are not drawn. The first table gives the normal residuals of the measured silhouettes about
+the true ones; the second the shares of the intervals of Ca and a/l that contain the truth, and their widths compared
+with those from the lengths of the same pictures. An interrupt ends the run and prints the results so far.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class Tally:
-    """What came of one set of pictures: numbers of the residuals, ranks of the truth, ratios of widths, by the data."""
+    """Results of one set of pictures: numbers of the residuals, ranks of the truth, ratios of widths, by the data."""
 
     residuals: list[list[float]] = field(default_factory=list)
     waves: list[Floats] = field(default_factory=list)
@@ -51,7 +51,7 @@ class Tally:
 
 
 def compare(made: Drawing, measured: MeasuredOutline, tally: Tally) -> None:
-    """Normal residuals about the true silhouette, whitened as stated."""
+    """Compute the normal residuals about the true silhouette, whitened with the stated noise."""
     truth = np.asarray(made.scene.silhouette)
     points, feet = aligned_with(measured.points, truth if signed_area(truth) > 0.0 else truth[::-1])
     noise = measured.noise
@@ -67,7 +67,7 @@ def compare(made: Drawing, measured: MeasuredOutline, tally: Tally) -> None:
 
 
 def weigh(engine: Quadrature, measurement: Measurement, truth: tuple[float, float], tally: Tally) -> None:
-    """Ranks of the truth, and widths of the posteriors, from the silhouette and from the lengths alone."""
+    """Compute ranks of the truth and widths of the posteriors, from the silhouette and from the lengths alone."""
     widths = []
     for data, seen in (("silhouette", measurement), ("lengths", replace(measurement, outline=None))):
         posterior = engine(seen)
@@ -123,7 +123,7 @@ def width_table(tallies: dict[str, Tally]) -> Table:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("count", nargs="?", type=int, default=60, help="of capsules (default: 60)")
+    parser.add_argument("count", nargs="?", type=int, default=60, help="number of capsules (default: 60)")
     parser.add_argument("--seed", type=int, default=2024)
     asked = parser.parse_args()
     cases, random = Database.open("square-neo-hookean").converged, np.random.default_rng(asked.seed)
@@ -140,7 +140,7 @@ def main() -> None:
 
 
 def without_one(cases: Database, random: np.random.Generator) -> tuple[Database, Surrogate]:
-    """A case at random, and a surrogate made of the others that has an answer there and all around."""
+    """Return a random case, and a surrogate of the others that has a prediction there and all around."""
     columns = [cases[name] for name in NAMES]
     within = np.all([(one > one.min()) & (one < one.max()) for one in columns], axis=0)
     while True:
@@ -153,7 +153,7 @@ def without_one(cases: Database, random: np.random.Generator) -> tuple[Database,
 
 
 def one(cases: Database, blur: tuple[float, float], random: np.random.Generator, tally: Tally) -> None:
-    """Draw, measure and identify one capsule; one whose flow or edge is not found is left out."""
+    """Draw, measure and identify one capsule; omit it if its flow direction or its edge is not found."""
     case, surrogate = without_one(cases, random)
     scene, optics = scenery(case, blur, random)
     made = draw(scene, optics, seed=int(random.integers(2**31)))

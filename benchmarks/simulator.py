@@ -1,8 +1,8 @@
 """Time of a steady state by Newton's method and by time steps, in printed tables.
 
 Run ``python benchmarks/simulator.py``. One core; compilation and the walls'
-factorisation are done before the clock starts. The neighbours are those of a
-database: one step in Ca. Accuracy is the business of ``capsbayes verify``.
+factorisation are done before the timing. The neighbours are those of a
+database: one step in Ca. ``capsbayes verify`` tests the accuracy.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ COLUMNS = {0.8: (0.04, 0.05, 0.06, 0.08, 0.1), 0.95: (0.04, 0.05, 0.06, 0.07, 0.
 
 
 def speed(refinement: int) -> tuple[np.ndarray, np.ndarray]:
-    """Seconds and Newton steps of every steady state from its neighbour."""
+    """Return the seconds and Newton steps of every steady state from its neighbour."""
     simulator = Simulator(refinement=refinement)
     seconds, steps = [], []
     for size_ratio, capillary_numbers in COLUMNS.items():
@@ -36,7 +36,7 @@ def speed(refinement: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ways(refinement: int) -> list[tuple[str, float, float, float]]:
-    """Ways to the steady shape at Ca = 0.12, a/l = 0.9: name, seconds, L_z and v_o/U."""
+    """Return the ways to the steady shape at Ca = 0.12, a/l = 0.9: name, seconds, L_z and v_o/U."""
     simulator, case = Simulator(refinement=refinement), {"capillary_number": 0.12, "size_ratio": 0.9}
     neighbour = simulator.run(**case | {"capillary_number": 0.11})
     begin = time.process_time()

@@ -1,10 +1,10 @@
-"""Speed and leave-out accuracy of the surrogate beside two general interpolators, on the same cases.
+"""Speed and leave-out accuracy of the surrogate, compared with two general interpolators on the same cases.
 
 Run ``python benchmarks/surrogate.py [DATABASE]``. Every fifth case that is not
 on the border of its region is held out; each method learns (L_z, L_a, v_o/U)
-from the others in the same coordinates, and says what the held-out cases are.
-The cases are those with a parachute: no smooth method survives the jump to the
-convex branch, which the surrogate keeps apart.
+from the others in the same coordinates, and predicts the held-out cases.
+All cases are parachutes: no smooth method can represent the jump to the
+convex branch, which the surrogate treats separately.
 The speed is that of one core, on a batch of 100 000 points of the domain (a
 smaller batch where a method is slow, stated in the table).
 """
@@ -51,7 +51,9 @@ class Row:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("database", nargs="?", default="square-neo-hookean", help="name of a shipped one, or .nc file")
+    parser.add_argument(
+        "database", nargs="?", default="square-neo-hookean", help="name of a shipped database, or .nc file"
+    )
     name = parser.parse_args().database
     database = Database.read(name) if name.endswith(".nc") else Database.open(name)
     surrogate = Surrogate(database)
@@ -73,7 +75,7 @@ def main() -> None:
 
 
 def split(cases: Database, branch: Branch) -> tuple[Database, Database]:
-    """Cases of a branch to learn from, and every fifth of those inside its region."""
+    """Return the cases of a branch to learn from, and every fifth of those inside its region."""
     members = Database(cases.dataset.isel(case=branch.rows))
     ca, size, region = members["capillary_number"], members["size_ratio"], branch.region
     inside = region.contains(1.001 * ca, size) & region.contains(0.999 * ca, size)
@@ -84,7 +86,7 @@ def split(cases: Database, branch: Branch) -> tuple[Database, Database]:
 
 
 def surrogate_row(surrogate: Surrogate, known: Database, held_out: Database, scaling: PlaneScaling) -> Row:
-    """The surrogate as users call it: table, mask and covariance included in the time."""
+    """Return the row of the surrogate as users call it, with table, mask and covariance included in the time."""
     learnt = Surrogate(known)
 
     def predict(points: Floats) -> Floats:
@@ -136,7 +138,7 @@ def accuracy(predict: Predict, held_out: Database, scaling: PlaneScaling) -> tup
 
 
 def some_points(surrogate: Surrogate, count: int) -> Floats:
-    """Columns (Ca, a/l) of random points inside the domain : (count, 2) array."""
+    """Return random points (Ca, a/l) inside the domain, (count, 2) array."""
     (ca_low, ca_high), (size_low, size_high) = surrogate.domain.bounds
     points = np.random.default_rng(0).uniform([ca_low, size_low], [ca_high, size_high], (4 * count, 2))
     return points[surrogate.domain.contains(*points.T)][:count]
@@ -148,7 +150,7 @@ def speed(predict: Predict, surrogate: Surrogate, scaling: PlaneScaling, batch: 
 
 
 def timed(work: Callable[[], object], batch: int, repeats: int = 5) -> tuple[float, int]:
-    """Points a second, from the median of the repeats after one that compiles."""
+    """Return points a second, from the median of the repeats after one that compiles."""
     work()
     seconds = []
     for _ in range(repeats):

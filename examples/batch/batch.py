@@ -1,7 +1,7 @@
-"""Sixty capsules, measured and put into a table: each identified, and what they have in common.
+"""Sixty measured capsules in a table: identify each, and estimate their population.
 
 ``python examples/batch/batch.py`` prints the median shear modulus of the batch with the errors removed. Shapes and
-errors are drawn from simulations that no database holds; ``truth.json`` says what they are.
+errors are drawn from simulations that are not in any database; ``truth.json`` gives the truth.
 """
 
 from __future__ import annotations

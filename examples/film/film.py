@@ -1,8 +1,8 @@
-"""A film of three capsules, drawn with everything about it known.
+"""A drawn film of three capsules whose parameters are known.
 
-Capsules of one shear modulus and three sizes follow each other through a square channel. `--out film/` keeps the
-frames, the picture of the empty channel and the experiment's file; without it the film of one of them is drawn,
-measured, identified and thrown away.
+Capsules of one shear modulus and three sizes follow each other through a square channel. `--out film/` writes the
+frames, the picture of the empty channel and the experiment file; without it the film of one capsule is drawn,
+measured, identified and deleted.
 """
 
 import argparse
@@ -55,7 +55,7 @@ def write_film(folder, radii):
 
 
 def passing(radius):
-    """Pictures of one capsule, from where it is whole until it no longer is."""
+    """Yield the pictures of one capsule while the whole capsule is visible."""
     width = 25e-6
     ca = float(capillary_number(viscosity=0.80, mean_velocity=FLOW, surface_shear_modulus=MODULUS))
     seen = {

@@ -1,6 +1,6 @@
-"""An effect of one's own: a camera whose pixels are not quite square, checked and added to a model.
+"""An effect of your own, checked and added to a model: a camera whose pixels are not quite square.
 
-Along the flow everything looks longer by a factor 1 + s than across, where the walls gave the scale.
+Lengths along the flow appear longer by a factor 1 + s than those across it, where the walls give the scale.
 """
 
 from dataclasses import dataclass, replace

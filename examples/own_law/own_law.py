@@ -1,4 +1,4 @@
-"""A membrane law of one's own: that of Evans and Skalak for red cells, checked and simulated.
+"""A membrane law of your own, checked and simulated: that of Evans and Skalak for red cells.
 
 W = (I1 + 2) / (2 J) - 1 + K/2 (J - 1)^2 over G_s, with J = sqrt(I2 + 1) the area over that at rest and K = K_s / G_s.
 E. A. Evans and R. Skalak, Mechanics and Thermodynamics of Biomembranes, CRC Press (1980).

@@ -2,8 +2,8 @@
 
 The picture is that of Risso et al. 2006 (doi 10.1017/S0022112005007652), published with Lin et al. 2023 (doi
 10.1007/s10237-023-01712-7): a capsule of human serum albumin and alginate in a tube of 4 mm. It is not part of this
-library: FOLDER holds `capsule.png` and, of the empty tube, `background.png`. mu U is 0.028 N/m; compression between
-plates told K_s = 0.55 N/m, the network of Lin et al. reads 0.58 N/m off the same picture.
+library: FOLDER contains `capsule.png` and, of the empty tube, `background.png`. mu U is 0.028 N/m; compression between
+plates gave K_s = 0.55 N/m, the network of Lin et al. gives 0.58 N/m from the same picture.
 """
 
 import argparse
@@ -26,7 +26,7 @@ STRESS = 0.028  # N/m, mu U
 VISCOSITY, RATIO = 1.0, 1.33  # Pa s, which is not known alone; and v_o/U, to which nothing here is sensitive
 EXPERIMENT = Experiment(cross_section="circular", half_width=2e-3, viscosity=VISCOSITY)
 VELOCITY = Quantity(RATIO * STRESS / VISCOSITY, 0.01 * RATIO * STRESS / VISCOSITY, "m/s")
-# of the order that compression tells: without it, the wide errors of the shapes beside the snap-through leave 3 % to
+# of the order that compression gave: without it, the large errors of the shapes next to the snap-through leave 3 % to
 # capsules that are fifteen times as stiff
 PRIOR = Prior(surface_shear_modulus=Quantity.log_uniform(0.01, 1.0), capsule_radius=Quantity.uniform(1e-3, 2e-3))
 LAWS = {
@@ -40,7 +40,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="with capsule.png and background.png")
     parser.add_argument("--out", type=Path, help="folder for overlay.png and a page for each law")
-    parser.add_argument("--picture", type=Path, help="where to draw the silhouette beside those of the laws")
+    parser.add_argument("--picture", type=Path, help="where to draw the silhouette with those of the laws")
     asked = parser.parse_args()
     picture = Picture.read(asked.folder / "capsule.png")
     detection = detect(picture, background=Picture.read(asked.folder / "background.png"), flow="right")
@@ -67,10 +67,10 @@ def main():
 
 
 def identified(measurement, model, law, what):
-    """Posterior of the capsule, and a line about it: K_s = 3 G_s in all three laws, and G_s = mu U / Ca."""
+    """Return the posterior of the capsule and a line about it: K_s = 3 G_s in all three laws, and G_s = mu U / Ca."""
     posterior = identify(measurement, model, EXPERIMENT, seed=1, prior=PRIOR)
     ca, size = (posterior.marginals[name] for name in ("capillary_number", "size_ratio"))
-    low, middle, high = (3.0 * STRESS / one for one in (ca.upper_95, ca.median, ca.lower_95))
+    low, middle, high = (3.0 * STRESS / value for value in (ca.upper_95, ca.median, ca.lower_95))
     print(
         f"{law:18} {what:11} K_s {middle:.3f} N/m [{low:.3f}, {high:.3f}]   Ca {ca.median:.4f}   a/R {size.median:.4f} "
         f"  {posterior.status.name}"
@@ -82,7 +82,7 @@ def identified(measurement, model, law, what):
 
 
 def draw(points, silhouettes, path):
-    """The measured silhouette beside the best of each law, and how far off it is."""
+    """Draw the measured silhouette with the best of each law, and their distance."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.0), layout="constrained")
     for colour, (law, posterior) in zip(("tab:red", "tab:blue", "tab:green"), silhouettes.items(), strict=True):
         outline = posterior.outlines[0]
