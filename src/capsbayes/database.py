@@ -326,13 +326,14 @@ class Database:
         return Database(self.dataset.isel(case=np.flatnonzero(self["status"] == Status.DONE.name)))
 
     def compact(self) -> Database:
-        """Return the database without the nodes of the membrane, outlines rounded to 1e-6 l: a fifth of the size."""
+        """Return the database as it is shipped: without the nodes of the membrane, outlines in single precision.
+
+        Its file has a quarter of the size, and its outlines differ by less than 1e-7 l.
+        """
         slim = self.dataset.isel(node=slice(0))
-        rounded = {name: np.round(slim[name] * _OUTLINE_STEPS) / _OUTLINE_STEPS for name in ("profile", "silhouette")}
-        return Database(slim.assign(rounded))
-
-
-_OUTLINE_STEPS = 2.0**20  # of l; a power of two, so that rounded values are exact in single precision
+        single = {name: slim[name].astype(np.float32).astype(np.float64) for name in ("profile", "silhouette")}
+        slim = slim.assign(single)
+        return Database(slim.assign_attrs(sha256=_content_hash(slim)))
 
 
 def _shipped_folders() -> tuple[Path, ...]:

@@ -41,7 +41,7 @@ def simulated_capsules(model, experiment, count, rng, *, errors=(0.01, 0.01), sp
 
 def measured_capsule(experiment, shape, theta, rng, errors, speed_error) -> SimulatedCapsule | None:
     """Measure a capsule of given true shape (L_z, L_a, v_o/U); None where noise makes L_a > L_z."""
-    viscosity, width = float(experiment.viscosity.rvs(random_state=rng)), _half_width(experiment, rng)
+    viscosity, width = float(experiment.viscosity.distribution.rvs(random_state=rng)), _half_width(experiment, rng)
     velocity = np.exp(rng.uniform(np.log(1e-3), np.log(20e-3)))
     flow = velocity / shape[2]
     seen = rng.normal(shape[:2], errors)
@@ -64,7 +64,7 @@ def measured_capsule(experiment, shape, theta, rng, errors, speed_error) -> Simu
 def _half_width(experiment, rng) -> float:
     """Half width of the channel a capsule is found in: a uniform in a leaves more room for a/l in a wide one."""
     while True:
-        width = float(experiment.half_width.rvs(random_state=rng))
+        width = float(experiment.half_width.distribution.rvs(random_state=rng))
         if rng.uniform() < width / (1.2 * experiment.half_width.mean):
             return width
 

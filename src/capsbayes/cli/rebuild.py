@@ -13,6 +13,9 @@ from capsbayes.cli.options import AsJson, Scheduler, Workers
 def rebuild(
     name: Annotated[str, typer.Argument(help="Name of the database, as square-neo-hookean.")],
     out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
+    full: Annotated[
+        bool, typer.Option("--full", help="Keep the nodes of the membrane and outlines in double precision.")
+    ] = False,
     scheduler: Scheduler = None,
     workers: Workers = None,
     as_json: AsJson = False,
@@ -24,4 +27,4 @@ def rebuild(
     from capsbayes.cli.build import report
     from capsbayes.physics.databases.recipes import build_shipped
 
-    report(lambda: build_shipped(name, out=out, scheduler=scheduler, workers=workers), out, as_json=as_json)
+    report(lambda: build_shipped(name, out=out, full=full, scheduler=scheduler, workers=workers), out, as_json=as_json)

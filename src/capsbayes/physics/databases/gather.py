@@ -35,18 +35,15 @@ def gathered(
     settings : mapping
         Those of the simulator.
     attributes : mapping
-        The pedigree. Unless its `effect` is "none" the database has no nodes, and outlines in single precision: it
-        serves for differences, and has ten times the cases.
+        The pedigree. Unless its `effect` is "none" the database is compact: it serves for differences, and has ten
+        times the cases.
     """
-    plain = attributes["effect"] == NO_EFFECT
     by_value = [(value, sweep) for value, several in sweeps.items() for sweep in several]
     outcomes = [(value, outcome) for value, sweep in by_value for outcome in sweep.outcomes]
     borders = [(value, border) for value, sweep in by_value for border in sweep.borders]
     shapes = dict(_SHAPES)
     for _, outcome in outcomes:
         shapes |= {name: np.shape(value) for name, value in outcome.variables.items()}
-    if not plain:
-        shapes["nodes"] = (0, 3)
     rows: dict[str, list[Any]] = {name: [] for name, variable in VARIABLES.items() if variable.dims[0] == "case"}
     for value, outcome in outcomes:
         known = outcome.variables | {
@@ -56,15 +53,13 @@ def gathered(
             "status": outcome.status.name,
             "refinement": int(settings["refinement"]),
         }
-        if not plain:
-            known |= {name: np.float32(known[name]) for name in ("profile", "silhouette") if name in known}
-            known.pop("nodes", None)
         for name, values in rows.items():
             lacking = 0 if VARIABLES[name].kind == "i" else np.full(shapes.get(name, ()), np.nan)
             values.append(known.get(name, lacking))
     border_columns = {f"border_{name}": [getattr(border, name) for _, border in borders] for name in Border._fields}
     border_columns["border_effect_value"] = [value for value, _ in borders]
-    return Database.assemble(rows | border_columns, attributes)
+    database = Database.assemble(rows | border_columns, attributes)
+    return database if attributes["effect"] == NO_EFFECT else database.compact()
 
 
 def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: float = 0.0) -> dict[str, Any]:

@@ -113,13 +113,25 @@ def build_shipped(
     name: str,
     *,
     out: str | os.PathLike[str],
+    full: bool = False,
     scheduler: str | None = None,
     workers: int | None = None,
     progress: bool = True,
 ) -> Database:
-    """Build a database that comes with the library; parameters as of `build_database`."""
+    """Build a database that comes with the library.
+
+    Parameters
+    ----------
+    name : str
+    out : path
+    full : bool
+        Keep the nodes of the membrane and outlines in double precision; the shipped databases are compact, see
+        `Database.compact`.
+    scheduler, workers, progress
+        Of `build_database`.
+    """
     recipe = recipe_named(name)
-    return build_database(
+    database = build_database(
         recipe.simulator,
         recipe.cases,
         out=out,
@@ -130,3 +142,7 @@ def build_shipped(
         progress=progress,
         compare=recipe.compare,
     )
+    if not full:
+        database = database.compact()
+        database.write(out)
+    return database
