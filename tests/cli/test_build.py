@@ -104,7 +104,10 @@ def test_a_mistake_is_one_line_and_exit_status_2(build, tmp_path, monkeypatch, c
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--section", "star"], "capsbayes: cross_section: expected one of square, rectangular, circular, got 'star'"),
+        (
+            ["--cross-section", "star"],
+            "capsbayes: cross_section: expected one of square, rectangular, circular, got 'star'",
+        ),
         (["--refinement", "1"], "capsbayes: Simulator: refinement: expected at least 4, got 1"),
         (["--bending", "-1"], "capsbayes: Simulator: bending: expected a number from 0 to 1, got -1.0"),
         (["--bending", "nan"], "capsbayes: Simulator: bending: expected a number from 0 to 1, got nan"),

@@ -54,9 +54,9 @@ def test_build_hands_the_section_to_the_simulator(monkeypatch, capsys, tmp_path)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--section", "oval"), "cross_section: expected one of square, rectangular, circular, got 'oval'"),
+        (("--cross-section", "oval"), "cross_section: expected one of square, rectangular, circular, got 'oval'"),
         (
-            ("--section", "circular", "--section-aspect", "1.1"),
+            ("--cross-section", "circular", "--section-aspect", "1.1"),
             "section_aspect: expected 1 for a circular cross-section",
         ),
         (("--corner-radius", "1.5"), "cross_section: corner_radius: expected a number between 0 and 1, got 1.5"),

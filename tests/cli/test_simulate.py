@@ -55,7 +55,7 @@ def test_text_names_every_quantity_with_its_symbol(monkeypatch, capsys):
             "law: expected one of neo-hookean, skalak:hardening",
         ),
         (
-            [*CASE, "--section", "oval"],
+            [*CASE, "--cross-section", "oval"],
             "section: expected one of square, rectangular, cir",
         ),
         (

@@ -18,6 +18,7 @@ from capsbayes.cli.options import (
     Velocity,
     Workers,
     named_model,
+    speed_of,
 )
 
 if TYPE_CHECKING:
@@ -56,10 +57,8 @@ def batch(
 
     Exit status: 0 if every capsule has a row that can be used, 1 if some have another status, 2 on bad input.
     """
-    from capsbayes.cli.measure_picture import speed_of
-    from capsbayes.cli.paths import check_suffix
+    from capsbayes.cli.output import check_suffix, print_json
     from capsbayes.cli.population import together
-    from capsbayes.cli.printing import print_json
     from capsbayes.experiment import Experiment
     from capsbayes.infer.many import identify_folder
     from capsbayes.infer.many.listing import cross_section_and_view
@@ -106,7 +105,7 @@ def _summary(population: Population, hierarchy: Hierarchy | None) -> dict[str, o
 
 
 def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> None:
-    from capsbayes.cli.printing import model_words
+    from capsbayes.cli.output import model_words
     from capsbayes.infer.many.sampled import Compared
     from capsbayes.show.tables.table import print_parts
     from capsbayes.show.terminal import hierarchy_parts, population_parts

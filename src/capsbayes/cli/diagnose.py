@@ -10,7 +10,7 @@ import typer
 from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, named_model
 
 if TYPE_CHECKING:
-    from capsbayes.diagnosis import Session, Study
+    from capsbayes.diagnosis import Session
     from capsbayes.effect import Effect
 
 
@@ -38,10 +38,11 @@ def diagnose(
 
     Exit status: 0 whatever the verdict, 2 on bad input.
     """
-    from capsbayes.cli.paths import check_folder
-    from capsbayes.cli.printing import print_json, written_words
+    from capsbayes.cli.output import Writer, check_folder, conclude, json_file
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
+    from capsbayes.show import study_page
+    from capsbayes.show.terminal import study_parts
     from capsbayes.work.progress import progress_bar
 
     check_folder("--out", out)
@@ -60,15 +61,12 @@ def diagnose(
             measured=elsewhere,
             progress=lambda step, done, steps: update(done, step, steps),
         )
-    if out is not None:
-        _write(study, out)
-    if as_json:
-        print_json(summary(study))
-    else:
-        from capsbayes.show.tables.table import print_parts
-        from capsbayes.show.terminal import study_parts
-
-        print_parts(*study_parts(study), written_words(out, "study.html", "study.json"))
+    result = summary(study)
+    files: dict[str, Writer] = {
+        "study.html": lambda path: path.write_text(study_page(study), encoding="utf-8"),
+        "study.json": json_file(result),
+    }
+    conclude(result, lambda: list(study_parts(study)), files, out=out, as_json=as_json)
 
 
 def _view(session: Session) -> str:
@@ -76,7 +74,8 @@ def _view(session: Session) -> str:
     from capsbayes.errors import InputError
     from capsbayes.measured_outline import MID_PLANE
 
-    views = sorted({one.outline.view for one in session.measurements if one.outline is not None})
+    outlines = (measurement.outline for measurement in session.measurements)
+    views = sorted({outline.view for outline in outlines if outline is not None})
     if len(views) > 1:
         raise InputError("capsules", "outline.view", "outlines of one view", ", ".join(views))
     return views[0] if views else MID_PLANE
@@ -96,12 +95,12 @@ def _effects(names: str | None, cross_section: str) -> dict[str, Effect]:
 
 
 def _by_either_name(effects: dict[str, Effect]) -> dict[str, str]:
-    """Name of the parameter by that of the effect, and by itself."""
-    return {one.name: name for name, one in effects.items()} | {name: name for name in effects}
+    """Return the name of each parameter by that of its effect, and by itself."""
+    return {effect.name: name for name, effect in effects.items()} | {name: name for name in effects}
 
 
 def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[float, float]]:
-    """Size and standard error in SI of each ``NAME=VALUE +/- ERROR UNIT``."""
+    """Return the size and standard error in SI of each ``NAME=VALUE +/- ERROR UNIT``."""
     from capsbayes.cli.options import choose
     from capsbayes.errors import InputError
     from capsbayes.quantity import Quantity
@@ -119,16 +118,3 @@ def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[f
             raise InputError("--measured", name, f'a standard error, as in "{example}"', repr(stated))
         found[name] = read.value, read.error
     return found
-
-
-def _write(study: Study, out: Path) -> None:
-    """Write both files, or nothing."""
-    import json
-
-    from capsbayes.cli.paths import filled
-    from capsbayes.diagnosis import summary
-    from capsbayes.show import study_page
-
-    with filled(out) as unfinished:
-        (unfinished / "study.html").write_text(study_page(study), encoding="utf-8")
-        (unfinished / "study.json").write_text(json.dumps(summary(study), indent=2) + "\n")

@@ -28,7 +28,7 @@ def exam(
 
     from rich.console import Console
 
-    from capsbayes.cli.paths import check_folder
+    from capsbayes.cli.output import check_folder
     from capsbayes.errors import InputError
     from capsbayes.evidence.blind.pools import build_pools
     from capsbayes.evidence.exam.cells import CELLS

@@ -64,7 +64,7 @@ def _size(effect: TrueEffect, text: str) -> float:
 
 def _check_folders(out: Path, truth: Path) -> None:
     """Refuse a folder that holds something else before any work is done."""
-    from capsbayes.cli.paths import check_folder
+    from capsbayes.cli.output import check_folder
     from capsbayes.errors import InputError
 
     for folder in (out, truth):

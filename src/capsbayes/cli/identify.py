@@ -17,9 +17,11 @@ from capsbayes.cli.options import (
     Velocity,
     named_experiment,
     named_model,
+    speed_of,
 )
 
 if TYPE_CHECKING:
+    from capsbayes.cli.output import Writer
     from capsbayes.infer import Posterior
     from capsbayes.measurement import Measurement
 
@@ -59,11 +61,12 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
-    from capsbayes.cli.paths import check_folder
-    from capsbayes.cli.printing import model_words, print_json, written_words
+    from capsbayes.cli.output import check_folder, conclude, model_words
     from capsbayes.infer import Prior
     from capsbayes.infer import identify as identified
     from capsbayes.measurement import Measurement
+    from capsbayes.show.terminal import posterior_parts
+    from capsbayes.show.words.posterior import status_words
 
     check_folder("--out", out)
     if capsule.suffix.lower() in PICTURES:
@@ -78,21 +81,16 @@ def identify(
         database, known.cross_section, None if measurement.outline is None else measurement.outline.view
     )
     posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
-    if out is not None:
-        _write(posterior, out)
-    if as_json:
-        print_json(posterior.as_dict())
-    else:
-        from capsbayes.show.tables.table import print_parts
-        from capsbayes.show.terminal import posterior_parts
-        from capsbayes.show.words.posterior import status_words
-
-        model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
-        files = written_words(out, "posterior.nc", "summary.json", "corner.png", "outline.png")
-        words, good = status_words(posterior), posterior.status.ok
-        print_parts(*posterior_parts(posterior), model_line, files, status=words, good=good)
-    if not posterior.status.ok:
-        raise typer.Exit(1)
+    model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
+    conclude(
+        posterior.as_dict(),
+        lambda: [*posterior_parts(posterior), model_line],
+        _files(posterior),
+        out=out,
+        as_json=as_json,
+        status=posterior.status,
+        status_words=status_words(posterior),
+    )
 
 
 def _measured(
@@ -106,12 +104,12 @@ def _measured(
     quiet: bool,
 ) -> Measurement:
     """Measure a picture as ``capsbayes measure`` does, and write what that writes."""
-    from capsbayes.cli.measure_picture import measured_picture, speed_of
+    from capsbayes.cli.measure.picture import measured_picture
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
 
     if experiment is None:
-        raise InputError("identify", "--experiment", "the experiment's file beside a picture", "nothing")
+        raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
     known, speed = Experiment.read(experiment), speed_of(velocity)
     return measured_picture(picture, known, speed, background, flow, out, quiet=quiet)
 
@@ -125,7 +123,7 @@ def _check_no_picture(capsule: Path, options: dict[str, Any]) -> None:
 
 
 def _coordinates(priors: list[str]) -> dict[str, str]:
-    """Name and text of each option ``--prior NAME=TEXT``."""
+    """Return the name and the text of each option ``--prior NAME=TEXT``."""
     from capsbayes.errors import InputError
     from capsbayes.parameters import COORDINATES
 
@@ -138,17 +136,18 @@ def _coordinates(priors: list[str]) -> dict[str, str]:
     return texts
 
 
-def _write(posterior: Posterior, out: Path) -> None:
-    """Write all results, or nothing."""
-    import json
-
-    from capsbayes.cli.paths import filled
+def _files(posterior: Posterior) -> dict[str, Writer]:
+    """Return the writers of all results by the names of their files."""
+    from capsbayes.cli.output import json_file
     from capsbayes.show import corner_plot, outline_figure
     from capsbayes.show.figures.corner import SHOWN
 
-    with filled(out) as unfinished:
-        posterior.write(unfinished / "posterior.nc")
-        (unfinished / "summary.json").write_text(json.dumps(posterior.as_dict(), indent=2) + "\n")
-        corner_plot(posterior, (*SHOWN, *posterior.prior.coordinates)).savefig(unfinished / "corner.png", dpi=110)
-        if posterior.outlines is not None:
-            outline_figure(posterior).savefig(unfinished / "outline.png", dpi=140)
+    shown = (*SHOWN, *posterior.prior.coordinates)
+    files: dict[str, Writer] = {
+        "posterior.nc": posterior.write,
+        "summary.json": json_file(posterior.as_dict()),
+        "corner.png": lambda path: corner_plot(posterior, shown).savefig(path, dpi=110),
+    }
+    if posterior.outlines is not None:
+        files["outline.png"] = lambda path: outline_figure(posterior).savefig(path, dpi=140)
+    return files

@@ -15,6 +15,8 @@ from capsbayes.errors import InputError
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.measurement import Measurement
+    from capsbayes.plan import LabErrors
+    from capsbayes.quantity import Quantity
     from capsbayes.surrogate import EffectSurrogate, Surrogate
 
 # results
@@ -73,7 +75,7 @@ def simulator_of(
             "strain-hardening:strain_hardening=0.5."
         ),
     ] = "neo-hookean",
-    section: Annotated[
+    cross_section: Annotated[
         str, typer.Option(help="Cross-section of the channel: square, rectangular or circular.")
     ] = "square",
     corner_radius: Annotated[float, typer.Option(help="Radius of the corners of a square channel, over l.")] = 0.0,
@@ -99,7 +101,7 @@ def simulator_of(
 
     return Simulator(
         law=membrane,
-        cross_section=section,
+        cross_section=cross_section,
         refinement=refinement,
         bending=bending,
         pre_inflation=pre_inflation,
@@ -136,6 +138,25 @@ def choose(command: str, option: str, name: str, known: Mapping[str, Any]) -> An
     return known[name]
 
 
+def speed_of(text: str | None) -> Quantity:
+    """Read ``--velocity``, which must have an error."""
+    return _with_error("--velocity", text, "m/s", "6.20 +/- 0.06 mm/s")
+
+
+def pixel_size_of(text: str | None) -> Quantity:
+    """Read ``--pixel-size``, which must have an error."""
+    return _with_error("--pixel-size", text, "m", "0.340 +/- 0.003 um")
+
+
+def _with_error(option: str, text: str | None, unit: str, example: str) -> Quantity:
+    from capsbayes.quantity import Quantity
+
+    read = Quantity.read(text, where=option, key="", units=(unit,), example=example)
+    if read.error == 0.0:
+        raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
+    return read
+
+
 def named_experiment(measurement: Measurement, experiment: Path | None) -> Experiment:
     """Return the experiment of a measurement: of the option ``--experiment``, or of the file that it names."""
     from capsbayes.experiment import Experiment
@@ -154,3 +175,34 @@ def named_model(database: str | None, cross_section: str, view: str | None = Non
     from capsbayes.surrogate import Surrogate
 
     return Surrogate.open(database or f"{cross_section}-neo-hookean", view=view or MID_PLANE)
+
+
+def read_lab(
+    command: str,
+    like: Path | None,
+    experiment: Path | None,
+    extent_error: float | None,
+    length_error: float | None,
+    velocity_error: float | None,
+) -> tuple[LabErrors, Experiment]:
+    """Return the errors of a lab and its experiment: those of a measured capsule, or those that are stated."""
+    from capsbayes.experiment import Experiment
+    from capsbayes.measurement import Measurement
+    from capsbayes.plan import LabErrors
+
+    stated = {"--extent-error": extent_error, "--length-error": length_error, "--velocity-error": velocity_error}
+    if like is not None:
+        for option, value in stated.items():
+            if value is not None:
+                raise InputError(command, option, "no such option together with --like", f"{value:g}")
+        measurement = Measurement.read(like)
+        if measurement.outline is not None:
+            typer.echo(
+                f"The widths are those of the lengths of {like}; its outline would make them narrower.", err=True
+            )
+        return LabErrors.of(measurement), named_experiment(measurement, experiment)
+    if experiment is None or extent_error is None or velocity_error is None:
+        given = ", ".join(name for name, value in stated.items() if value is not None) or "none of them"
+        expected = "--like CAPSULE, or --experiment with --extent-error and --velocity-error"
+        raise InputError(command, "errors", expected, given if experiment is None else f"--experiment, {given}")
+    return LabErrors(extent_error, velocity_error, length_error), Experiment.read(experiment)

@@ -34,7 +34,7 @@ def population(
 
     Exit status: 0 if the intervals can be used, 1 if not, 2 on bad input.
     """
-    from capsbayes.cli.printing import print_json
+    from capsbayes.cli.output import print_json
     from capsbayes.experiment import Experiment
     from capsbayes.infer.many import Population, hierarchy
     from capsbayes.surrogate import Surrogate

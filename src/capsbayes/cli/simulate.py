@@ -29,7 +29,7 @@ def simulate(
     """
     import json
 
-    from capsbayes.cli.paths import check_suffix
+    from capsbayes.cli.output import check_suffix
 
     check_suffix("simulate", "--paraview", paraview, (".vtu",))
     check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))

@@ -32,7 +32,7 @@ def transient(
 
     It ends before `until` when the capsule has become steady. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.cli.paths import check_suffix
+    from capsbayes.cli.output import check_suffix
 
     check_suffix("transient", "--table", table, (".csv",))
     check_suffix("transient", "--paraview", paraview, (".pvd",))

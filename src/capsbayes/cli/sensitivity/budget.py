@@ -1,4 +1,4 @@
-"""``capsbayes sensitivity budget``: which input owns how much of the interval of one capsule."""
+"""``capsbayes sensitivity budget``: the share of the interval of one capsule due to each input."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ def budget(
     seed: Seed = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Share of the variance of G_s and a owed to each input, and how both follow a change of it.
+    """Compute the share of the variance of G_s and a due to each input, and how both change with it.
 
-    Exit status: 0 done, 1 the posterior ended with a status to read, 2 bad input.
+    Exit status: 0 done, 1 the posterior cannot be used (the status says why), 2 bad input.
     """
     from rich.console import Console
 
-    from capsbayes.cli.paths import check_folder, filled
-    from capsbayes.cli.printing import model_words, print_json, write_study, written_words
+    from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.infer import Prior, identify
     from capsbayes.measurement import Measurement
     from capsbayes.plan import error_budget
+    from capsbayes.show import budget_figure
+    from capsbayes.show.tables.plan import budget_table
 
     check_folder("--out", out)
     measurement = Measurement.read(capsule)
@@ -40,21 +41,18 @@ def budget(
     with Console(stderr=True).status("Computing the budget ..."):
         posterior = identify(measurement, model, known, engine="quadrature", seed=seed, prior=prior)
         found = error_budget(posterior, model)
-    everything = {**found.as_dict(), "seed": seed}
-    if out is not None:
-        from capsbayes.show import budget_figure
-
-        with filled(out) as folder:
-            write_study(folder, "budget", everything, budget_figure(found))
-            found.table().to_csv(folder / "budget.csv", index_label="input")
-    if as_json:
-        print_json(everything)
-    else:
-        from capsbayes.show.tables.plan import budget_table
-        from capsbayes.show.tables.table import print_parts
-
-        model_line = model_words(found.model_name, found.model_sha256, seed)
-        files = written_words(out, "budget.json", "budget.csv", "budget.png")
-        print_parts(budget_table(found), *found.notes, model_line, files, status=found.status, good=found.status.ok)
-    if not found.status.ok:
-        raise typer.Exit(1)
+    result = {**found.as_dict(), "seed": seed}
+    files: dict[str, Writer] = {
+        "budget.json": json_file(result),
+        "budget.csv": lambda path: found.table().to_csv(path, index_label="input"),
+        "budget.png": lambda path: budget_figure(found).savefig(path, dpi=140),
+    }
+    model_line = model_words(found.model_name, found.model_sha256, seed)
+    conclude(
+        result,
+        lambda: [budget_table(found), *found.notes, model_line],
+        files,
+        out=out,
+        as_json=as_json,
+        status=found.status,
+    )

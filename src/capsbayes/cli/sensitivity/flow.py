@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,7 @@ from capsbayes.cli.options import (
     Seed,
     VelocityError,
     named_model,
+    read_lab,
 )
 
 if TYPE_CHECKING:
@@ -49,11 +50,11 @@ def flow(
 
     Exit status: 0 done, 1 no flow rate is safe or tells G_s, 2 bad input.
     """
-    from capsbayes.cli.paths import check_folder
-    from capsbayes.cli.printing import print_json
-    from capsbayes.cli.sensitivity.inputs import read_lab
+    from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.plan import flow_design, simulated_widths
     from capsbayes.quantity import Quantity
+    from capsbayes.show import flow_figure
+    from capsbayes.show.tables.plan import flow_table
     from capsbayes.work.progress import tracked
 
     check_folder("--out", out)
@@ -65,37 +66,21 @@ def flow(
     tried = None
     if simulate and design.best is not None:
         tried = simulated_widths(*lab, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)
-    everything = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
-    if out is not None:
-        _write(design, everything, out)
-    if as_json:
-        print_json(everything)
-    else:
-        _print(design, tried, out)
-    if not design.status.ok:
-        raise typer.Exit(1)
-
-
-def _write(design: FlowDesign, everything: dict[str, Any], out: Path) -> None:
-    """Write all files, or nothing."""
-    from capsbayes.cli.paths import filled
-    from capsbayes.cli.printing import write_study
-    from capsbayes.show import flow_figure
-
-    with filled(out) as folder:
-        write_study(folder, "flow", everything, flow_figure(design))
-        design.table().to_csv(folder / "flow.csv", index=False)
-
-
-def _print(design: FlowDesign, tried: SimulatedWidths | None, out: Path | None) -> None:
-    from capsbayes.cli.printing import model_words, written_words
-    from capsbayes.show.tables.plan import flow_table
-    from capsbayes.show.tables.table import print_parts
-
+    result = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
+    files: dict[str, Writer] = {
+        "flow.json": json_file(result),
+        "flow.csv": lambda path: design.table().to_csv(path, index=False),
+        "flow.png": lambda path: flow_figure(design).savefig(path, dpi=140),
+    }
     model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
-    files = written_words(out, "flow.json", "flow.csv", "flow.png")
-    lines = [*_lines(design, tried), model_line, files]
-    print_parts(flow_table(design), *lines, status=design.status, good=design.status.ok)
+    conclude(
+        result,
+        lambda: [flow_table(design), *_lines(design, tried), model_line],
+        files,
+        out=out,
+        as_json=as_json,
+        status=design.status,
+    )
 
 
 def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:
@@ -114,7 +99,7 @@ def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:
 
 
 def _best_lines(design: FlowDesign, best: FlowPoint, limit: str) -> list[str]:
-    low, high = (1e3 * one for one in design.good or (best.mean_velocity, best.mean_velocity))
+    low, high = (1e3 * speed for speed in design.good or (best.mean_velocity, best.mean_velocity))
     lines = [
         f"Best: U = {1e3 * best.mean_velocity:.3g} mm/s, Q = {6e10 * best.flow_rate:.3g} uL/min, G_s to +/- "
         f"{best.relative:.1%} (half of the 68 % interval over the median), a to +/- {best.relative_radius:.1%}.",

@@ -16,6 +16,7 @@ from capsbayes.cli.options import (
     ModelName,
     VelocityError,
     named_model,
+    read_lab,
 )
 
 if TYPE_CHECKING:
@@ -38,15 +39,13 @@ def identifiability(
     noises: Annotated[int, typer.Option(min=0, help="Measurements that each width is averaged over.")] = 13,
     as_json: AsJson = False,
 ) -> None:
-    """Map of the relative width of G_s and a that a lab would get with its own errors.
+    """Map the relative width of G_s and a that a lab would get with its own errors.
 
     The map has no randomness. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.cli.paths import check_folder, filled
-    from capsbayes.cli.printing import model_words, print_json, write_study, written_words
-    from capsbayes.cli.sensitivity.inputs import read_lab
+    from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.plan import identifiability_map
-    from capsbayes.show.tables.table import print_parts
+    from capsbayes.show import identifiability_figure
     from capsbayes.work.progress import tracked
 
     check_folder("--out", out)
@@ -54,22 +53,18 @@ def identifiability(
     model = named_model(database, known.cross_section)
     found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)
     short = _short(found)
-    if out is not None:
-        from capsbayes.show import identifiability_figure
-
-        with filled(out) as folder:
-            found.to_netcdf(folder / "map.nc", engine="h5netcdf")
-            write_study(folder, "map", short, identifiability_figure(found))
-            identifiability_figure(found, "capsule_radius").savefig(folder / "map-radius.png", dpi=140)
-    if as_json:
-        print_json(short)
-        return
-    files = written_words(out, "map.nc", "map.json", "map.png", "map-radius.png")
-    print_parts(*_lines(short), model_words(short["model"], short["model_sha256"]), files)
+    files: dict[str, Writer] = {
+        "map.nc": lambda path: found.to_netcdf(path, engine="h5netcdf"),
+        "map.json": json_file(short),
+        "map.png": lambda path: identifiability_figure(found).savefig(path, dpi=140),
+        "map-radius.png": lambda path: identifiability_figure(found, "capsule_radius").savefig(path, dpi=140),
+    }
+    model_line = model_words(short["model"], short["model_sha256"])
+    conclude(short, lambda: [*_lines(short), model_line], files, out=out, as_json=as_json)
 
 
 def _short(found: xr.Dataset) -> dict[str, Any]:
-    """Where the map is best, and which share of its points is how good."""
+    """Return the best point of the map, and the share of its points below some widths."""
     import json
 
     import numpy as np
@@ -92,7 +87,7 @@ def _short(found: xr.Dataset) -> dict[str, Any]:
 
 
 def _best(found: xr.Dataset, width: Floats) -> dict[str, float] | None:
-    """The smallest width and where it is; None where none is measured."""
+    """Return the smallest width and its point; None where none is measured."""
     import numpy as np
 
     if not np.isfinite(width).any():

@@ -1,4 +1,4 @@
-"""``capsbayes sensitivity sobol``: which input, varied over its range, moves the answer how much."""
+"""``capsbayes sensitivity sobol``: how much of the spread of the answer each input causes, varied over its range."""
 
 from __future__ import annotations
 
@@ -31,16 +31,17 @@ def sobol(
     seed: Seed = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Sobol indices of the deterministic answer (G_s, a, Ca, a/l) over ranges of the inputs.
+    """Compute the Sobol indices of the deterministic answer (G_s, a, Ca, a/l) over ranges of the inputs.
 
     Exit status: 0 done, 1 the ranges leave the database, 2 bad input.
     """
     from rich.console import Console
 
-    from capsbayes.cli.paths import check_folder, filled
-    from capsbayes.cli.printing import model_words, print_json, write_study, written_words
+    from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.measurement import Measurement
     from capsbayes.plan import sobol_indices
+    from capsbayes.show import sobol_figure
+    from capsbayes.show.tables.plan import sobol_table
 
     check_folder("--out", out)
     stated = _stated(ranges or [])
@@ -49,27 +50,23 @@ def sobol(
     model = named_model(database, known.cross_section)
     with Console(stderr=True).status("Answering the samples ..."):
         study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
-    if out is not None:
-        from capsbayes.show import sobol_figure
-
-        with filled(out) as folder:
-            write_study(folder, "sobol", study.as_dict(), sobol_figure(study))
-    if as_json:
-        print_json(study.as_dict())
-    else:
-        from capsbayes.show.tables.plan import sobol_table
-        from capsbayes.show.tables.table import print_parts
-
-        model_line = model_words(study.model_name, study.model_sha256, study.seed)
-        files = written_words(out, "sobol.json", "sobol.png")
-        lines = [*_lines(study), model_line, files]
-        print_parts(sobol_table(study), *lines, status=study.status, good=study.status.ok)
-    if not study.status.ok:
-        raise typer.Exit(1)
+    files: dict[str, Writer] = {
+        "sobol.json": json_file(study.as_dict()),
+        "sobol.png": lambda path: sobol_figure(study).savefig(path, dpi=140),
+    }
+    model_line = model_words(study.model_name, study.model_sha256, study.seed)
+    conclude(
+        study.as_dict(),
+        lambda: [sobol_table(study), *_lines(study), model_line],
+        files,
+        out=out,
+        as_json=as_json,
+        status=study.status,
+    )
 
 
 def _stated(texts: list[str]) -> dict[str, Quantity]:
-    """Range of each option ``--range NAME=TEXT``."""
+    """Return the range of each option ``--range NAME=TEXT``."""
     from capsbayes.errors import InputError
     from capsbayes.plan import varied_range
 

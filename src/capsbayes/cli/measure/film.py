@@ -1,4 +1,4 @@
-"""``capsbayes measure`` of a film: a table of its capsules, and a folder for each."""
+"""``capsbayes measure`` of a film or an .rtdc file: a table of its capsules or events, and a folder for each."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+
+from capsbayes.cli.measure.picture import write_detection
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,6 +44,40 @@ def measure_film(
     good = sum(capsule.status.ok for capsule in made.capsules)
     typer.echo(f"Status: {made.status if not made.status.ok else f'{good} of {len(made.capsules)} capsules measured.'}")
     if not good:
+        raise typer.Exit(1)
+
+
+def measure_rtdc(
+    path: Path,
+    experiment: Experiment,
+    *,
+    velocity: Quantity,
+    pixel_size: Quantity,
+    flow: str | None,
+    out: Path | None,
+) -> None:
+    """Measure the events of a file, count their statuses, and write the files of each."""
+    import pandas as pd
+
+    from capsbayes.image.files.rtdc import RtdcFile
+    from capsbayes.image.measure_rtdc import measure_rtdc
+    from capsbayes.work.progress import tracked
+
+    file = RtdcFile.open(path)
+    events = measure_rtdc(file, experiment, capsule_velocity=velocity, pixel_size=pixel_size, flow=flow)
+    rows = []
+    for event in tracked(events, file.events, "events"):
+        rows.append(event.row())
+        if out is not None:
+            write_detection(out / f"event-{event.number}", event.picture, event.detection, event.measurement)
+    table = pd.DataFrame(rows)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        table.to_csv(out / "events.csv", index=False)
+    counts = table["status"].value_counts()
+    typer.echo(", ".join(f"{name} {count}" for name, count in counts.items()))
+    typer.echo(f"Status: {counts.get('DONE', 0)} of {file.events} events measured.")
+    if "DONE" not in counts:
         raise typer.Exit(1)
 
 
@@ -89,8 +125,6 @@ def _cells(row: pd.Series) -> list[str]:
 
 def _write(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
     """Write capsules.csv and a folder for each capsule."""
-    from capsbayes.cli.measure_picture import write_detection
-
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "capsules.csv", index=False)
     for number, capsule in enumerate(made.capsules, start=1):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capsbayes.cli.options import Background, Flow, Velocity
+from capsbayes.cli.options import Background, Flow, Velocity, pixel_size_of, speed_of
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
@@ -51,10 +51,9 @@ def measure(
     ] = None,
 ) -> None:
     """Measure the capsule in a picture, or all those in a film: lengths with their errors."""
-    from capsbayes.cli.measure_film import measure_film
-    from capsbayes.cli.measure_picture import measured_picture, pixel_size_of, speed_of
-    from capsbayes.cli.measure_rtdc import measure_rtdc
-    from capsbayes.cli.paths import check_folder
+    from capsbayes.cli.measure.film import measure_film, measure_rtdc
+    from capsbayes.cli.measure.picture import measured_picture
+    from capsbayes.cli.output import check_folder
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
 
@@ -109,7 +108,7 @@ def _measure_contour(
     flow: str | None,
     out: Path | None,
 ) -> None:
-    from capsbayes.cli.measure_picture import pair, pixel_size_of
+    from capsbayes.cli.measure.picture import pair
     from capsbayes.errors import InputError
     from capsbayes.image.files.contour import ContourFile
     from capsbayes.image.measure_contour import measure_contour

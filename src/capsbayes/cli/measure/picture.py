@@ -1,4 +1,4 @@
-"""``capsbayes measure`` of a picture: what was found in it, printed and written; `identify` begins with it too."""
+"""``capsbayes measure`` of a picture: print and write what was detected; `identify` begins with it too."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def measured_picture(
     *,
     quiet: bool = False,
 ) -> Measurement:
-    """Measure the capsule in a picture, print what was found and write it; what failed ends the command.
+    """Measure the capsule in a picture, print and write what was detected; end the command on a failure.
 
     Parameters
     ----------
@@ -111,28 +111,8 @@ def _significant(value: float, error: float) -> str:
 
 
 def pair(value: float, error: float, *, digits: int = 2) -> str:
-    """A value with its standard error, as text."""
+    """Return a value with its standard error, as text."""
     return f"{value:.{digits}f} +/- {error:.{digits}f}"
-
-
-def speed_of(text: str | None) -> Quantity:
-    """Read ``--velocity``, which must have an error."""
-    return _with_error("--velocity", text, "m/s", "6.20 +/- 0.06 mm/s")
-
-
-def pixel_size_of(text: str | None) -> Quantity:
-    """Read ``--pixel-size``, which must have an error."""
-    return _with_error("--pixel-size", text, "m", "0.340 +/- 0.003 um")
-
-
-def _with_error(option: str, text: str | None, unit: str, example: str) -> Quantity:
-    from capsbayes.errors import InputError
-    from capsbayes.quantity import Quantity
-
-    read = Quantity.read(text, where=option, key="", units=(unit,), example=example)
-    if read.error == 0.0:
-        raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
-    return read
 
 
 def write_detection(out: Path, picture: Picture, detection: Detection, measured: Measurement) -> None:

@@ -1,0 +1,105 @@
+"""Files that commands write, refused before any work is done and written whole or not at all; and what they print."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from capsbayes.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from capsbayes.status import Status
+
+Writer = Callable[[Path], object]
+
+
+def check_folder(option: str, path: Path | None) -> None:
+    """Refuse a folder that cannot be made, because a file has its name."""
+    if path is not None and path.exists() and not path.is_dir():
+        raise InputError(option, "", "a folder", f"the file {path}")
+
+
+def check_suffix(command: str, option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
+    """Refuse a file to write, if one is named, with another ending or in a folder that is not there."""
+    if path is None:
+        return
+    if path.suffix not in suffixes:
+        raise InputError(command, option, f"a file name that ends in {' or '.join(suffixes)}", repr(str(path)))
+    if not path.parent.is_dir():
+        raise InputError(command, option, "a folder that exists", repr(str(path.parent)))
+
+
+def print_json(result: Any) -> None:
+    """Print a result as JSON."""
+    typer.echo(json.dumps(result, indent=2))
+
+
+def json_file(result: Any) -> Writer:
+    """Return a function that writes a result into a JSON file."""
+    return lambda path: path.write_text(json.dumps(result, indent=2) + "\n")
+
+
+def model_words(name: str, sha256: str, seed: int | None = None) -> str:
+    """Name the model, the start of the hash of its data, and the seed."""
+    return f"Model: {name}, sha256 {sha256[:12]}{'' if seed is None else f'; seed {seed}'}."
+
+
+def conclude(
+    result: Any,
+    parts: Callable[[], Sequence[str | pd.DataFrame]],
+    files: Mapping[str, Writer],
+    *,
+    out: Path | None,
+    as_json: bool,
+    status: Status | None = None,
+    status_words: str | None = None,
+) -> None:
+    """Write the files of a result and print it; end the command with exit status 1 if its status is not good.
+
+    Parameters
+    ----------
+    result : JSON value
+        What ``--json`` prints.
+    parts : function that returns a sequence of str and DataFrame
+        Sentences and tables that are printed otherwise.
+    files : mapping of str to function of a path
+        Writer of each file by its name; all files are written, or none.
+    out : Path, optional
+        Folder of the files.
+    as_json : bool
+    status : Status, optional
+    status_words : str, optional
+        Sentence of the status, where there is more to say than its own.
+    """
+    if out is not None:
+        with _filled(out) as folder:
+            for name, write in files.items():
+                write(folder / name)
+    if as_json:
+        print_json(result)
+    else:
+        from capsbayes.show.tables.table import print_parts
+
+        written = "" if out is None else f"Written to {out}: {', '.join(files)}."
+        print_parts(*parts(), written, status=status_words or status, good=status is None or status.ok)
+    if status is not None and not status.ok:
+        raise typer.Exit(1)
+
+
+@contextlib.contextmanager
+def _filled(out: Path) -> Iterator[Path]:
+    """Give a temporary folder whose files are moved into `out` in the end: an error leaves nothing half done."""
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=out, prefix=".unfinished-") as folder:
+        yield Path(folder)
+        for made in sorted(Path(folder).iterdir()):
+            os.replace(made, out / made.name)
