@@ -220,13 +220,13 @@ class Database:
         return cls(dataset)
 
     @classmethod
-    def open(cls, name: str) -> Database:
-        """Read a database that comes with the library.
+    def open(cls, source: str | os.PathLike[str]) -> Database:
+        """Read a database that comes with the library, or a file.
 
         Parameters
         ----------
-        name : str
-            Its name, as ``"square-neo-hookean"``.
+        source : str or path
+            Name, as ``"square-neo-hookean"``, or path of a file with its ending .nc.
 
         Returns
         -------
@@ -235,8 +235,11 @@ class Database:
         Raises
         ------
         DatabaseError
-            If there is none of that name.
+            If there is none of that name, or the file cannot be read.
         """
+        name = str(source)
+        if name.endswith(".nc") or isinstance(source, os.PathLike):
+            return cls.read(source)
         for folder in _shipped_folders():
             if (folder / f"{name}.nc").is_file():
                 return cls.read(folder / f"{name}.nc")

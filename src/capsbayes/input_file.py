@@ -14,10 +14,23 @@ from typing import Any
 from capsbayes.errors import InputError
 from capsbayes.quantity import Quantity
 
-__all__ = ["InputFile", "Reader", "checked_table", "file_name", "not_negative", "number", "quantity", "unread"]
+__all__ = [
+    "PICTURES",
+    "InputFile",
+    "Reader",
+    "checked_table",
+    "file_name",
+    "not_negative",
+    "number",
+    "quantity",
+    "unread",
+]
 
 Reader = Callable[[Any, str, str], Any]
 """Function of a value, the file and the dotted key; it returns what the value means, or raises InputError."""
+
+PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
+"""Endings of the files of pictures."""
 
 Keys = Mapping[str, Reader] | Collection[str]
 

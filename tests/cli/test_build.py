@@ -88,7 +88,7 @@ def test_exit_status_is_1_when_nothing_converged(build, tmp_path):
         ),
         (
             ["--grid", "default", "--effect", "bending", "--values", "0,1", "--compare", "12"],
-            "build: --compare: expected nothing beside --effect, got 12",
+            "build: --compare: expected nothing with --effect, got 12",
         ),
         (
             ["--grid", "default", "--effect", "limit", "--values", "0.175,0.2"],

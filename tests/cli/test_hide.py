@@ -1,4 +1,4 @@
-"""``capsbayes hide``: a blind set, its truth beside it, mistakes in one line."""
+"""``capsbayes hide``: a blind set, its truth next to it, mistakes in one line."""
 
 import hashlib
 import json

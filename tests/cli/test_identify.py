@@ -170,7 +170,7 @@ def test_a_picture_is_measured_and_identified_in_one_go(picture):
 
 
 def test_a_picture_needs_an_experiment_and_a_velocity(picture):
-    assert "--experiment: expected the experiment's file beside a picture" in str(run(picture).exception)
+    assert "--experiment: expected the experiment's file with a picture" in str(run(picture).exception)
     lacking = run(picture, "--experiment", picture.parent / "channel.toml")
     assert "--velocity" in str(lacking.exception)
 

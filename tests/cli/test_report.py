@@ -40,7 +40,7 @@ def test_a_population_becomes_a_page_of_at_most_so_many_rows(here):
         (["moon"], "moon: expected the file of a result, or one of the databases"),
         (["empty"], "empty: expected a folder of capsbayes identify, with posterior.nc, got another folder"),
         (["text.nc"], "text.nc: expected a NetCDF file of a posterior, a population or a database"),
-        (["run.nc", "--picture", "a.png"], "report: --picture: expected a posterior beside a picture, got run.nc"),
+        (["run.nc", "--picture", "a.png"], "report: --picture: expected a posterior with a picture, got run.nc"),
         (["run.nc", "--out", "empty"], "report: empty: expected a file that can be written"),
     ],
 )

@@ -22,7 +22,7 @@ def test_prints_a_table_and_writes_table_series_and_picture(monkeypatch, capsys,
     case = ["--ca", 0.12, "--size-ratio", 0.8, "--until", 0.24, "--every", 0.06]
     status, out, _ = run(monkeypatch, capsys, *COARSE, *case, *(word for pair in files.items() for word in pair))
     assert status == 0
-    heading, *rows, end = out.splitlines()
+    heading, _, *rows, _, end = out.splitlines()
     assert "L_z / l" in heading
     assert end.startswith("Not yet steady: the fastest node moves at 0.")
     table = np.genfromtxt(files["--table"], delimiter=",", names=True)

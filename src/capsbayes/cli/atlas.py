@@ -19,20 +19,19 @@ def atlas(
     as_json: AsJson = False,
 ) -> None:
     """Draw what a database covers: its cases and borders, velocities, lengths and shapes."""
-    import json
-
     from rich.console import Console
 
+    from capsbayes.cli.output import print_json
     from capsbayes.database import Database
     from capsbayes.show.figures.atlas import atlas as figures_of
 
-    whole = Database.read(database) if database.endswith(".nc") else Database.open(database)
+    whole = Database.open(database)
     with Console(stderr=True).status("Drawing ..."):
         paths = _write(figures_of(whole), out)
     if as_json:
         files = [{"file": str(path), "bytes": path.stat().st_size} for path in paths]
         counts = {"cases": len(whole), "converged": len(whole.converged)}
-        typer.echo(json.dumps({"sha256": whole.sha256, **counts, "files": files}, indent=2))
+        print_json({"sha256": whole.sha256, **counts, "files": files})
         return
     typer.echo(f"{len(whole.converged)} of {len(whole)} cases with a steady state")
     for path in paths:

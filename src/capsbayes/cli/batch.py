@@ -35,7 +35,7 @@ def batch(
             help="Folder of measurement files and pictures, .csv, .parquet or .nc table of lengths, or .nc of outlines."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="NetCDF file to write; a .csv of the same name is written beside it.")],
+    out: Annotated[Path, typer.Option(help="NetCDF file to write; a .csv of the same name is written next to it.")],
     experiment: ExperimentFile = None,
     database: ModelName = None,
     velocity: Velocity = None,
@@ -92,7 +92,7 @@ def batch(
 
 
 def _summary(population: Population, hierarchy: Hierarchy | None) -> dict[str, object]:
-    """Counts, medians and ranges of the capsules that can be used, and what made them."""
+    """Return counts, medians and ranges of the capsules that can be used, and what made them."""
     found = population.attributes
     return {
         "capsules": len(population),

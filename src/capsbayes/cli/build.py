@@ -45,7 +45,7 @@ def build(
 
     chosen, varied = _chosen_cases(cases, grid), _values(effect, values)
     _require("--compare", compare is None or compare > simulator.refinement, "more than --refinement", compare)
-    _require("--compare", compare is None or effect is None, "nothing beside --effect", compare)
+    _require("--compare", compare is None or effect is None, "nothing with --effect", compare)
 
     def make() -> Database:
         how: dict[str, Any] = {"scheduler": scheduler, "workers": workers, "compare": compare}
@@ -56,13 +56,17 @@ def build(
 
 def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
     """Make a database and print what came of it; exit status 1 if not one case converged."""
-    import json
     import time
+
+    from capsbayes.cli.output import print_json
 
     begin = time.perf_counter()
     database = make()
     summary = _summary(database, out, time.perf_counter() - begin)
-    typer.echo(json.dumps(summary, indent=2) if as_json else _as_text(summary))
+    if as_json:
+        print_json(summary)
+    else:
+        typer.echo(_as_text(summary))
     if not len(database.converged):
         raise typer.Exit(1)
 
@@ -81,7 +85,7 @@ def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, flo
 
 
 def _values(effect: str | None, text: str | None) -> list[float]:
-    """The numbers of --values, which comes with --effect."""
+    """Return the numbers of --values, which comes with --effect."""
     from capsbayes.errors import InputError
 
     if (effect is None) != (text is None):

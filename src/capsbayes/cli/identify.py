@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from capsbayes.infer import Posterior
     from capsbayes.measurement import Measurement
 
-PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
-
 
 def identify(
     capsule: Annotated[
@@ -64,6 +62,7 @@ def identify(
     from capsbayes.cli.output import check_folder, conclude, model_words
     from capsbayes.infer import Prior
     from capsbayes.infer import identify as identified
+    from capsbayes.input_file import PICTURES
     from capsbayes.measurement import Measurement
     from capsbayes.show.terminal import posterior_parts
     from capsbayes.show.words.posterior import status_words
@@ -116,6 +115,7 @@ def _measured(
 
 def _check_no_picture(capsule: Path, options: dict[str, Any]) -> None:
     from capsbayes.errors import InputError
+    from capsbayes.input_file import PICTURES
 
     for option, given in options.items():
         if given is not None:

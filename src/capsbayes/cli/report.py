@@ -32,7 +32,7 @@ def report(
 
     found, source = opened(result)
     if picture is not None and not isinstance(found, Posterior):
-        raise InputError("report", "--picture", "a posterior beside a picture", source)
+        raise InputError("report", "--picture", "a posterior with a picture", source)
     with Console(stderr=True).status("Drawing ..."):
         path = write_report(found, out, picture=picture, rows=rows, source=source)
     typer.echo(f"Written to {path}, {path.stat().st_size / 1e6:.1f} MB.")

@@ -27,15 +27,16 @@ def simulate(
 
     Exit status: 0 done, 1 no steady state (the status says why), 2 bad input.
     """
-    import json
-
-    from capsbayes.cli.output import check_suffix
+    from capsbayes.cli.output import check_suffix, print_json
 
     check_suffix("simulate", "--paraview", paraview, (".vtu",))
     check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))
     state = _run(simulator, capillary_number, size_ratio)
     result = _summary(state)
-    typer.echo(json.dumps(result, indent=2) if as_json else _as_text(state, result))
+    if as_json:
+        print_json(result)
+    else:
+        _print(state, result)
     if not state.status.ok:
         raise typer.Exit(1)
     if paraview is not None:
@@ -97,23 +98,20 @@ _ROWS = (
     ("max tau / G_s", "maximum_tension", "largest principal tension"),
     ("sigma l / U", "wrinkling_rate", "growth of wrinkles about the axis; the shape is the smooth one"),
 )
-
-
 _USUAL = {"pre_inflation": 0.0, "corner_radius": 0.0, "section_aspect": 1.0, "rest_aspect": 1.0}
 
 
-def _as_text(state: SteadyState, summary: dict[str, Any]) -> str:
+def _print(state: SteadyState, summary: dict[str, Any]) -> None:
+    from capsbayes.show.tables.table import print_parts, table
+
     settings = state.settings
     unusual = [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
-    lines = [
+    typer.echo(
         f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['section']} "
-        f"section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual),
-        summary["message"],
-    ]
+        f"section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual)
+    )
+    typer.echo(summary["message"])
     if state.status.ok:
-        lines += [
-            f"  {symbol:16s} {summary[key]:9.4f}   {meaning}"
-            for symbol, key, meaning in _ROWS
-            if summary[key] is not None
-        ]
-    return "\n".join(lines)
+        known = [(symbol, summary[key], meaning) for symbol, key, meaning in _ROWS if summary[key] is not None]
+        rows = [(symbol, f"{value:.4f}", meaning) for symbol, value, meaning in known]
+        print_parts(table(("", "", ""), rows, numbers=(1,)))

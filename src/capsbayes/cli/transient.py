@@ -38,6 +38,8 @@ def transient(
     check_suffix("transient", "--paraview", paraview, (".pvd",))
     check_suffix("transient", "--plot", plot, (".png", ".pdf", ".svg"))
     from capsbayes.physics.simulation.snapshot import save_series
+    from capsbayes.show.tables.table import print_parts
+    from capsbayes.show.tables.table import table as rendered
 
     way = simulator.transient(
         capillary_number=capillary_number,
@@ -48,12 +50,10 @@ def transient(
         viscosity_ratio=viscosity_ratio,
     )
     snapshots = _followed(way, until)
-    rows = [_row(snapshot) for snapshot in snapshots]
-    typer.echo("\n".join(["".join(f"{name:>10}" for name in _COLUMNS.values())] + ["".join(row) for row in rows]))
-    typer.echo(_end(snapshots[-1]))
+    lengths = rendered(list(_COLUMNS.values()), map(_row, snapshots), numbers=range(len(_COLUMNS)))
+    print_parts(lengths, _end(snapshots[-1]))
     if table is not None:
-        lines = [",".join(_COLUMNS)] + [",".join(cell.strip() for cell in row) for row in rows]
-        table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        lengths.to_csv(table, header=list(_COLUMNS), index=False)
     if paraview is not None:
         save_series(snapshots, paraview)
     if plot is not None:
@@ -64,7 +64,7 @@ def transient(
 
 
 def _followed(way: Iterator[Snapshot], until: float) -> list[Snapshot]:
-    """All snapshots, with a progress bar on a terminal."""
+    """Return all snapshots; show a progress bar on a terminal."""
     from capsbayes.work.progress import progress_bar
 
     snapshots = []
@@ -87,7 +87,7 @@ _COLUMNS = {
 def _row(snapshot: Snapshot) -> list[str]:
     profile = snapshot.profile
     lengths = (profile.axial_extent, profile.axial_length, snapshot.velocity_ratio)
-    return [f"{snapshot.time:10.4g}", *(f"{value:10.4f}" for value in lengths), f"{snapshot.speed:10.1e}"]
+    return [f"{snapshot.time:.4g}", *(f"{value:.4f}" for value in lengths), f"{snapshot.speed:.1e}"]
 
 
 def _end(last: Snapshot) -> str:
@@ -99,7 +99,7 @@ def _end(last: Snapshot) -> str:
 
 
 def _chosen(snapshots: list[Snapshot]) -> list[Snapshot]:
-    """The start, the snapshots nearest to a twelfth and a quarter of the time, and the end."""
+    """Return the start, the snapshots nearest to a twelfth and a quarter of the time, and the end."""
     end = snapshots[-1].time
     chosen = [
         min(snapshots, key=lambda snapshot: abs(snapshot.time - share * end)) for share in (0.0, 1 / 12, 0.25, 1.0)

@@ -1,4 +1,4 @@
-"""``capsbayes validate``: how well a database gives back the cases left out of it."""
+"""``capsbayes validate``: how well a database predicts the cases that are held out of it."""
 
 from __future__ import annotations
 
@@ -23,24 +23,23 @@ def validate(
     out: Annotated[Path | None, typer.Option(help="Folder for the heat maps and the table.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Leave one case out at a time, and find it again from its two lengths."""
-    import json
-
+    """Hold out one case at a time, and identify it from its two lengths."""
     from rich.console import Console
 
+    from capsbayes.cli.output import print_json
     from capsbayes.database import Database
     from capsbayes.show.tables.table import print_parts
     from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
 
-    whole = Database.read(database) if database.endswith(".nc") else Database.open(database)
+    whole = Database.open(database)
     sets = {"all": whole, "even": even_subset(whole)}
     studies: Studies = {}
-    with Console(stderr=True).status("Leaving out one case at a time ..."):
+    with Console(stderr=True).status("Holding out one case at a time ..."):
         for name, cases in sets.items():
             studies[name] = [validate_inverse(cases), validate_forward_map(cases)]
     figures = _figures(studies, whole.sha256)
     if as_json:
-        typer.echo(json.dumps(figures, indent=2))
+        print_json(figures)
     else:
         print_parts(_table(studies))
     if out is not None:
@@ -91,11 +90,10 @@ def _percent(means: Iterable[float], sds: Iterable[float], *, digits: int) -> li
 
 
 def _write(out: Path, studies: Studies, figures: dict[str, Any]) -> None:
-    import json
-
+    from capsbayes.cli.output import json_file
     from capsbayes.show.figures.error_maps import heat_maps
 
     out.mkdir(parents=True, exist_ok=True)
-    (out / "validation.json").write_text(json.dumps(figures, indent=2) + "\n")
+    json_file(figures)(out / "validation.json")
     for name, pair in studies.items():
         heat_maps(*pair).savefig(out / f"errors-{name.replace(' ', '-')}.png", dpi=150)

@@ -65,8 +65,7 @@ class Surrogate(PlaneSurrogate):
             On an unknown view.
         """
         view = check_view(view, "Surrogate", "view")
-        is_file = isinstance(source, Path) or str(source).endswith(".nc")
-        database = Database.read(source) if is_file else Database.open(str(source))
+        database = Database.open(source)
         base = database.plain_relative() if database.effect != NO_EFFECT else None
         return cls.from_database(database, base=base, view=view)
 

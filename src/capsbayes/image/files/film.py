@@ -13,10 +13,11 @@ import numpy as np
 
 from capsbayes.errors import InputError
 from capsbayes.image.files.picture import Picture, Pixels, decode, in_rgb_order
+from capsbayes.input_file import PICTURES
 
 __all__ = ["Film", "evenly_spaced", "is_film"]
 
-PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+FRAMES = (*PICTURES, ".bmp")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 _PAGES = 32  # of a TIFF file read at once
 
@@ -58,7 +59,7 @@ class Film:
         if path.is_dir():
             count = len(_pictures(path))
             if not count:
-                raise InputError(where, "", f"pictures ({', '.join(PICTURES)})", "a folder without any")
+                raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
         elif not path.is_file():
             raise InputError(where, "", "a film", "nothing there")
         elif path.suffix.lower() in VIDEOS:
@@ -135,7 +136,7 @@ def _pages(path: Path) -> int:
 def _pictures(folder: Path) -> list[Path]:
     """Return the pictures of a folder in the order of the numbers in their names: 9 before 10."""
     return sorted(
-        (path for path in folder.iterdir() if path.suffix.lower() in PICTURES),
+        (path for path in folder.iterdir() if path.suffix.lower() in FRAMES),
         key=lambda path: [
             (part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", path.name)
         ],

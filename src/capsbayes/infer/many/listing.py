@@ -12,14 +12,13 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer.inputs import LOOSEST_VELOCITY
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tasks import (
-    PICTURES,
     FileTask,
     OutlinesTask,
     RowsTask,
     TableTask,
     measured_file,
 )
-from capsbayes.input_file import InputFile
+from capsbayes.input_file import PICTURES, InputFile
 from capsbayes.measured_outline import MID_PLANE, SILHOUETTE, check_view
 from capsbayes.measurement import Measurement
 from capsbayes.measurements import read_set

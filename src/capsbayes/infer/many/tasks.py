@@ -22,18 +22,17 @@ from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.table_rows import rows_of_table
-from capsbayes.input_file import InputFile
+from capsbayes.input_file import PICTURES, InputFile
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
 from capsbayes.work import Store
 
-__all__ = ["PICTURES", "FileTask", "OutlinesTask", "RowsTask", "StoredTask", "TableTask", "hash_of", "measured_file"]
+__all__ = ["FileTask", "OutlinesTask", "RowsTask", "StoredTask", "TableTask", "hash_of", "measured_file"]
 
 Floats = NDArray[np.float64]
 
 _LONGEST_NAME = 250
-PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 
 
 @dataclass(frozen=True)

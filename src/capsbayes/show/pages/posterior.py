@@ -9,6 +9,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from capsbayes.infer import Posterior
+from capsbayes.input_file import PICTURES
 from capsbayes.show.figures.corner import SHOWN, corner_plot
 from capsbayes.show.figures.outline import outline_figure
 from capsbayes.show.figures.picture import bare_figure, picture_figure
@@ -20,7 +21,6 @@ from capsbayes.show.words.rounding import value_words
 
 __all__ = ["capsule_pictures", "posterior_page"]
 
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _OVERLAY = "overlay.png"  # as capsbayes measure and identify name it
 _WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
 
@@ -122,7 +122,7 @@ def _overlay(posterior: Posterior, folder: Path | None) -> Iterator[Markup]:
 def _measured_in(posterior: Posterior) -> Path | None:
     """The picture that the capsule was measured in, if it is still there unchanged."""
     source = Path(posterior.measurement.source)
-    if source.suffix.lower() not in _PICTURES or not source.is_file():
+    if source.suffix.lower() not in PICTURES or not source.is_file():
         return None
     same = hashlib.sha256(source.read_bytes()).hexdigest() == posterior.measurement.sha256
     return source if same else None
