@@ -110,7 +110,7 @@ class Experiment(Readable):
         stated = {key: getattr(self, key) for key in ("half_width", "viscosity", "frame_rate")}
         found = {
             "cross_section": self.cross_section,
-            **{key: one.shown(key) for key, one in stated.items() if one is not None},
+            **{key: value.shown(key) for key, value in stated.items() if value is not None},
         }
         return found | ({"source": self.source} if self.source else {})
 

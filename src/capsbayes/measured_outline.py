@@ -176,7 +176,7 @@ class MeasuredOutline:
         """
         np.savetxt(path, self.points, fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
         noise, pose = self.noise, asdict(self.pose)
-        posed = [f"pose = {{ {', '.join(f'{name} = {float(one)!r}' for name, one in pose.items())} }}"]
+        posed = [f"pose = {{ {', '.join(f'{name} = {float(value)!r}' for name, value in pose.items())} }}"]
         return [
             "[outline]",
             f"file = {json.dumps(path.name)}",
@@ -208,12 +208,12 @@ def check_view(view: object, where: str, key: str) -> str:
     """Return the name of a view, "mid-plane" for the "section" of older files; refuse another word."""
     view = MID_PLANE if view == "section" else view
     if view not in VIEWS:
-        raise InputError(where, key, " or ".join(f'"{one}"' for one in VIEWS), repr(view))
+        raise InputError(where, key, " or ".join(f'"{known}"' for known in VIEWS), repr(view))
     return str(view)
 
 
 def _pose(table: object, where: str, key: str) -> Pose:
-    return Pose(**checked_table(table, where, key, optional={one.name: not_negative for one in fields(Pose)}))
+    return Pose(**checked_table(table, where, key, optional={entry.name: not_negative for entry in fields(Pose)}))
 
 
 def _points(path: Path) -> Floats:

@@ -348,10 +348,10 @@ class Quantity:
         if self.known:
             return self.value
         frozen = self.distribution
-        keywords = {name: _json(one) for name, one in frozen.kwds.items()}
+        keywords = {name: _json(value) for name, value in frozen.kwds.items()}
         return {
             "distribution": frozen.dist.name,
-            "arguments": [_json(one) for one in frozen.args],
+            "arguments": [_json(value) for value in frozen.args],
             "keywords": keywords,
         }
 
@@ -371,7 +371,7 @@ class Quantity:
         family = getattr(scipy.stats, stated["distribution"], None)
         if family is None:
             raise ValueError(f"a distribution of scipy.stats named {stated['distribution']!r}")
-        keywords = {name: float(one) for name, one in stated["keywords"].items()}
+        keywords = {name: float(value) for name, value in stated["keywords"].items()}
         return _of_frozen(family(*map(float, stated["arguments"]), **keywords), unit)
 
     def shown(self, name: str) -> str:

@@ -151,7 +151,7 @@ def _is_pure(law: MembraneLaw) -> str:
             return f"{name} = {np.asarray(values).tolist()}"
     alone = law.derivatives(i1[1, 1:], i2[1, 1:])
     pairs = zip(batch, alone, strict=True)
-    return _first(*(_difference("a batch", many[1, 1], one[0], 1e-13) for many, one in pairs))
+    return _first(*(_difference("a batch", many[1, 1], single[0], 1e-13) for many, single in pairs))
 
 
 def _has_true_derivatives(law: MembraneLaw) -> str:

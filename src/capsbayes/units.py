@@ -138,6 +138,6 @@ def _converted(
         raise InputError(where, key, wanted, repr(text))
     for target in units:
         if target and stated.dimensionality == _registry().Unit(target).dimensionality:
-            first, second = (float(_registry().Quantity(one, stated).to(target).magnitude) for one in numbers)
+            first, second = (float(_registry().Quantity(number, stated).to(target).magnitude) for number in numbers)
             return target, (first, second)
     raise InputError(where, key, wanted, f"{stated} in {text!r}")

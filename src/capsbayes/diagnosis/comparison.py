@@ -76,7 +76,7 @@ class Comparison:
             "capsule_velocity": self.session.circumstances["capsule_velocity"],
             "flow_rate": self.session.flow_rates,
         }
-        return pd.DataFrame(columns, index=[one.source for one in self.session.measurements])
+        return pd.DataFrame(columns, index=[measurement.source for measurement in self.session.measurements])
 
     @property
     def modulus(self) -> Floats:
@@ -103,7 +103,7 @@ class Comparison:
         settings, counts = np.unique(rates[np.isfinite(rates)], return_counts=True)
         if len(settings) < 2 or counts[counts > 1].sum() < 0.5 * len(rates):
             return {}
-        rows = {float(one): rates == one for one in settings}
+        rows = {float(setting): rates == setting for setting in settings}
         return {rate: (int(at.sum()), _median(self.modulus[at])) for rate, at in rows.items()}
 
     @cached_property
@@ -122,8 +122,16 @@ class Comparison:
 
         Return the residuals due to displaced regions, for capsules that have an outline and a best shape.
         """
-        measured = {row: one.outline for row, one in enumerate(self.session.measurements) if self.fits.settled[row]}
-        return {row: aligned_with(one.points, self.outlines[row]) for row, one in measured.items() if one is not None}
+        measured = {
+            row: measurement.outline
+            for row, measurement in enumerate(self.session.measurements)
+            if self.fits.settled[row]
+        }
+        return {
+            row: aligned_with(outline.points, self.outlines[row])
+            for row, outline in measured.items()
+            if outline is not None
+        }
 
     @property
     def gap(self) -> float:

@@ -119,19 +119,19 @@ class Study(Readable):
 
         rows = {
             name: {
-                "effect": one.effect.name,
-                "kind": one.effect.kind.name,
+                "effect": scores.effect.name,
+                "kind": scores.effect.kind.name,
                 "log_evidence": self.evidence.get(name, float("nan")),
-                "log_likelihood_ratio": one.log_likelihood_ratio,
-                "size": one.size,
-                **dict(zip(("low", "high"), one.interval(), strict=True)),
-                "unit": one.effect.parameter.unit,
-                "surface_shear_modulus": float(one.modulus[one.best]),
+                "log_likelihood_ratio": scores.log_likelihood_ratio,
+                "size": scores.size,
+                **dict(zip(("low", "high"), scores.interval(), strict=True)),
+                "unit": scores.effect.parameter.unit,
+                "surface_shear_modulus": float(scores.modulus[scores.best]),
                 "may_explain": name in self.names,
-                "changes": one.effect.changes,
-                "separated_by": one.effect.separated_by,
+                "changes": scores.effect.changes,
+                "separated_by": scores.effect.separated_by,
             }
-            for name, one in self.scores.items()
+            for name, scores in self.scores.items()
         }
         return pd.DataFrame.from_dict(rows, orient="index")
 
@@ -212,7 +212,7 @@ def diagnose(
     trials = {} if earlier is None else earlier.trials
     search = Search(model, effects, first, white, seed, measured or {}, report, trials)
     steps, explained, trials = searched(search, fits)
-    evidence = evidences({name: one.scores for name, one in trials.items()}, finding)
+    evidence = evidences({name: trial.scores for name, trial in trials.items()}, finding)
     made = partial(made, evidence=evidence, trials=trials)
     report("the held-out capsules")
     verification = None

@@ -102,13 +102,13 @@ class Finding:
         import pandas as pd
 
         columns = ("size", "error", "unit", "sigma", "p_value")
-        rows = {one.name: [getattr(one, column) for column in columns] for one in self.deviations}
+        rows = {deviation.name: [getattr(deviation, column) for column in columns] for deviation in self.deviations}
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
     @property
     def p_value(self) -> float:
         """Probability under a right model of a deviation at least as large as the largest."""
-        return min((one.p_value for one in self.deviations), default=1.0)
+        return min((deviation.p_value for deviation in self.deviations), default=1.0)
 
     def leaves_nothing(self, level: float) -> bool:
         """Tell whether no deviation is significant at a level, and displaced regions are less likely than none."""
@@ -121,11 +121,11 @@ class Finding:
         direction, so that they need no correction for the number of deviations; the two p-values are combined by
         Stouffer's method.
         """
-        there = {one.name: one for one in other.deviations}
+        there = {deviation.name: deviation for deviation in other.deviations}
         both = (
-            float(norm.sf((norm.isf(one.p_value) + _standing(one, there[one.name])) / np.sqrt(2.0)))
-            for one in self.deviations
-            if one.p_value <= among and one.name in there
+            float(norm.sf((norm.isf(deviation.p_value) + _standing(deviation, there[deviation.name])) / np.sqrt(2.0)))
+            for deviation in self.deviations
+            if deviation.p_value <= among and deviation.name in there
         )
         return min(both, default=1.0)
 
@@ -173,18 +173,21 @@ def find(
     own = _own_error_of_modulus(model, rest, fits.theta[done])
     displaced = displaced_regions(white, fits)
     table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own)]
-    table = [one for one in table if len(one.contributions) > _FEWEST]
+    table = [test for test in table if len(test.contributions) > _FEWEST]
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
     p_values = _by_signs(table, np.random.default_rng([seed, len(done)]))
     by_surprise = sorted(zip(table, p_values, strict=True), key=lambda pair: (pair[1], -abs(pair[0].statistic)))
     found = [
-        Deviation(one.name, one.size * one.scale, one.error * one.scale, one.unit, float(p_value))
-        for one, p_value in by_surprise
+        Deviation(test.name, test.size * test.scale, test.error * test.scale, test.unit, float(p_value))
+        for test, p_value in by_surprise
     ]
     found += _without_a_shape(fits)
     return Finding(
-        tuple(sorted(found, key=lambda one: one.p_value)), noise, len(done), Displacements.of(displaced, fits)
+        tuple(sorted(found, key=lambda deviation: deviation.p_value)),
+        noise,
+        len(done),
+        Displacements.of(displaced, fits),
     )
 
 
@@ -240,16 +243,16 @@ def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
     """Return the p-value of each test: the probability that the largest statistic under random signs is as large."""
     if not table:
         return np.empty(0)
-    capsules = max(len(one.contributions) for one in table)
+    capsules = max(len(test.contributions) for test in table)
     signs = rng.choice([-1.0, 1.0], (_FLIPS, capsules))
     largest = np.zeros(_FLIPS)
-    for one in table:
-        count = len(one.contributions)
-        own = rng.standard_normal(_FLIPS) * one.own.sum()
-        by_chance = (signs[:, :count] @ one.contributions + own) / np.sqrt(one.spread)
+    for test in table:
+        count = len(test.contributions)
+        own = rng.standard_normal(_FLIPS) * test.own.sum()
+        by_chance = (signs[:, :count] @ test.contributions + own) / np.sqrt(test.spread)
         largest = np.maximum(largest, np.abs(by_chance))
-    least = [(1.0 - 1e-9) * abs(one.statistic) for one in table]  # the signs as they are may be among those drawn
-    return np.array([(1 + np.sum(largest >= one)) / (_FLIPS + 1) for one in least])
+    least = [(1.0 - 1e-9) * abs(test.statistic) for test in table]  # the signs as they are may be among those drawn
+    return np.array([(1 + np.sum(largest >= statistic)) / (_FLIPS + 1) for statistic in least])
 
 
 def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> list[_Test]:

@@ -127,7 +127,7 @@ def fitted(
     freedom = np.array([len(left) - 2 - seen.placed for left, seen in zip(here.residuals, white.each, strict=True)])
     ill = np.flatnonzero(~(here.penalised(centre) < _AGAIN * np.maximum(freedom, 1)))
     if everywhere and len(ill):
-        others = [evaluate(one, ill) for one in initial_guesses(model, session, rest, ill)]
+        others = [evaluate(guess, ill) for guess in initial_guesses(model, session, rest, ill)]
         if start is not None:  # which was sought from everywhere before: the likeliest is enough
             for other in others[1:]:
                 others[0].take_better(np.arange(len(ill)), other, centre[ill])

@@ -174,7 +174,7 @@ def initial_guesses(
     """
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
     columns = np.linspace(size_low, size_high, _GUESSES[1] + 2)[1:-1]
-    ca, size = (one.ravel() for one in np.meshgrid(np.geomspace(ca_low, ca_high, _GUESSES[0] + 2)[1:-1], columns))
+    ca, size = (axis.ravel() for axis in np.meshgrid(np.geomspace(ca_low, ca_high, _GUESSES[0] + 2)[1:-1], columns))
     band = np.digitize(ca, np.geomspace(ca_low, ca_high, bands + 1)[1:-1])
     guesses = np.empty((bands, len(rows), 2))
     acting = [name for name in rest if name not in session.circumstances or name in model.circumstances]

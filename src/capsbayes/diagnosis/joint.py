@@ -89,10 +89,10 @@ class _Pair:
     ) -> None:
         self.model = model + scores[0].effect + scores[1].effect
         self.scores, self.session, self.white, self.measured = scores, session, white, measured
-        self.names = [one.effect.parameter.name for one in scores]
-        self.low = np.array([one.sizes[0] for one in scores])
-        self.high = np.array([one.sizes[-1] for one in scores])
-        self.scale = np.array([max(0.5 * np.ptp(one.interval()), 1e-6 * np.ptp(one.sizes)) for one in scores])
+        self.names = [score.effect.parameter.name for score in scores]
+        self.low = np.array([score.sizes[0] for score in scores])
+        self.high = np.array([score.sizes[-1] for score in scores])
+        self.scale = np.array([max(0.5 * np.ptp(score.interval()), 1e-6 * np.ptp(score.sizes)) for score in scores])
         self._start = alone.theta
         self._known: dict[tuple[float, ...], Outcome] = {}
 
@@ -115,11 +115,11 @@ class _Pair:
     def climbed(self) -> _Top:
         """Find the likeliest sizes of both."""
         step = np.minimum(_APART * self.scale, 0.25 * (self.high - self.low))
-        centre = np.array([one.size for one in self.scores])
+        centre = np.array([score.size for score in self.scores])
         covariance = np.diag(self.scale**2)
         for _ in range(_CLIMBS):
             centre = np.clip(centre, self.low + step, self.high - step)
-            totals = np.array([self.total(centre + step * one) for one in _DESIGN])
+            totals = np.array([self.total(centre + step * point) for point in _DESIGN])
             top, bend = _parabola(totals)
             away = float(np.abs(top).max())
             if np.all(np.linalg.eigvalsh(bend) < 0.0):
@@ -153,9 +153,9 @@ class _Pair:
         return Scores(
             self.scores[which].effect,
             sizes,
-            np.array([one.log_likelihood for one in tried]),
+            np.array([outcome.log_likelihood for outcome in tried]),
             np.array(elsewhere),
-            np.array([one.modulus for one in tried]),
+            np.array([outcome.modulus for outcome in tried]),
         )
 
     def _elsewhere(self, sizes: Floats) -> float:

@@ -85,8 +85,8 @@ class Displacements:
     def of(cls, seen: Iterable[Displaced], fits: Fits) -> Displacements:
         """Sum the information of capsules, given their fits."""
         found = cls()
-        for one in seen:
-            found += cls(one.pattern @ one.pattern.T, one.pattern @ fits.residuals[one.row])
+        for capsule in seen:
+            found += cls(capsule.pattern @ capsule.pattern.T, capsule.pattern @ fits.residuals[capsule.row])
         return found
 
     def __add__(self, other: Displacements) -> Displacements:

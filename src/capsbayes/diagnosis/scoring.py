@@ -184,7 +184,7 @@ class Trial:
         self.model, self.effect, self.session, self.white, self.without = model, effect, session, white, without
         self.measured = measured
         self._found = {effect.null_value: Outcome.of(without), **(known or {})}
-        for size in sorted(_first_sizes(effect, measured), key=lambda one: abs(one - effect.null_value)):
+        for size in sorted(_first_sizes(effect, measured), key=lambda guess: abs(guess - effect.null_value)):
             self._add(size, everywhere=True)
         self.refine(1)
 
@@ -226,7 +226,7 @@ def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[f
     """Return the sizes to try first: quantiles of the prior, and sizes around an independent measurement."""
     low, high = effect.prior.support()
     about = [] if measured is None else [measured[0] + sigma * measured[1] for sigma in (-2.0, -1.0, 0.0, 1.0, 2.0)]
-    return [*(float(one) for one in effect.prior.ppf(_QUANTILES)), *(one for one in about if low <= one <= high)]
+    return [*(float(size) for size in effect.prior.ppf(_QUANTILES)), *(size for size in about if low <= size <= high)]
 
 
 def _likeliest(away: Floats, totals: Floats) -> int:
@@ -251,8 +251,8 @@ def _about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) 
         return []
     top = 0.5 * (x0 + x1) - left / bend
     error = 1.0 / np.sqrt(-bend)
-    wanted = [min(max(one, low), high) for one in (top, top - 2.0 * error, top + 2.0 * error)]
-    return [one for one in wanted if min(abs(one - size) for size in sizes) > _NEXT * (high - low)]
+    wanted = [min(max(guess, low), high) for guess in (top, top - 2.0 * error, top + 2.0 * error)]
+    return [guess for guess in wanted if min(abs(guess - size) for size in sizes) > _NEXT * (high - low)]
 
 
 def population(values: Floats, variances: Floats) -> Population:

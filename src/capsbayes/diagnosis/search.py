@@ -185,9 +185,14 @@ class Search:
         used, name = first.in_question[0], second.in_question[0]
         others = [other for other in self.candidates if other not in (used, name)]
         pairs = {used: second.best, **self._scored_with(second.best, others)[1]}
-        best = max(pairs, key=lambda one: float(pairs[one].total.max()))
-        alike = [one for one in pairs if one != best and _alike_with_others(pairs[best], pairs[one])]
-        return {one: pairs[one] for one in (best, *sorted(alike, key=lambda one: -float(pairs[one].total.max())))}
+        best = max(pairs, key=lambda candidate: float(pairs[candidate].total.max()))
+        alike = [
+            candidate for candidate in pairs if candidate != best and _alike_with_others(pairs[best], pairs[candidate])
+        ]
+        return {
+            candidate: pairs[candidate]
+            for candidate in (best, *sorted(alike, key=lambda candidate: -float(pairs[candidate].total.max())))
+        }
 
     def _scored_with(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
         """Score effects together with a known one; the few likeliest are scored jointly with it.
@@ -207,19 +212,19 @@ class Search:
 
 def _worth_measuring_together(scores: Mapping[str, Scores]) -> tuple[str, ...]:
     """Return the likeliest few on top of the first at its size."""
-    most = max((one.log_likelihood_ratio for one in scores.values()), default=0.0)
+    most = max((score.log_likelihood_ratio for score in scores.values()), default=0.0)
     return tuple(
-        name for name, one in scores.items() if one.log_likelihood_ratio > max(LEAST_RATIO, most - _FAR_BEHIND)
+        name for name, score in scores.items() if score.log_likelihood_ratio > max(LEAST_RATIO, most - _FAR_BEHIND)
     )[:_TOGETHER]
 
 
 def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
     """Return the scores of all, the likeliest first, refined for those that are not far behind."""
-    most = max((one.scores.log_likelihood_ratio for one in trials.values()), default=0.0)
-    for one in trials.values():
-        if one.scores.log_likelihood_ratio > min(0.5 * most, most - _FAR_BEHIND):
-            one.refine()
-    return _by_ratio({name: one.scores for name, one in trials.items()})
+    most = max((trial.scores.log_likelihood_ratio for trial in trials.values()), default=0.0)
+    for trial in trials.values():
+        if trial.scores.log_likelihood_ratio > min(0.5 * most, most - _FAR_BEHIND):
+            trial.refine()
+    return _by_ratio({name: trial.scores for name, trial in trials.items()})
 
 
 def _by_ratio(scores: Mapping[str, Scores]) -> dict[str, Scores]:
@@ -232,7 +237,7 @@ def _with(model: ForwardModel, scores: Scores) -> FixedParameters:
 
 def _indistinguishable_from_best(scores: Mapping[str, Scores]) -> tuple[str, ...]:
     """Return the likeliest effect, and those as likely but for the scatter from capsule to capsule."""
-    names = [name for name, one in scores.items() if one.log_likelihood_ratio > LEAST_RATIO]
+    names = [name for name, score in scores.items() if score.log_likelihood_ratio > LEAST_RATIO]
     return tuple(name for name in names if _alike(scores[names[0]], scores[name]))
 
 
@@ -279,6 +284,6 @@ def evidences(scores: Mapping[str, Scores], finding: Finding) -> dict[str, float
     dict
         The likeliest first.
     """
-    log_evidence = {name: one.evidence for name, one in scores.items()}
+    log_evidence = {name: score.evidence for name, score in scores.items()}
     log_evidence |= {NOTHING: 0.0, UNKNOWN: finding.displacements.evidence}
     return dict(sorted(log_evidence.items(), key=lambda item: -item[1]))

@@ -48,8 +48,8 @@ class Session:
     def __post_init__(self) -> None:
         if not self.measurements:
             raise InputError("session", "measurements", "at least one capsule", "none")
-        for number, one in enumerate(self.measurements):
-            check_comparable(one, one.source or f"capsule {number}")
+        for number, measurement in enumerate(self.measurements):
+            check_comparable(measurement, measurement.source or f"capsule {number}")
 
     @classmethod
     def read(cls, path: str | Path, experiment: Experiment | str | Path | None = None) -> Session:
@@ -93,22 +93,26 @@ class Session:
     @cached_property
     def circumstances(self) -> dict[str, Floats]:
         """Conditions of each capsule on which effects may depend : dict of (n,) array, SI."""
-        velocity = np.array([one.capsule_velocity for one in self.measurements])
+        velocity = np.array([measurement.capsule_velocity for measurement in self.measurements])
         found = {"capsule_velocity": velocity}
         for name in CONDITIONS:
             usual = getattr(self.experiment, name).mean
-            found[name] = np.array([one.conditions.get(name, usual) for one in self.measurements])
+            found[name] = np.array([measurement.conditions.get(name, usual) for measurement in self.measurements])
         return found
 
     @cached_property
     def flow_rates(self) -> Floats:
         """Flow rates set at the pump : (n,) array [m^3/s], NaN where unknown."""
-        return np.array([np.nan if one.flow_rate is None else one.flow_rate for one in self.measurements])
+        return np.array(
+            [np.nan if measurement.flow_rate is None else measurement.flow_rate for measurement in self.measurements]
+        )
 
     @property
     def velocity_errors(self) -> Floats:
         """Relative standard errors of the capsules' velocities : (n,) array."""
-        return np.array([one.capsule_velocity_error / one.capsule_velocity for one in self.measurements])
+        return np.array(
+            [measurement.capsule_velocity_error / measurement.capsule_velocity for measurement in self.measurements]
+        )
 
     def mean(self, name: str) -> float:
         """Return the mean of the half width [m] or of the viscosity [Pa s] over the capsules."""
@@ -127,12 +131,12 @@ class Session:
             Of the random numbers.
         """
         rng = np.random.default_rng(seed)
-        extent = np.array([one.axial_extent for one in self.measurements])
+        extent = np.array([measurement.axial_extent for measurement in self.measurements])
         order = np.lexsort((self.circumstances["capsule_velocity"], np.argsort(np.argsort(extent)) // _BIN))
         first: list[int] = []
         second: list[int] = []
         for start in range(0, len(order), 2):
             pair = rng.permutation(order[start : start + 2])
             first.append(int(pair[0]))
-            second.extend(int(one) for one in pair[1:])
+            second.extend(int(row) for row in pair[1:])
         return self.taken(sorted(first)), self.taken(sorted(second))

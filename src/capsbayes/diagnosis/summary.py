@@ -41,10 +41,12 @@ def summary(study: Study) -> dict[str, Any]:
         "candidates": _candidates(study),
         "held_out": None if study.verification is None else _verification(study.verification),
         "capsules": len(study.session),
-        "with_outline": sum(one.outline is not None for one in study.session.measurements),
+        "with_outline": sum(measurement.outline is not None for measurement in study.session.measurements),
         "left_out": list(study.session.left_out),
         "model": {"name": model.name, "sha256": model.sha256},
-        "files": {one.source: one.sha256 for one in study.session.measurements if one.sha256},
+        "files": {
+            measurement.source: measurement.sha256 for measurement in study.session.measurements if measurement.sha256
+        },
         "experiment": {"file": study.session.experiment.source, "sha256": study.session.experiment.sha256},
         "seed": study.seed,
         "level": study.level,
@@ -92,9 +94,9 @@ def _moduli(compared: Comparison) -> dict[str, Any]:
     return {
         "gap": _number(compared.gap),
         "median_surface_shear_modulus": _number(compared.median_modulus),
-        "surface_shear_modulus": [_number(one) for one in compared.modulus],
-        "surface_shear_modulus_error": [_number(one) for one in compared.modulus_error],
-        "size_ratio": [_number(one) for one in compared.fits.size],
+        "surface_shear_modulus": [_number(value) for value in compared.modulus],
+        "surface_shear_modulus_error": [_number(value) for value in compared.modulus_error],
+        "size_ratio": [_number(value) for value in compared.fits.size],
         "by_flow_rate": [
             {"flow_rate": rate, "capsules": count, "median_surface_shear_modulus": _number(median)}
             for rate, (count, median) in compared.modulus_at_flow_rates.items()

@@ -146,8 +146,8 @@ def verified(
     white = whitening(model, confirm)
     *before, last = (step for step in steps if step.in_question)
     models: list[ForwardModel] = [model, *(step.after for step in before)]
-    fits = [fitted(one, confirm, white) for one in models]
-    chain = [log_likelihood(one) for one in fits]
+    fits = [fitted(variant, confirm, white) for variant in models]
+    chain = [log_likelihood(fit) for fit in fits]
     shown = find(model, confirm, seed=seed, white=white, fits=fits[0]), Comparison(confirm, model, fits[0])
 
     def tried(name: str) -> Verification:
@@ -164,7 +164,7 @@ def verified(
             after=find(extended, confirm, seed=seed, white=own, fits=fit),
             left=last.left[name],
             log_likelihood_ratios=ratios,
-            steps=tuple(MeanRatio.of(one) for one in np.diff(likelihoods, axis=0)),
+            steps=tuple(MeanRatio.of(change) for change in np.diff(likelihoods, axis=0)),
             comparisons=(shown[1], Comparison(confirm, extended, fit)),
             established=tuple(
                 _established(effect, measured)
@@ -179,7 +179,7 @@ def verified(
         return steps, tries[last.in_question[0]]
     name = in_question[0]
     if name in last.before:
-        before = [replace(one, scores={**one.scores, one.in_question[0]: last.before[name]}) for one in before]
+        before = [replace(step, scores={**step.scores, step.in_question[0]: last.before[name]}) for step in before]
     return (*before, replace(last, in_question=in_question)), tries[name]
 
 
@@ -190,12 +190,12 @@ def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ..
     by chance. If it is far likelier, they are not in question themselves.
     """
     ratios = {
-        name: np.concatenate([step.scores[name].log_likelihood_ratios, one.log_likelihood_ratios])
-        for name, one in tries.items()
+        name: np.concatenate([step.scores[name].log_likelihood_ratios, verification.log_likelihood_ratios])
+        for name, verification in tries.items()
     }
     total = {
-        name: step.scores[name].log_likelihood_ratio + float(one.log_likelihood_ratios.sum())
-        for name, one in tries.items()
+        name: step.scores[name].log_likelihood_ratio + float(verification.log_likelihood_ratios.sum())
+        for name, verification in tries.items()
     }
     best, *others = sorted(total, key=lambda name: -total[name])
     alike = [

@@ -98,11 +98,13 @@ def whitened_at(model: ForwardModel, session: Session, pilots: Floats) -> Whiten
     places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
     own = model(places).covariance[:, :2, :2]
     each: list[Whitener] = []
-    for i, one in enumerate(session.measurements):
-        if one.outline is None:
-            each.append(OfLengths.of(one, own[i]))
+    for i, measurement in enumerate(session.measurements):
+        if measurement.outline is None:
+            each.append(OfLengths.of(measurement, own[i]))
         else:
             place = {name: float(values[i]) for name, values in places.items()}
-            each.append(OfOutline(outline_likelihood(model, one.outline, place, length=one.length_with_outline)))
-    outline = any(one.outline is not None for one in session.measurements)
+            each.append(
+                OfOutline(outline_likelihood(model, measurement.outline, place, length=measurement.length_with_outline))
+            )
+    outline = any(measurement.outline is not None for measurement in session.measurements)
     return Whitening(tuple(each), pilots, outline)

@@ -86,8 +86,8 @@ class LengthsLikelihood:
     Examples
     --------
     >>> seen = LengthsLikelihood(2.14, None, 0.01**2, 0.0, 0.0, True)
-    >>> one, zero = np.ones(1), np.zeros(1)
-    >>> at = ModelAtPoints(2.14 * one, one, one, zero, zero, zero, zero, zero, zero, one)
+    >>> ones, zeros = np.ones(1), np.zeros(1)
+    >>> at = ModelAtPoints(2.14 * ones, ones, ones, zeros, zeros, zeros, zeros, zeros, zeros, ones)
     >>> seen.log_density(at).round(4).tolist()  # -log(0.01 sqrt(2 pi))
     [3.6862]
     """

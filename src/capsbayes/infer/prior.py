@@ -85,7 +85,7 @@ class Prior:
             if stated.shape not in _RANGES or stated.low <= 0.0:
                 raise InputError("prior", name, "a uniform or log-uniform range with 0 < low < high", str(stated))
             object.__setattr__(self, name, stated)
-        read = {name: _coordinate(one, "prior", name) for name, one in self.coordinates.items()}
+        read = {name: _coordinate(quantity, "prior", name) for name, quantity in self.coordinates.items()}
         object.__setattr__(self, "coordinates", read)
 
     @classmethod
@@ -140,8 +140,8 @@ class Prior:
         """Return the ranges of G_s and a in SI, for reports and files."""
         ranges = {name: getattr(self, name) for name in _LIMITED}
         return {
-            name: {"distribution": one.shape, "low": one.low, "high": one.high, "unit": one.unit}
-            for name, one in ranges.items()
+            name: {"distribution": quantity.shape, "low": quantity.low, "high": quantity.high, "unit": quantity.unit}
+            for name, quantity in ranges.items()
         }
 
     @classmethod
@@ -149,7 +149,7 @@ class Prior:
         """Return the prior with the ranges that `described` gave, and with records of the coordinates' quantities."""
         ranges = {name: _RANGES[described[name]["distribution"]](described[name]["low"], described[name]["high"])
                   for name in _LIMITED}  # fmt: skip
-        known = {name: Quantity.of_record(one) for name, one in coordinates.items()}
+        known = {name: Quantity.of_record(record) for name, record in coordinates.items()}
         return cls(ranges["surface_shear_modulus"], ranges["capsule_radius"], known)
 
 

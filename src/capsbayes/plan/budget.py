@@ -61,10 +61,10 @@ class BudgetRow:
     @property
     def words(self) -> str:
         """Symbol and meaning of the input."""
-        one = PARAMETERS.get(self.name)
-        if one is None:
+        parameter = PARAMETERS.get(self.name)
+        if parameter is None:
             return {"surrogate": "model's own error", "outline": "errors of the outline"}.get(self.name, self.name)
-        return f"{one.symbol}, {one.meaning}"
+        return f"{parameter.symbol}, {parameter.meaning}"
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
         grid = engine(seen, inputs=inputs)
         shares = shares_of_each(engine, seen, grid)
         settings = settings_of(seen, inputs)
-        log_slopes_of = {name: log_slopes(engine, seen, grid, one) for name, one in settings.items()}
+        log_slopes_of = {name: log_slopes(engine, seen, grid, setting) for name, setting in settings.items()}
         centre = {name: grid.marginal(name).median for name in QUANTITIES}
         sd = {name: grid.log_marginal(name).sd for name in QUANTITIES}
     rows = (

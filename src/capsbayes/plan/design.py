@@ -96,7 +96,7 @@ class FlowDesign:
         if self.best is None:
             return None
         place = self.points.index(self.best)
-        fine = [one.allowed and one.relative <= _AS_GOOD * self.best.relative for one in self.points]
+        fine = [point.allowed and point.relative <= _AS_GOOD * self.best.relative for point in self.points]
         first, last = place, place
         while first > 0 and fine[first - 1]:
             first -= 1

@@ -82,22 +82,22 @@ class Expectation:
     @property
     def known(self) -> bool:
         """Whether all values are known without error."""
-        return all(one.known for one in self._all.values())
+        return all(quantity.known for quantity in self._all.values())
 
     @property
     def centre(self) -> Draws:
         """Capsule with the expected values."""
-        return Draws(**{name: np.array([one.value]) for name, one in self._all.items()})
+        return Draws(**{name: np.array([quantity.value]) for name, quantity in self._all.items()})
 
     def drawn(self, rng: np.random.Generator, count: int) -> Draws:
         """Draw independently; one draw if all is known."""
         if self.known:
             return self.centre
-        return Draws(**{name: LogGrid.of(one).drawn(rng, count) for name, one in self._all.items()})
+        return Draws(**{name: LogGrid.of(quantity).drawn(rng, count) for name, quantity in self._all.items()})
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """Return mean and standard deviation of each, SI."""
-        return {name: {"value": one.value, "error": one.error} for name, one in self._all.items()}
+        return {name: {"value": quantity.value, "error": quantity.error} for name, quantity in self._all.items()}
 
     @property
     def _all(self) -> dict[str, Quantity]:

@@ -116,7 +116,9 @@ def flow_design(
         table = WidthTable.of(predictor, capsules.size_ratio, progress)
     per_ca = expected_modulus / float(centre.viscosity[0])
     velocities = per_ca * here.inner(_POINTS)
-    expected = [_expected(one, table, capsules, centre, model, margin, experiment.cross_section) for one in velocities]
+    expected = [
+        _expected(velocity, table, capsules, centre, model, margin, experiment.cross_section) for velocity in velocities
+    ]
     points, status = _judged(expected, risk)
     allowed = [point for point in points if point.allowed]
     return FlowDesign(
@@ -147,7 +149,8 @@ def _expected(
     has_shape = model.domain.contains(ca, size)
     highest = table.highest(size)
     widths = {
-        name: float(np.mean(one[has_shape])) if has_shape.any() else np.nan for name, one in table.at(ca, size).items()
+        name: float(np.mean(width[has_shape])) if has_shape.any() else np.nan
+        for name, width in table.at(ca, size).items()
     }
     middle = {"capillary_number": centre.capillary_number(velocity), "size_ratio": centre.size_ratio}
     return FlowPoint(
@@ -165,8 +168,8 @@ def _expected(
 
 def _judged(expected: list[FlowPoint], risk: float) -> tuple[tuple[FlowPoint, ...], Status]:
     """Mark the velocities that may be chosen: below the limit, with widths that the border does not cut."""
-    below = [one.beyond_margin <= risk and bool(np.isfinite(one.relative)) for one in expected]
-    measured = [fine and one.leaning <= LEANING_SHARE for fine, one in zip(below, expected, strict=True)]
+    below = [point.beyond_margin <= risk and bool(np.isfinite(point.relative)) for point in expected]
+    measured = [fine and point.leaning <= LEANING_SHARE for fine, point in zip(below, expected, strict=True)]
     status = Status.DONE if any(measured) else Status.LEANS_ON_BORDER if any(below) else Status.NO_FLOW_RATE
     chosen = measured if any(measured) else below
-    return tuple(replace(one, allowed=fine) for one, fine in zip(expected, chosen, strict=True)), status
+    return tuple(replace(point, allowed=fine) for point, fine in zip(expected, chosen, strict=True)), status

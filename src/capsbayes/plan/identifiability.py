@@ -87,7 +87,7 @@ def identifiability_map(
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
     ends = (1.0 + _WITHIN) * ca_low, (1.0 - _WITHIN) * ca_high
     ca, size = np.geomspace(*ends, grid[0]), np.linspace(size_low, size_high, grid[1])
-    inside = np.stack([model.domain.contains(ca, np.full(len(ca), one)) for one in size])
+    inside = np.stack([model.domain.contains(ca, np.full(len(ca), ratio)) for ratio in size])
     points = list(zip(*np.nonzero(inside), strict=True))
     values = {name: np.full(inside.shape, np.nan) for name in Width.names()}
     with threadpool_limits(limits=1):
@@ -101,7 +101,9 @@ def identifiability_map(
 def lab_attributes(model: ForwardModel, experiment: Experiment, errors: LabErrors) -> dict[str, str]:
     """Return model, experiment and errors as attributes of a file."""
     known = {"half_width": experiment.half_width, "viscosity": experiment.viscosity}
-    lab = {name: {"value": one.mean, "error": one.sd, "unit": one.unit} for name, one in known.items()}
+    lab = {
+        name: {"value": quantity.mean, "error": quantity.sd, "unit": quantity.unit} for name, quantity in known.items()
+    }
     return {
         "model": model.name,
         "model_sha256": model.sha256,
@@ -131,9 +133,13 @@ def _dataset(
         name: (plane, values[field], {"units": "-", "long_name": meaning})
         for field, (name, meaning) in _MEANINGS.items()
     }
-    ranges = [range_at(model, float(one)) for one in size]
+    ranges = [range_at(model, float(ratio)) for ratio in size]
     found |= {
-        end: ("size_ratio", np.array([getattr(one, end) for one in ranges]), {"units": "-", "long_name": f"{end} Ca"})
+        end: (
+            "size_ratio",
+            np.array([getattr(limits, end) for limits in ranges]),
+            {"units": "-", "long_name": f"{end} Ca"},
+        )
         for end in ("lowest", "highest")
     }
     two = np.zeros(inside.shape, dtype=np.int8)

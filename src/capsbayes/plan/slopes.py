@@ -59,7 +59,7 @@ def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
     """Return the numeric inputs of a measurement; an outline replaces the lengths."""
     known = {"viscosity": (inputs.viscosity, "Pa s"), "capsule_velocity": (inputs.capsule_velocity, "m/s")}
     known["half_width"] = (inputs.half_width, "m")
-    found = {name: Setting(name, one.value, one.error, unit) for name, (one, unit) in known.items()}
+    found = {name: Setting(name, quantity.value, quantity.error, unit) for name, (quantity, unit) in known.items()}
     unit = "l" if measurement.over_half_width else "m"
     if measurement.outline is None:
         pair = measurement.axial_extent, measurement.axial_extent_error

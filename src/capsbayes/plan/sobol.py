@@ -82,10 +82,13 @@ def sobol_indices(
     _check(measurement, samples)
     inputs = Inputs.of(measurement, experiment)
     varied = _ranges(measurement, inputs, ranges or {})
-    answerer = Answerer.of(model, measurement, inputs, {name: one.error for name, one in varied.items()})
+    answerer = Answerer.of(model, measurement, inputs, {name: quantity.error for name, quantity in varied.items()})
     rows = _sampled(varied, samples, seed)
     answers, outside = answerer(dict(zip(varied, rows.reshape(-1, len(varied)).T, strict=True)))
-    values, outside = {name: one.reshape(samples, -1) for name, one in answers.items()}, outside.reshape(samples, -1)
+    values, outside = (
+        {name: answer.reshape(samples, -1) for name, answer in answers.items()},
+        outside.reshape(samples, -1),
+    )
     return SobolStudy(
         ranges=varied,
         indices={name: _indices(varied, values[name], seed + 1) for name in ANSWERS},
@@ -152,8 +155,8 @@ def _ranges(measurement: Measurement, inputs: Inputs, stated: Mapping[str, Given
     for name in stated:
         if name not in known:
             raise InputError("ranges", name, f"one of {', '.join(known)}", "an unknown input")
-    own = {name: Quantity(one.value, one.error) for name, one in known.items() if one.error > 0.0}
-    ranges = own | {name: varied_range(one, name) for name, one in stated.items()}
+    own = {name: Quantity(setting.value, setting.error) for name, setting in known.items() if setting.error > 0.0}
+    ranges = own | {name: varied_range(given, name) for name, given in stated.items()}
     varied = {name: ranges[name] for name in known if name in ranges}
     if len(varied) < 2:
         raise InputError("ranges", "", "at least two inputs that vary", ", ".join(varied) or "none")
@@ -177,7 +180,7 @@ def _sampled(varied: Mapping[str, Quantity], groups: int, seed: int) -> Floats:
     rows = np.repeat(first[:, None], 2 + count, axis=1)
     rows[:, 1] = second
     rows[:, 2 + np.arange(count), np.arange(count)] = second
-    return np.stack([one.ppf(rows[..., column]) for column, one in enumerate(varied.values())], axis=-1)
+    return np.stack([quantity.ppf(rows[..., column]) for column, quantity in enumerate(varied.values())], axis=-1)
 
 
 def _estimated(values: Floats) -> Floats:
@@ -212,4 +215,4 @@ def _change(values: Mapping[str, Floats], outside: NDArray[np.bool_]) -> float:
     if np.count_nonzero(kept) < _FEWEST_KEPT:
         return float("nan")
     both = (values[answer] for answer in ("surface_shear_modulus", "capsule_radius"))
-    return max(float(np.abs(_estimated(one[kept]) - _estimated(one)).max()) for one in both)
+    return max(float(np.abs(_estimated(samples[kept]) - _estimated(samples)).max()) for samples in both)

@@ -80,7 +80,9 @@ class SobolStudy:
         """Return the indices of one answer, a row for each input."""
         import pandas as pd
 
-        return pd.DataFrame.from_dict({name: asdict(one) for name, one in self.indices[answer].items()}, orient="index")
+        return pd.DataFrame.from_dict(
+            {name: asdict(index) for name, index in self.indices[answer].items()}, orient="index"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return all fields, ready for JSON."""
@@ -88,11 +90,11 @@ class SobolStudy:
             "status": self.status.name,
             "sentence": str(self.status),
             "ranges": {
-                name: {"kind": one.shape, **dict(zip(("first", "second"), one.parameters, strict=True))}
-                for name, one in self.ranges.items()
+                name: {"kind": quantity.shape, **dict(zip(("first", "second"), quantity.parameters, strict=True))}
+                for name, quantity in self.ranges.items()
             },
             "indices": {
-                answer: {name: asdict(one) for name, one in found.items()} for answer, found in self.indices.items()
+                answer: {name: asdict(index) for name, index in found.items()} for answer, found in self.indices.items()
             },
             "mean": {name: {"value": value, "unit": PARAMETERS[name].unit} for name, value in self.mean.items()},
             "sd": {name: {"value": value, "unit": PARAMETERS[name].unit} for name, value in self.sd.items()},

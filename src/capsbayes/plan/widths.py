@@ -116,11 +116,11 @@ class WidthPredictor:
         if plain is None:
             return Width()
         first = width_of(plain)
-        found = [width_of(one) for one in self._noisy(lengths + self.lattice @ root.T, velocity)] or [first]
+        found = [width_of(posterior) for posterior in self._noisy(lengths + self.lattice @ root.T, velocity)] or [first]
         return Width(
-            relative=float(np.mean([one.relative for one in found])),
-            sd=float(np.mean([one.sd for one in found])),
-            relative_radius=float(np.mean([one.relative_radius for one in found])),
+            relative=float(np.mean([width.relative for width in found])),
+            sd=float(np.mean([width.sd for width in found])),
+            relative_radius=float(np.mean([width.relative_radius for width in found])),
             noise_free=first.relative,
             leaning=self._leaning(plain),
         )
@@ -136,8 +136,8 @@ class WidthPredictor:
         return mean * width.value, _root(own * width.value**2 + seen + width.error**2 * np.outer(mean, mean))
 
     def _noisy(self, lengths: Floats, velocity: float) -> list[GridPosterior]:
-        found = (self._posterior(one, velocity) for one in lengths)
-        return [one for one in found if one is not None]
+        found = (self._posterior(pair, velocity) for pair in lengths)
+        return [posterior for posterior in found if posterior is not None]
 
     def _posterior(self, lengths: Floats, velocity: float) -> GridPosterior | None:
         """Return the posterior of a measurement; None where the model has no such shape."""
@@ -153,7 +153,9 @@ class WidthPredictor:
 def width_of(posterior: GridPosterior) -> Width:
     """Return the width of one posterior."""
     modulus, radius = (posterior.marginal(name) for name in ("surface_shear_modulus", "capsule_radius"))
-    half, half_radius = (0.5 * (one.upper_68 - one.lower_68) / one.median for one in (modulus, radius))
+    half, half_radius = (
+        0.5 * (marginal.upper_68 - marginal.lower_68) / marginal.median for marginal in (modulus, radius)
+    )
     return Width(half, posterior.log_marginal("surface_shear_modulus").sd, half_radius, half)
 
 

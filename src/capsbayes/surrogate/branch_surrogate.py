@@ -191,16 +191,16 @@ def _probes(lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
 @njit(cache=True, nogil=True)
 def _predict(ca, size, frame, coefficients, errors, values, covariance, inside):  # type: ignore[no-untyped-def]
     columns, lowest, highest, ca_step, size_step, x_origin, y_origin, x_step, y_step = frame
-    one, no_slopes = np.empty(coefficients.shape[3]), np.empty((0, 2))
+    predicted, no_slopes = np.empty(coefficients.shape[3]), np.empty((0, 2))
     for n in range(len(ca)):
         if not inside_borders(ca[n], size[n], columns, lowest, highest):
             continue
         inside[n] = True
         x = (np.sqrt(ca[n]) / ca_step - x_origin) / x_step
         y = (size[n] / size_step - y_origin) / y_step
-        hermite(x, y, coefficients, one, no_slopes)
-        values[n] = one
-        values[n, 0] = max(one[0], one[1])  # approximated separately, but equal where the rear is convex
+        hermite(x, y, coefficients, predicted, no_slopes)
+        values[n] = predicted
+        values[n, 0] = max(predicted[0], predicted[1])  # approximated separately, but equal where the rear is convex
         bilinear(x, y, errors, covariance[n])
 
 

@@ -81,9 +81,11 @@ class Hierarchy(Readable):
     def described(self) -> dict[str, str]:
         """Return the medians and 95 % intervals in the units that people read."""
         found = {"capsules": str(self.capsules)}
-        for name, one in self.marginals.items():
+        for name, marginal in self.marginals.items():
             known = QUANTITIES[name]
-            low, middle, high = (known.shown(value) for value in (one.lower_95, one.median, one.upper_95))
+            low, middle, high = (
+                known.shown(value) for value in (marginal.lower_95, marginal.median, marginal.upper_95)
+            )
             found[name] = f"{middle:.4g} [{low:.4g}, {high:.4g}] {known.shown_unit}".removesuffix(" -")
         return found | ({} if self.passed else {"gates": "not passed"})
 

@@ -33,7 +33,7 @@ __all__ = ["STATISTICS", "SUMMARISED", "Population"]
 
 Floats = NDArray[np.float64]
 
-STATISTICS = tuple(one.name for one in fields(Marginal))
+STATISTICS = tuple(statistic.name for statistic in fields(Marginal))
 """Of each quantity."""
 
 SUMMARISED = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")

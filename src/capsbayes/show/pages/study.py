@@ -44,7 +44,7 @@ def _finding(study: Study, compared: Comparison) -> dict[str, Any]:
     again = (
         {}
         if study.second_finding is None
-        else {one.name: words.deviation_words(one) for one in study.second_finding.deviations}
+        else {deviation.name: words.deviation_words(deviation) for deviation in study.second_finding.deviations}
     )
     of_outline = (
         f"Mean over {len(compared.edges)} capsules of the distance from the predicted to the measured edge, after each "
