@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import pytest
 from analytic_simulator import AnalyticSimulator
+from command_line import run
 from typer.testing import CliRunner
 
 import capsbayes.cli
@@ -125,11 +125,9 @@ def test_a_wrong_option_is_one_line_and_exit_status_2(tmp_path, monkeypatch, cap
 
 def mistake(monkeypatch, capsys, arguments):
     """What the command says on the terminal when it ends with exit status 2."""
-    monkeypatch.setattr(sys, "argv", ["capsbayes", "build", "--out", "shapes.nc", *arguments])
-    with pytest.raises(SystemExit) as caught:
-        capsbayes.cli.main()
-    assert caught.value.code == 2
-    return capsys.readouterr().err
+    status, _, err = run(monkeypatch, capsys, "build", "--out", "shapes.nc", *arguments)
+    assert status == 2
+    return err
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,11 @@
 """The command line as a whole: its version, its groups, and what it says without a command."""
 
-import sys
-
 import pytest
+from command_line import run
 from typer.testing import CliRunner
 
 import capsbayes
-from capsbayes.cli import COMMANDS, app, main
+from capsbayes.cli import COMMANDS, app
 
 
 def test_prints_its_version():
@@ -25,21 +24,16 @@ def test_help_lists_every_command_in_its_group(monkeypatch):
 
 @pytest.mark.parametrize("command", [[], ["sensitivity"]])
 def test_without_a_command_it_shows_its_help(monkeypatch, capsys, command):
-    monkeypatch.setattr(sys, "argv", ["capsbayes", *command])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    shown = capsys.readouterr()
-    assert caught.value.code == 2
-    assert "Usage: capsbayes" in shown.out + shown.err
-    assert "(see" not in shown.err
+    status, out, err = run(monkeypatch, capsys, *command)
+    assert status == 2
+    assert "Usage: capsbayes" in out + err
+    assert "(see" not in err
 
 
 def test_an_unknown_command_is_one_line(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["capsbayes", "identfy"])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert caught.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    status, _, err = run(monkeypatch, capsys, "identfy")
+    assert status == 2
+    assert err.count("\n") == 1
 
 
 def test_completion_can_be_installed():

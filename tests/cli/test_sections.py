@@ -1,26 +1,16 @@
 """The options of the section and of the shape at rest."""
 
-import sys
 from functools import partial
 
 import pytest
 from analytic_simulator import AnalyticSimulator
+from command_line import run
 
 import capsbayes.physics.simulation
-from capsbayes.cli import main
 from capsbayes.physics.simulation import Simulator
 from capsbayes.physics.stokes.walls import WallDiscretisation
 
 OPTIONS = ("--corner-radius", "0.1", "--rest-aspect", "1.05")
-
-
-def run(monkeypatch, capsys, *arguments):
-    """Exit status, standard output and standard error of ``capsbayes`` with these arguments."""
-    monkeypatch.setattr(sys, "argv", ["capsbayes", *arguments])
-    with pytest.raises(SystemExit) as end:
-        main()
-    captured = capsys.readouterr()
-    return end.value.code, captured.out, captured.err
 
 
 def test_simulate_states_the_section_it_was_given(monkeypatch, capsys):

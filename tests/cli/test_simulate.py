@@ -1,23 +1,12 @@
 import json
-import sys
 
 import meshio
 import numpy as np
 import pytest
-
-from capsbayes.cli import main
+from command_line import run
 
 CASE = ("--ca", "0.05", "--size-ratio", "0.8")
 COARSE = ["simulate", "--refinement", "4", "--bending", "1e-3"]
-
-
-def run(monkeypatch, capsys, *arguments):
-    """Exit status, standard output and standard error of ``capsbayes`` with these arguments."""
-    monkeypatch.setattr(sys, "argv", ["capsbayes", *map(str, arguments)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    captured = capsys.readouterr()
-    return end.value.code, captured.out, captured.err
 
 
 def test_prints_and_writes_what_it_found(monkeypatch, capsys, tmp_path):

@@ -1,20 +1,8 @@
-import sys
-
 import numpy as np
 import pytest
-
-from capsbayes.cli import main
+from command_line import run
 
 COARSE = ["transient", "--refinement", "4", "--bending", "1e-3"]
-
-
-def run(monkeypatch, capsys, *arguments):
-    """Exit status, standard output and standard error of ``capsbayes`` with these arguments."""
-    monkeypatch.setattr(sys, "argv", ["capsbayes", *map(str, arguments)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    captured = capsys.readouterr()
-    return end.value.code, captured.out, captured.err
 
 
 def test_prints_a_table_and_writes_table_series_and_picture(monkeypatch, capsys, tmp_path):

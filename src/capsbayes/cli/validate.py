@@ -26,9 +26,9 @@ def validate(
     """Hold out one case at a time, and identify it from its two lengths."""
     from rich.console import Console
 
-    from capsbayes.cli.output import print_json
+    from capsbayes.cli.output import Writer, conclude, json_file
     from capsbayes.database import Database
-    from capsbayes.show.tables.table import print_parts
+    from capsbayes.show.figures.error_maps import heat_maps
     from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
 
     whole = Database.open(database)
@@ -38,12 +38,10 @@ def validate(
         for name, cases in sets.items():
             studies[name] = [validate_inverse(cases), validate_forward_map(cases)]
     figures = _figures(studies, whole.sha256)
-    if as_json:
-        print_json(figures)
-    else:
-        print_parts(_table(studies))
-    if out is not None:
-        _write(out, studies, figures)
+    files: dict[str, Writer] = {"validation.json": json_file(figures)}
+    for name, pair in studies.items():
+        files[f"errors-{name}.png"] = lambda path, pair=pair: heat_maps(*pair).savefig(path, dpi=150)  # type: ignore[misc]
+    conclude(figures, lambda: [_table(studies)], files, out=out, as_json=as_json)
 
 
 def _figures(studies: Studies, sha256: str) -> dict[str, Any]:
@@ -87,13 +85,3 @@ def _table(studies: Studies) -> pd.DataFrame:
 
 def _percent(means: Iterable[float], sds: Iterable[float], *, digits: int) -> list[str]:
     return [f"{100 * mean:.{digits}f} ± {100 * sd:.{digits}f}" for mean, sd in zip(means, sds, strict=True)]
-
-
-def _write(out: Path, studies: Studies, figures: dict[str, Any]) -> None:
-    from capsbayes.cli.output import json_file
-    from capsbayes.show.figures.error_maps import heat_maps
-
-    out.mkdir(parents=True, exist_ok=True)
-    json_file(figures)(out / "validation.json")
-    for name, pair in studies.items():
-        heat_maps(*pair).savefig(out / f"errors-{name.replace(' ', '-')}.png", dpi=150)

@@ -1,0 +1,16 @@
+"""The command line run as from a terminal."""
+
+import sys
+
+import pytest
+
+from capsbayes.cli import main
+
+
+def run(monkeypatch, capsys, *arguments):
+    """Exit status, standard output and standard error of ``capsbayes`` with these arguments."""
+    monkeypatch.setattr(sys, "argv", ["capsbayes", *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    captured = capsys.readouterr()
+    return end.value.code, captured.out, captured.err
