@@ -27,11 +27,14 @@ def simulate(
 
     Exit status: 0 done, 1 no steady state (the status says why), 2 bad input.
     """
+    from rich.console import Console
+
     from capsbayes.cli.output import check_suffix, print_json
 
     check_suffix("simulate", "--paraview", paraview, (".vtu",))
     check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))
-    state = _run(simulator, capillary_number, size_ratio)
+    with Console(stderr=True).status("Following the branch of steady states ..."):
+        state: SteadyState = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio)
     result = _summary(state)
     if as_json:
         print_json(result)
@@ -46,15 +49,6 @@ def simulate(
         from capsbayes.show.figures.style import write_figure
 
         write_figure(shape_figure(state), plot)
-
-
-def _run(simulator: Any, capillary_number: float, size_ratio: float) -> SteadyState:
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    with console.status("following the branch of steady states ..."):
-        state: SteadyState = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio)
-    return state
 
 
 def _summary(state: SteadyState) -> dict[str, Any]:
