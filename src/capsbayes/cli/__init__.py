@@ -1,4 +1,4 @@
-"""Command line: the same words as the library, one file a command, options declared once in `options`.
+"""Command line: the same words as the library, one file or folder a command, options declared once in `options`.
 
 A command's module is light to import; it reaches its floor of the package
 only when the command runs, so that ``capsbayes --help`` stays fast.

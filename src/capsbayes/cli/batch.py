@@ -1,4 +1,4 @@
-"""``capsbayes batch``: many measured capsules to their shear moduli and radii."""
+"""``capsbayes batch``: shear moduli and radii of many measured capsules."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def batch(
     workers: Workers = None,
     as_json: AsJson = False,
 ) -> None:
-    """Identify many capsules; started again after an interruption, it goes on where it was.
+    """Identify many capsules; after an interruption, a second run continues where the first stopped.
 
     Exit status: 0 if every capsule has a row that can be used, 1 if some have another status, 2 on bad input.
     """

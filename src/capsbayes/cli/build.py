@@ -37,7 +37,7 @@ def build(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate many cases and write one database; started again, it goes on where it was.
+    """Simulate many cases and write one database; a second run continues where the first stopped.
 
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """
@@ -55,7 +55,7 @@ def build(
 
 
 def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
-    """Make a database and print what came of it; exit status 1 if not one case converged."""
+    """Make a database and print the statuses of its cases; exit status 1 if not one case converged."""
     import time
 
     from capsbayes.cli.output import print_json

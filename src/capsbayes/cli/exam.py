@@ -1,4 +1,4 @@
-"""``capsbayes exam``: blind sessions diagnosed, and the page of the answers."""
+"""``capsbayes exam``: diagnose blind sessions and write the page of the answers."""
 
 from __future__ import annotations
 

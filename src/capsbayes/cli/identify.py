@@ -1,4 +1,4 @@
-"""``capsbayes identify``: from a measured capsule to its shear modulus and radius."""
+"""``capsbayes identify``: shear modulus and radius of a measured capsule."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _measured(
     *,
     quiet: bool,
 ) -> Measurement:
-    """Measure a picture as ``capsbayes measure`` does, and write what that writes."""
+    """Measure a picture as ``capsbayes measure`` does, and write the same files."""
     from capsbayes.cli.measure.picture import measured_picture
     from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment

@@ -1,4 +1,4 @@
-"""``capsbayes rebuild``: make a database that comes with the library again, from nothing."""
+"""``capsbayes rebuild``: compute a database that comes with the library again."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def rebuild(
     workers: Workers = None,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate every case of a shipped database; started again, it goes on where it was.
+    """Simulate every case of a shipped database; a second run continues where the first stopped.
 
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """

@@ -1,4 +1,4 @@
-"""``capsbayes transient``: one capsule on its way from rest to the steady state."""
+"""``capsbayes transient``: motion of one capsule from rest to the steady state."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def transient(
 ) -> None:
     """Follow one capsule from rest and print its lengths and velocity over time.
 
-    It ends before `until` when the capsule has become steady. Exit status: 0 done, 2 bad input.
+    The run ends before `until` once the capsule is steady. Exit status: 0 done, 2 bad input.
     """
     from capsbayes.cli.output import check_suffix
 

@@ -1,4 +1,4 @@
-"""``capsbayes measure``: from a picture to the lengths of the capsule in it."""
+"""``capsbayes measure``: lengths of the capsule in a picture, or of those in a film."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def measure(
         Path | None, typer.Option(help="Folder for measurement.toml with its silhouette, outline.csv and overlay.png.")
     ] = None,
 ) -> None:
-    """Measure the capsule in a picture, or all those in a film: lengths with their errors."""
+    """Measure the capsule in a picture, or all capsules in a film: lengths with their errors."""
     from capsbayes.cli.measure.film import measure_film, measure_rtdc
     from capsbayes.cli.measure.picture import measured_picture
     from capsbayes.cli.output import check_folder

@@ -64,13 +64,13 @@ def measured_picture(
 
 def _print_outline(measured: Measurement) -> None:
     if measured.outline is None:
-        typer.echo("The shape does not tell its front from its rear: no silhouette is kept. Say --flow.")
+        typer.echo("The shape does not show which end is the front: no silhouette is kept. Give --flow.")
         return
     noise, pose = measured.outline.noise, measured.outline.pose
     typer.echo(
-        f"Silhouette: {len(measured.outline.points)} points, each wrong by {noise.scale:.4f} l, of which "
-        f"{1.0 - noise.white:.0%} of the variance is alike over {noise.correlation_length:.2f} l of the edge, "
-        f"and all by {pose.offset:.4f} l."
+        f"Silhouette: {len(measured.outline.points)} points, each with a standard error of {noise.scale:.4f} l; "
+        f"{1.0 - noise.white:.0%} of the variance is correlated over {noise.correlation_length:.2f} l of the edge, "
+        f"and all have a common offset of about {pose.offset:.4f} l."
     )
 
 

@@ -1,4 +1,4 @@
-"""``capsbayes sensitivity``: which input owns the interval of a capsule, and where a lab should measure."""
+"""``capsbayes sensitivity``: the share of each input in the interval of a capsule, and where a lab should measure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from capsbayes.cli.sensitivity.map import identifiability
 from capsbayes.cli.sensitivity.sobol import sobol
 
 app = typer.Typer(
-    help="Which input owns the interval of G_s and a, how precisely a lab can measure them, and at which flow rate.",
+    help="The share of each input in the intervals of G_s and a, how precisely and at which flow rate to measure them.",
     no_args_is_help=True,
 )
 app.command("budget")(budget)

@@ -38,7 +38,7 @@ def flow(
         float, typer.Option(min=0.0, max=0.99, help="Share of the limiting Ca by which to stay below it.")
     ] = 0.1,
     risk: Annotated[
-        float, typer.Option(min=0.0, max=0.99, help="Probability that a capsule comes nearer to the limit.")
+        float, typer.Option(min=0.0, max=0.99, help="Probability that a capsule comes nearer to the limit than that.")
     ] = 0.05,
     simulate: Annotated[
         int, typer.Option(min=0, help="Capsules to simulate at the best flow rate, to try the predicted width.")
@@ -48,7 +48,7 @@ def flow(
 ) -> None:
     """Choose the flow rate: the smallest expected width of G_s below the limit of existence.
 
-    Exit status: 0 done, 1 no flow rate is safe or tells G_s, 2 bad input.
+    Exit status: 0 done, 1 no flow rate is safe or measures G_s, 2 bad input.
     """
     from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.plan import flow_design, simulated_widths
@@ -104,9 +104,9 @@ def _best_lines(design: FlowDesign, best: FlowPoint, limit: str) -> list[str]:
         f"Best: U = {1e3 * best.mean_velocity:.3g} mm/s, Q = {6e10 * best.flow_rate:.3g} uL/min, G_s to +/- "
         f"{best.relative:.1%} (half of the 68 % interval over the median), a to +/- {best.relative_radius:.1%}.",
         limit,
-        f"At the best flow rate a capsule comes nearer to it than {design.margin:.0%} in Ca with a probability of "
+        f"At the best flow rate Ca exceeds {1.0 - design.margin:.0%} of this limit with a probability of "
         f"{best.beyond_margin:.1%}; at most {design.risk:.0%} was asked for.",
     ]
     if low < high:
-        lines.insert(1, f"From {low:.3g} to {high:.3g} mm/s G_s is told within 5 % as well.")
+        lines.insert(1, f"From {low:.3g} to {high:.3g} mm/s the width of G_s is within 5 % of the smallest.")
     return lines

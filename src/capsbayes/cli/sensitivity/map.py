@@ -104,10 +104,10 @@ def _best(found: xr.Dataset, width: Floats) -> dict[str, float] | None:
 def _lines(short: dict[str, Any]) -> list[str]:
     best, below = short["best"], short["share_of_points_with_width_below"]
     first = (
-        "Nowhere do these errors tell G_s."
+        "With these errors G_s cannot be measured anywhere on the map."
         if best is None
         else (
-            f"G_s is told best at Ca = {best['capillary_number']:.3g}, a/l = {best['size_ratio']:.3g}: to +/- "
+            f"G_s is measured best at Ca = {best['capillary_number']:.3g}, a/l = {best['size_ratio']:.3g}: to +/- "
             f"{best['width_of_surface_shear_modulus']:.1%}, and a to +/- {best['width_of_capsule_radius']:.1%} "
             "(half of the 68 % interval over the median)."
         )
