@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, DatabaseName
+from capsbayes.cli.output import print_json
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +23,6 @@ def atlas(
     """Draw what a database covers: its cases and borders, velocities, lengths and shapes."""
     from rich.console import Console
 
-    from capsbayes.cli.output import print_json
     from capsbayes.database import Database
     from capsbayes.show.figures.atlas import atlas as figures_of
 
@@ -39,8 +40,6 @@ def atlas(
 
 
 def _write(figures: dict[str, Figure], out: Path) -> list[Path]:
-    from capsbayes.errors import InputError
-
     paths = [out / f"{name}.png" for name in figures]
     try:
         out.mkdir(parents=True, exist_ok=True)

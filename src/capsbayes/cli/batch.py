@@ -20,6 +20,7 @@ from capsbayes.cli.options import (
     named_model,
     speed_of,
 )
+from capsbayes.cli.output import check_suffix, model_words, print_json
 
 if TYPE_CHECKING:
     from capsbayes.infer.many import Hierarchy, Population
@@ -57,7 +58,6 @@ def batch(
 
     Exit status: 0 if every capsule has a row that can be used, 1 if some have another status, 2 on bad input.
     """
-    from capsbayes.cli.output import check_suffix, print_json
     from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
     from capsbayes.infer.many import identify_folder
@@ -105,7 +105,6 @@ def _summary(population: Population, hierarchy: Hierarchy | None) -> dict[str, o
 
 
 def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> None:
-    from capsbayes.cli.output import model_words
     from capsbayes.infer.many.sampled import Compared
     from capsbayes.show.tables.table import print_parts
     from capsbayes.show.terminal import hierarchy_parts, population_parts

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import AsJson, Scheduler, Workers, with_simulator
+from capsbayes.cli.options import AsJson, Scheduler, Workers, choose, with_simulator
+from capsbayes.cli.output import print_json
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,8 +60,6 @@ def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
     """Make a database and print the statuses of its cases; exit status 1 if not one case converged."""
     import time
 
-    from capsbayes.cli.output import print_json
-
     begin = time.perf_counter()
     database = make()
     summary = _summary(database, out, time.perf_counter() - begin)
@@ -72,8 +72,6 @@ def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
 
 
 def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, float]]:
-    from capsbayes.cli.options import choose
-    from capsbayes.errors import InputError
     from capsbayes.physics.databases.grid import default_grid, read_cases
 
     if (cases is None) == (grid is None):
@@ -86,8 +84,6 @@ def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, flo
 
 def _values(effect: str | None, text: str | None) -> list[float]:
     """Return the numbers of --values, which comes with --effect."""
-    from capsbayes.errors import InputError
-
     if (effect is None) != (text is None):
         raise InputError("build", "--effect, --values", "both or neither", "only one")
     try:
@@ -97,8 +93,6 @@ def _values(effect: str | None, text: str | None) -> list[float]:
 
 
 def _require(option: str, holds: bool, expected: str, got: object) -> None:
-    from capsbayes.errors import InputError
-
     if not holds:
         raise InputError("build", option, expected, str(got))
 

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, named_model
+from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, choose, named_model
+from capsbayes.cli.output import Writer, check_folder, conclude, json_file
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.diagnosis import Session
@@ -38,7 +40,6 @@ def diagnose(
 
     Exit status: 0 whatever the verdict, 2 on bad input.
     """
-    from capsbayes.cli.output import Writer, check_folder, conclude, json_file
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
     from capsbayes.show import study_page
@@ -71,7 +72,6 @@ def diagnose(
 
 def _view(session: Session) -> str:
     """Return the view of the outlines of a session, the mid-plane if there are none."""
-    from capsbayes.errors import InputError
     from capsbayes.measured_outline import MID_PLANE
 
     outlines = (measurement.outline for measurement in session.measurements)
@@ -83,7 +83,6 @@ def _view(session: Session) -> str:
 
 def _effects(names: str | None, cross_section: str) -> dict[str, Effect]:
     """Return the candidates named by parameter or effect, by default all that hold in this cross-section."""
-    from capsbayes.cli.options import choose
     from capsbayes.effects import catalogue
 
     effects = catalogue(cross_section)
@@ -101,8 +100,6 @@ def _by_either_name(effects: dict[str, Effect]) -> dict[str, str]:
 
 def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[float, float]]:
     """Return the size and standard error in SI of each ``NAME=VALUE +/- ERROR UNIT``."""
-    from capsbayes.cli.options import choose
-    from capsbayes.errors import InputError
     from capsbayes.quantity import Quantity
 
     known = _by_either_name(effects)

@@ -9,6 +9,8 @@ from typing import Annotated
 import typer
 
 from capsbayes.cli.options import Workers
+from capsbayes.cli.output import check_folder
+from capsbayes.errors import InputError
 
 
 def exam(
@@ -28,8 +30,6 @@ def exam(
 
     from rich.console import Console
 
-    from capsbayes.cli.output import check_folder
-    from capsbayes.errors import InputError
     from capsbayes.evidence.blind.pools import build_pools
     from capsbayes.evidence.exam.cells import CELLS
     from capsbayes.evidence.exam.examine import examine

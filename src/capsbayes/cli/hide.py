@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import Seed, Workers
+from capsbayes.cli.output import check_folder
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.evidence.blind import BlindSession, TrueEffect
@@ -50,7 +52,6 @@ def hide(
 
 
 def _size(effect: TrueEffect, text: str) -> float:
-    from capsbayes.errors import InputError
     from capsbayes.quantity import Quantity
 
     if effect.name == "none":
@@ -64,9 +65,6 @@ def _size(effect: TrueEffect, text: str) -> float:
 
 def _check_folders(out: Path, truth: Path) -> None:
     """Refuse a folder that holds something else before any work is done."""
-    from capsbayes.cli.output import check_folder
-    from capsbayes.errors import InputError
-
     for folder in (out, truth):
         check_folder("--out", folder)
     if out.exists() and any(out.iterdir()):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.measure.picture import measured_picture
 from capsbayes.cli.options import (
     AsJson,
     Background,
@@ -19,11 +20,11 @@ from capsbayes.cli.options import (
     named_model,
     speed_of,
 )
+from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
-    from capsbayes.cli.output import Writer
     from capsbayes.infer import Posterior
-    from capsbayes.measurement import Measurement
 
 
 def identify(
@@ -59,7 +60,7 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
-    from capsbayes.cli.output import check_folder, conclude, model_words
+    from capsbayes.experiment import Experiment
     from capsbayes.infer import Prior
     from capsbayes.infer import identify as identified
     from capsbayes.input_file import PICTURES
@@ -69,10 +70,15 @@ def identify(
 
     check_folder("--out", out)
     if capsule.suffix.lower() in PICTURES:
-        measurement = _measured(capsule, experiment, velocity, background, flow, out, quiet=as_json)
+        if experiment is None:
+            raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
+        channel, speed = Experiment.read(experiment), speed_of(velocity)
+        measurement = measured_picture(capsule, channel, speed, background, flow, out, quiet=as_json)
         written = Prior()
     else:
-        _check_no_picture(capsule, {"--velocity": velocity, "--background": background, "--flow": flow})
+        for option, given in {"--velocity": velocity, "--background": background, "--flow": flow}.items():
+            if given is not None:
+                raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule))
         measurement, written = Measurement.read(capsule), Prior.read(capsule)
     believed = written.with_coordinates(_coordinates(prior or []), where="--prior")
     known = named_experiment(measurement, experiment)
@@ -92,39 +98,8 @@ def identify(
     )
 
 
-def _measured(
-    picture: Path,
-    experiment: Path | None,
-    velocity: str | None,
-    background: Path | None,
-    flow: str | None,
-    out: Path | None,
-    *,
-    quiet: bool,
-) -> Measurement:
-    """Measure a picture as ``capsbayes measure`` does, and write the same files."""
-    from capsbayes.cli.measure.picture import measured_picture
-    from capsbayes.errors import InputError
-    from capsbayes.experiment import Experiment
-
-    if experiment is None:
-        raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
-    known, speed = Experiment.read(experiment), speed_of(velocity)
-    return measured_picture(picture, known, speed, background, flow, out, quiet=quiet)
-
-
-def _check_no_picture(capsule: Path, options: dict[str, Any]) -> None:
-    from capsbayes.errors import InputError
-    from capsbayes.input_file import PICTURES
-
-    for option, given in options.items():
-        if given is not None:
-            raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule))
-
-
 def _coordinates(priors: list[str]) -> dict[str, str]:
     """Return the name and the text of each option ``--prior NAME=TEXT``."""
-    from capsbayes.errors import InputError
     from capsbayes.parameters import COORDINATES
 
     texts = {}
@@ -138,7 +113,6 @@ def _coordinates(priors: list[str]) -> dict[str, str]:
 
 def _files(posterior: Posterior) -> dict[str, Writer]:
     """Return the writers of all results by the names of their files."""
-    from capsbayes.cli.output import json_file
     from capsbayes.show import corner_plot, outline_figure
     from capsbayes.show.figures.corner import SHOWN
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed
+from capsbayes.cli.output import print_json
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.infer.many import Hierarchy, Population
@@ -34,7 +36,6 @@ def population(
 
     Exit status: 0 if the intervals can be used, 1 if not, 2 on bad input.
     """
-    from capsbayes.cli.output import print_json
     from capsbayes.experiment import Experiment
     from capsbayes.infer.many import Population, hierarchy
     from capsbayes.surrogate import Surrogate
@@ -63,7 +64,6 @@ def population(
 
 def together(read: Population, out: Path, *, seed: int) -> Hierarchy | None:
     """Infer what capsules have in common and store it with them; None if they are few, or of several experiments."""
-    from capsbayes.errors import InputError
     from capsbayes.infer.many import hierarchy
 
     if int(read.usable.sum()) < _ENOUGH:
@@ -79,8 +79,6 @@ def together(read: Population, out: Path, *, seed: int) -> Hierarchy | None:
 
 def _share(text: str | None) -> float:
     """Return a relative error, given as a number or in per cent."""
-    from capsbayes.errors import InputError
-
     if text is None:
         return 0.0
     try:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from capsbayes.errors import InputError
+
 
 def report(
     result: Annotated[
@@ -26,7 +28,6 @@ def report(
     """Write a result as one HTML page that holds its pictures, to read on a screen or a phone and to print."""
     from rich.console import Console
 
-    from capsbayes.errors import InputError
     from capsbayes.infer import Posterior
     from capsbayes.show import opened, write_report
 

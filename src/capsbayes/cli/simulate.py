@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import AsJson, CapillaryNumber, Plot, SizeRatio, with_simulator
+from capsbayes.cli.output import check_suffix, print_json
 
 if TYPE_CHECKING:
     from capsbayes.physics.simulation import SteadyState
@@ -28,8 +29,6 @@ def simulate(
     Exit status: 0 done, 1 no steady state (the status says why), 2 bad input.
     """
     from rich.console import Console
-
-    from capsbayes.cli.output import check_suffix, print_json
 
     check_suffix("simulate", "--paraview", paraview, (".vtu",))
     check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))

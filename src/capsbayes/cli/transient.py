@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, with_simulator
+from capsbayes.cli.output import check_suffix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,8 +33,6 @@ def transient(
 
     The run ends before `until` once the capsule is steady. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.cli.output import check_suffix
-
     check_suffix("transient", "--table", table, (".csv",))
     check_suffix("transient", "--paraview", paraview, (".pvd",))
     check_suffix("transient", "--plot", plot, (".png", ".pdf", ".svg"))

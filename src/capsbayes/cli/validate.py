@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import AsJson, DatabaseName
+from capsbayes.cli.output import Writer, conclude, json_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +27,6 @@ def validate(
     """Hold out one case at a time, and identify it from its two lengths."""
     from rich.console import Console
 
-    from capsbayes.cli.output import Writer, conclude, json_file
     from capsbayes.database import Database
     from capsbayes.show.figures.error_maps import heat_maps
     from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
@@ -55,11 +55,7 @@ def _figures(studies: Studies, sha256: str) -> dict[str, Any]:
                 row: dict[str, Any] = {"set": name, "method": study.method, "which": which}
                 row |= {"count": summary.cases, "failed": summary.failed}
                 for k, parameter in enumerate(PARAMETERS):
-                    row[parameter] = {
-                        "mean": float(summary.mean[k]),
-                        "sd": float(summary.sd[k]),
-                        "median": float(summary.median[k]),
-                    }
+                    row[parameter] = {figure: float(getattr(summary, figure)[k]) for figure in ("mean", "sd", "median")}
                 rows.append(row)
     paper = {key: dict(zip(PARAMETERS, values, strict=True)) for key, values in PAPER_ERRORS.items()}
     return {"sha256": sha256, "stretch_limit": STRETCH_LIMIT, "relative_errors": rows, "paper": paper}

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.measure.picture import measured_picture, pair
 from capsbayes.cli.options import Background, Flow, Velocity, pixel_size_of, speed_of
+from capsbayes.cli.output import check_folder
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
@@ -52,9 +55,6 @@ def measure(
 ) -> None:
     """Measure the capsule in a picture, or all capsules in a film: lengths with their errors."""
     from capsbayes.cli.measure.film import measure_film, measure_rtdc
-    from capsbayes.cli.measure.picture import measured_picture
-    from capsbayes.cli.output import check_folder
-    from capsbayes.errors import InputError
     from capsbayes.experiment import Experiment
 
     check_folder("--out", out)
@@ -108,8 +108,6 @@ def _measure_contour(
     flow: str | None,
     out: Path | None,
 ) -> None:
-    from capsbayes.cli.measure.picture import pair
-    from capsbayes.errors import InputError
     from capsbayes.image.files.contour import ContourFile
     from capsbayes.image.measure_contour import measure_contour
     from capsbayes.quantity import Quantity

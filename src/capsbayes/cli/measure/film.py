@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from capsbayes.cli.measure.picture import write_detection
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,7 +83,6 @@ def measure_rtdc(
 
 
 def _rate(text: str | None, experiment: Experiment) -> Quantity:
-    from capsbayes.errors import InputError
     from capsbayes.quantity import Quantity
 
     if text is not None:

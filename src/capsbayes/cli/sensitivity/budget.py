@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
+from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
 
 
 def budget(
@@ -24,7 +25,6 @@ def budget(
     """
     from rich.console import Console
 
-    from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.infer import Prior, identify
     from capsbayes.measurement import Measurement
     from capsbayes.plan import error_budget

@@ -19,6 +19,7 @@ from capsbayes.cli.options import (
     named_model,
     read_lab,
 )
+from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
 
 if TYPE_CHECKING:
     from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths
@@ -50,7 +51,6 @@ def flow(
 
     Exit status: 0 done, 1 no flow rate is safe or measures G_s, 2 bad input.
     """
-    from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.plan import flow_design, simulated_widths
     from capsbayes.quantity import Quantity
     from capsbayes.show import flow_figure

@@ -18,6 +18,7 @@ from capsbayes.cli.options import (
     named_model,
     read_lab,
 )
+from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,7 +44,6 @@ def identifiability(
 
     The map has no randomness. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.plan import identifiability_map
     from capsbayes.show import identifiability_figure
     from capsbayes.work.progress import tracked

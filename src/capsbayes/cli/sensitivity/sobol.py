@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
+from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.plan import SobolStudy
@@ -37,7 +39,6 @@ def sobol(
     """
     from rich.console import Console
 
-    from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
     from capsbayes.measurement import Measurement
     from capsbayes.plan import sobol_indices
     from capsbayes.show import sobol_figure
@@ -67,7 +68,6 @@ def sobol(
 
 def _stated(texts: list[str]) -> dict[str, Quantity]:
     """Return the range of each option ``--range NAME=TEXT``."""
-    from capsbayes.errors import InputError
     from capsbayes.plan import varied_range
 
     found = {}
