@@ -68,9 +68,9 @@ def conclude(
     Parameters
     ----------
     result : JSON value
-        What ``--json`` prints.
+        Printed with ``--json``.
     parts : function that returns a sequence of str and DataFrame
-        Sentences and tables that are printed otherwise.
+        Sentences and tables, printed without it.
     files : mapping of str to function of a path
         Writer of each file by its name; all files are written, or none.
     out : Path, optional

@@ -29,8 +29,8 @@ class Marginal:
     Examples
     --------
     >>> import numpy as np
-    >>> one = Marginal.of_draws(np.arange(1001.0))
-    >>> one.median, one.lower_68, one.upper_95
+    >>> marginal = Marginal.of_draws(np.arange(1001.0))
+    >>> marginal.median, marginal.lower_68, marginal.upper_95
     (500.0, 160.0, 975.0)
     """
 

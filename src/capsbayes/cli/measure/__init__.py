@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from capsbayes.quantity import Quantity
 
 _CONTOURS = (".csv", ".txt")
-# which of the options a kind of input takes, besides --experiment, --flow and --out
+# which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
     "picture": ("--velocity", "--background"),
     "film": ("--frame-rate", "--background"),
