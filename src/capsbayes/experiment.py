@@ -168,7 +168,7 @@ def capsule_radius(*, size_ratio: ArrayLike, half_width: ArrayLike) -> Floats:
 
 
 def _text(value: Quantity, key: str) -> str:
-    """Return the text form, which a distribution of another family does not have."""
+    """Return the text form; refuse a distribution that has none."""
     if value.family is not None:
         expected = 'a number, "mean +/- error" or "low .. high"'
         raise InputError("experiment", key, expected, f"a distribution of the kind {value.shape}")

@@ -348,10 +348,10 @@ class Quantity:
         if self.known:
             return self.value
         frozen = self.distribution
-        keywords = {name: _json(value) for name, value in frozen.kwds.items()}
+        keywords = {name: json_number(value) for name, value in frozen.kwds.items()}
         return {
             "distribution": frozen.dist.name,
-            "arguments": [_json(value) for value in frozen.args],
+            "arguments": [json_number(value) for value in frozen.args],
             "keywords": keywords,
         }
 
@@ -434,6 +434,6 @@ def _of_family(family: Any, arguments: tuple[float, ...], unit: str) -> Quantity
     return Quantity(float(frozen.mean()), float(frozen.std()), unit, name, low, high, family, arguments)
 
 
-def _json(value: float) -> float | str:
+def json_number(value: float) -> float | str:
     """Return a number that JSON knows; an infinite one or NaN as text."""
     return float(value) if math.isfinite(value) else repr(float(value))

@@ -83,7 +83,7 @@ def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str
     Raises
     ------
     InputError
-        If the text is no such thing, or its unit is unknown or of another dimension.
+        If the text cannot be parsed, or its unit is unknown or of another dimension.
     """
     text = text.strip()
     found = _TEXT.fullmatch(_PARENTHESES.sub(r"\1 \2", text) if text.startswith("(") else text)
@@ -107,7 +107,7 @@ def _registry() -> Any:
 
 
 def _unit(text: str) -> Any:
-    """Return the pint unit of a text: names with powers, multiplied or divided; None if the text is no such thing."""
+    """Return the pint unit of a text: names with powers, multiplied or divided; None if the text cannot be parsed."""
     rest, inverse = re.subn(r"^1\s*(?=/)", "", text.strip())
     unit, place, allowed = _registry().dimensionless, 0, "/" if inverse else ""
     while place < len(rest):

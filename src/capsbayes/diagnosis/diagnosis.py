@@ -19,7 +19,7 @@ from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
-from capsbayes.diagnosis.search import LEAST_RATIO, UNKNOWN, Search, Step, evidences, searched
+from capsbayes.diagnosis.search import LEAST_RATIO, UNKNOWN, Search, Step, by_ratio, evidences, searched
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.verification import Verification, verified
 from capsbayes.effect import Effect
@@ -101,7 +101,7 @@ class Study(Readable):
         """Scores of every candidate on the first half, the likeliest first; two effects are scored together."""
         scores = dict(self.steps[0].scores) if self.steps else {}
         scores |= {name: step.scores[name] for step in self.steps[1:] for name in step.in_question}
-        return dict(sorted(scores.items(), key=lambda item: -item[1].log_likelihood_ratio))
+        return by_ratio(scores)
 
     @property
     def tested_model(self) -> ForwardModel:

@@ -22,7 +22,7 @@ __all__ = ["Fits", "fitted", "whitening"]
 
 Floats = NDArray[np.float64]
 
-_NEAR = 0.1  # of the misfit still to be gained, from which a capsule counts as not fitted
+_NEAR = 0.1  # expected decrease of the misfit above which a fit has not converged
 _ILL = 4.0  # misfit over its freedom, from which a capsule has no shape of the model: twice the stated noise
 _AGAIN = 2.0  # misfit over its freedom, from which a fit is sought from elsewhere too
 
@@ -80,12 +80,12 @@ class Fits:
 def whitening(model: ForwardModel, session: Session) -> Whitening:
     """Compute the covariance of each capsule's measurement and of the model's own error there.
 
-    It is made at the shape that the lengths have, and once more at that which fits the outline.
+    Evaluate it at the shape that fits the lengths, then again at the shape that fits the outline.
 
     Raises
     ------
     InputError
-        If a capsule has a shape that the model has not.
+        If the model has no shape for a capsule.
     """
     pilots = initial_guesses(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
     made = whitened_at(model, session, pilots)
@@ -111,7 +111,7 @@ def fitted(
     model : ForwardModel
     session : Session
     white : Whitening
-        Made with the model, or with that with which it is compared.
+        Made with this model, or with the one with which it is compared.
     sizes : mapping of str to float or (n,) array, optional
         Parameters of effects of the model.
     start : (n, 2) array, optional
@@ -128,7 +128,7 @@ def fitted(
     ill = np.flatnonzero(~(here.penalised(centre) < _AGAIN * np.maximum(freedom, 1)))
     if everywhere and len(ill):
         others = [evaluate(guess, ill) for guess in initial_guesses(model, session, rest, ill)]
-        if start is not None:  # which was sought from everywhere before: the likeliest is enough
+        if start is not None:  # an earlier fit tried every start; the likeliest is enough now
             for other in others[1:]:
                 others[0].take_better(np.arange(len(ill)), other, centre[ill])
             others = others[:1]

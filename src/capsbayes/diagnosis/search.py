@@ -166,7 +166,7 @@ class Search:
         names = [name for name in self.candidates if name != used]
         before, scores = self._scored_with(first.best, names)
         models = {name: _with(self.model, before[name]) if name in before else first.after for name in names}
-        second, explained = self.judged(_by_ratio(scores), models, before)
+        second, explained = self.judged(by_ratio(scores), models, before)
         if not explained:
             return (first, second), False
         pairs = self._alternatives(first, second)
@@ -224,10 +224,11 @@ def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
     for trial in trials.values():
         if trial.scores.log_likelihood_ratio > min(0.5 * most, most - _FAR_BEHIND):
             trial.refine()
-    return _by_ratio({name: trial.scores for name, trial in trials.items()})
+    return by_ratio({name: trial.scores for name, trial in trials.items()})
 
 
-def _by_ratio(scores: Mapping[str, Scores]) -> dict[str, Scores]:
+def by_ratio(scores: Mapping[str, Scores]) -> dict[str, Scores]:
+    """Return scores in the order of their log-likelihood ratio, the likeliest effect first."""
     return dict(sorted(scores.items(), key=lambda item: -item[1].log_likelihood_ratio))
 
 

@@ -17,7 +17,7 @@ __all__ = ["PixelScale"]
 
 @dataclass(frozen=True)
 class PixelScale:
-    """Lengths and velocity of the capsule wrong by one factor, with a half width known from elsewhere.
+    """Wrong scale of lengths and velocity, with a half width that is known independently.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ __all__ = ["overlay", "write_overlay"]
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
-_SCALE = 4  # pixels drawn for one of the picture's
+_SCALE = 4  # drawn pixels per pixel of the picture
 _SHIFT = 4  # binary digits of a drawn pixel's fractions
 WALL, OUTLINE, REAR, EXTENT, LENGTH = (200, 120, 0), (0, 0, 220), (0, 150, 255), (180, 0, 140), (0, 140, 0)
 
@@ -33,7 +33,7 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
     Returns
     -------
     (4 rows, 4 columns, 3) array of uint8
-        Blue, green, red, as OpenCV writes it. WallLines blue, outline red, the rear band orange, L_z violet above the
+        Blue, green, red, as OpenCV writes it. Walls blue, outline red, the rear band orange, L_z violet above the
         axis, L_a green below. The dark blob of a refused capsule is outlined in orange.
     """
     low, high = float(picture.grey.min()), float(picture.grey.max())

@@ -36,7 +36,7 @@ __all__ = ["PosteriorDensity"]
 
 Floats = NDArray[np.float64]
 
-_ROUNDS = 13  # in which inputs outside the prior ranges are drawn again, twice as many of each at every round
+_ROUNDS = 13  # rounds of redrawing inputs outside the prior ranges; each round draws twice as many
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ class PosteriorDensity:
     ) -> Floats | float:
         """Return the log probability that G_s and a lie within their prior ranges, given (log Ca, a/l).
 
-        It is the number 0.0 if they surely do everywhere.
+        Return 0.0 if they certainly do at every point.
         """
         divisor = log_ca + _log(model.velocity_ratio)
         share = _within(self.prior.surface_shear_modulus, self.force_scale, -divisor)

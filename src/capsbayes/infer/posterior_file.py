@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -19,7 +18,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 from capsbayes.output_file import unfinished
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Quantity, json_number
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
             "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
-        "gates": [[gate.name, *map(_number, (gate.value, gate.least, gate.most))] for gate in gates],
+        "gates": [[gate.name, *map(json_number, (gate.value, gate.least, gate.most))] for gate in gates],
     }
 
 
@@ -206,8 +205,3 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
         sha256=table["sha256"],
         frame_rate=None if rate is None else Quantity(**rate),
     )
-
-
-def _number(value: float) -> float | str:
-    """Return a number that JSON knows; an infinite one or NaN as text."""
-    return float(value) if math.isfinite(value) else repr(float(value))

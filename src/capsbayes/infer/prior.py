@@ -56,8 +56,8 @@ class Prior:
     Parameters
     ----------
     surface_shear_modulus : Quantity [N/m]
-        A uniform or log-uniform range. Default: log-uniform from 0.1 mN/m to 10 N/m, two decades about all
-        microcapsules known.
+        A uniform or log-uniform range. Default: log-uniform from 0.1 mN/m to 10 N/m, which
+        contains the known microcapsules with two decades to spare.
     capsule_radius : Quantity [m]
         A uniform or log-uniform range. Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
     coordinates : mapping of str to Quantity

@@ -26,13 +26,13 @@ def read_folder(folder: Path, experiment: Experiment | str | Path | None = None)
     folder : Path
         Each file as `Measurement.read` reads it; files of experiments among them are ignored.
     experiment : Experiment or path, optional
-        By default the one that each measurement names; if there are several, of one cross-section, half width and
-        viscosity are those of each.
+        Default: the one that each measurement names. Several must share one cross-section; each capsule keeps the half
+        width and the viscosity of its own experiment.
 
     Raises
     ------
     InputError
-        If no capsule can be used, or one names no experiment, or they name some of different cross-sections.
+        If no capsule can be used, or one names no experiment, or their experiments have different cross-sections.
     """
     readers = [partial(Measurement.read, file) for file in measurement_files(folder)]
     measurements, left_out = gathered(readers, folder)
@@ -80,7 +80,7 @@ def _is_experiment(file: Path) -> bool:
 
 
 def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Measurement, ...], Experiment]:
-    """Return the first experiment, and the measurements with the conditions of their own if they name several."""
+    """Return the first experiment, and the measurements with their own conditions if they name several."""
     files = [_named(measurement) for measurement in measurements]
     known = {file: Experiment.read(file) for file in dict.fromkeys(files)}
     first = known[files[0]]

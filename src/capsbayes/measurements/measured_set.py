@@ -58,7 +58,7 @@ def gathered(
     Raises
     ------
     InputError
-        If not one is left.
+        If no capsule can be used.
     """
     found: list[Measurement] = []
     left_out: list[str] = []
@@ -81,7 +81,7 @@ def known_experiment(path: Path, experiment: Experiment | str | Path | None) -> 
     Raises
     ------
     InputError
-        If none is.
+        If no experiment is given.
     """
     if experiment is None:
         advice = "say which with experiment=..., or --experiment"

@@ -30,7 +30,7 @@ Progress = Callable[[Iterable, int, str], Iterable]
 GRID = (28, 20)
 """Points along log Ca and along a/l."""
 
-_WITHIN = 1e-9  # the ends of the grid lie within those of the model by more than they are rounded
+_WITHIN = 1e-9  # margin that keeps the ends of the grid inside the domain despite rounding
 
 _MEANINGS = {
     "relative": ("width_of_surface_shear_modulus", "half of the 68 % interval of G_s over its median, mean over noise"),
@@ -62,7 +62,7 @@ def identifiability_map(
     grid : tuple of int
         Points along log Ca and along a/l, from end to end of the model.
     noises : int
-        Measurements that each width is averaged over; zero for the one without noise alone.
+        Measurements that each width is averaged over; zero for the noise-free measurement alone.
     progress : callable, optional
         Wraps what is worked on, see `Progress`.
 

@@ -52,7 +52,7 @@ class SobolStudy:
     mean, sd : mapping of float
         Of each answer over the ranges, SI.
     samples, outside : int
-        Answers, and how many of them are those of the nearest shape.
+        Number of answers, and how many of them had no exact shape and used the nearest.
     change : float
         Largest change of an index of G_s or a if groups with such a sample are left out; NaN if too few are left.
     groups : int

@@ -1,4 +1,4 @@
-"""A file of finished results, one line of JSON each, so that an interrupted computation goes on where it was."""
+"""A file of finished results, one line of JSON each, so that an interrupted computation resumes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder of finished parts of a long computation, so that an interrupted one goes on where it was.
+"""A folder of finished parts of a long computation, so that an interrupted one resumes.
 
 Each part is one file: a line with the fingerprint of the settings and a hash of the content, then arrays and JSON in
 numpy's npz format, without objects. A file is written under another name and then renamed, so it is whole or absent; a

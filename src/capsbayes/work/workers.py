@@ -68,7 +68,7 @@ def _with_shared(task: Callable[..., T]) -> T:
 
 
 def _start_worker(shared: bytes) -> None:
-    """Receive what all tasks share; let the process end with its parent, else it would wait for work for ever."""
+    """Receive what all tasks share; end the process when its parent ends; otherwise it would wait for ever."""
     import cloudpickle
 
     global _shared

@@ -26,14 +26,14 @@ _AGREES = 0.1  # standard deviation
 
 @dataclass(frozen=True)
 class Compared:
-    """Differences of sampling from the rows, over all quantities of the capsules drawn.
+    """Differences between sampled posteriors and rows, over all quantities of the capsules checked.
 
     Parameters
     ----------
     capsules : int
-        Number of them.
+        Number of capsules checked.
     agreeing : int
-        Whose medians and 68 % intervals lie within 0.1 standard deviation of each other, in every quantity.
+        Number of capsules whose medians and 68 % intervals agree within 0.1 standard deviation, in every quantity.
     median, ends_68, ends_95 : float
         Median over the capsules of the largest difference of a median and of the ends of the intervals, in standard
         deviations.

@@ -1,4 +1,4 @@
-"""Figures of a study: the candidates, and the shear moduli aratiost velocity, size and effect."""
+"""Figures of a study: the candidates, and the shear moduli against velocity, size and effect."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def moduli(verification: Verification) -> Figure:
 
 
 def trends(compared: Comparison, finding: Finding) -> Figure:
-    """Draw the apparent G_s of each capsule aratiost velocity and size: of a right model it depends on neither.
+    """Draw the apparent G_s of each capsule against velocity and size: that of a right model depends on neither.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ __all__ = [
 
 
 def decimals(error: float) -> int:
-    """Return the decimals that an error is worth: two digits of it up to 35, one above.
+    """Return the number of decimals to print: two significant digits of the error up to 35, one above.
 
     This is the rule of the Particle Data Group. Negative where tens or hundreds are rounded off; 3 without an error.
 

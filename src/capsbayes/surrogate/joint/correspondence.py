@@ -135,7 +135,7 @@ def common_folds(slices: list[Borders], base: Borders) -> NDArray[np.bool_]:
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-def]
-    """BranchSurrogate (0 or 1, -1 if none), column and position of one point between the borders of one interval.
+    """Return branch (0 or 1, -1 if none), column and position of one point between the borders of one interval.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ __all__ = ["SLICE_CELLS", "EffectSurrogate", "check_values"]
 
 Floats = NDArray[np.float64]
 
-SLICE_CELLS = (80, 60)  # a fourth of the memory of the tables of the base, whose reading takes the time
+SLICE_CELLS = (80, 60)  # a quarter of the memory of the base's tables; reading them takes most of the time
 LOGARITHMIC = ("hardening",)  # shapes are smooth functions of its logarithm: it runs over decades
 
 
@@ -120,8 +120,8 @@ class EffectSurrogate(ForwardModel):
     def outline_modes(self, **theta: float) -> Floats:
         """Return the own error of the outline at one point, as independent displacements along its normals.
 
-        They are, as in the covariance of a prediction: those of the base and, by their weights, of the slices; that of
-        the interpolation between the slices; and that of the mesh, as far as it may change with the effect.
+        As in the covariance of a prediction, these are the errors of the base, the weighted errors of the slices, the
+        error of the interpolation between the slices, and the error of the mesh where it may change with the effect.
 
         Returns
         -------
@@ -181,7 +181,7 @@ class EffectSurrogate(ForwardModel):
         return [*self.slices, self.slices[self.domain.weighing.null], self.base]
 
     def _corresponding(self, ca: Floats, size: Floats, effect: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """BranchSurrogate (n,), and Ca and weight (n, k + 2) of each of `_surrogates`."""
+        """Return the branch (n,), and the Ca and the weight (n, k + 2) of each of `_surrogates`."""
         branches, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(self.slices) + 2))
         places = np.empty_like(weights)
         corresponding(ca, size, effect, self._stack, self._base_stack, self.domain.weighing, branches, places, weights)
