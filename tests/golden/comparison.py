@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -183,9 +184,10 @@ def _print(name: str, found: Found, most: int) -> None:
     for what, keys in (("not in the second", found.lacking), ("only in the second", found.further)):
         if keys:
             print(f"  {what}: {len(keys)} keys")
-            for key in keys[:most]:
-                print(f"    {key}")
-            _print_more(len(keys), most)
+            together = Counter(re.sub(r"/\d+(?=/|$)", "/*", key) for key in keys)
+            for key, count in together.most_common(most):
+                print(f"    {key}" + (f" ({count})" if count > 1 else ""))
+            _print_more(len(together), most)
     for line in found.uncertain[:most]:
         print(f"  numbers of reworded lines: {line}")
     _print_more(len(found.uncertain), most)

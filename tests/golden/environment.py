@@ -1,4 +1,4 @@
-"""The environment in which a record is made: one thread, one width of the terminal, one language."""
+"""The environment in which a record is made: one thread, one kind of processor, one terminal, one language."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
+    "OPENBLAS_CORETYPE": "Haswell",  # here and below: what every processor of ten years has, for the same last digits
+    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    "NUMBA_CPU_NAME": "haswell",
+    "NUMBA_CPU_FEATURES": "",
     "PYTHONHASHSEED": "0",
     "SOURCE_DATE_EPOCH": "946684800",
     "MPLBACKEND": "Agg",

@@ -10,7 +10,7 @@ The sections, in the order in which they are run:
 
 =============  =====================================================================================
 ``models``     predictions of every shipped database, and of every effect of the catalogue
-``identify``   posteriors of some fifty capsules, by both engines
+``identify``   posteriors of some fifty capsules by quadrature, of some by emcee as well
 ``batch``      500 rows of ``capsbayes batch`` with ``--check``, and the population
 ``words``      what each command prints and writes, the text of each kind of page, mistakes
 ``build``      coarse databases, one of them killed half-way and taken up again
@@ -27,8 +27,9 @@ with ``--rename 'OLD=NEW'``, regular expressions for the keys of the first recor
 The exit status of ``compare`` is 0 if no number differs, 1 if one does or is missing; words alone do not count.
 
 The tool uses the public names of the package and its command line, so that it outlives changes within. Whatever else it
-touches is in ``touches.py``. Results depend on the processor and on the versions of numpy and numba in the last digits,
-and chains of emcee carry these on: write both records on one machine.
+touches is in ``touches.py``. Results depend on the versions of numpy, scipy and numba in the last digits, and chains of
+emcee carry these on. The environment in which all runs (``environment.py``) leaves them no choice of the processor's
+instructions, but to be sure write both records on one machine.
 """
 
 from __future__ import annotations
