@@ -155,7 +155,7 @@ def _example(capsule: Path, engine: str) -> dict[str, Any]:
 
 
 def _posterior(model: Any, capsule: Path, experiment: Path, engine: str) -> dict[str, Any]:
-    """All of a posterior, or the mistake that it ended with."""
+    """All of a posterior, or the mistake or the crash that it ended with."""
     import capsbayes as cb
 
     seen, known = cb.Measurement.read(capsule), cb.Experiment.read(experiment)
@@ -163,6 +163,8 @@ def _posterior(model: Any, capsule: Path, experiment: Path, engine: str) -> dict
         return touches.of_posterior(cb.identify(seen, model, known, engine=engine, seed=1))
     except touches.mistake() as error:
         return {"mistake": str(error).replace(str(capsule.parent), "<folder>")}
+    except Exception as error:
+        return {"crash": f"{type(error).__name__}: {error}"}
 
 
 @functools.lru_cache(maxsize=2)

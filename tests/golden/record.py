@@ -94,6 +94,9 @@ def write(out: Path, only: list[str], *, resume: bool) -> int:
         print(f"no section {', '.join(unknown)}; there are {', '.join(SECTIONS)}", file=sys.stderr)
         return 2
     record = load(out) if out.exists() else {"sections": {}}
+    if "sections" not in record:
+        print(f"{out} is there and no record", file=sys.stderr)
+        return 2
     for name in only or SECTIONS:
         known = record["sections"].get(name, {})
         keep = resume and name in RESUMABLE
@@ -102,8 +105,7 @@ def write(out: Path, only: list[str], *, resume: bool) -> int:
         items = known.get("items", {}) if keep else {}
         section = {"finished": False, "about": _about(), "cpu_seconds": known.get("cpu_seconds", 0.0) if keep else 0.0}
         record["sections"][name] = section | {"items": items}
-        work = Path(f"{out}.{name}") if keep else Path(tempfile.mkdtemp(prefix="golden-"))
-        work.mkdir(parents=True, exist_ok=True)
+        work = _work_folder(out, name, keep=keep)
         begin, saved = time.perf_counter(), time.perf_counter()
         try:
             for key, made in SECTIONS[name](work):
@@ -126,6 +128,17 @@ def write(out: Path, only: list[str], *, resume: bool) -> int:
         spent = record["sections"][name]["cpu_seconds"]
         print(f"{name}: {len(items)} items, {spent:.0f} s of processor, {time.perf_counter() - begin:.0f} s in all")
     return 0
+
+
+def _work_folder(out: Path, name: str, *, keep: bool) -> Path:
+    """A new folder, or for a section that can be taken up again the one beside the record."""
+    if name not in RESUMABLE:
+        return Path(tempfile.mkdtemp(prefix="golden-"))
+    work = Path(f"{out}.{name}")
+    if not keep:
+        shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True, exist_ok=True)
+    return work
 
 
 def _names(text: str) -> list[str]:
