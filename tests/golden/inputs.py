@@ -146,17 +146,19 @@ def contour_file(path: Path, points: Floats, *, pixels: float, seed: int) -> Pat
 
 
 def rtdc_file(path: Path) -> Path:
-    """Write two events of a bright sphere between dark walls, and one whose mask is in two pieces."""
+    """Write two events of a sphere with a dark rim between walls, and one whose mask is in two pieces."""
     import h5py
+    from scipy.special import erfc
 
     rng = np.random.default_rng(50)
     half_width = 10.0 / 0.34
     rows, columns = np.mgrid[:80, :160].astype(np.float64)
-    wall = np.abs(rows - 39.5) > half_width
+    beyond = np.abs(rows - 39.5) - half_width
+    channel = 200.0 - (14.0 + 110.0 * np.exp(-np.abs(beyond) / 2.5)) * 0.5 * erfc(-beyond)
     pictures, masks = [], []
     for middle in (40.0, 80.3, 120.0):
         away = np.hypot(columns - middle, rows - 39.5) - 0.6 * half_width
-        grey = 200.0 - 90.0 * np.exp(-0.5 * (away / 1.5) ** 2) - 70.0 * wall
+        grey = channel * (1.0 - (0.25 + 0.3 * np.exp(-np.abs(away) / 5.0)) * 0.5 * erfc(away))
         pictures.append(np.clip(np.rint(grey + 2.0 * rng.standard_normal(grey.shape)), 0, 255).astype(np.uint8))
         masks.append(away < 0.0)
     masks[2][:, 118:121] = False
