@@ -160,7 +160,9 @@ def _posterior(model: Any, capsule: Path, experiment: Path, engine: str) -> dict
 
     seen, known = cb.Measurement.read(capsule), cb.Experiment.read(experiment)
     try:
-        return touches.of_posterior(cb.identify(seen, model, known, engine=engine, seed=1))
+        posterior = cb.identify(seen, model, known, engine=engine, seed=1)
+        shown = repr(posterior).replace(f"{capsule.parent}/", "")
+        return touches.of_posterior(posterior) | {"repr": shown, "table": posterior.summary().to_string()}
     except touches.mistake() as error:
         return {"mistake": str(error).replace(str(capsule.parent), "<folder>")}
     except Exception as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,18 @@ def digest(array: Any, shown: int = _SHOWN) -> dict[str, Any]:
         "weighted_sum": math.fsum(weight * finite),
         "some": flat[np.unique(np.linspace(0, max(len(flat) - 1, 0), shown).astype(int))].tolist() if len(flat) else [],
     }
+
+
+def flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Numbers and texts with their places; an empty list or dictionary has one too."""
+    if isinstance(value, dict) and value:
+        for name, one in value.items():
+            yield from flat(one, f"{key}/{name}" if key else name)
+    elif isinstance(value, list) and value:
+        for place, one in enumerate(value):
+            yield from flat(one, f"{key}/{place}")
+    else:
+        yield key, value
 
 
 def of_netcdf(path: Path, *, whole: int = LONG, skip: tuple[str, ...] = ("created",)) -> dict[str, Any]:
