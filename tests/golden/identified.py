@@ -173,10 +173,10 @@ def _posterior(model: Any, capsule: Path, experiment: Path, engine: str) -> dict
 def _model(database: str, view: str, held: float | None, effect: tuple[str, float] | None) -> Any:
     import capsbayes as cb
 
-    model = cb.Surrogate.open(database, view=view)
+    model = cb.Surrogate.open(database, view=touches.view_named(view))
     if held is not None:
         return touches.fixed(model, held)
     if effect is not None:
         added = touches.effects()[effect[0]]
-        return touches.Held(model, added, touches.size_of(added, effect[1]))
+        return touches.with_known_effect(model, added, touches.size_of(added, effect[1]))
     return model

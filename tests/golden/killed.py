@@ -43,7 +43,7 @@ def build(work: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "with a finer mesh beside", lambda: built("--compare", "5", out="compared.nc", cases="two.csv")
     effect = ("--effect", "pre_inflation", "--values", "0,0.02,0.05")
     yield "effect", lambda: built(*effect, out="effect.nc", cases="two.csv")
-    tube = ("--section", "circular", "--law", "skalak:hardening=1")
+    tube = ("--cross-section", "circular", "--law", "skalak:hardening=1")
     yield "tube", lambda: built(*tube, out="tube.nc", cases="two.csv")
 
 

@@ -40,7 +40,7 @@ def models(work: Path) -> Items:
 def _database(name: str, view: str) -> dict[str, Any]:
     import capsbayes as cb
 
-    model = cb.Surrogate.open(name, view=view)
+    model = cb.Surrogate.open(name, view=touches.view_named(view))
     places = {key: np.array(values) for key, values in _PLACES.items()}
     one = {"capillary_number": 0.06, "size_ratio": 0.9}
     found = {"name": model.name, "sha256": model.sha256}

@@ -44,14 +44,20 @@ def size_of(effect: Any, share: float) -> float:
 
 
 def coordinate_of(model: Any) -> tuple[str, tuple[float, float]] | None:
-    """Name and range of the further coordinate of a model."""
-    name = getattr(model, "coordinate", None)
-    return None if name is None else (str(name), model.coordinate_range)
+    """Return the name and the range of the further coordinate of a model."""
+    for name, ends in model.coordinates.items():
+        return name, (ends.low, ends.high)
+    return None
 
 
 def fixed(model: Any, value: float) -> Any:
-    """A model with a further coordinate, held at a value of it."""
-    return model.fixed(value)
+    """Return a model with a known value of its further coordinate."""
+    return model.fixed(**{next(iter(model.coordinates)): value})
+
+
+def view_named(view: str) -> str:
+    """Return the word of the package for a view of the record."""
+    return {"section": "mid-plane"}.get(view, view)
 
 
 def predicted(model: Any, theta: Mapping[str, Any], *, outline: bool = False) -> dict[str, Any]:
@@ -63,7 +69,7 @@ def predicted(model: Any, theta: Mapping[str, Any], *, outline: bool = False) ->
 
 def beside(model: Any, theta: Mapping[str, Any]) -> dict[str, Any]:
     """What else a model says: its doubts, its slopes, its own error of an outline."""
-    found: dict[str, Any] = {"doubts": model.doubts(theta)}
+    found: dict[str, Any] = {"doubts": model.caveats(theta)}
     if hasattr(model, "gradient"):
         found["gradient"] = model.gradient(**{name: theta[name] for name in ("capillary_number", "size_ratio")})
     return found
@@ -90,25 +96,25 @@ def of_posterior(posterior: Any) -> dict[str, Any]:
     return found
 
 
-class Held:
-    """A model with an effect of one size, as one's own forward model."""
+def with_known_effect(model: Any, effect: Any, size: float) -> Any:
+    """Return a model with an effect of known size under the circumstances of the record."""
+    from capsbayes.model import ForwardModel
 
-    def __init__(self, model: Any, effect: Any, size: float) -> None:
-        self._model = model + effect
-        self._known = {effect.parameter.name: size}
-        self._known |= {name: CIRCUMSTANCES[name] for name in effect.circumstances}
-        self.name, self.sha256, self.domain = f"{self._model.name} held", self._model.sha256, self._model.domain
-        self.view = self._model.view
+    extended = model + effect
+    known = {effect.parameter.name: size, **{name: CIRCUMSTANCES[name] for name in effect.circumstances}}
 
-    def __call__(self, theta: Mapping[str, Any], *, outline: bool = False) -> Any:
-        """Predict a batch with the effect."""
-        count = len(theta["capillary_number"])
-        return self._model({**theta, **{k: np.full(count, v) for k, v in self._known.items()}}, outline=outline)
+    class Held(ForwardModel):
+        name, sha256, domain = f"{extended.name} held", extended.sha256, extended.domain
+        cross_section, view = extended.cross_section, extended.view
 
-    def doubts(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """Those of the model."""
-        return dict(self._model.doubts(theta))
+        def __call__(self, theta: Mapping[str, Any], *, outline: bool = False) -> Any:
+            count = len(theta["capillary_number"])
+            return extended({**theta, **{k: np.full(count, v) for k, v in known.items()}}, outline=outline)
 
-    def outline_modes(self, **theta: float) -> Any:
-        """Those of the model with the effect."""
-        return self._model.outline_modes(**{**theta, **self._known})
+        def caveats(self, theta: Mapping[str, Any]) -> dict[str, Any]:
+            return dict(extended.caveats(theta))
+
+        def outline_modes(self, **theta: float) -> Any:
+            return extended.outline_modes(**{**theta, **known})
+
+    return Held()

@@ -16,7 +16,7 @@ from environment import REPOSITORY
 
 LAB = ("--extent-error", "0.01", "--length-error", "0.01", "--velocity-error", "0.01")
 SPEED = ("--velocity", "6.20 +/- 0.06 mm/s")
-COARSE = ("--ca", "0.05", "--size", "0.8", "--refinement", "4")
+COARSE = ("--ca", "0.05", "--size-ratio", "0.8", "--refinement", "4")
 OVALBUMIN, DRIFT = "ovalbumin/capsule.toml", "drift"
 
 
@@ -117,11 +117,11 @@ MISTAKES = (
     ("validate", "moon"),
     ("rebuild", "moon", "--out", "moon.nc"),
     ("simulate", "--ca", "0.05"),
-    ("simulate", "--ca", "-0.05", "--size", "0.8"),
-    ("simulate", "--ca", "0.05", "--size", "0.8", "--law", "rubber"),
-    ("simulate", "--ca", "0.05", "--size", "0.8", "--section", "star"),
-    ("simulate", "--ca", "0.05", "--size", "0.8", "--corner-radius", "1.5"),
-    ("simulate", "--ca", "0.05", "--size", "0.8", "--out", "shape.stl"),
+    ("simulate", "--ca", "-0.05", "--size-ratio", "0.8"),
+    ("simulate", "--ca", "0.05", "--size-ratio", "0.8", "--law", "rubber"),
+    ("simulate", "--ca", "0.05", "--size-ratio", "0.8", "--cross-section", "star"),
+    ("simulate", "--ca", "0.05", "--size-ratio", "0.8", "--corner-radius", "1.5"),
+    ("simulate", "--ca", "0.05", "--size-ratio", "0.8", "--paraview", "shape.stl"),
     ("transient", *COARSE, "--until", "-1"),
     ("transient", *COARSE, "--until", "1", "--scheme", "wild"),
     ("transient", *COARSE, "--until", "1", "--viscosity-ratio", "2"),
@@ -132,7 +132,7 @@ MISTAKES = (
     ("build", "--out", "no.nc", "--grid", "default", "--effect", "bending"),
     ("build", "--out", "no.nc", "--grid", "default", "--workers", "0"),
     ("hide", "--effect", "gravity", "--out", "set"),
-    ("hide", "--effect", "halo", "--size", "3", "--out", "set"),
+    ("hide", "--effect", "halo", "--effect-size", "3", "--out", "set"),
     ("hide", "--effect", "none", "--out", "batch"),
     ("exam", "--out", "examined", "--pools", "pools", "--only", "nonsense"),
     ("verify", "--out", "verified", "--only", "nonsense"),
@@ -185,14 +185,14 @@ AT_WORK = (
     ("atlas", "square-rest-aspect", "--out", "effect-atlas", "--json"),
     ("validate", "circular-skalak", "--out", "validated"),
     ("validate", "square-skalak", "--json"),
-    ("simulate", *COARSE, "--out", "shape.vtu", "--plot", "shape.png"),
+    ("simulate", *COARSE, "--paraview", "shape.vtu", "--plot", "shape.png"),
     ("simulate", *COARSE, "--json", "--law", "skalak:hardening=1", "--pre-inflation", "0.02"),
-    ("simulate", "--ca", "0.5", "--size", "0.9", "--refinement", "4"),
-    ("transient", *COARSE, "--until", "0.4", "--table", "steps.csv", "--plot", "steps.png", "--out", "steps.pvd"),
+    ("simulate", "--ca", "0.5", "--size-ratio", "0.9", "--refinement", "4"),
+    ("transient", *COARSE, "--until", "0.4", "--table", "steps.csv", "--plot", "steps.png", "--paraview", "steps.pvd"),
     ("transient", *COARSE, "--until", "0.1", "--every", "0.05", "--scheme", "explicit"),
     ("build", "--out", "one.nc", "--cases", "cases.csv", "--refinement", "4", "--workers", "1"),
     (
-        *("hide", "--effect", "halo", "--size", "0.4 um", "--capsules", "2", "--refinement", "4"),
+        *("hide", "--effect", "halo", "--effect-size", "0.4 um", "--capsules", "2", "--refinement", "4"),
         *("--workers", "1", "--out", "hidden"),
     ),
     (
