@@ -48,13 +48,6 @@ _NEEDED = tuple(
 _TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
 _LINES = 10_000  # of a table formatted at once
 _USABLE = (Status.DONE, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
-_MEASURED_UNITS = {
-    "axial_extent": "l",
-    "axial_length": "l",
-    "capsule_velocity": "m/s",
-    "half_width": "m",
-    "viscosity": "Pa s",
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +77,8 @@ class Population(Readable):
         along = ("capsule",)
         variables: dict[str, Any] = {name: (along, getattr(rows, name)) for name in _TEXTS}
         for number, name in enumerate(NUMBERS):
-            unit = _MEASURED_UNITS.get(name.removesuffix("_error"), "1")
+            measured = PARAMETERS.get(name.removesuffix("_error"))
+            unit = "1" if measured is None else measured.unit
             variables[name] = (along, rows.numbers[:, number], {"units": unit})
         for number, name in enumerate(QUANTITIES):
             parameter = PARAMETERS[name]
