@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis.finding import Deviation
 from capsbayes.diagnosis.fits import Fits
 from capsbayes.diagnosis.session import Session
@@ -19,10 +19,6 @@ from capsbayes.model import ForwardModel
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["AlongOutline", "Comparison"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

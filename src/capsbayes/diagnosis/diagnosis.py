@@ -30,8 +30,6 @@ from capsbayes.readable import Readable
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Study", "Verdict", "diagnose"]
-
 Checked = Callable[[tuple[Step, ...]], tuple[tuple[Step, ...], Verification]]
 
 _FEWEST = 12  # capsules of a session that can be divided

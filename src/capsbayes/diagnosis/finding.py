@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import beta, binom, norm
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.diagnosis.fits import Fits, fitted, whitening
 from capsbayes.diagnosis.regions import REGIONS, Displaced, Displacements, displaced_regions
 from capsbayes.diagnosis.session import Session
@@ -31,10 +31,6 @@ from capsbayes.model import ForwardModel
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["TRENDS", "Deviation", "Finding", "find"]
-
-Floats = NDArray[np.float64]
 
 _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
@@ -269,7 +265,7 @@ def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> lis
     return [_Test(name, "um", width, *each) for name, *each in zip(REGIONS, contributions, weights, own, strict=True)]
 
 
-def _of_trends(session: Session, fits: Fits, done: NDArray[np.int64], own: Floats) -> list[_Test]:
+def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> list[_Test]:
     """Return the tests for slopes of the apparent ln G_s, corrected for errors that both variables share."""
     velocity = np.log(session.circumstances["capsule_velocity"][done])
     columns = {"velocity": velocity, "size": fits.size[done]}
@@ -294,7 +290,7 @@ def _solved(design: Floats, values: Floats, weight: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(design * root, values * root[:, 0])[0])
 
 
-def _scatter(fits: Fits, done: NDArray[np.int64]) -> float:
+def _scatter(fits: Fits, done: Integers) -> float:
     """Return the variance of ln G_s between capsules in excess of their errors, by moments."""
     beyond = np.var(fits.log_modulus[done]) - np.median(fits.covariance[done, 0, 0])
     return float(max(beyond, 1e-6))

@@ -11,16 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.diagnosis.gauss_newton import LOOSE, Evaluation, Places, gauss_newton, initial_guesses
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening, whitened_at
 from capsbayes.model import ForwardModel
-
-__all__ = ["Fits", "fitted", "whitening"]
-
-Floats = NDArray[np.float64]
 
 _NEAR = 0.1  # expected decrease of the misfit above which a fit has not converged
 _ILL = 4.0  # misfit over its freedom, from which a capsule has no shape of the model: twice the stated noise
@@ -57,12 +54,12 @@ class Fits:
     log_modulus: Floats
     size: Floats
     covariance: Floats
-    known: NDArray[np.bool_]
-    settled: NDArray[np.bool_]
-    freedom: NDArray[np.int64]
+    known: Booleans
+    settled: Booleans
+    freedom: Integers
 
     @property
-    def ill(self) -> NDArray[np.bool_]:
+    def ill(self) -> Booleans:
         """Capsules without a shape of the model: none, one at its border only, or a misfit far beyond the noise."""
         return ~(self.settled & (self.misfit < _ILL * np.maximum(self.freedom, 1)))
 
@@ -152,9 +149,9 @@ def _begun(evaluate: Evaluation, start: Floats | None) -> Places:
 def _made(
     session: Session,
     places: Places,
-    known: NDArray[np.bool_],
-    settled: NDArray[np.bool_],
-    freedom: NDArray[np.int64],
+    known: Booleans,
+    settled: Booleans,
+    freedom: Integers,
 ) -> Fits:
     speed = session.circumstances["capsule_velocity"] / places.ratio
     log_modulus = np.log(session.circumstances["viscosity"] * speed) - places.theta[:, 0]

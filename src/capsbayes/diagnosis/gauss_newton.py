@@ -6,17 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import OfLengths, Whitening
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
-
-__all__ = ["LOOSE", "Evaluation", "Places", "gauss_newton", "initial_guesses"]
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 LOOSE = np.array([2.0, 1.0])
 """Standard deviations of a loose prior of ln Ca and a/l about the pilots, for what the data leave open."""
@@ -53,18 +48,18 @@ class Places:
     ratio: Floats
     ratio_slopes: Floats
 
-    def taken(self, rows: Rows) -> Places:
+    def taken(self, rows: Integers) -> Places:
         """Return those of some rows."""
         each = [self.residuals[i] for i in rows], [self.slopes[i] for i in rows]
         return Places(self.theta[rows], *each, self.ratio[rows], self.ratio_slopes[rows])
 
-    def put(self, rows: Rows, others: Places) -> None:
+    def put(self, rows: Integers, others: Places) -> None:
         """Replace those of some rows."""
         self.theta[rows], self.ratio[rows], self.ratio_slopes[rows] = others.theta, others.ratio, others.ratio_slopes
         for i, residual, slope in zip(rows, others.residuals, others.slopes, strict=True):
             self.residuals[i], self.slopes[i] = residual, slope
 
-    def take_better(self, rows: Rows, others: Places, centre: Floats) -> None:
+    def take_better(self, rows: Integers, others: Places, centre: Floats) -> None:
         """Replace those of some rows that fit better elsewhere by more than the convergence error.
 
         `centre` (n, 2) as in `penalised`.
@@ -73,12 +68,12 @@ class Places:
         self.put(rows[better], others.taken(np.flatnonzero(better)))
 
     @property
-    def inside(self) -> NDArray[np.bool_]:
+    def inside(self) -> Booleans:
         """Capsules that have a shape of the model : (n,) array."""
         return np.array([np.isfinite(residual).all() for residual in self.residuals], dtype=bool)
 
     @property
-    def differentiable(self) -> NDArray[np.bool_]:
+    def differentiable(self) -> Booleans:
         """Capsules with finite slopes : (n,) array."""
         return np.array([np.isfinite(slope).all() for slope in self.slopes], dtype=bool)
 
@@ -115,7 +110,7 @@ class Evaluation:
     white: Whitening
     rest: Mapping[str, Floats]
 
-    def __call__(self, theta: Floats, rows: Rows) -> Places:
+    def __call__(self, theta: Floats, rows: Integers) -> Places:
         """Evaluate at theta (k, 2) the capsules of k rows."""
         found = self._towards(theta, rows, 1.0)
         edge = np.flatnonzero(found.inside & ~found.differentiable)  # of the domain: look the other way
@@ -127,7 +122,7 @@ class Evaluation:
             found.ratio_slopes[edge] = np.where(np.isfinite(there), there, back.ratio_slopes)
         return found
 
-    def _towards(self, theta: Floats, rows: Rows, sign: float) -> Places:
+    def _towards(self, theta: Floats, rows: Integers, sign: float) -> Places:
         """Evaluate with slopes by differences to one side."""
         shifts = sign * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) * _DIFFERENCE
         points = (theta[:, None] + shifts).reshape(-1, 2)
@@ -144,7 +139,7 @@ class Evaluation:
         return Places(theta, residuals, slopes, ratio[:, 0], ratio_slopes)
 
 
-def gauss_newton(evaluate: Evaluation, here: Places, who: Rows) -> Places:
+def gauss_newton(evaluate: Evaluation, here: Places, who: Integers) -> Places:
     """Minimise the misfit of k capsules, given by their rows, by damped Gauss-Newton steps."""
     centre = evaluate.white.pilots[who]
     value, promised = here.penalised(centre), here.step(centre, np.zeros(len(who)))[1]
@@ -166,7 +161,7 @@ def gauss_newton(evaluate: Evaluation, here: Places, who: Rows) -> Places:
 
 
 def initial_guesses(
-    model: ForwardModel, session: Session, rest: Mapping[str, Floats], rows: Rows, bands: int = _BANDS
+    model: ForwardModel, session: Session, rest: Mapping[str, Floats], rows: Integers, bands: int = _BANDS
 ) -> Floats:
     """Return ln Ca and a/l (bands, k, 2) of the shapes of nearest lengths in each band of Ca, for k rows of capsules.
 

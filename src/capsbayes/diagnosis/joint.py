@@ -9,17 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.scoring import Measured, Outcome, Scores, log_of_measured
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.model import FixedParameters, ForwardModel
-
-__all__ = ["score_jointly"]
-
-Floats = NDArray[np.float64]
 
 _DESIGN = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0)])
 _APART = 1.5  # of these points, in standard errors of one size at a fixed other

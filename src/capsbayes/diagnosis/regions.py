@@ -11,16 +11,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.diagnosis.fits import Fits
 from capsbayes.diagnosis.whitening import OfOutline, Whitening
 from capsbayes.infer.outline.likelihood import OutlineLikelihood
 from capsbayes.profile import edge_lengths, vertex_normals
-
-__all__ = ["REGIONS", "Displaced", "Displacements", "displaced_regions", "region_displacements"]
-
-Floats = NDArray[np.float64]
 
 REGIONS = ("nose", "flanks", "rear rim", "rear on the axis", "top against bottom")
 _WIDTH = 0.06  # of the perimeter: standard deviation of a region's bump
@@ -56,7 +52,7 @@ def _bump(arc: Floats, place: float) -> Floats:
     return np.asarray(np.exp(-0.5 * (away / _WIDTH) ** 2))
 
 
-def _farthest_back(outline: Floats, side: NDArray[np.bool_]) -> int:
+def _farthest_back(outline: Floats, side: Booleans) -> int:
     rows = np.flatnonzero(side)
     return int(rows[np.argmin(outline[rows, 0])])
 

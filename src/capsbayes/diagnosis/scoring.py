@@ -17,28 +17,16 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.effect import Effect
 from capsbayes.model import ForwardModel
 
-__all__ = [
-    "Measured",
-    "Outcome",
-    "Population",
-    "Scores",
-    "Trial",
-    "log_likelihood",
-    "log_of_measured",
-    "population",
-]
-
-Floats = NDArray[np.float64]
 Measured = Mapping[str, tuple[float, float]]
 """Size of an effect measured independently of the capsules, and its standard error, by name of the parameter."""
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.joint import score_jointly
@@ -17,19 +17,6 @@ from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.effect import Effect
 from capsbayes.model import FixedParameters, ForwardModel
 
-__all__ = [
-    "LEAST_RATIO",
-    "LEFT",
-    "NOTHING",
-    "UNKNOWN",
-    "Search",
-    "Step",
-    "evidences",
-    "indistinguishable",
-    "searched",
-]
-
-Floats = NDArray[np.float64]
 LEFT = 0.01
 """P-value of the remaining deviations below which they are not explained."""
 

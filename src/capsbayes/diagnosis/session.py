@@ -9,16 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements import check_comparable, read_set, write_set
-
-__all__ = ["Session"]
-
-Floats = NDArray[np.float64]
 
 _BIN = 4  # capsules of like size among which halves are drawn
 

@@ -13,8 +13,6 @@ from capsbayes.diagnosis.finding import Finding
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["summary"]
-
 
 def summary(study: Study) -> dict[str, Any]:
     """Return the results of a diagnosis, ready for JSON.

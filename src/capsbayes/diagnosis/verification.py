@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted, whitening
@@ -21,10 +21,6 @@ from capsbayes.model import ForwardModel
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["MeanRatio", "Verification", "verified"]
-
-Floats = NDArray[np.float64]
 
 _VERIFIED = 1.64  # standard errors of what is by chance one in twenty
 _WORTH_A_LOOK = 0.5  # p-value of a deviation remaining in the first half, up to which it is tested on the second

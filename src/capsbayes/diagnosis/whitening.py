@@ -9,18 +9,14 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis.session import Session
 from capsbayes.infer.kernel import length_given_extent
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, outline_likelihood
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
-
-__all__ = ["OfLengths", "OfOutline", "Whitener", "Whitening", "whitened_at"]
-
-Floats = NDArray[np.float64]
 
 
 class Whitener(Protocol):

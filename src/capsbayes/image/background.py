@@ -6,15 +6,11 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.image.walls import WallLines
-
-__all__ = ["estimate_background", "flatten", "temporal_median", "transmission"]
-
-Floats = NDArray[np.float64]
 
 _BRIGHT = 85.0  # percentile along the channel that is taken for the empty channel
 _ROWS = 64  # of all frames that are held in memory a second time

@@ -9,13 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.image.walls import WallLines
 from capsbayes.profile import signed_area
 from capsbayes.status import Status
-
-__all__ = ["Blob", "blob_of_mask", "find_blobs"]
-
-Floats = NDArray[np.float64]
 
 _SMALLEST_AREA = 0.2  # l^2: smaller blobs are debris
 _SPECK = 0.02  # l^2: smaller blobs are ignored
@@ -82,7 +79,7 @@ def find_blobs(light: Floats, walls: WallLines, noise: float) -> list[Blob]:
     return [replace(blob, status=_status(blob, blobs, dark.shape, walls.half_width)) for blob in blobs]
 
 
-def blob_of_mask(mask: NDArray[np.bool_], walls: WallLines) -> Blob:
+def blob_of_mask(mask: Booleans, walls: WallLines) -> Blob:
     """Return the object that a mask (rows, columns) shows; an object in several pieces is refused."""
     pieces = sorted(_pieces(mask.astype(np.uint8)), key=lambda blob: blob.area)
     if not pieces:
@@ -100,8 +97,8 @@ def _pieces(mask: NDArray[np.uint8]) -> list[Blob]:
 
 
 @lru_cache(maxsize=1)  # the frames of a film share it
-def _between(walls: WallLines, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    mask: NDArray[np.bool_] = np.abs(walls.offset(shape)) < walls.half_width - 0.5 * walls.line_width
+def _between(walls: WallLines, shape: tuple[int, int]) -> Booleans:
+    mask: Booleans = np.abs(walls.offset(shape)) < walls.half_width - 0.5 * walls.line_width
     mask.flags.writeable = False
     return mask
 

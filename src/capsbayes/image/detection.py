@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.image.blobs import Blob
 from capsbayes.image.edges.extent import FurthestPoint, furthest_point
 from capsbayes.image.edges.integrals import SilhouetteIntegrals, centroid, integrate_silhouette
@@ -19,10 +19,6 @@ from capsbayes.status import Status
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["Detection", "analyse_blob"]
-
-Floats = NDArray[np.float64]
 
 _SYMMETRIC = 0.005  # of the length: a centroid nearer to the middle does not distinguish front from rear
 _LOPSIDED = 0.08  # of the breadth: real beads and cells stay below 0.04

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.experiment import Experiment
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.integrals import centroid, centroid_variance
@@ -22,10 +22,6 @@ from capsbayes.status import Status
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["FilmCapsule", "FrameMeasurement", "FrameRecord"]
-
-Floats = NDArray[np.float64]
 
 _FEWEST = 3  # frames that give a velocity and its error
 _SAMPLING = 0.005  # px: no centroid is located better than that in a picture sampled at whole pixels

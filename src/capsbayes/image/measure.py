@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.background import estimate_background, transmission
@@ -20,10 +21,6 @@ from capsbayes.image.walls import find_walls
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
-
-__all__ = ["FLOWS", "detect", "measure", "measurement_of", "measurement_of_lengths"]
-
-Floats = NDArray[np.float64]
 
 FLOWS = {"right": 1, "left": -1}
 CLIPPED = 0.02  # largest share of clipped pixels between the walls

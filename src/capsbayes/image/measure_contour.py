@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.files.contour import ContourFile
@@ -12,10 +12,6 @@ from capsbayes.image.measure import FLOWS, check_flow, measurement_of_lengths
 from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, signed_area, vertex_normals
 from capsbayes.quantity import Quantity
-
-__all__ = ["measure_contour"]
-
-Floats = NDArray[np.float64]
 
 POINTS = ("centres", "borders")
 _HALF_PIXEL = 0.45  # px: how far inside the edge a polygon through the centres of the outermost pixels lies, on average

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.background import estimate_background, flatten, temporal_median, transmission
@@ -28,10 +29,6 @@ from capsbayes.status import Status
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["FilmMeasurement", "measure_film"]
-
-Floats = NDArray[np.float64]
 
 _SAMPLED = 41  # frames in the median that is the background
 _MARGIN = 14.0  # px beyond the walls that are read
@@ -162,7 +159,7 @@ class _View:
     rows: slice
     walls: WallLines
     gain: Floats
-    between: NDArray[np.bool_]
+    between: Booleans
 
     def is_clipped(self, picture: Picture) -> bool:
         return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.background import temporal_median, transmission
@@ -27,10 +27,6 @@ from capsbayes.image.measure import check_flow, measurement_of_lengths
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
-
-__all__ = ["Event", "measure_rtdc"]
-
-Floats = NDArray[np.float64]
 
 _SAMPLED = 101  # events in the median that is the background
 _WIDTHS = 0.1  # largest relative difference of the channel's width between file and experiment

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Drift", "Velocity", "drift", "velocity"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Floats
 
 _SIGNIFICANT = 3.0  # standard errors
 _NEGLIGIBLE = 0.01  # of the quantity itself: a smaller change is added to the error, not a reason to refuse

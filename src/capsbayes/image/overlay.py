@@ -8,12 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.files.picture import Picture
 
-__all__ = ["overlay", "write_overlay"]
-
-Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 _SCALE = 4  # drawn pixels per pixel of the picture

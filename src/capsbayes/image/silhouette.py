@@ -9,16 +9,12 @@ coverage is counted.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.extent import EDGE_FLOOR
 from capsbayes.image.edges.outline import ARC, EdgeOutline
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
-
-__all__ = ["silhouette_of"]
-
-Floats = NDArray[np.float64]
 
 _WALL = 2.0  # of the width of a wall's dark line: nearer to it, blur mixes the two, and an edge is found too far out
 _AVERAGED = 3  # points

@@ -15,11 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter1d
 from scipy.spatial import KDTree
 
+from capsbayes.arrays import Floats
 from capsbayes.profile import Profile, arc_length, signed_area
-
-__all__ = ["Drawing", "Optics", "Scene", "draw"]
-
-Floats = NDArray[np.float64]
 
 _FINE = 3  # fine pixels along the side of one of the camera's
 _EXACT = 1.5  # px from the outline within which the distance is not interpolated between the camera's pixels

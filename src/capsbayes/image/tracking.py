@@ -11,16 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from capsbayes.arrays import Floats
 from capsbayes.image.blobs import Blob
 from capsbayes.image.walls import WallLines
 from capsbayes.status import Status
-
-__all__ = ["Linker", "Track"]
-
-Floats = NDArray[np.float64]
 
 _SIZES = 1.3  # largest ratio of the areas of one blob in two frames
 _ACROSS = 0.25  # l: largest displacement across the channel

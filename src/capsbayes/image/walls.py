@@ -8,15 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from capsbayes.arrays import Floats
 from capsbayes.image.edges.models import Model, locate
 from capsbayes.image.edges.robust import fit_without_outliers, robust_spread
-
-__all__ = ["WallLines", "find_walls"]
-
-Floats = NDArray[np.float64]
 
 _STRIPS = 12
 _SLOPES = np.linspace(-0.12, 0.12, 25)

@@ -20,8 +20,6 @@ from capsbayes.show.pages.study import study_page
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["opened", "report_page", "write_report"]
-
 Result = Posterior | Population | Study | Database
 
 POSTERIOR = "posterior.nc"

@@ -17,8 +17,6 @@ from capsbayes.show.words import population as population_words
 from capsbayes.show.words import posterior as posterior_words
 from capsbayes.show.words import study as study_words
 
-__all__ = ["hierarchy_parts", "population_parts", "posterior_parts", "study_parts"]
-
 Parts = Iterator[str | pd.DataFrame]
 
 

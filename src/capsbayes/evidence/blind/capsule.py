@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.evidence.blind.lab import Noise
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, arc_length, vertex_normals
-
-__all__ = ["Capsule"]
-
-Floats = NDArray[np.float64]
 
 _LEAST_INDEPENDENT = 1e-9  # share of the variance that keeps a covariance definite
 _TILT, _SHIFT = 0.01, 0.05  # rad, l

@@ -13,8 +13,6 @@ from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.optics import enlarged, grown, smeared, smooth_pattern
 from capsbayes.physics.membrane import GeneralisedHooke, Skalak, StrainHardening
 
-__all__ = ["TRUE_EFFECTS", "TrueEffect", "true_effect_named"]
-
 Drawn = Callable[[Capsule, float, Lab, int], Capsule]
 
 

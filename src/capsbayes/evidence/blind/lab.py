@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.experiment import Experiment
 from capsbayes.quantity import Quantity
-
-__all__ = ["Lab", "Noise"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

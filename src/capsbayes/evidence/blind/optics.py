@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.affinity import scale
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from capsbayes.arrays import Floats
 from capsbayes.profile import arc_length, vertex_normals
-
-__all__ = ["enlarged", "grown", "smeared", "smooth_pattern"]
-
-Floats = NDArray[np.float64]
 
 _ROUND = 64  # segments of a quarter of a circle
 _WAVES = 6  # of the arc

@@ -16,8 +16,6 @@ from capsbayes.physics.databases.sweep import SteadySimulator
 from capsbayes.physics.simulation import Simulator
 from capsbayes.physics.simulation.unsteady import UnsteadySimulator
 
-__all__ = ["POOLS", "build_pools", "pool_name", "simulator_with"]
-
 _CAPILLARY_NUMBERS = (0.0315, 0.0365, 0.042, 0.0475, 0.0545, 0.0625, 0.0725, 0.0845, 0.0965, 0.107)
 _SIZE_RATIOS = (0.79, 0.818, 0.862, 0.89, 0.933, 0.963)
 _REFINEMENT = 12  # on a coarser mesh the truth itself is wrong: at 10, L_z by 0.006 l at Ca 0.107

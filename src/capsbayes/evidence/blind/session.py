@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.database import Database
 from capsbayes.diagnosis import Session
 from capsbayes.errors import InputError
@@ -19,10 +19,6 @@ from capsbayes.evidence.blind.effects import TrueEffect
 from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.pools import simulator_with
 from capsbayes.physics.databases.build import build_database
-
-__all__ = ["BlindSession", "draw_session", "simulate_session"]
-
-Floats = NDArray[np.float64]
 
 _TYPICAL = -4.5  # log density relative to its maximum: three standard deviations
 _SPARE = 1.15  # simulated capsules for each one wanted, since some have no steady shape

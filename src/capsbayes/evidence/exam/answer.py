@@ -15,8 +15,6 @@ from capsbayes.evidence.blind.session import BlindSession, draw_session
 from capsbayes.evidence.exam.cells import Cell
 from capsbayes.model import ForwardModel
 
-__all__ = ["Answer", "answer_session", "outcome_of"]
-
 _TWO_SIGMA = 1.92  # fall of the log likelihood at the ends of a 95 % interval
 _ACCURACY = 0.1  # of the standard deviation of an effect's prior: error of a measurement apart from the capsules
 

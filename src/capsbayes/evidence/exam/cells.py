@@ -18,8 +18,6 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import Parameter
 from capsbayes.prediction import Prediction
 
-__all__ = ["CELLS", "Cell", "Decoy"]
-
 _CAPSULES = 40
 _NULLS = {
     "correlated noise": (Noise(), 120),

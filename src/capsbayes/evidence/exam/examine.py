@@ -15,8 +15,6 @@ from capsbayes.evidence.exam.cells import Cell
 from capsbayes.surrogate import Surrogate
 from capsbayes.work import Records, run_tasks
 
-__all__ = ["Answers", "examine"]
-
 Answers = dict[str, dict[int, Answer]]
 """Answers by name of the cell and seed."""
 

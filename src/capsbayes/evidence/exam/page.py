@@ -13,8 +13,6 @@ from capsbayes.evidence.exam.cells import Cell
 from capsbayes.evidence.exam.examine import Answers
 from capsbayes.evidence.markdown import table_lines
 
-__all__ = ["exam_page"]
-
 _OUTCOMES = ("none", "right", "ambiguous", "unknown", "wrong")
 _CLEAR_BIAS = 0.1
 _BEFORE_AFTER = {"bias": "{:+.1%}", "misfit": "{:.2f}", "gap": "{:.2f}"}  # gap in um

@@ -15,8 +15,6 @@ from capsbayes.physics.simulation.simulator import Simulator
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["circular_tube", "paper_capsule"]
-
 _PAPER_CASE, _PAPER_MESHES = (0.082, 0.96), (8, 12)
 _PAPER_TARGETS = {"axial_extent": 0.005, "axial_length": 0.005, "velocity_ratio": 0.001}
 

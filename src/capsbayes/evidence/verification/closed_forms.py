@@ -23,8 +23,6 @@ from capsbayes.testing import check_law
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["membrane_laws", "single_layer", "undisturbed_flow"]
-
 _CLASSICAL: dict[str, Channel] = {"square": SquareChannel(), "circular": CircularChannel()}
 _RADII = (0.01, 0.05, 0.1, 0.2)
 _OF_FLOW = {"centre_velocity": "velocity at the centre", "pressure_gradient": "pressure gradient"}

@@ -28,8 +28,6 @@ from capsbayes.physics.stokes.walls import WallDiscretisation
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["mesh_refinement", "newtons_jacobian", "wall_discretisation"]
-
 _CASE, _NEIGHBOUR = (0.05, 0.9), (0.04, 0.9)
 
 _STEP = 1e-6

@@ -13,8 +13,6 @@ from capsbayes.evidence.verification.topic import Results, Row, Topic, Verdict
 from capsbayes.output_file import replaced
 from capsbayes.work import Records
 
-__all__ = ["write_page"]
-
 _COLUMNS = ("quantity", "reference", "source", "ours", "difference", "target", "")
 _VERDICTS: tuple[Verdict, ...] = ("met", "missed", "not computed")
 

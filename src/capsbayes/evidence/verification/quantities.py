@@ -19,19 +19,6 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "QUANTITIES",
-    "SYMBOLS",
-    "Limit",
-    "fitted_limit",
-    "fitted_rate",
-    "iterate_of",
-    "label_refinements",
-    "numbers",
-    "on_mesh",
-    "steady",
-]
-
 QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 SYMBOLS = {name: PARAMETERS[name].symbol for name in QUANTITIES}
 

@@ -11,20 +11,6 @@ from typing import Any
 
 from capsbayes.evidence.verification.topic import Reference
 
-__all__ = [
-    "BOUNDARY_INTEGRAL",
-    "CLOSED_FORM",
-    "FRICTION",
-    "MODULI",
-    "PAPER",
-    "RIGID_SPHERE",
-    "SHEAR",
-    "SHEAR_SLOPE",
-    "TUBE",
-    "UNDISTURBED",
-    "Published",
-]
-
 
 @dataclass(frozen=True)
 class Published:

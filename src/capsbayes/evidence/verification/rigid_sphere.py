@@ -19,8 +19,6 @@ from capsbayes.physics.stokes.walls import wall_operator
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["RigidMotion", "rigid_sphere", "rigid_spheres"]
-
 _SIZES = (0.3, 0.5, 0.7, 0.8, 0.85, 0.9)
 _WORDS = {"velocity_ratio": "V/U", "extra_pressure_drop": "dP+ [mu U/l]"}
 

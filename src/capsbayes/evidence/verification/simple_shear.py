@@ -7,8 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.evidence.verification.references import SHEAR, SHEAR_SLOPE
 from capsbayes.evidence.verification.topic import Results, Row, Target, Topic, Values
 from capsbayes.physics.capsule.problem import Problem
@@ -21,8 +21,6 @@ from capsbayes.physics.surface.shape_functions import p2, p2_gradient
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["simple_shear", "taylor_deformation"]
 
 _SMALL, _TIME = 0.01, 8.0
 _BENDING, _CODES_DIFFER = 2e-4, 0.08
@@ -55,7 +53,7 @@ def _deformation(capillary_number: float, time: float, refinement: int) -> Value
     return {"deformation": taylor_deformation(problem.mesh, problem.mesh.expanded(end.iterate.free))}
 
 
-def taylor_deformation(mesh: OctaSphere, nodes: NDArray[np.float64]) -> float:
+def taylor_deformation(mesh: OctaSphere, nodes: Floats) -> float:
     """Compute D = (L - B) / (L + B) of the ellipsoid that has the capsule's inertia.
 
     Parameters

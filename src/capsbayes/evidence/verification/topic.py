@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.work import Records
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["Outcome", "Reference", "Results", "Row", "Target", "Topic", "Values", "Verdict"]
 
 Values: TypeAlias = Mapping[str, float | list[float]]
 """Result of an item: named numbers, or series of them."""
@@ -147,12 +145,12 @@ class Results:
         """
         return float(self.series(item, name)[-1])
 
-    def series(self, item: str, name: str) -> NDArray[np.float64]:
+    def series(self, item: str, name: str) -> Floats:
         """Return a series (k,) of numbers, one NaN where the item has not been computed or failed."""
         outcome = self.outcomes.get(item)
         return np.atleast_1d(np.nan if outcome is None or outcome.failed else outcome.values[name]).astype(float)
 
-    def across(self, items: Iterable[str], name: str) -> NDArray[np.float64]:
+    def across(self, items: Iterable[str], name: str) -> Floats:
         """Return the number `name` of several items (k,)."""
         return np.array([self.value(item, name) for item in items])
 

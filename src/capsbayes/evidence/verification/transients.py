@@ -18,8 +18,6 @@ from capsbayes.physics.simulation.simulator import Simulator
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["transients"]
-
 _CASE, _NEIGHBOUR = (0.12, 0.9), (0.11, 0.9)
 _SETTLED = 2.4  # U t/l by which the paper finds the capsule steady
 _TIMES = (*np.linspace(0.2, _SETTLED, 12).round(1).tolist(), 50.0)

@@ -14,8 +14,6 @@ from capsbayes.evidence.verification.page import write_page
 from capsbayes.evidence.verification.topic import Outcome, Results, Row, Topic, Values
 from capsbayes.work import Records
 
-__all__ = ["verify"]
-
 
 def verify(
     topics: Sequence[Topic],

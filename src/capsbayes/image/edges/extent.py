@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.image.edges.outline import EdgeOutline
-
-__all__ = ["EDGE_FLOOR", "FurthestPoint", "furthest_point"]
-
-Floats = NDArray[np.float64]
 
 _WINDOWS = (15, 10, 7, 5)  # points to either side, widest first
 _ORDER = 4

@@ -10,16 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.image.edges.extent import EDGE_FLOOR
 from capsbayes.image.edges.outline import EdgeOutline
 from capsbayes.profile import edge_lengths, signed_area
 from capsbayes.quantity import Quantity
-
-__all__ = ["SilhouetteIntegrals", "centroid", "centroid_variance", "integrate_silhouette"]
-
-Floats = NDArray[np.float64]
 
 _HARMONICS = 0.1  # of the number of points, in the curve whose length is taken: noise would lengthen it
 _DENSE = 1024

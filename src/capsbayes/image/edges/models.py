@@ -16,11 +16,8 @@ from enum import IntEnum
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-__all__ = ["Model", "ProfileFit", "locate"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Booleans, Floats
 
 _ITERATIONS = 12
 _TOLERANCE = 2e-3  # px
@@ -71,7 +68,7 @@ class ProfileFit:
     coefficients: Floats
     fitted: Floats
     slope: Floats
-    converged: NDArray[np.bool_]
+    converged: Booleans
 
 
 def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width: Floats, used: Floats) -> ProfileFit:

@@ -14,13 +14,10 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
+from capsbayes.arrays import Floats
 from capsbayes.image.edges.models import Model, locate
 from capsbayes.image.edges.robust import robust_spread
 from capsbayes.profile import arc_length, equally_spaced
-
-__all__ = ["ARC", "EdgeOutline", "locate_edge", "pixel_noise"]
-
-Floats = NDArray[np.float64]
 
 _SPACING = 1.25  # px between normals
 ARC = 18.0  # px: length of the arcs that share one shape of the edge

@@ -9,15 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
+from capsbayes.arrays import Floats
 from capsbayes.image.edges.models import Model, locate
 from capsbayes.image.edges.robust import fit_without_outliers
-
-__all__ = ["RearBand", "find_rear"]
-
-Floats = NDArray[np.float64]
 
 _BREADTH = 0.3  # of half the capsule's height: largest distance from the axis at which the band is followed
 _DEPTH = 0.45  # of the capsule's length: largest distance from the rear end at which it is sought

@@ -6,11 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["RobustFit", "fit_without_outliers", "robust_spread"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Booleans, Floats
 
 _OUTLIER = 4.0  # robust standard deviations
 
@@ -32,7 +29,7 @@ class RobustFit:
     """
 
     coefficients: Floats
-    kept: NDArray[np.bool_]
+    kept: Booleans
     spread: float
     variance: float
     design: Floats
@@ -51,11 +48,11 @@ def robust_spread(residuals: Floats) -> float:
 def fit_without_outliers(
     design: Floats,
     values: Floats,
-    kept: NDArray[np.bool_],
+    kept: Booleans,
     *,
     rounds: int,
     floor: float,
-    enough: Callable[[NDArray[np.bool_]], bool],
+    enough: Callable[[Booleans], bool],
 ) -> RobustFit | None:
     """Fit a linear model again and again, each time without the points that are off by four standard deviations.
 

@@ -7,13 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-
-__all__ = ["ContourFile"]
-
-Floats = NDArray[np.float64]
 
 UNITS = ("px", "um")
 _HEADINGS = (("px", "x_px", "y_px"), ("um", "x_um", "y_um"), (None, "x", "y"))

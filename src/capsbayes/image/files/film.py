@@ -15,8 +15,6 @@ from capsbayes.errors import InputError
 from capsbayes.image.files.picture import Picture, Pixels, decode, in_rgb_order
 from capsbayes.input_file import PICTURES
 
-__all__ = ["Film", "evenly_spaced", "is_film"]
-
 FRAMES = (*PICTURES, ".bmp")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 _PAGES = 32  # of a TIFF file read at once

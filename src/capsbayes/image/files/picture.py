@@ -11,11 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 
-__all__ = ["Picture", "decode"]
-
-Floats = NDArray[np.float64]
 Pixels = NDArray[Any]
 
 _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 12, 14 and 16 bits
@@ -39,7 +37,7 @@ class Picture:
     """
 
     grey: Floats = field(repr=False)
-    clipped: NDArray[np.bool_] = field(repr=False)
+    clipped: Booleans = field(repr=False)
     source: str = ""
     sha256: str = ""
 

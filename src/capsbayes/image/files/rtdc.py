@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans
 from capsbayes.errors import InputError
-
-__all__ = ["RtdcFile"]
 
 _MICROMETRE = 1e-6  # the unit of the file's lengths
 
@@ -73,7 +72,7 @@ class RtdcFile:
             digest = hashlib.file_digest(raw, "sha256").hexdigest()
         return cls(path, count, pixel, width, digest)
 
-    def pictures(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.bool_]]]:
+    def pictures(self) -> Iterator[tuple[NDArray[np.uint8], Booleans]]:
         """Iterate over the picture and the mask of each event : (rows, columns) arrays."""
         with _opened(self.path) as file:
             for index in range(self.events):

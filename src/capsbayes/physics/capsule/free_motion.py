@@ -11,22 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.problem import Iterate, Motion, Problem
-
-__all__ = ["FreeMotion", "Rate"]
-
-Array = NDArray[np.float64]
 
 
 class Rate(NamedTuple):
     """Rate dx/dt (F,), V and s, the directions (F, c) in which s and V act, and the speed of the fastest node."""
 
-    change: Array
+    change: Floats
     velocity: float
     slack: float
-    across: Array
+    across: Floats
     speed: float
 
 
@@ -39,11 +35,11 @@ class FreeMotion:
         self.volume = 4.0 / 3.0 * np.pi * start.size_ratio**3
         self.drifts = bool(np.mean(problem.flow.symmetry.operations[:, 2, 2]) > 0.0)
 
-    def rate(self, free: Array) -> Rate:
+    def rate(self, free: Floats) -> Rate:
         """Compute dx/dt of a shape."""
         return self._rate(self.problem.motion(self._in_frame_of_walls(free)), self._gaps(free)[1])
 
-    def linearised(self, free: Array) -> tuple[Rate, Array]:
+    def linearised(self, free: Floats) -> tuple[Rate, Floats]:
         """Compute dx/dt of a shape and its derivative (F, F), without the rotation of the normals."""
         motion, slopes = self.problem.linearised(self._in_frame_of_walls(free))
         along = self._gaps(free)[1]
@@ -51,25 +47,25 @@ class FreeMotion:
         held = rate.across @ np.linalg.solve(along @ rate.across, along @ slopes.along_shape)
         return rate, slopes.along_shape - held
 
-    def held(self, free: Array, across: Array) -> Array:
+    def held(self, free: Floats, across: Floats) -> Floats:
         """Return the shape after a displacement along `across` to the volume and centroid it must have."""
         gaps, along = self._gaps(free)
         return free - across @ np.linalg.solve(along @ across, gaps)
 
-    def changes(self, free: Array) -> Array:
+    def changes(self, free: Floats) -> Floats:
         """Return orthonormal displacements (F, F - c) that keep volume and centroid."""
         return scipy.linalg.null_space(self._gaps(free)[1])
 
-    def _rate(self, motion: Motion, along: Array) -> Rate:
+    def _rate(self, motion: Motion, along: Floats) -> Rate:
         across = np.column_stack([motion.normal, motion.axial] if self.drifts else [motion.normal])
         pull = -np.linalg.solve(along @ across, along @ motion.error)
         change = motion.error + across @ pull
         return Rate(change, float(0.0 - np.sum(pull[1:])), float(pull[0]), across, self.problem.mesh.largest(change))
 
-    def _in_frame_of_walls(self, free: Array) -> Iterate:
+    def _in_frame_of_walls(self, free: Floats) -> Iterate:
         return replace(self.start, free=free, velocity=0.0, slack=0.0)
 
-    def _gaps(self, free: Array) -> tuple[Array, Array]:
+    def _gaps(self, free: Floats) -> tuple[Floats, Floats]:
         """Return the excess (c,) of the volume and of its axial moment, and their gradients (c, F)."""
         inside = self.membrane.enclosure(free)
         if not self.drifts:

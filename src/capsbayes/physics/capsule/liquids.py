@@ -10,19 +10,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.stokes.channel import Channel, Flow
 from capsbayes.physics.stokes.single_layer import SingleLayer
 from capsbayes.physics.stokes.stokeslet import images_gradient
 from capsbayes.physics.stokes.walls import WallDiscretisation, wall_operator
 from capsbayes.physics.surface.octasphere import OctaSphere
-
-__all__ = ["Response", "membrane_response", "membrane_velocity"]
-
-Array = NDArray[np.float64]
 
 
 class Response(NamedTuple):
@@ -31,14 +26,14 @@ class Response(NamedTuple):
     `along_density` is the derivative along the density, `along_shape` that along the shape at constant density.
     """
 
-    velocity: Array
-    along_density: Array
-    along_shape: Array
+    velocity: Floats
+    along_density: Floats
+    along_shape: Floats
 
 
 def membrane_velocity(
-    flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Array, density: Array
-) -> Array:
+    flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Floats, density: Floats
+) -> Floats:
     """Compute the velocity (F,) of the membrane in the frame of the walls.
 
     Parameters
@@ -67,7 +62,7 @@ def membrane_velocity(
 
 
 def membrane_response(
-    flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Array, density: Array
+    flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Floats, density: Floats
 ) -> Response:
     """Compute the velocity of the membrane with its exact derivatives; parameters as of `membrane_velocity`."""
     basis, nodes = mesh.basis, mesh.expanded(free)
@@ -93,6 +88,6 @@ def membrane_response(
     return Response(basis.T @ velocity, along_density, along_shape + moved)
 
 
-def _both_reduced(mesh: OctaSphere, matrix: Array) -> Array:
+def _both_reduced(mesh: OctaSphere, matrix: Floats) -> Floats:
     """Reduce a matrix (3 W, 3 W) between vectors of the wedge to one (F, F) between free coordinates."""
     return mesh.basis.T @ (mesh.basis.T @ matrix.T).T

@@ -16,33 +16,29 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.membrane.law import MembraneLaw
 from capsbayes.physics.surface.octasphere import OctaSphere
 from capsbayes.physics.surface.quadrature import dunavant
 from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradient
-
-__all__ = ["Elasticity", "Enclosure", "MembraneLoad"]
-
-Array = NDArray[np.float64]
 
 
 class Elasticity(NamedTuple):
     """Energy over G_s l^2, gradient (F,) and tangent (F, F) in the free coordinates."""
 
     energy: float
-    gradient: Array
-    tangent: Array
+    gradient: Floats
+    tangent: Floats
 
 
 class Enclosure(NamedTuple):
     """Volume and first axial moment inside the membrane, with gradients (F,) in the free coordinates."""
 
     volume: float
-    volume_gradient: Array
+    volume_gradient: Floats
     moment: float
-    moment_gradient: Array
+    moment_gradient: Floats
 
 
 class _Integral:
@@ -58,14 +54,14 @@ class _Integral:
         self.scatter: sp.csr_matrix = mesh.expansion[rows]
         self.scatter_transposed: sp.csr_matrix = self.scatter.T.tocsr()
 
-    def tangents(self, nodes: Array) -> Array:
+    def tangents(self, nodes: Floats) -> Floats:
         return np.einsum("qka,eki->eqai", self.slopes, nodes[self.elements])
 
-    def gathered(self, per_element: Array) -> Array:
+    def gathered(self, per_element: Floats) -> Floats:
         """Sum element vectors (e, 6, 3) to free coordinates (F,)."""
         return self.scatter_transposed @ per_element.ravel()
 
-    def assembled(self, per_element: Array) -> Array:
+    def assembled(self, per_element: Floats) -> Floats:
         """Assemble element matrices (e, 18, 18) to a matrix (F, F)."""
         count = len(per_element)
         blocks = sp.bsr_matrix((per_element, np.arange(count), np.arange(count + 1)))
@@ -75,9 +71,9 @@ class _Integral:
 class _RestMetric(NamedTuple):
     """Metric (e, q, 2, 2), its determinant (e, q) and the weighted area (e, q) of a surface at rest."""
 
-    metric: Array
-    determinant: Array
-    area: Array
+    metric: Floats
+    determinant: Floats
+    area: Floats
 
 
 @dataclass(frozen=True)
@@ -106,20 +102,20 @@ class MembraneLoad:
     rest_aspect: float = 1.0
 
     @property
-    def rest(self) -> Array:
+    def rest(self) -> Floats:
         """Free coordinates of the shape at rest."""
         return self.radius * self.mesh.reduced(_spheroid(self.mesh, self.rest_aspect)[self.mesh.wedge])
 
     @property
-    def mass(self) -> Array:
+    def mass(self) -> Floats:
         """Mass matrix (F, F) of the rest surface, over l^2."""
         return self.radius**2 * _scalar_forms(self.mesh)[0]
 
-    def mass_solve(self, load: Array) -> Array:
+    def mass_solve(self, load: Floats) -> Floats:
         """Return the density per rest area whose virtual work is that of the nodal forces `load` (F,) or (F, m)."""
         return scipy.linalg.cho_solve(_mass_factor(self.mesh), load) / self.radius**2
 
-    def elasticity(self, free: Array) -> Elasticity:
+    def elasticity(self, free: Floats) -> Elasticity:
         """Compute the stretching and bending energy and its derivatives at a shape (F,)."""
         integral, rest = _integral(self.mesh), _rest_metric(self.mesh, self.rest_aspect)
         unstressed = self.radius / (1.0 + self.pre_inflation)
@@ -134,13 +130,13 @@ class MembraneLoad:
         slope_s, slope_t = integral.slopes[..., 0], integral.slopes[..., 1]
         a_s, a_t = tangents[:, :, 0], tangents[:, :, 1]
 
-        def outer(slope: Array, vector: Array) -> Array:
+        def outer(slope: Floats, vector: Floats) -> Floats:
             return np.einsum("qk,eqi->eqki", slope, vector).reshape(*vector.shape[:2], 18)
 
         h_ss, h_tt = 2 * outer(slope_s, a_s), 2 * outer(slope_t, a_t)
         h_st = outer(slope_s, a_t) + outer(slope_t, a_s)
 
-        def combined(c_ss: Array, c_tt: Array, c_st: Array) -> Array:
+        def combined(c_ss: Floats, c_tt: Floats, c_st: Floats) -> Floats:
             return c_ss[..., None] * h_ss + c_tt[..., None] * h_tt + c_st[..., None] * h_st
 
         c1 = inverse[..., 0, 0], inverse[..., 1, 1], 2 * inverse[..., 0, 1]
@@ -155,7 +151,7 @@ class MembraneLoad:
         scalar += mixed + mixed.transpose(0, 2, 1)
         tangent = np.einsum("ekl,ij->ekilj", scalar, np.eye(3)).reshape(-1, 18, 18)
 
-        def product(coefficient: Array, left: Array, right: Array) -> Array:
+        def product(coefficient: Floats, left: Floats, right: Floats) -> Floats:
             return np.matmul((coefficient[..., None] * left).transpose(0, 2, 1), right)
 
         tangent += product(weight * w11, g1, g1) + product(weight * w22, g2, g2)
@@ -170,7 +166,7 @@ class MembraneLoad:
             integral.assembled(tangent) + stiffness,
         )
 
-    def enclosure(self, free: Array) -> Enclosure:
+    def enclosure(self, free: Floats) -> Enclosure:
         """Compute the volume inside the membrane and its first moment along z."""
         integral = _integral(self.mesh)
         nodes = self.mesh.expanded(free)
@@ -179,7 +175,7 @@ class MembraneLoad:
         normal = np.cross(tangents[:, :, 0], tangents[:, :, 1]) * integral.weights[..., None]
         z = points[..., 2]
 
-        def gradient(weight: Array) -> Array:
+        def gradient(weight: Floats) -> Floats:
             return integral.gathered(np.einsum("eq,qk,eqi->eki", weight, integral.shapes, normal, optimize=True))
 
         return Enclosure(
@@ -189,12 +185,12 @@ class MembraneLoad:
             gradient(z),
         )
 
-    def principal_tensions(self, free: Array) -> Array:
+    def principal_tensions(self, free: Floats) -> Floats:
         """Compute the principal Cauchy tensions (N, 2) over G_s at the nodes, larger first, element averages."""
         slopes = p2_gradient(LOCAL_NODES)
         nodes, elements = self.mesh.expanded(free), self.mesh.elements
 
-        def metric(positions: Array) -> Array:
+        def metric(positions: Floats) -> Floats:
             tangents = np.einsum("qka,eki->eqai", slopes, positions[elements])
             return np.einsum("eqai,eqbi->eqab", tangents, tangents)
 
@@ -211,7 +207,7 @@ class MembraneLoad:
         return total / count[:, None]
 
 
-def _spheroid(mesh: OctaSphere, aspect: float) -> Array:
+def _spheroid(mesh: OctaSphere, aspect: float) -> Floats:
     """Return the nodes (N, 3) of a spheroid about z with this ratio of axes and the volume of the unit sphere."""
     across = aspect ** (-1.0 / 3.0)
     return mesh.nodes * [across, across, aspect * across]
@@ -232,29 +228,29 @@ def _rest_metric(mesh: OctaSphere, aspect: float) -> _RestMetric:
 
 
 @lru_cache(maxsize=8)
-def _scalar_forms(mesh: OctaSphere) -> tuple[Array, Array]:
+def _scalar_forms(mesh: OctaSphere) -> tuple[Floats, Floats]:
     """Assemble mass and stiffness (F, F) of the Laplacian on the unit sphere, for each Cartesian component."""
     integral, sphere = _integral(mesh), _rest_metric(mesh, 1.0)
     inverse = np.linalg.inv(sphere.metric)
     mass = np.einsum("eq,qk,ql->ekl", sphere.area, integral.shapes, integral.shapes, optimize=True)
     stiffness = np.einsum("eq,qka,eqab,qlb->ekl", sphere.area, integral.slopes, inverse, integral.slopes, optimize=True)
 
-    def assembled(form: Array) -> Array:
+    def assembled(form: Floats) -> Floats:
         return integral.assembled(np.einsum("ekl,ij->ekilj", form, np.eye(3)).reshape(-1, 18, 18))
 
     return assembled(mass), assembled(stiffness)
 
 
 @lru_cache(maxsize=8)
-def _mass_factor(mesh: OctaSphere) -> tuple[Array, bool]:
-    factor: tuple[Array, bool] = scipy.linalg.cho_factor(_scalar_forms(mesh)[0])
+def _mass_factor(mesh: OctaSphere) -> tuple[Floats, bool]:
+    factor: tuple[Floats, bool] = scipy.linalg.cho_factor(_scalar_forms(mesh)[0])
     return factor
 
 
 @lru_cache(maxsize=8)
-def _bending_form(mesh: OctaSphere) -> Array:
+def _bending_form(mesh: OctaSphere) -> Floats:
     """Assemble int |Lap_0 u|^2 dS_0 (F, F): on P2, Lap_0 u is the mass-weighted projection of the weak Laplacian."""
     stiffness = _scalar_forms(mesh)[1]
     form = stiffness @ scipy.linalg.cho_solve(_mass_factor(mesh), stiffness)
-    symmetric: Array = (form + form.T) / 2
+    symmetric: Floats = (form + form.T) / 2
     return symmetric

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.surface.facets import subdivision
 from capsbayes.physics.surface.octasphere import OctaSphere
 from capsbayes.physics.surface.shape_functions import p2
 from capsbayes.profile import Profile
-
-__all__ = ["profile", "silhouette"]
-
-Array = NDArray[np.float64]
 
 _POINTS_PER_EDGE = 16
 _PARTS_PER_EDGE = 6
 _DIRECTIONS = 721
 
 
-def profile(mesh: OctaSphere, nodes: Array) -> Profile:
+def profile(mesh: OctaSphere, nodes: Floats) -> Profile:
     """Return the outline in the plane x = 0, on the curved edges of the elements there.
 
     Parameters
@@ -43,7 +39,7 @@ def profile(mesh: OctaSphere, nodes: Array) -> Profile:
     return Profile.from_half(np.concatenate([points, curve[-1:]]))
 
 
-def silhouette(mesh: OctaSphere, nodes: Array) -> Profile:
+def silhouette(mesh: OctaSphere, nodes: Floats) -> Profile:
     """Return the outer outline of the shape seen along x: the farthest point in every direction from its middle.
 
     The rear rim lies further back along the diagonals of the cross-section than in the plane x = 0, so the silhouette
@@ -70,7 +66,7 @@ def silhouette(mesh: OctaSphere, nodes: Array) -> Profile:
     return Profile.from_half(half)
 
 
-def _edges(mesh: OctaSphere, nodes: Array) -> tuple[Array, Array]:
+def _edges(mesh: OctaSphere, nodes: Floats) -> tuple[Floats, Floats]:
     """Return the edges ((m, 2), (m, 2)), columns (z, y), of the finely divided elements on y >= 0."""
     grid, triangles = subdivision(_PARTS_PER_EDGE)
     oriented = triangles[: _PARTS_PER_EDGE * (_PARTS_PER_EDGE + 1) // 2]
@@ -79,7 +75,7 @@ def _edges(mesh: OctaSphere, nodes: Array) -> tuple[Array, Array]:
     return points[:, first].reshape(-1, 2), points[:, second].reshape(-1, 2)
 
 
-def _farthest(start: Array, change: Array, cosine: float, sine: float) -> float:
+def _farthest(start: Floats, change: Floats, cosine: float, sine: float) -> float:
     """Return the largest distance from the origin at which the ray (cosine, sine) meets one of the edges."""
     offset_start = cosine * start[:, 1] - sine * start[:, 0]
     offset_end = offset_start + cosine * change[:, 1] - sine * change[:, 0]

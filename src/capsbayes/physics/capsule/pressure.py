@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.stokes.single_layer import SingleLayer
 from capsbayes.physics.stokes.stokeslet import pressure_kernel
 from capsbayes.physics.stokes.walls import wall_operator
-
-__all__ = ["far_pressure_drop", "pressures"]
-
-Array = NDArray[np.float64]
 
 _FAR = 0.9  # of the half length that is represented
 
@@ -53,7 +49,7 @@ def far_pressure_drop(problem: Problem, iterate: Iterate) -> float:
     return float(upstream - downstream)
 
 
-def _disturbance(problem: Problem, iterate: Iterate, z: Array) -> Array:
+def _disturbance(problem: Problem, iterate: Iterate, z: Floats) -> Floats:
     """Compute the pressure (p,) of the disturbance by membrane and walls at points `z` of the axis."""
     mesh = problem.mesh
     density = problem.density(iterate, problem.membrane(iterate.size_ratio).elasticity(iterate.free).gradient)
@@ -63,5 +59,5 @@ def _disturbance(problem: Problem, iterate: Iterate, z: Array) -> Array:
     sources = np.concatenate([operator.sources @ turn.T for turn in problem.mesh.symmetry.operations])
     forces = np.concatenate([strengths @ turn.T for turn in problem.mesh.symmetry.operations])
     points = np.column_stack([0 * z, 0 * z, z])
-    walls: Array = np.einsum("tsi,si->t", pressure_kernel(points, sources), forces)
+    walls: Floats = np.einsum("tsi,si->t", pressure_kernel(points, sources), forces)
     return layer.pressure(points) + walls

@@ -16,18 +16,14 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.liquids import membrane_response, membrane_velocity
 from capsbayes.physics.capsule.membrane_load import MembraneLoad
 from capsbayes.physics.membrane.law import MembraneLaw
 from capsbayes.physics.stokes.channel import Channel, Flow
 from capsbayes.physics.stokes.walls import WallDiscretisation
 from capsbayes.physics.surface.octasphere import OctaSphere, octasphere
-
-__all__ = ["Iterate", "Motion", "Problem", "Slopes"]
-
-Array = NDArray[np.float64]
 
 _CLEARANCE = 0.95  # of the narrower half width of the channel, for a capsule at rest
 
@@ -36,13 +32,13 @@ _CLEARANCE = 0.95  # of the narrower half width of the channel, for a capsule at
 class Iterate:
     """A candidate: free coordinates (F,) of the wedge, velocity V/U, slack s and Ca."""
 
-    free: Array
+    free: Floats
     velocity: float
     slack: float
     capillary_number: float
     size_ratio: float
 
-    def moved(self, step: Array) -> Iterate:
+    def moved(self, step: Floats) -> Iterate:
         """Return the iterate after a change (F + 2,) of shape, velocity and slack."""
         return replace(
             self,
@@ -55,17 +51,17 @@ class Iterate:
 class Motion(NamedTuple):
     """Velocity error at the free coordinates (F,), and the density, axis and normals (F,) that enter it."""
 
-    error: Array
-    density: Array
-    axial: Array
-    normal: Array
+    error: Floats
+    density: Floats
+    axial: Floats
+    normal: Floats
 
 
 class Slopes(NamedTuple):
     """Derivatives of the velocity error along the free coordinates (F, F) and along Ca (F,)."""
 
-    along_shape: Array
-    along_ca: Array
+    along_shape: Floats
+    along_ca: Floats
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,7 @@ class Problem:
         factor = min(1.0, _CLEARANCE * float(np.min(np.hypot(*wall.T)) / np.max(np.abs(nodes[:, 0]))))
         return replace(at_rest, free=self.mesh.reduced(nodes * [factor, factor, factor**-2]))
 
-    def density(self, iterate: Iterate, gradient: Array) -> Array:
+    def density(self, iterate: Iterate, gradient: Floats) -> Floats:
         """Return the force on the liquid per rest area (F,) over mu U/l, from the gradient (F,) of the energy."""
         return -self.membrane(iterate.size_ratio).mass_solve(gradient) / iterate.capillary_number
 
@@ -132,14 +128,14 @@ class Problem:
         slopes = Slopes(response.along_shape - response.along_density @ compliance, along_ca)
         return self._motion(iterate, response.velocity, density), slopes
 
-    def _motion(self, iterate: Iterate, velocity: Array, density: Array) -> Motion:
+    def _motion(self, iterate: Iterate, velocity: Floats, density: Floats) -> Motion:
         mesh = self.mesh
         axial = mesh.basis.T @ np.tile([0.0, 0.0, 1.0], len(mesh.wedge))
         normal = mesh.reduced(self._normals(mesh.expanded(iterate.free))[mesh.wedge])
         error = velocity - iterate.velocity * axial + iterate.slack * normal
         return Motion(error, density, axial, normal)
 
-    def _normals(self, nodes: Array) -> Array:
+    def _normals(self, nodes: Floats) -> Floats:
         """Return the outward unit normals (N, 3) at the nodes, from the averaged area vectors of their elements."""
         corners = nodes[self.mesh.elements]
         edge_s, edge_t = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -13,15 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.membrane_load import Enclosure
 from capsbayes.physics.capsule.problem import Iterate, Motion, Problem
-
-__all__ = ["Bordered", "NewtonResult", "bordered", "steady_residual", "steady_state"]
-
-Array = NDArray[np.float64]
-
 
 _REDUCTION = 0.1  # factor by which a step must lower the residual for its derivatives to be kept
 _DIVERGED = 100.0  # times the smallest residual
@@ -38,7 +33,7 @@ class NewtonResult(NamedTuple):
     converged: bool
     residual: float
     iterations: int
-    tangent: Array
+    tangent: Floats
 
 
 class Bordered(NamedTuple):
@@ -47,9 +42,9 @@ class Bordered(NamedTuple):
     `matrix` (F + 2, F + 2) is the derivative along shape, velocity and slack, `along_ca` (F + 2,) that along Ca.
     """
 
-    residual: Array
-    matrix: Array
-    along_ca: Array
+    residual: Floats
+    matrix: Floats
+    along_ca: Floats
 
 
 def bordered(problem: Problem, iterate: Iterate) -> Bordered:
@@ -64,13 +59,13 @@ def bordered(problem: Problem, iterate: Iterate) -> Bordered:
     return Bordered(_residual(motion, inside, iterate.size_ratio), matrix, np.append(slopes.along_ca, [0.0, 0.0]))
 
 
-def steady_residual(problem: Problem, iterate: Iterate) -> Array:
+def steady_residual(problem: Problem, iterate: Iterate) -> Floats:
     """Compute the velocity errors of a candidate with the gaps of volume and centroid (F + 2,)."""
     inside = problem.membrane(iterate.size_ratio).enclosure(iterate.free)
     return _residual(problem.motion(iterate), inside, iterate.size_ratio)
 
 
-def _residual(motion: Motion, inside: Enclosure, size_ratio: float) -> Array:
+def _residual(motion: Motion, inside: Enclosure, size_ratio: float) -> Floats:
     volume = 4.0 / 3.0 * np.pi * size_ratio**3
     return np.append(motion.error, [inside.volume - volume, inside.moment])
 

@@ -17,15 +17,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError
 from capsbayes.physics.capsule.free_motion import FreeMotion, Rate
 from capsbayes.physics.capsule.problem import Iterate, Problem
 
-__all__ = ["STEADY", "Instant", "Scheme", "growth_rates", "stable_step", "transient"]
-
-Array = NDArray[np.float64]
 Scheme = Literal["semi-implicit", "explicit"]
-Stepper = Callable[[Array, Rate, float], tuple[Array, float]]
+Stepper = Callable[[Floats, Rate, float], tuple[Floats, float]]
 """From a shape, its rate and the length of a step to the change of shape and the step's error over l."""
 
 STEADY = 1e-4
@@ -113,7 +111,7 @@ def _factor(error: float, tolerance: float) -> float:
     return float(np.clip(_SAFETY * np.sqrt(tolerance / max(error, 1e-12)), 1.0 / _LARGEST_CHANGE, _LARGEST_CHANGE))
 
 
-def _too_far(change: Array, motion: FreeMotion) -> bool:
+def _too_far(change: Floats, motion: FreeMotion) -> bool:
     """Return whether a node would move by the capsule's radius in one step; such a shape is not computed."""
     return not motion.problem.mesh.largest(change) < motion.start.size_ratio
 
@@ -124,7 +122,7 @@ class _Midpoint:
     def __init__(self, motion: FreeMotion) -> None:
         self.motion = motion
 
-    def __call__(self, free: Array, rate: Rate, length: float) -> tuple[Array, float]:
+    def __call__(self, free: Floats, rate: Rate, length: float) -> tuple[Floats, float]:
         half = 0.5 * length * rate.change
         if _too_far(half, self.motion):
             return half, np.nan
@@ -136,10 +134,10 @@ class _Rosenbrock:
 
     def __init__(self, motion: FreeMotion) -> None:
         self.motion = motion
-        self.reference: Array | None = None
+        self.reference: Floats | None = None
         self.jacobian = np.empty(0)
 
-    def __call__(self, free: Array, rate: Rate, length: float) -> tuple[Array, float]:
+    def __call__(self, free: Floats, rate: Rate, length: float) -> tuple[Floats, float]:
         mesh = self.motion.problem.mesh
         if self.reference is None or mesh.largest(free - self.reference) > _MOVED * self.motion.start.size_ratio:
             self.reference, self.jacobian = free, self.motion.linearised(free)[1]

@@ -14,14 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import NewtonResult, bordered, steady_residual
-
-__all__ = ["ArcPoint", "fold", "interpolated", "traced"]
-
-Array = NDArray[np.float64]
 
 _SHAPE_WEIGHT = 60.0  # of the rms displacement over a to log Ca; with 10 the fold of a small dimple is too sharp
 _MAX_ITERATIONS = 8
@@ -35,7 +31,7 @@ class ArcPoint(NamedTuple):
     """A steady state, and the direction (F + 3,) of the branch there: shape, velocity, slack and log Ca."""
 
     result: NewtonResult
-    direction: Array
+    direction: Floats
 
     @property
     def log_ca(self) -> float:
@@ -117,21 +113,21 @@ def interpolated(before: ArcPoint, after: ArcPoint, capillary_number: float) -> 
     return replace(before.result.iterate.moved(change[:-1]), capillary_number=capillary_number)
 
 
-def _scale(problem: Problem, iterate: Iterate) -> Array:
+def _scale(problem: Problem, iterate: Iterate) -> Floats:
     """Return the units (F + 3,) of lengths along the branch; velocity and slack do not count."""
     shape = np.sqrt(len(problem.mesh.wedge)) * iterate.size_ratio / _SHAPE_WEIGHT
     return np.concatenate([np.full(len(iterate.free), shape), [np.inf, np.inf, 1.0]])
 
 
-def _vector(iterate: Iterate) -> Array:
+def _vector(iterate: Iterate) -> Floats:
     return np.concatenate([iterate.free, [iterate.velocity, iterate.slack, np.log(iterate.capillary_number)]])
 
 
-def _moved(iterate: Iterate, change: Array) -> Iterate:
+def _moved(iterate: Iterate, change: Floats) -> Iterate:
     return replace(iterate.moved(change[:-1]), capillary_number=iterate.capillary_number * float(np.exp(change[-1])))
 
 
-def _extended(problem: Problem, iterate: Iterate, row: Array) -> tuple[Array, Array]:
+def _extended(problem: Problem, iterate: Iterate, row: Floats) -> tuple[Floats, Floats]:
     """Return the residual (F + 2,) and the matrix (F + 3, F + 3) with the column of log Ca and a given last row."""
     linearised = bordered(problem, iterate)
     count = len(row)
@@ -141,18 +137,18 @@ def _extended(problem: Problem, iterate: Iterate, row: Array) -> tuple[Array, Ar
     return linearised.residual, matrix
 
 
-def _direction(problem: Problem, iterate: Iterate, ahead: Array, scale: Array) -> Array:
+def _direction(problem: Problem, iterate: Iterate, ahead: Floats, scale: Floats) -> Floats:
     """Return the direction of the branch at a steady state, on the same side as `ahead`."""
     _, matrix = _extended(problem, iterate, ahead / scale**2)
     return _normalised(scipy.linalg.solve(matrix, np.append(np.zeros(len(ahead) - 1), 1.0)), scale)
 
 
-def _normalised(direction: Array, scale: Array) -> Array:
-    unit: Array = direction / np.linalg.norm(direction / scale)
+def _normalised(direction: Floats, scale: Floats) -> Floats:
+    unit: Floats = direction / np.linalg.norm(direction / scale)
     return unit
 
 
-def _corrected(problem: Problem, point: ArcPoint, step: float, scale: Array) -> ArcPoint | None:
+def _corrected(problem: Problem, point: ArcPoint, step: float, scale: Floats) -> ArcPoint | None:
     """Return the state `step` ahead of a point, None if Newton's iteration finds none near the prediction.
 
     Derivatives are kept while a step with them reduces the residual to a tenth.

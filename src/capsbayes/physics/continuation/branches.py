@@ -19,18 +19,14 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import NewtonResult, bordered, steady_residual, steady_state
 from capsbayes.physics.continuation.arclength import ArcPoint, fold, interpolated, traced
 from capsbayes.physics.continuation.settling import is_stable, may_buckle, settled
 from capsbayes.physics.surface.prolongation import prolonged
 from capsbayes.status import Status
-
-__all__ = ["SLACK_LIMIT", "BranchEnd", "followed", "near_rest", "parachute", "reached_from_rest"]
-
-Array = NDArray[np.float64]
 
 SLACK_LIMIT = 5e-4
 """A steady state with a larger slack is not resolved by its mesh."""
@@ -192,12 +188,12 @@ def _scaled(iterate: Iterate, size_ratio: float) -> Iterate:
     return replace(iterate, free=iterate.free * (size_ratio / iterate.size_ratio), size_ratio=size_ratio)
 
 
-def _size_tangent(problem: Problem, iterate: Iterate) -> Array:
+def _size_tangent(problem: Problem, iterate: Iterate) -> Floats:
     """Return the change (F + 2,) of a steady state per unit of a/l, in addition to that of scaling it."""
     change = 1e-4
     matrix = bordered(problem, iterate).matrix
     residual = steady_residual(problem, _scaled(iterate, iterate.size_ratio + change))
-    tangent: Array = -scipy.linalg.solve(matrix, residual / change, overwrite_a=True, check_finite=False)
+    tangent: Floats = -scipy.linalg.solve(matrix, residual / change, overwrite_a=True, check_finite=False)
     return tangent
 
 

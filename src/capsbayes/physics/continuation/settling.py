@@ -23,8 +23,6 @@ from capsbayes.physics.capsule.steady_state import NewtonResult, steady_state
 from capsbayes.physics.capsule.transient import growth_rates
 from capsbayes.physics.stokes.circular import CircularChannel, FourfoldTube
 
-__all__ = ["SHALLOW", "is_shallow", "is_stable", "may_buckle", "settled", "wrinkling_rate"]
-
 SHALLOW = 0.1  # largest depth of the rear over a before a snap-through
 _STEPS = 100
 _LONGEST = 0.5  # time step U dt / l; instabilities that grow at more than twice its inverse would be damped

@@ -25,8 +25,6 @@ from capsbayes.physics.databases.sweep import CaseRunner, SteadySimulator, Sweep
 from capsbayes.physics.databases.variation import null_value, simulators_at
 from capsbayes.work import Store, progress_bar, run_tasks
 
-__all__ = ["build_database"]
-
 _logger = logging.getLogger(__name__)
 
 

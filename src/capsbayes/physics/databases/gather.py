@@ -15,8 +15,6 @@ from capsbayes.database import NO_EFFECT, VARIABLES, Database
 from capsbayes.physics.databases.outcome import OUTLINE_POINTS
 from capsbayes.physics.databases.sweep import Border, Sweep
 
-__all__ = ["gathered", "pedigree"]
-
 _OUTLINE = (OUTLINE_POINTS, 2)
 _SHAPES: dict[str, tuple[int, ...]] = {"nodes": (0, 3), "profile": _OUTLINE, "silhouette": _OUTLINE}
 

@@ -8,17 +8,6 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 
-__all__ = [
-    "Case",
-    "Cases",
-    "default_grid",
-    "effect_grid",
-    "parachute_grid",
-    "read_cases",
-    "stiffening_grid",
-    "wide_grid",
-]
-
 Case = tuple[float, float]
 Cases = list[Case]
 """Capillary numbers and size ratios."""

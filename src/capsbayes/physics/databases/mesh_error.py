@@ -9,8 +9,6 @@ import numpy as np
 
 from capsbayes.physics.databases.outcome import Outcome
 
-__all__ = ["QUANTITIES", "chosen_cases", "mesh_error"]
-
 QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 
 _PLACES = ((0.1, 0.3), (0.3, 0.8), (0.5, 0.5), (0.7, 0.2), (0.9, 0.7))

@@ -11,8 +11,6 @@ import numpy as np
 from capsbayes.status import Status
 from capsbayes.work import Store
 
-__all__ = ["OUTLINE_POINTS", "Outcome", "count_ended", "variables_of"]
-
 OUTLINE_POINTS = 256
 
 _VARIABLE, _STATE = "variable ", "state "

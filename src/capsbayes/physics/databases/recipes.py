@@ -21,8 +21,6 @@ from capsbayes.physics.membrane import GeneralisedHooke, NeoHookean, Skalak, Str
 from capsbayes.physics.simulation.simulator import Simulator
 from capsbayes.physics.simulation.unsteady import UnsteadySimulator
 
-__all__ = ["RECIPES", "Recipe", "build_shipped", "recipe_named"]
-
 
 @dataclass(frozen=True)
 class Recipe:

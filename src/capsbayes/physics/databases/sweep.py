@@ -22,8 +22,6 @@ from capsbayes.physics.databases.outcome import Outcome, variables_of
 from capsbayes.status import Status
 from capsbayes.work import Store
 
-__all__ = ["Border", "CaseRunner", "SteadySimulator", "Sweep", "sweep"]
-
 _FIRST_TRIED = (0.01, 0.02, 0.05)  # first Ca to try if the lowest case does not converge
 _BELOW_LIMIT = (0.96, 0.99)  # of the Ca at which a branch ends: cases added to those asked for
 _SNAPPED = 0.015  # share of L_z that is lost in a snap-through, and not from one parachute to the next

@@ -8,8 +8,6 @@ from typing import Any
 
 from capsbayes.errors import InputError
 
-__all__ = ["null_value", "simulators_at"]
-
 _FEWEST_VALUES = 3  # if one is held out, two still define a slope
 
 

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.physics.membrane.law import Array, InvariantDerivatives, MembraneLaw
-
-__all__ = ["GeneralisedHooke"]
+from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class GeneralisedHooke(MembraneLaw):
         """Area dilation modulus K_s / G_s [-]."""
         return (1.0 + self.poisson_ratio) / (1.0 - self.poisson_ratio)
 
-    def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
+    def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         curvature = 0.5 / (1.0 - self.poisson_ratio)
         return (

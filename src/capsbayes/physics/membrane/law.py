@@ -16,12 +16,11 @@ import abc
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-__all__ = ["Array", "InvariantDerivatives", "MembraneLaw"]
+from capsbayes.arrays import Floats
 
-Array = NDArray[np.float64]
-InvariantDerivatives = tuple[Array, Array, Array, Array, Array, Array]
+InvariantDerivatives = tuple[Floats, Floats, Floats, Floats, Floats, Floats]
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class MembraneLaw(abc.ABC):
         """Area dilation modulus at small strain K_s / G_s [-]."""
 
     @abc.abstractmethod
-    def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
+    def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants, all over G_s.
 
         Parameters
@@ -58,7 +57,7 @@ class MembraneLaw(abc.ABC):
             of the shape of `i1`.
         """
 
-    def energy(self, i1: ArrayLike, i2: ArrayLike) -> Array:
+    def energy(self, i1: ArrayLike, i2: ArrayLike) -> Floats:
         """Compute the energy per unit area at rest, over G_s.
 
         Parameters
@@ -73,7 +72,7 @@ class MembraneLaw(abc.ABC):
         first, second = np.broadcast_arrays(np.asarray(i1, dtype=float), np.asarray(i2, dtype=float))
         return self.derivatives(first, second)[0]
 
-    def principal_tensions(self, stretch: ArrayLike) -> Array:
+    def principal_tensions(self, stretch: ArrayLike) -> Floats:
         """Compute the principal Cauchy tensions, over G_s.
 
         The tension along the first direction is tau_1 = (1/l2) dW/dl1: the

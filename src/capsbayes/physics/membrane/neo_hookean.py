@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capsbayes.physics.membrane.law import Array, InvariantDerivatives, MembraneLaw
-
-__all__ = ["NeoHookean"]
+from capsbayes.arrays import Floats
+from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class NeoHookean(MembraneLaw):
         """Area dilation modulus K_s / G_s [-]."""
         return 3.0
 
-    def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
+    def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         thinning = 1.0 / (i2 + 1.0)  # square of the thickness over that at rest
         zero = np.zeros_like(thinning)

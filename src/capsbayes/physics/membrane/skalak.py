@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.physics.membrane.law import Array, InvariantDerivatives, MembraneLaw
-
-__all__ = ["Skalak"]
+from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Skalak(MembraneLaw):
         """Area dilation modulus K_s / G_s [-]."""
         return 1.0 + 2.0 * self.hardening
 
-    def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
+    def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         c = self.hardening
         return (

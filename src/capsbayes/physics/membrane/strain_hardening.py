@@ -7,12 +7,11 @@ from itertools import starmap
 
 import numpy as np
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.physics.membrane.law import Array, InvariantDerivatives, MembraneLaw
+from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw
 from capsbayes.physics.membrane.neo_hookean import NeoHookean
 from capsbayes.physics.membrane.skalak import Skalak
-
-__all__ = ["StrainHardening"]
 
 _RUBBER, _HARDENING = NeoHookean(), Skalak(hardening=1.0)
 
@@ -60,7 +59,7 @@ class StrainHardening(MembraneLaw):
         """Area dilation modulus K_s / G_s [-]."""
         return 3.0
 
-    def derivatives(self, i1: Array, i2: Array) -> InvariantDerivatives:
+    def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         share = self.strain_hardening
         both = zip(_RUBBER.derivatives(i1, i2), _HARDENING.derivatives(i1, i2), strict=True)

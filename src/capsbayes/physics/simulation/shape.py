@@ -9,18 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.physics.capsule import outlines
 from capsbayes.physics.stokes.channel import Channel
 from capsbayes.physics.stokes.cross_sections import cross_section_named
 from capsbayes.physics.surface.octasphere import OctaSphere, octasphere
 from capsbayes.profile import Profile
-
-__all__ = ["Shape"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +38,7 @@ class Shape:
     capillary_number: float
     size_ratio: float
     settings: Mapping[str, Any]
-    nodes: Array
+    nodes: Floats
     velocity_ratio: float
 
     @property
@@ -56,7 +52,7 @@ class Shape:
         return octasphere(self.settings["refinement"], self.channel.symmetry)
 
     @property
-    def surface_nodes(self) -> Array:
+    def surface_nodes(self) -> Floats:
         """All nodes of the membrane (N, 3) [l]."""
         mesh = self.mesh
         return np.einsum("nij,nj->ni", mesh.operation, self.nodes[mesh.wedge_of])
@@ -72,7 +68,7 @@ class Shape:
         return outlines.silhouette(self.mesh, self.surface_nodes)
 
     @property
-    def point_data(self) -> dict[str, Array]:
+    def point_data(self) -> dict[str, Floats]:
         """Values (N,) at the nodes that are saved with the shape, by the names that ParaView shows."""
         return {}
 

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.physics.capsule.pressure import pressures
 from capsbayes.physics.capsule.problem import Iterate, Problem
@@ -25,9 +25,6 @@ from capsbayes.physics.stokes.walls import WallDiscretisation
 from capsbayes.physics.surface.prolongation import prolonged
 from capsbayes.status import Status
 
-__all__ = ["Simulator", "SteadyState"]
-
-Array = NDArray[np.float64]
 Start: TypeAlias = "SteadyState | Literal['rest', 'parachute']"
 
 
@@ -66,7 +63,7 @@ class SteadyState(Shape):
 
     inner_pressure: float
     extra_pressure_drop: float
-    principal_tensions: Array
+    principal_tensions: Floats
     residual: float
     slack: float
     iterations: int
@@ -74,10 +71,10 @@ class SteadyState(Shape):
     detail: str
     limit: float
     wrinkling_rate: float
-    along_ca: Array = field(repr=False)
+    along_ca: Floats = field(repr=False)
 
     @property
-    def point_data(self) -> dict[str, Array]:
+    def point_data(self) -> dict[str, Floats]:
         """Principal tensions; see :attr:`Shape.point_data`."""
         names = ("larger principal tension / G_s", "smaller principal tension / G_s")
         return dict(zip(names, self.principal_tensions.T, strict=True))

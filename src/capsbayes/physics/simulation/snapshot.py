@@ -16,8 +16,6 @@ from capsbayes.physics.capsule.transient import Scheme, transient
 from capsbayes.physics.simulation.shape import Shape
 from capsbayes.physics.surface.prolongation import prolonged
 
-__all__ = ["Snapshot", "save_series", "snapshots", "taken_from"]
-
 
 @dataclass(frozen=True, eq=False)
 class Snapshot(Shape):

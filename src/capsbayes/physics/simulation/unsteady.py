@@ -16,8 +16,6 @@ from capsbayes.physics.continuation.branches import BranchEnd
 from capsbayes.physics.simulation.simulator import Simulator, Start, SteadyState
 from capsbayes.status import Status
 
-__all__ = ["UnsteadySimulator"]
-
 
 @dataclass(frozen=True)
 class UnsteadySimulator:

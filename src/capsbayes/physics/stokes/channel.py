@@ -11,20 +11,16 @@ from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.surface.symmetry import Symmetry
-
-__all__ = ["Channel", "Flow", "WallPoints", "midpoints", "unidirectional"]
-
-Array = NDArray[np.float64]
 
 
 class WallPoints(NamedTuple):
     """Points (p, 3), one of each orbit of the cross-section's symmetry, and the wall area (p,) each stands for."""
 
-    points: Array
-    areas: Array
+    points: Floats
+    areas: Floats
 
 
 class Flow(ABC):
@@ -38,7 +34,7 @@ class Flow(ABC):
         """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
 
     @abstractmethod
-    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+    def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
         """Return the velocity (p, 3) at `points` (p, 3) and its gradient (p, 3, 3), [p, i, j] that of v_i along j."""
 
 
@@ -57,14 +53,14 @@ class Channel(Flow):
         """Area of the cross-section over l^2."""
 
     @abstractmethod
-    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return points (p, 2) `spacing` apart on the wall moved `outwards`, and the length (p,) of each."""
 
     @abstractmethod
-    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return points (p, 2) `spacing` apart that fill the widened cross-section, and the area (p,) of each."""
 
-    def wall_points(self, axial: Array, steps: Array, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
+    def wall_points(self, axial: Floats, steps: Floats, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
         """Return points on the downstream half of the cross-section's wall and on its end cap, moved outwards.
 
         Parameters
@@ -90,11 +86,11 @@ class Channel(Flow):
         return WallPoints(np.concatenate(points), np.concatenate(areas))
 
 
-def _at(points: Array, z: float) -> Array:
+def _at(points: Floats, z: float) -> Floats:
     return np.column_stack([points, np.full(len(points), z)])
 
 
-def midpoints(length: float, spacing: float) -> tuple[Array, float]:
+def midpoints(length: float, spacing: float) -> tuple[Floats, float]:
     """Return the midpoints of equal steps of at most `spacing` that fill `length`, and the step.
 
     Examples
@@ -106,7 +102,7 @@ def midpoints(length: float, spacing: float) -> tuple[Array, float]:
     return (np.arange(count) + 0.5) * length / count, length / count
 
 
-def unidirectional(axial: Array, along_x: Array, along_y: Array) -> tuple[Array, Array]:
+def unidirectional(axial: Floats, along_x: Floats, along_y: Floats) -> tuple[Floats, Floats]:
     """Return velocity (p, 3) and gradient (p, 3, 3) of a flow along z from its axial component and its slopes (p,)."""
     velocity, gradient = np.zeros((len(axial), 3)), np.zeros((len(axial), 3, 3))
     velocity[:, 2], gradient[:, 2, 0], gradient[:, 2, 1] = axial, along_x, along_y

@@ -6,15 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.stokes.channel import Channel, unidirectional
 from capsbayes.physics.stokes.rounded_outline import rounded_filling, rounded_outline
 from capsbayes.physics.surface.symmetry import C_INF_V, D4, Symmetry
-
-__all__ = ["CircularChannel", "FourfoldTube"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -26,16 +22,16 @@ class CircularChannel(Channel):
     area: ClassVar[float] = float(np.pi)
     pressure_gradient: ClassVar[float] = 8.0
 
-    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+    def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
         """Return Poiseuille's parabola; see :meth:`Flow.undisturbed`."""
         x, y = points[:, 0], points[:, 1]
         return unidirectional(2.0 * (1.0 - x**2 - y**2), -4.0 * x, -4.0 * y)
 
-    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return points on an eighth of the circle; see :meth:`Channel.outline`."""
         return rounded_outline(1.0, spacing, outwards)
 
-    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return rings on an eighth of the disk; see :meth:`Channel.filling`."""
         return rounded_filling(1.0, spacing, outwards)
 

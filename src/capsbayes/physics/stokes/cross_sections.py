@@ -8,8 +8,6 @@ from capsbayes.physics.stokes.circular import CircularChannel
 from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
 from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
 
-__all__ = ["CROSS_SECTIONS", "cross_section_named"]
-
 CROSS_SECTIONS = (SquareChannel.name, RectangularChannel.name, CircularChannel.name)
 
 

@@ -16,12 +16,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["POINT_ROWS", "TILE", "Elements", "Tiles", "layer_matrices"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from capsbayes.arrays import Floats, Integers
 
 TILE = 64
 """Quadrature points in a tile."""
@@ -52,13 +48,13 @@ class Elements(NamedTuple):
         A ball around each element, which decides the rule.
     """
 
-    nodes: Indices
-    wedge_of: Indices
-    operation: Array
-    images: Indices
-    turns: Array
-    centres: Array
-    radii: Array
+    nodes: Integers
+    wedge_of: Integers
+    operation: Floats
+    images: Integers
+    turns: Floats
+    centres: Floats
+    radii: Floats
 
 
 class Tiles(NamedTuple):
@@ -80,13 +76,13 @@ class Tiles(NamedTuple):
         First block of each of these rules among the c of an element, and its number of points.
     """
 
-    levels: Array
-    coarse: Array
-    coarse_shapes: Array
-    fine: Array
-    fine_shapes: Array
-    first: Indices
-    counts: Indices
+    levels: Floats
+    coarse: Floats
+    coarse_shapes: Floats
+    fine: Floats
+    fine_shapes: Floats
+    first: Integers
+    counts: Integers
 
 
 @_compiled
@@ -121,7 +117,7 @@ def _derivative(
 
 
 @_compiled
-def _fill(x: Array, points: Array, base: int, count: int, kernel: Array, with_slope: bool) -> None:
+def _fill(x: Floats, points: Floats, base: int, count: int, kernel: Floats, with_slope: bool) -> None:
     """Fill rows of 64 with the weighted Stokeslets (6) and the derivatives of their velocity (9), seen from `x`."""
     x0, x1, x2 = x[0], x[1], x[2]
     for q in range(count):
@@ -153,7 +149,7 @@ _ENTRY = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])  # row of the symmetric Stokeslet
 
 @_compiled
 def _add_turned(
-    x: Array, points: Array, base: int, weights: Array, turn: Array, total: Array, sums: Array, with_slope: bool
+    x: Floats, points: Floats, base: int, weights: Floats, turn: Floats, total: Floats, sums: Floats, with_slope: bool
 ) -> None:
     """Add g times the kernels of a tile, seen from `x` and weighted by `weights` (64,), to the rows of `total`.
 
@@ -201,7 +197,7 @@ def _add_turned(
 
 
 @_compiled
-def _add_to_target_slope(sums: Array, turn: Array, slope: Array) -> None:
+def _add_to_target_slope(sums: Floats, turn: Floats, slope: Floats) -> None:
     """Add g S g^T for the sums S (9,)."""
     for i in range(3):
         for j in range(3):
@@ -211,7 +207,7 @@ def _add_to_target_slope(sums: Array, turn: Array, slope: Array) -> None:
 
 
 @_compiled
-def _rules(x: Array, node: int, image: Indices, elements: Elements, levels: Array, rule: Indices) -> None:
+def _rules(x: Floats, node: int, image: Integers, elements: Elements, levels: Floats, rule: Integers) -> None:
     """Choose the rule of each element seen from `x`: 0 coarse, up to m by distance, m + 1 + k singular at node k."""
     for e in range(elements.nodes.shape[0]):
         d0, d1, d2 = x[0] - elements.centres[e, 0], x[1] - elements.centres[e, 1], x[2] - elements.centres[e, 2]
@@ -228,8 +224,8 @@ def _rules(x: Array, node: int, image: Indices, elements: Elements, levels: Arra
 
 @_compiled
 def _add_coarse(
-    tiles: Tiles, block: int, seen_from: Array, rule: Indices, elements: Elements, weights: Array, total: Array,
-    sums: Array, shape: Array, target_slope: Array, on_node: bool, with_slope: bool,
+    tiles: Tiles, block: int, seen_from: Floats, rule: Integers, elements: Elements, weights: Floats, total: Floats,
+    sums: Floats, shape: Floats, target_slope: Floats, on_node: bool, with_slope: bool,
 ) -> None:  # fmt: skip
     """Add one block of rule 0 to the sums over the nodes of its elements."""
     points, base = tiles.coarse_shapes.shape[0], block * _BLOCK
@@ -257,8 +253,8 @@ def _add_coarse(
 
 @_compiled
 def _add_fine(
-    tiles: Tiles, e: int, rule: int, x: Array, turn: Array, kernel: Array, local: Array,
-    sums: Array, shape: Array, target_slope: Array, on_node: bool, with_slope: bool,
+    tiles: Tiles, e: int, rule: int, x: Floats, turn: Floats, kernel: Floats, local: Floats,
+    sums: Floats, shape: Floats, target_slope: Floats, on_node: bool, with_slope: bool,
 ) -> None:  # fmt: skip
     """Add one element by one of its finer rules."""
     rows = 15 if with_slope else 6
@@ -290,8 +286,8 @@ def _add_fine(
 
 @_compiled
 def layer_matrices(
-    targets: Array, target_nodes: Indices, elements: Elements, tiles: Tiles, unknown: int, with_slope: bool
-) -> tuple[Array, Array, Array]:
+    targets: Floats, target_nodes: Integers, elements: Elements, tiles: Tiles, unknown: int, with_slope: bool
+) -> tuple[Floats, Floats, Floats]:
     """Compute the matrices of the single layer on a symmetric P2 surface, seen from `targets`.
 
     Parameters

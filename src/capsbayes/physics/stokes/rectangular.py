@@ -6,15 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.physics.stokes.channel import Channel, midpoints, unidirectional
 from capsbayes.physics.surface.symmetry import D2, D4, Symmetry
-
-__all__ = ["RectangularChannel", "SquareChannel"]
-
-Array = NDArray[np.float64]
 
 _ODD = np.arange(1, 160, 2)
 _RATE = 0.5 * np.pi * _ODD
@@ -33,7 +29,7 @@ def _pressure_gradient(depth: float) -> float:
     return float(1.0 / (depth**2 * (1 / 3 - np.sum(64 * depth * np.tanh(_RATE / depth) / (np.pi * _ODD) ** 5))))
 
 
-def _flow(points: Array, depth: float) -> tuple[Array, Array]:
+def _flow(points: Floats, depth: float) -> tuple[Floats, Floats]:
     """Compute the undisturbed flow in the rectangle |x| <= `depth`, |y| <= 1; see :meth:`Flow.undisturbed`."""
     x, y = points[:, :1] / depth, points[:, 1:2] / depth
     cosine, sine = np.cos(_RATE * x), np.sin(_RATE * x)
@@ -78,11 +74,11 @@ class RectangularChannel(Channel):
         """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
         return _pressure_gradient(self.aspect)
 
-    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+    def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
         """Sum the Fourier series; see :meth:`Flow.undisturbed`."""
         return _flow(points, self.aspect)
 
-    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return points on half of the wall x = aspect and half of y = 1; see :meth:`Channel.outline`."""
         depth, width = self.aspect + outwards, 1.0 + outwards
         x, x_step = midpoints(depth, spacing)
@@ -91,7 +87,7 @@ class RectangularChannel(Channel):
         top = np.column_stack([x, np.full_like(x, width)])
         return np.concatenate([side, top]), np.repeat([y_step, x_step], [len(y), len(x)])
 
-    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return a grid on the quarter 0 <= x, y; see :meth:`Channel.filling`."""
         x, x_step = midpoints(self.aspect + outwards, spacing)
         y, y_step = midpoints(1.0 + outwards, spacing)
@@ -108,17 +104,17 @@ class SquareChannel(Channel):
     area: ClassVar[float] = 4.0
     pressure_gradient: ClassVar[float] = _pressure_gradient(1.0)
 
-    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+    def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
         """Sum the Fourier series; see :meth:`Flow.undisturbed`."""
         return _flow(points, 1.0)
 
-    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return points on half of the wall x = 1; see :meth:`Channel.outline`."""
         side = 1.0 + outwards
         across, step = midpoints(side, spacing)
         return np.column_stack([np.full_like(across, side), across]), np.full_like(across, step)
 
-    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return a grid on the eighth 0 <= y <= x; see :meth:`Channel.filling`."""
         across, step = midpoints(1.0 + outwards, spacing)
         i, j = np.tril_indices(len(across))

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.stokes.channel import midpoints
 
-__all__ = ["rounded_filling", "rounded_outline"]
 
-Array = NDArray[np.float64]
-
-
-def _along(radius: float, spacing: float, outwards: float) -> tuple[Array, Array, float]:
+def _along(radius: float, spacing: float, outwards: float) -> tuple[Floats, Floats, float]:
     """Return the points (p, 2) of the eighth, their normals (p, 2) and the length of each."""
     straight, turn = 1.0 - radius, radius + outwards
     along, step = midpoints(straight + np.pi / 4 * turn, spacing)
@@ -22,7 +18,7 @@ def _along(radius: float, spacing: float, outwards: float) -> tuple[Array, Array
     return middles + turn * normals, normals, step
 
 
-def rounded_outline(radius: float, spacing: float, outwards: float) -> tuple[Array, Array]:
+def rounded_outline(radius: float, spacing: float, outwards: float) -> tuple[Floats, Floats]:
     """Return the eighth 0 <= y <= x of the outline; see :meth:`Channel.outline`.
 
     Parameters
@@ -36,7 +32,7 @@ def rounded_outline(radius: float, spacing: float, outwards: float) -> tuple[Arr
     return points, np.full(len(points), step)
 
 
-def rounded_filling(radius: float, spacing: float, outwards: float) -> tuple[Array, Array]:
+def rounded_filling(radius: float, spacing: float, outwards: float) -> tuple[Floats, Floats]:
     """Return rings, each a smaller outline, that fill the eighth; see :meth:`Channel.filling`."""
     scales, scale_step = midpoints(1.0, spacing / (1.0 + outwards))
     rings, areas = [], []

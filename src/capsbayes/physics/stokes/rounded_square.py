@@ -17,14 +17,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.physics.stokes.channel import Channel, unidirectional
 from capsbayes.physics.stokes.rounded_outline import rounded_filling, rounded_outline
 from capsbayes.physics.surface.symmetry import D4, Symmetry
 
-__all__ = ["RoundedSquareChannel"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 _DEGREE, _POLES, _SAMPLES = 12, 20, 150
@@ -34,12 +32,12 @@ _NEAREST, _FARTHEST = 1e-3, 2.0  # pole from the jump of curvature: the nearest 
 class _Harmonic(NamedTuple):
     """F(Z) = sum_j c_j Z^j + sum_k (r_k / (Z - p_k) + its conjugate partner), and dp/dz for a mean velocity of one."""
 
-    coefficients: Array
+    coefficients: Floats
     poles: Complex
     residues: Complex
     pressure_gradient: float
 
-    def at(self, z: Complex) -> tuple[Array, Array, Array]:
+    def at(self, z: Complex) -> tuple[Floats, Floats, Floats]:
         """Compute h and its derivatives along x and y at z = x + i y (p,)."""
         fourth = z**4
         powers = np.polynomial.Polynomial(self.coefficients)
@@ -50,7 +48,7 @@ class _Harmonic(NamedTuple):
         return value.real, slope.real, -slope.imag
 
 
-def _wall(radius: float, share: Array) -> tuple[Complex, Complex]:
+def _wall(radius: float, share: Floats) -> tuple[Complex, Complex]:
     """Return points of the straight wall and of the arc at these shares of each, from where they meet."""
     straight = 1.0 + 1j * (1.0 - radius) * (1.0 - share)
     return straight, (1.0 - radius) * (1 + 1j) + radius * np.exp(0.25j * np.pi * share)
@@ -124,7 +122,7 @@ class RoundedSquareChannel(Channel):
         """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
         return _harmonic(self.corner_radius).pressure_gradient
 
-    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+    def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
         """Add the parabola and the harmonic part; see :meth:`Flow.undisturbed`."""
         x, y = points[:, 0], points[:, 1]
         harmonic = _harmonic(self.corner_radius)
@@ -132,10 +130,10 @@ class RoundedSquareChannel(Channel):
         scale = harmonic.pressure_gradient
         return unidirectional(scale * (value - (x**2 + y**2) / 4), scale * (along_x - x / 2), scale * (along_y - y / 2))
 
-    def outline(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return an eighth of the outline; see :meth:`Channel.outline`."""
         return rounded_outline(self.corner_radius, spacing, outwards)
 
-    def filling(self, spacing: float, outwards: float) -> tuple[Array, Array]:
+    def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return rings on an eighth of the cross-section; see :meth:`Channel.filling`."""
         return rounded_filling(self.corner_radius, spacing, outwards)

@@ -15,14 +15,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.stokes.channel import Flow
 from capsbayes.physics.surface.symmetry import C2H, Symmetry
-
-__all__ = ["ShearFlow"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,7 +28,7 @@ class ShearFlow(Flow):
     symmetry: ClassVar[Symmetry] = C2H
     pressure_gradient: ClassVar[float] = 0.0
 
-    def undisturbed(self, points: Array) -> tuple[Array, Array]:
+    def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
         """Compute the flow; see :meth:`Flow.undisturbed`."""
         velocity, gradient = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         velocity[:, 2] = points[:, 1]

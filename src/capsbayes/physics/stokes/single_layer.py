@@ -14,25 +14,21 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.physics.stokes.layer_kernel import POINT_ROWS, TILE, Elements, Tiles, layer_matrices
 from capsbayes.physics.stokes.stokeslet import pressure_kernel
 from capsbayes.physics.surface.octasphere import OctaSphere
 from capsbayes.physics.surface.quadrature import Rule, dunavant, singular, subdivided
 from capsbayes.physics.surface.shape_functions import p2, p2_gradient
 
-__all__ = ["LayerMatrices", "SingleLayer"]
-
-Array = NDArray[np.float64]
-
 
 class LayerMatrices(NamedTuple):
     """Velocity and its derivatives from the density of the wedge (see `layer_matrices`)."""
 
-    velocity: Array
-    source_slope: Array
-    target_slope: Array
+    velocity: Floats
+    source_slope: Floats
+    target_slope: Floats
 
 
 @dataclass(frozen=True)
@@ -50,15 +46,15 @@ class _Tables(NamedTuple):
     Shapes (q, 6), weights (e, q) and, of the finer rules laid out in tiles, the first tile and the number of points.
     """
 
-    coarse_shapes: Array
-    coarse_weights: Array
-    fine_shapes: Array
-    fine_weights: Array
-    first: NDArray[np.int64]
-    counts: NDArray[np.int64]
+    coarse_shapes: Floats
+    coarse_weights: Floats
+    fine_shapes: Floats
+    fine_weights: Floats
+    first: Integers
+    counts: Integers
 
 
-def _rest_area(nodes: Array, elements: NDArray[np.int64], points: Array) -> Array:
+def _rest_area(nodes: Floats, elements: Integers, points: Floats) -> Floats:
     """Return the area (e, q) of the rest surface per area of the unit triangle."""
     tangents = np.einsum("qka,eki->eqai", p2_gradient(points), nodes[elements])
     return np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=-1)
@@ -69,7 +65,7 @@ def _tables(mesh: OctaSphere, choice: QuadratureChoice) -> _Tables:
     elements, multiplicity = mesh.orbits
     share = multiplicity[:, None] / len(mesh.symmetry.operations)
 
-    def weights(rule: Rule) -> Array:
+    def weights(rule: Rule) -> Floats:
         return share * rule.weights * _rest_area(mesh.nodes, elements, rule.points)
 
     coarse, *regular = [subdivided(dunavant(degree), times) for degree, times in choice.rules]
@@ -105,8 +101,8 @@ class SingleLayer:
         self,
         mesh: OctaSphere,
         radius: float,
-        nodes: Array,
-        density: Array | None = None,
+        nodes: Floats,
+        density: Floats | None = None,
         *,
         choice: QuadratureChoice = QuadratureChoice(),
     ) -> None:
@@ -151,7 +147,7 @@ class SingleLayer:
             counts=tables.counts,
         )
 
-    def matrices(self, targets: Array, *, target_nodes: NDArray[np.int64] | None = None) -> LayerMatrices:
+    def matrices(self, targets: Floats, *, target_nodes: Integers | None = None) -> LayerMatrices:
         """Compute the matrices from the density of the wedge to the velocity at `targets` (t, 3), with 1/(8 pi)."""
         on_nodes = np.full(len(targets), -1) if target_nodes is None else target_nodes
         unknown = len(self.mesh.wedge)
@@ -160,7 +156,7 @@ class SingleLayer:
             *layer_matrices(placed, on_nodes, self._elements, self._tiles, unknown, self.density is not None)
         )
 
-    def pressure(self, targets: Array) -> Array:
+    def pressure(self, targets: Floats) -> Floats:
         """Compute the pressure (t,) of the layer at points away from the membrane, over mu U/l."""
         assert self.density is not None, "the pressure is that of a density"
         rule = dunavant(6)

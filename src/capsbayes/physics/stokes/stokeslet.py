@@ -8,17 +8,14 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["images_gradient", "images_matrix", "pressure_kernel"]
-
-Array = NDArray[np.float64]
+from capsbayes.arrays import Floats
 
 _compiled = numba.njit(cache=True, fastmath=True, error_model="numpy", nogil=True)
 
 
 @_compiled
-def images_matrix(targets: Array, sources: Array, operations: Array) -> Array:
+def images_matrix(targets: Floats, sources: Floats, operations: Floats) -> Floats:
     """Compute the velocity (3 t, 3 s) at `targets` (t, 3) from Stokeslets at `sources` (s, 3) and their images.
 
     A force at a source acts with all its images under `operations` (g, 3, 3), rotated like them.
@@ -47,7 +44,7 @@ def images_matrix(targets: Array, sources: Array, operations: Array) -> Array:
 
 
 @_compiled
-def images_gradient(targets: Array, sources: Array, operations: Array, forces: Array) -> Array:
+def images_gradient(targets: Floats, sources: Floats, operations: Floats, forces: Floats) -> Floats:
     """Compute the gradient (t, 3, 3) at `targets` of the velocity of `forces` (s, 3) at `sources` and their images.
 
     Entry [t, i, j] is the derivative of component i along coordinate j.
@@ -73,8 +70,8 @@ def images_gradient(targets: Array, sources: Array, operations: Array, forces: A
     return gradient
 
 
-def pressure_kernel(targets: Array, sources: Array) -> Array:
+def pressure_kernel(targets: Floats, sources: Floats) -> Floats:
     """Return the pressure (t, s, 3) at `targets` per unit force at `sources`, 2 r / r^3, without 1/(8 pi)."""
     r = targets[:, None] - sources[None]
-    kernel: Array = 2.0 * r / np.linalg.norm(r, axis=-1, keepdims=True) ** 3
+    kernel: Floats = 2.0 * r / np.linalg.norm(r, axis=-1, keepdims=True) ** 3
     return kernel

@@ -14,14 +14,10 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.physics.stokes.channel import Channel
 from capsbayes.physics.stokes.stokeslet import images_matrix
-
-__all__ = ["WallDiscretisation", "WallOperator", "wall_operator"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -55,7 +51,7 @@ class WallDiscretisation:
     regularisation: float = 1e-5
 
 
-def _axial(spacing: float, far_spacing: float, near: float, end: float) -> tuple[Array, Array]:
+def _axial(spacing: float, far_spacing: float, near: float, end: float) -> tuple[Floats, Floats]:
     """Return graded axial positions from 0 to `end` and the length of each."""
     half_near = max(int(np.ceil(near / spacing)), 1)
     edges = list(near * np.arange(half_near + 1) / half_near)
@@ -106,27 +102,27 @@ class WallOperator:
             self.points = self._wall[asked]
 
     @cached_property
-    def _inverses(self) -> tuple[Array, Array]:
+    def _inverses(self) -> tuple[Floats, Floats]:
         """Strengths per velocity on half the wall, for even and odd velocities, by regularised least squares."""
         points, sources = self._wall[: len(self._wall) // 2], self.sources[: len(self.sources) // 2]
         same = images_matrix(points, sources, self.operations)
         other = _mirrored_columns(images_matrix(points, sources * _MIRROR, self.operations))
         return self._inverse(same + other), self._inverse(same - other)
 
-    def _inverse(self, matrix: Array) -> Array:
+    def _inverse(self, matrix: Floats) -> Floats:
         weighted = matrix * self._root_areas[:, None]
         scale = np.sqrt(np.max(np.sum(weighted**2, axis=0)))
         damped = np.vstack([weighted, self.walls.regularisation * scale * np.eye(matrix.shape[1])])
         orthogonal, triangle = scipy.linalg.qr(damped, mode="economic", overwrite_a=True, check_finite=False)
         top = orthogonal[: matrix.shape[0]].T * self._root_areas
-        inverse: Array = scipy.linalg.solve_triangular(triangle, top, overwrite_b=True, check_finite=False)
+        inverse: Floats = scipy.linalg.solve_triangular(triangle, top, overwrite_b=True, check_finite=False)
         return inverse
 
-    def velocity_matrix(self, targets: Array) -> Array:
+    def velocity_matrix(self, targets: Floats) -> Floats:
         """Compute the velocity (3 t, 3 s) at `targets` from the Stokeslets and their images."""
         return images_matrix(np.ascontiguousarray(targets), self.sources, self.operations)
 
-    def strengths(self, velocity: Array) -> Array:
+    def strengths(self, velocity: Floats) -> Floats:
         """Compute the strengths (s, 3) of the Stokeslets that cancel the velocity (3 p,) at the wall points."""
         spread = velocity if self._spread is None else self._spread @ velocity
         down, up = spread.reshape(2, -1, 3)
@@ -136,17 +132,17 @@ class WallOperator:
         here, mirrored = (even_part + odd_part).reshape(-1, 3), (even_part - odd_part).reshape(-1, 3)
         return np.concatenate([here, mirrored * _MIRROR])
 
-    def response(self, velocity_matrix: Array) -> Array:
+    def response(self, velocity_matrix: Floats) -> Floats:
         """Compute the reduction (r, 3 p) by the walls of velocities with rows (r, 3 s), per velocity at the walls."""
         half = velocity_matrix.shape[1] // 2
         down, up = velocity_matrix[:, :half], _mirrored_columns(velocity_matrix[:, half:])
         even, odd = self._inverses
         even_part, odd_part = (down + up) @ even, (down - up) @ odd
-        response: Array = 0.5 * np.hstack([even_part + odd_part, _mirrored_columns(even_part - odd_part)])
+        response: Floats = 0.5 * np.hstack([even_part + odd_part, _mirrored_columns(even_part - odd_part)])
         return response if self._spread is None else (self._spread.T @ response.T).T
 
 
-def _of_rings(points: Array) -> tuple[NDArray[np.int64], sp.bsr_matrix]:
+def _of_rings(points: Floats) -> tuple[Integers, sp.bsr_matrix]:
     """Return one of the points (p, 3) of each ring about z, and the matrix from velocities there to all (3 p,)."""
     rings = np.round(np.column_stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]]), 9)
     _, first, ring = np.unique(rings, axis=0, return_index=True, return_inverse=True)
@@ -164,7 +160,7 @@ _MIRROR = np.array([1.0, 1.0, -1.0])
 _OPERATORS: dict[tuple[Channel, WallDiscretisation], WallOperator] = {}
 
 
-def _mirrored_columns(matrix: Array) -> Array:
+def _mirrored_columns(matrix: Floats) -> Floats:
     """Change the sign of the axial component of the columns of `matrix` (r, 3 c)."""
     return matrix * np.tile(_MIRROR, matrix.shape[1] // 3)
 

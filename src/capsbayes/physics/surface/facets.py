@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradient
 
-__all__ = ["facets", "subdivision"]
 
-Floats = NDArray[np.float64]
-
-
-def facets(elements: NDArray[np.int64], nodes: Floats, parts: int = 6) -> tuple[Floats, Floats]:
+def facets(elements: Integers, nodes: Floats, parts: int = 6) -> tuple[Floats, Floats]:
     """Divide each quadratic element into ``parts**2`` flat triangles.
 
     Parameters
@@ -35,7 +31,7 @@ def facets(elements: NDArray[np.int64], nodes: Floats, parts: int = 6) -> tuple[
     return corners, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def subdivision(parts: int) -> tuple[Floats, NDArray[np.int64]]:
+def subdivision(parts: int) -> tuple[Floats, Integers]:
     """Return points (p, 2) of a grid on the unit triangle, and the corners (t, 3) of its small triangles.
 
     The first parts (parts + 1) / 2 of them have the orientation of the unit triangle; each edge is one of theirs.
@@ -47,7 +43,7 @@ def subdivision(parts: int) -> tuple[Floats, NDArray[np.int64]]:
     return np.array(index) / parts, np.array(triangles)
 
 
-def _normals(nodes: Floats, elements: NDArray[np.int64]) -> Floats:
+def _normals(nodes: Floats, elements: Integers) -> Floats:
     """Outward normals (N, 3) at the nodes, averaged over the elements there: they leave no seams."""
     tangents = np.einsum("qka,eki->eqai", p2_gradient(LOCAL_NODES), nodes[elements])
     total = np.zeros_like(nodes)

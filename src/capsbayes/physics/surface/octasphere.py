@@ -13,14 +13,10 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.physics.surface.symmetry import D4, Symmetry
-
-Array = NDArray[np.float64]
-
-__all__ = ["OctaSphere", "octasphere"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,25 +43,25 @@ class OctaSphere:
 
     refinement: int
     symmetry: Symmetry
-    nodes: Array
-    elements: NDArray[np.int64]
-    wedge: NDArray[np.int64]
-    wedge_of: NDArray[np.int64]
-    operation: Array
+    nodes: Floats
+    elements: Integers
+    wedge: Integers
+    wedge_of: Integers
+    operation: Floats
 
     @property
-    def quarter(self) -> NDArray[np.int64]:
+    def quarter(self) -> Integers:
         """Elements of the quarter x >= 0, y >= 0 (T/4, 6)."""
         return self.elements[: len(self.elements) // 4]
 
     @cached_property
-    def orbits(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def orbits(self) -> tuple[Integers, Integers]:
         """One element (r, 6) of each orbit, and how many (r,) it stands for in a symmetric integral."""
         first, orbit, _ = self.symmetry.orbits(np.mean(self.nodes[self.elements[:, :3]], axis=1))
         return self.elements[first], np.bincount(orbit)
 
     @cached_property
-    def images(self) -> NDArray[np.int64]:
+    def images(self) -> Integers:
         """(g, N) int: the node that each operation maps onto each node."""
         place = {key: node for node, key in enumerate(map(tuple, np.round(self.nodes * 1e9).astype(np.int64)))}
         sources = np.round(self.nodes @ self.symmetry.operations * 1e9).astype(np.int64)
@@ -88,20 +84,20 @@ class OctaSphere:
         )
         return (copies @ self.basis).tocsr()
 
-    def expanded(self, free: Array) -> Array:
+    def expanded(self, free: Floats) -> Floats:
         """Return the values (N, 3) at all nodes of the symmetric vector field with free coordinates (F,)."""
         return (self.expansion @ free).reshape(-1, 3)
 
-    def reduced(self, wedge_vectors: Array) -> Array:
+    def reduced(self, wedge_vectors: Floats) -> Floats:
         """Return the free coordinates (F,) of the vectors (W, 3) on the wedge."""
         return self.basis.T @ wedge_vectors.ravel()
 
-    def largest(self, free: Array) -> float:
+    def largest(self, free: Floats) -> float:
         """Return the largest component of the vectors at the nodes with free coordinates (F,)."""
         return float(np.max(np.abs(self.basis @ free)))
 
 
-def _meridional(points: Array, intervals: int) -> Array:
+def _meridional(points: Floats, intervals: int) -> Floats:
     """Return orthonormal columns (3 W, 2 intervals): axisymmetric fields at points (W, 3) of the sphere.
 
     Their radial and axial parts are cubic splines of the polar angle, odd and even about the poles, with knots at the
@@ -118,13 +114,13 @@ def _meridional(points: Array, intervals: int) -> Array:
         values = values + parity * values[::-1]
         splines = CubicSpline(knots, values, bc_type="periodic")(polar)
         columns.append(np.einsum("wi,wk->wik", along, splines).reshape(3 * len(points), -1))
-    orthonormal: Array = np.linalg.qr(np.hstack(columns))[0]
+    orthonormal: Floats = np.linalg.qr(np.hstack(columns))[0]
     return orthonormal
 
 
-def _octant(refinement: int) -> tuple[Array, NDArray[np.int64]]:
+def _octant(refinement: int) -> tuple[Floats, Integers]:
     """Return points (p, 3) and P2 triangles (t, 6), counterclockwise seen from outside, of x, y, z >= 0."""
-    points: list[Array] = []
+    points: list[Floats] = []
     index: dict[tuple[int, int], int] = {}
     for ring in range(refinement + 1):
         polar = 0.5 * np.pi * ring / refinement
@@ -159,8 +155,8 @@ def _octant(refinement: int) -> tuple[Array, NDArray[np.int64]]:
 def octasphere(refinement: int, symmetry: Symmetry = D4) -> OctaSphere:
     """Make a mesh with 8 refinement**2 elements and 16 refinement**2 + 2 nodes."""
     points, triangles = _octant(refinement)
-    all_points: list[Array] = []
-    all_triangles: list[NDArray[np.int64]] = []
+    all_points: list[Floats] = []
+    all_triangles: list[Integers] = []
     for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
         for sz in (1, -1):
             flip = sx * sy * sz < 0

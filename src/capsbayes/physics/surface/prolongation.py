@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.surface.octasphere import OctaSphere
-
-__all__ = ["prolonged"]
 
 _NEIGHBOURS = 80
 
 
-def prolonged(free: NDArray[np.float64], coarse: OctaSphere, fine: OctaSphere) -> NDArray[np.float64]:
+def prolonged(free: Floats, coarse: OctaSphere, fine: OctaSphere) -> Floats:
     """Return the free coordinates on `fine` of the symmetric field with free coordinates `free` on `coarse`.
 
     The field is interpolated smoothly: the kinks of P2 interpolation at the coarse elements' edges would strain

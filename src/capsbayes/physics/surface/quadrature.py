@@ -11,18 +11,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.surface.shape_functions import CORNERS, LOCAL_NODES
-
-__all__ = ["Rule", "dunavant", "singular", "subdivided"]
 
 
 class Rule(NamedTuple):
     """Points (q, 2) and weights (q,) on the unit triangle."""
 
-    points: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    points: Floats
+    weights: Floats
 
 
 _ORBITS: dict[int, list[tuple[float, ...]]] = {
@@ -53,7 +51,7 @@ def dunavant(degree: int) -> Rule:
     return Rule(np.array(points), np.array(weights) / (2 * np.sum(weights)))
 
 
-def _mapped(rule: Rule, triangle: NDArray[np.float64]) -> Rule:
+def _mapped(rule: Rule, triangle: Floats) -> Rule:
     """Map `rule` to a sub-triangle (3, 2) of the unit triangle."""
     origin, edges = triangle[0], triangle[1:] - triangle[0]
     return Rule(origin + rule.points @ edges, rule.weights * abs(np.linalg.det(edges)))

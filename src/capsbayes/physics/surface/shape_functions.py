@@ -7,9 +7,8 @@ Local nodes: three corners (0,0), (1,0), (0,1), then the midsides of the edges
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["CORNERS", "LOCAL_NODES", "p2", "p2_gradient"]
+from capsbayes.arrays import Floats
 
 LOCAL_NODES = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])
 """Positions of the six local nodes on the unit triangle (6, 2)."""
@@ -17,7 +16,7 @@ LOCAL_NODES = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 0.
 CORNERS = LOCAL_NODES[:3]
 
 
-def p2(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def p2(points: Floats) -> Floats:
     """Compute the shape functions.
 
     Parameters
@@ -34,7 +33,7 @@ def p2(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([r * (2 * r - 1), s * (2 * s - 1), t * (2 * t - 1), 4 * r * s, 4 * s * t, 4 * t * r], axis=-1)
 
 
-def p2_gradient(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def p2_gradient(points: Floats) -> Floats:
     """Compute the derivatives of the shape functions along both local coordinates.
 
     Parameters

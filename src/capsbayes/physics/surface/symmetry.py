@@ -11,11 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["C2H", "C_INF_V", "D2", "D4", "Symmetry"]
-
-Array = NDArray[np.float64]
+from capsbayes.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +30,13 @@ class Symmetry:
     """
 
     name: str
-    operations: Array
+    operations: Floats
     axisymmetric: bool = False
 
     def __reduce__(self) -> str:
         return self.name  # one object in every process, so that what is cached by it is found
 
-    def orbits(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    def orbits(self, points: Floats) -> tuple[Integers, Integers, Integers]:
         """Find the orbits of points that the group maps onto themselves as a set.
 
         Parameters
@@ -66,10 +63,10 @@ class Symmetry:
                 operation[place[tuple(images[leader, index])]] = index
         return representatives, orbit, operation
 
-    def free_directions(self, point: Array) -> Array:
+    def free_directions(self, point: Floats) -> Floats:
         """Return orthonormal columns (3, f): the vectors at `point` (3,) that its stabiliser leaves unchanged."""
         keeping = np.linalg.norm(self.operations @ point - point, axis=1) < 1e-9
-        columns: list[Array] = []
+        columns: list[Floats] = []
         for column in np.mean(self.operations[keeping], axis=0).T:
             rest = column - sum(((column @ other) * other for other in columns), np.zeros(3))
             if np.linalg.norm(rest) > 1e-9:

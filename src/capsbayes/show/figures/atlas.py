@@ -6,8 +6,8 @@ import contextlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.errors import DatabaseError
 from capsbayes.parameters import PARAMETERS
@@ -19,10 +19,6 @@ from capsbayes.surrogate import Surrogate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["atlas", "changes", "changes_figure"]
-
-Floats = NDArray[np.float64]
 
 _QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.show.figures.atlas_plane import BRANCH_STYLES, draw_borders, heading, kinds_of_case, prepare_plane
 from capsbayes.show.figures.style import FILL, PALE, legend_below, new_figure, ratio_label
 from capsbayes.surrogate import Surrogate
@@ -15,10 +15,6 @@ from capsbayes.surrogate.domain import Region
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["lengths_figure", "map_plot", "velocity_figure", "velocity_surface_figure"]
-
-Floats = NDArray[np.float64]
 
 _LENGTHS = ("axial_extent", "axial_length", "parachute_depth")
 _POINTS = (150, 100)  # of a surface, along sqrt(Ca) and a/l

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST_FROM_REST, NO_EFFECT, SNAP_THROUGH, Database
 from capsbayes.show.figures.style import ACCENT, INK, WALL, new_figure, ratio_label
 from capsbayes.status import Status
@@ -15,19 +15,6 @@ from capsbayes.surrogate.branches import CONVEX
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = [
-    "BRANCH_STYLES",
-    "border_curve",
-    "cases_figure",
-    "draw_borders",
-    "heading",
-    "kinds_of_case",
-    "of_effect",
-    "prepare_plane",
-]
-
-Floats = NDArray[np.float64]
 
 _NONE = "#555555"
 _TICKS = (0.003, 0.01, 0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)
@@ -48,7 +35,7 @@ _BORDER_STYLES: dict[str, dict[str, Any]] = {
 }
 
 
-def kinds_of_case(database: Database) -> dict[str, NDArray[np.bool_]]:
+def kinds_of_case(database: Database) -> dict[str, Booleans]:
     """Sort the cases into "parachute", "convex", "no steady state", "not resolved or not computed" : (c,) masks."""
     status = database["status"]
     done, absent = status == Status.DONE.name, status == Status.NO_STEADY_STATE.name

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.show.figures.atlas_plane import BRANCH_STYLES, heading, kinds_of_case, of_effect
 from capsbayes.show.figures.style import FILL, INK, draw_walls, new_figure
@@ -16,10 +17,6 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["cases_of_cell", "shapes_figure", "table_of_cases"]
-
-Floats = NDArray[np.float64]
 
 _FAINT = "#555555"
 _CA, _SIZES = 6, 5  # columns and rows of the table
@@ -42,7 +39,7 @@ def table_of_cases(database: Database) -> tuple[Floats, Floats]:
     return ca[_spread(np.sqrt(ca), counts, _CA)], sizes[_spread(sizes, np.ones(len(sizes)), _SIZES)]
 
 
-def _spread(values: Floats, counts: NDArray[Any], steps: int) -> NDArray[np.int64]:
+def _spread(values: Floats, counts: NDArray[Any], steps: int) -> Integers:
     """Indices of the rising values nearest to even steps, out of those at least half as common as any other there."""
     even = np.linspace(values[0], values[-1], steps)
     distance = np.abs(values[:, None] - even)
@@ -52,7 +49,7 @@ def _spread(values: Floats, counts: NDArray[Any], steps: int) -> NDArray[np.int6
     return np.array([np.argmin(np.where(owner == step, distance[:, step], np.inf)) for step in np.unique(owner)])
 
 
-def cases_of_cell(database: Database, capillary_numbers: Floats, column: int, size_ratio: float) -> NDArray[np.bool_]:
+def cases_of_cell(database: Database, capillary_numbers: Floats, column: int, size_ratio: float) -> Booleans:
     """Select the cases that a cell of the table shows: those of its a/l at the Ca nearest to that of its column.
 
     Parameters
@@ -112,14 +109,14 @@ def _draw_channel(ax: Axes, ends: tuple[float, float]) -> None:
         spine.set_visible(False)
 
 
-def _draw_profiles(ax: Axes, database: Database, here: NDArray[np.bool_], inks: list[Any]) -> None:
+def _draw_profiles(ax: Axes, database: Database, here: Booleans, inks: list[Any]) -> None:
     for row in np.flatnonzero(here & (database["status"] == Status.DONE.name)):
         ink = inks[np.searchsorted(database.values, database["effect_value"][row])]
         fill = FILL if len(inks) == 1 else "none"
         ax.fill(*database["profile"][row].T, facecolor=fill, edgecolor=ink, linewidth=1.3)
 
 
-def _draw_words(ax: Axes, database: Database, here: NDArray[np.bool_], heading_ca: float) -> None:
+def _draw_words(ax: Axes, database: Database, here: Booleans, heading_ca: float) -> None:
     """Write why a cell is empty, and its Ca where it differs from that above the table."""
     kinds = [name for name, rows in kinds_of_case(database).items() if (rows & here).any()]
     ca = database["capillary_number"][here]

@@ -16,8 +16,6 @@ from capsbayes.show.words.rounding import two_digits, unit_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["corner_plot"]
-
 SHOWN = ("surface_shear_modulus", "capsule_radius", "mean_velocity", "capillary_number", "size_ratio")
 
 _MOST_DRAWS = 20_000  # more make the picture no smoother

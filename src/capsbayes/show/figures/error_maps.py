@@ -10,8 +10,6 @@ from matplotlib.tri import Triangulation
 
 from capsbayes.surrogate.validation import STRETCH_LIMIT, LeaveOneOut
 
-__all__ = ["heat_map", "heat_maps"]
-
 SYMBOLS = ("Ca", "a/\\ell", "v_o/U")
 SMALLEST = 1e-5  # below this every error looks the same
 LONGEST_EDGE = 0.12  # of either range: longer triangles lie outside the cases

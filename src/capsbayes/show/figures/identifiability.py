@@ -6,8 +6,8 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.figures.style import ACCENT, new_figure, ratio_label
@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["identifiability_figure"]
-
-Floats = NDArray[np.float64]
 
 _LEVELS = (
     *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),

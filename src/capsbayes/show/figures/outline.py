@@ -6,7 +6,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from capsbayes.errors import InputError
 from capsbayes.infer import Posterior
@@ -18,10 +17,6 @@ from capsbayes.show.figures.style import ACCENT, INK, PALE, WALL, closed, draw_w
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["outline_figure", "outline_plot"]
-
-Floats = NDArray[np.float64]
 
 _INSIDE = "#f3f8fb"
 _THICKNESS = 0.14

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer import Posterior
 from capsbayes.infer.outline.band import band
 from capsbayes.show.figures.style import closed, new_figure
@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from capsbayes.image.detection import Detection
-
-__all__ = ["bare_figure", "on_picture", "picture_figure"]
-
-Floats = NDArray[np.float64]
 
 _PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
 _AROUND = 1.25  # of the picture that is shown, either side of the axis, over l

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, SobolStudy
 
-__all__ = ["budget_figure", "flow_figure", "sobol_figure"]
-
 _QUANTITIES = {"surface_shear_modulus": INK, "capsule_radius": ACCENT}
 _HEIGHT = 0.36  # of a bar
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["modulus_against_radius", "modulus_histogram"]
-
 _MOST_BARS = 400  # error bars of more capsules would hide each other
 _MODULUS, _RADIUS = PARAMETERS["surface_shear_modulus"], PARAMETERS["capsule_radius"]
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.surface.facets import facets
 from capsbayes.show.figures.style import ACCENT, FILL, INK, WALL, closed, draw_walls, new_figure
 
@@ -17,10 +17,6 @@ if TYPE_CHECKING:
 
     from capsbayes.physics.simulation import SteadyState
     from capsbayes.physics.simulation.snapshot import Snapshot
-
-__all__ = ["section_plot", "shape_figure", "shape_plot", "transient_figure", "view_plot"]
-
-Floats = NDArray[np.float64]
 
 _MEMBRANE, _PLASTER, _EDGE = np.array([0.36, 0.65, 0.83]), np.array([0.91, 0.91, 0.90]), "#6e6e6e"
 _AZIMUTH, _ELEVATION = np.radians(32.0), np.radians(16.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from capsbayes.diagnosis import Comparison, Finding, Study, Verification
 from capsbayes.diagnosis.finding import TRENDS
@@ -14,10 +13,6 @@ from capsbayes.show.figures.style import ACCENT, INK, PALE, framed, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["candidate_ratios", "moduli", "trends"]
-
-Floats = NDArray[np.float64]
 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis import AlongOutline, Comparison, Finding, Verification
 from capsbayes.diagnosis.regions import REGIONS, region_displacements
 from capsbayes.profile import arc_share
@@ -16,10 +16,6 @@ from capsbayes.show.words.study import deviation_words
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["chosen_capsules", "held_out", "outline_finding"]
-
-Floats = NDArray[np.float64]
 
 _SEEN = "#222222"
 _COUNT = 3  # capsules that are shown one by one

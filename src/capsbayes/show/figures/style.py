@@ -7,30 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.output_file import unfinished
 from capsbayes.parameters import PARAMETERS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = [
-    "ACCENT",
-    "FILL",
-    "INK",
-    "PALE",
-    "WALL",
-    "closed",
-    "draw_walls",
-    "framed",
-    "legend_below",
-    "new_figure",
-    "ratio_label",
-    "without_l",
-    "write_figure",
-]
 
 INK, PALE, FILL = "#1f5a7a", "#8fc1dc", "#dcebf3"
 ACCENT, WALL = "#c8552b", "#9a9a9a"
@@ -66,7 +50,7 @@ def without_l(name: str) -> str:
     return latex.removesuffix(r"/\ell") if name.startswith("axial") else latex
 
 
-def closed(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def closed(points: Floats) -> Floats:
     """Return points of an outline with the first again at the end : (p + 1, 2) array."""
     return np.vstack([points, points[:1]])
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import capsbayes
 
-__all__ = ["ARTICLE", "DOI", "MESSAGE", "SOFTWARE"]
-
 MESSAGE = "If you use capsbayes, please cite it, and the article whose method it extends."
 SOFTWARE = (
     f"The capsbayes developers. capsbayes, version {capsbayes.__version__}. Shear modulus and radius of liquid-core "

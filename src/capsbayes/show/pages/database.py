@@ -13,8 +13,6 @@ from capsbayes.show.tables.population import status_table
 from capsbayes.show.tables.table import html_table, typeset
 from capsbayes.status import Status
 
-__all__ = ["database_page"]
-
 _CAPTIONS = {
     "cases": "Every case over (Ca, a/l), and the borders of what exists.",
     "shapes": "Steady shapes over (Ca, a/l).",

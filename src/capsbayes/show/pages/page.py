@@ -16,8 +16,6 @@ from capsbayes.show.pages import citation
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["image", "page", "picture"]
-
 
 def page(template: str, **content: Any) -> str:
     """Fill a template; text among the content is escaped, `Markup` is not.

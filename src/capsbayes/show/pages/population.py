@@ -12,8 +12,6 @@ from capsbayes.show.tables.population import capsule_table, hierarchy_table, ori
 from capsbayes.show.tables.table import html_table, typeset
 from capsbayes.show.words import population as words
 
-__all__ = ["MOST_ROWS", "population_page"]
-
 MOST_ROWS = 500
 """Capsules in the table of the page; the file holds all."""
 

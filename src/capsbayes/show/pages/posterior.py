@@ -19,8 +19,6 @@ from capsbayes.show.tables.table import html_table, typeset
 from capsbayes.show.words import posterior as words
 from capsbayes.show.words.rounding import value_words
 
-__all__ = ["capsule_pictures", "posterior_page"]
-
 _OVERLAY = "overlay.png"  # as capsbayes measure and identify name it
 _WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
 

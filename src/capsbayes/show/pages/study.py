@@ -13,8 +13,6 @@ from capsbayes.show.tables import study as tables
 from capsbayes.show.tables.table import html_table, typeset
 from capsbayes.show.words import study as words
 
-__all__ = ["study_page"]
-
 
 def study_page(study: Study) -> str:
     """Return a study as HTML.

@@ -13,8 +13,6 @@ from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, NO_EFFECT,
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.tables.table import Code, Symbols, table
 
-__all__ = ["contents_table", "domain_sentence", "domain_table", "origin_table", "settings_table"]
-
 _ENDS = (LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE)
 
 

@@ -9,8 +9,6 @@ from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, SobolStudy
 from capsbayes.show.tables.table import Symbols, table
 from capsbayes.show.words.rounding import unit_of, with_unit
 
-__all__ = ["budget_table", "flow_table", "sobol_table"]
-
 _ANSWERS = tuple(PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_radius"))
 _FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
 

@@ -15,8 +15,6 @@ from capsbayes.show.words.population import hierarchy_title
 from capsbayes.show.words.rounding import decimals, interval_words, together, two_digits
 from capsbayes.status import Status
 
-__all__ = ["capsule_table", "hierarchy_table", "origin_table", "status_table", "summary_table"]
-
 _MODULUS = "surface_shear_modulus"
 _SHOWN = (
     *(_MODULUS, "capsule_radius", "capillary_number", "size_ratio"),

@@ -14,8 +14,6 @@ from capsbayes.show.tables.table import Code, Strong, Symbols, table
 from capsbayes.show.words.posterior import input_words
 from capsbayes.show.words.rounding import interval_words, rounded, two_digits, unit_of
 
-__all__ = ["budget_table", "check_table", "input_table", "origin_table", "prior_table", "quantity_table"]
-
 
 def quantity_table(posterior: Posterior) -> pd.DataFrame:
     """Return median and intervals of every quantity, with the second engine and the published procedure."""

@@ -18,8 +18,6 @@ from capsbayes.show.words.study import (
     size_words,
 )
 
-__all__ = ["candidate_table", "finding_table", "flow_rate_table", "held_out_table", "meaning_table"]
-
 _MODULUS = "surface_shear_modulus"
 _OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike in all capsules"}
 

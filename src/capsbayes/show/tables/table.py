@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from capsbayes.status import Status
 
-__all__ = ["Code", "Number", "Strong", "Symbols", "html_table", "print_parts", "table", "terminal_table", "typeset"]
-
 _SIGNS = {"alpha": "α", "delta": "δ", "eps": "ε", "mu": "µ", "Lambda": "Λ", "l": "ℓ"}
 
 

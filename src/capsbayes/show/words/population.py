@@ -12,8 +12,6 @@ from capsbayes.infer.many.modulus_spread import ModulusSpread
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import decimals, per_cent, together, unit_of
 
-__all__ = ["caveats", "headline", "hierarchy_title", "shared_words", "spread_words", "status_words", "width_words"]
-
 _MODULUS = PARAMETERS["surface_shear_modulus"]
 _MANY_LEANING = 0.05  # of the capsules on the border
 

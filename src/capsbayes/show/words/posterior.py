@@ -10,8 +10,6 @@ from capsbayes.model import TWO_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import per_cent
 
-__all__ = ["agreement_words", "budget_sentence", "caveats", "input_words", "status_words"]
-
 _LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
 _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
 _INPUTS = {

@@ -14,11 +14,6 @@ import numpy as np
 from capsbayes.infer import Marginal
 from capsbayes.parameters import PARAMETERS, Parameter
 
-__all__ = [
-    *("decimals", "interval_words", "per_cent", "rounded", "together", "two_digits"),
-    *("unit_of", "value_words", "with_unit"),
-]
-
 
 def decimals(error: float) -> int:
     """Return the number of decimals to print: two significant digits of the error up to 35, one above.

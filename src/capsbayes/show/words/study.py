@@ -11,21 +11,6 @@ from capsbayes.diagnosis import LEAST_RATIO, Deviation, Finding, Scores, Session
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import unit_of
 
-__all__ = [
-    "caveats",
-    "deviation_words",
-    "largest_p_value",
-    "lengths_alone",
-    "modulus_words",
-    "odds_words",
-    "opening",
-    "origin_words",
-    "p_value_words",
-    "question_words",
-    "size_words",
-    "verdict_sentence",
-]
-
 _MODULUS = PARAMETERS["surface_shear_modulus"]
 _MANY = 1e4  # odds beyond which their power of ten is enough
 
