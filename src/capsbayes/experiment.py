@@ -18,6 +18,7 @@ __all__ = [
     "Experiment",
     "capillary_number",
     "capsule_radius",
+    "imposed_velocity",
     "mean_velocity",
     "size_ratio",
     "surface_shear_modulus",
@@ -150,6 +151,11 @@ def capillary_number(*, viscosity: ArrayLike, mean_velocity: ArrayLike, surface_
 def surface_shear_modulus(*, viscosity: ArrayLike, mean_velocity: ArrayLike, capillary_number: ArrayLike) -> Floats:
     """Return the shear modulus of the membrane G_s = mu U / Ca [N/m]."""
     return np.asarray(viscosity) * np.asarray(mean_velocity) / np.asarray(capillary_number)
+
+
+def imposed_velocity(*, viscosity: ArrayLike, capillary_number: ArrayLike, surface_shear_modulus: ArrayLike) -> Floats:
+    """Return the mean velocity of the flow that gives a capillary number, U = Ca G_s / mu [m/s]."""
+    return np.asarray(capillary_number) * np.asarray(surface_shear_modulus) / np.asarray(viscosity)
 
 
 def mean_velocity(*, capsule_velocity: ArrayLike, velocity_ratio: ArrayLike) -> Floats:

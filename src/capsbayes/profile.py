@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.errors import InputError
 
-__all__ = ["Profile", "arc_length", "edge_lengths", "equally_spaced", "signed_area", "vertex_normals"]
+__all__ = ["Profile", "arc_length", "arc_share", "edge_lengths", "equally_spaced", "signed_area", "vertex_normals"]
 
 Floats = NDArray[np.float64]
 
@@ -230,6 +230,12 @@ def arc_length(points: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(edge_lengths(points))])
 
 
+def arc_share(outline: Floats) -> Floats:
+    """Return the share of the perimeter of an outline (p, 2) from its first vertex to each : (p,) array [%]."""
+    arc = arc_length(outline)
+    return np.asarray(100.0 * arc[:-1] / arc[-1])
+
+
 def equally_spaced(points: Floats, count: int) -> Floats:
     """Return points at equal distances along a closed outline (p, 2), from its first vertex : (count, 2) array."""
     arc, closed = arc_length(points), np.concatenate([points, points[:1]])
@@ -263,9 +269,3 @@ def _furthest(points: Floats, outline: Floats) -> float:
     along = np.clip((apart_z * edge_z + apart_y * edge_y) / square, 0.0, 1.0)
     squared = (apart_z - along * edge_z) ** 2 + (apart_y - along * edge_y) ** 2
     return float(np.sqrt(squared.min(axis=1).max()))
-
-
-def arc_share(outline: Floats) -> Floats:
-    """Return the share of the perimeter of an outline (p, 2) from its first vertex to each : (p,) array [%]."""
-    lengths = edge_lengths(outline)
-    return np.asarray(100.0 * np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / lengths.sum())

@@ -229,8 +229,8 @@ class PosteriorDensity:
 
     def _in_range(self, draws: Mapping[str, Floats], model: ModelAtPoints) -> NDArray[np.bool_]:
         """Return where G_s, by the mean v_o/U as in the prior, and a are within their ranges : (n,) bool array."""
-        modulus = draws["viscosity"] * draws["capsule_velocity"] / (draws["capillary_number"] * model.velocity_ratio)
-        radius = draws["size_ratio"] * draws["half_width"]
+        at_mean = _derived({**draws, "velocity_ratio": model.velocity_ratio})
+        modulus, radius = at_mean["surface_shear_modulus"], at_mean["capsule_radius"]
         g, a = self.prior.surface_shear_modulus, self.prior.capsule_radius
         return (modulus >= g.low) & (modulus <= g.high) & (radius >= a.low) & (radius <= a.high)
 

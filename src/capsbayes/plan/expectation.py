@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.experiment import Experiment, size_ratio
+from capsbayes.experiment import Experiment, capillary_number, size_ratio
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.quantity import Given, Quantity
 
@@ -32,7 +32,9 @@ class Draws:
 
     def capillary_number(self, mean_velocity: float) -> Floats:
         """Return Ca of each at one mean velocity of the flow [m/s] : (n,) array."""
-        return self.viscosity * mean_velocity / self.surface_shear_modulus
+        return capillary_number(
+            viscosity=self.viscosity, mean_velocity=mean_velocity, surface_shear_modulus=self.surface_shear_modulus
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, imposed_velocity
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import ForwardModel
@@ -114,7 +114,9 @@ def flow_design(
     capsules = expectation.drawn(np.random.default_rng(seed), _DRAWS)
     with threadpool_limits(limits=1):
         table = WidthTable.of(predictor, capsules.size_ratio, progress)
-    per_ca = expected_modulus / float(centre.viscosity[0])
+    per_ca = float(
+        imposed_velocity(viscosity=centre.viscosity[0], capillary_number=1.0, surface_shear_modulus=expected_modulus)
+    )
     velocities = per_ca * here.inner(_POINTS)
     expected = [
         _expected(velocity, table, capsules, centre, model, margin, experiment.cross_section) for velocity in velocities

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, imposed_velocity
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
@@ -109,8 +109,12 @@ class WidthPredictor:
         there = self.model(theta)
         if not there.inside[0]:
             return Width()
-        inputs = self.engine.inputs
-        velocity = float(there.velocity_ratio[0]) * self.modulus * capillary_number / inputs.viscosity.value
+        flow = imposed_velocity(
+            viscosity=self.engine.inputs.viscosity.value,
+            capillary_number=capillary_number,
+            surface_shear_modulus=self.modulus,
+        )
+        velocity = float(there.velocity_ratio[0] * flow)
         lengths, root = self._lengths(there.values[0, :2], there.covariance[0, :2, :2])
         plain = self._posterior(lengths, velocity)
         if plain is None:

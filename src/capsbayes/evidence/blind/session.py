@@ -18,6 +18,7 @@ from capsbayes.evidence.blind.capsule import Capsule
 from capsbayes.evidence.blind.effects import TrueEffect
 from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.pools import simulator_with
+from capsbayes.experiment import capillary_number, capsule_radius, surface_shear_modulus
 from capsbayes.physics.databases.build import build_database
 
 _TYPICAL = -4.5  # log density relative to its maximum: three standard deviations
@@ -138,7 +139,8 @@ def simulate_session(
     """
     rng = np.random.default_rng(seed)
     modulus, size_ratio, speed = effect.lab(lab, size).drawn(rng, int(np.ceil(_SPARE * capsules)))
-    number = np.round(np.maximum(lab.viscosity * speed / modulus, _LOWEST), _DIGITS)
+    number = capillary_number(viscosity=lab.viscosity, mean_velocity=speed, surface_shear_modulus=modulus)
+    number = np.round(np.maximum(number, _LOWEST), _DIGITS)
     cases = list(zip(number, np.round(size_ratio, _DIGITS), strict=True))
     simulator = simulator_with(effect, size) if refinement is None else simulator_with(effect, size, refinement)
     Path(shapes).parent.mkdir(parents=True, exist_ok=True)
@@ -173,7 +175,9 @@ def _measured(
 def _pairs(shapes: Database, lab: Lab, count: int, rng: np.random.Generator) -> list[tuple[int, float]]:
     """Draw the row of a shape and the mean velocity of each capsule, no pair twice."""
     speeds = np.array(lab.mean_velocities)
-    modulus = lab.viscosity * speeds / shapes["capillary_number"][:, None]
+    modulus = surface_shear_modulus(
+        viscosity=lab.viscosity, mean_velocity=speeds, capillary_number=shapes["capillary_number"][:, None]
+    )
     density = np.exp(lab.log_density(modulus, shapes["size_ratio"][:, None])).ravel()
     possible = int(np.sum(density > np.exp(_TYPICAL)))
     if possible < count:
@@ -192,13 +196,14 @@ def _row(shapes: Database, capillary_number: float, size_ratio: float) -> int | 
 
 def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Capsule:
     """Return the capsule that has the shape in a row of the database at a mean velocity [m/s]."""
-    capillary_number, size_ratio = float(shapes["capillary_number"][row]), float(shapes["size_ratio"][row])
+    ca, size_ratio = float(shapes["capillary_number"][row]), float(shapes["size_ratio"][row])
+    modulus = surface_shear_modulus(viscosity=lab.viscosity, mean_velocity=mean_velocity, capillary_number=ca)
     velocity = mean_velocity * float(shapes["velocity_ratio"][row])
     return Capsule(
-        capillary_number=capillary_number,
+        capillary_number=ca,
         size_ratio=size_ratio,
-        surface_shear_modulus=lab.viscosity * mean_velocity / capillary_number,
-        capsule_radius=size_ratio * lab.half_width,
+        surface_shear_modulus=float(modulus),
+        capsule_radius=float(capsule_radius(size_ratio=size_ratio, half_width=lab.half_width)),
         capsule_velocity=velocity,
         velocity_seen=velocity,
         outline=np.array(shapes["profile"][row]),

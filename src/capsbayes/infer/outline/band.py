@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.profile import vertex_normals
+
 __all__ = ["band"]
 
 Floats = NDArray[np.float64]
@@ -23,8 +25,7 @@ def band(outlines: Floats) -> tuple[Floats, Floats, Floats]:
     middle, inner, outer : (p, 2) arrays
     """
     middle = outlines.mean(axis=0)
-    tangent = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
-    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1) / np.hypot(*tangent.T)[:, None]
+    normal = vertex_normals(middle)
     distance = np.einsum("dpk,pk->dp", outlines - middle, normal)
     low, high = np.quantile(distance, [0.025, 0.975], axis=0)
     return middle, middle + low[:, None] * normal, middle + high[:, None] * normal
