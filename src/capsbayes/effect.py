@@ -30,8 +30,6 @@ class Kind(Enum):
     """Owner of the parameter of an effect."""
 
     SESSION = "one value for all capsules of a session"
-    RUN = "one value for each run, as each flow rate"
-    CAPSULE = "each capsule has its own"
     SPEED = "one value for all, and what it does grows with the speed of the capsule"
     STRAIN = "one value for all, and what it does grows with the strain of the membrane"
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from density_of_all_inputs import log_prior
 from scipy import stats
 
 from capsbayes.experiment import Experiment
@@ -39,8 +40,8 @@ def test_integrating_the_inputs_by_hand_gives_the_factored_density(
     full = []
     for n in range(3):
         theta = drawn | {"capillary_number": np.full(count, ca[n]), "size_ratio": np.full(count, size[n])}
-        log_prior = prior.log_density(theta, np.full(count, points.velocity_ratio[n]))
-        mass = np.exp(log_prior - 10.0).mean()
+        at_prior = log_prior(prior, theta, np.full(count, points.velocity_ratio[n]))
+        mass = np.exp(at_prior - 10.0).mean()
         likelihood = density.likelihood.log_density(points.taken(np.array([n])), 25.1e-6)[0]
         full.append(np.log(mass) + likelihood)
     np.testing.assert_allclose(np.array(full) - full[1], factored - factored[1], atol=0.02)

@@ -30,17 +30,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity
 
-__all__ = ["Prior", "coordinate_prior", "log_jacobian"]
-
-Floats = NDArray[np.float64]
+__all__ = ["Prior", "coordinate_prior"]
 
 _RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
 _LIMITED = ("surface_shear_modulus", "capsule_radius")
@@ -112,30 +107,6 @@ class Prior:
         read = {name: coordinate_prior(text, where=where, key=name) for name, text in texts.items()}
         return replace(self, coordinates={**self.coordinates, **read})
 
-    def log_density(self, theta: Mapping[str, Floats], velocity_ratio: Floats) -> Floats:
-        """Return the log prior density in (log Ca, a/l, v_o) at given viscosity and half width.
-
-        Parameters
-        ----------
-        theta : mapping
-            ``capillary_number``, ``size_ratio``, ``viscosity``, ``half_width``, ``capsule_velocity``: (n,) arrays, SI.
-        velocity_ratio : (n,) array
-            v_o/U of the model there.
-
-        Returns
-        -------
-        (n,) array
-        """
-        log_velocity = np.log(theta["capsule_velocity"] / velocity_ratio)
-        log_modulus = np.log(theta["viscosity"]) + log_velocity - np.log(theta["capillary_number"])
-        radius = theta["size_ratio"] * theta["half_width"]
-        return (
-            self.surface_shear_modulus.logpdf(np.exp(log_modulus))
-            + log_modulus  # from G_s to log G_s
-            + self.capsule_radius.logpdf(radius)
-            + log_jacobian(half_width=theta["half_width"], capsule_velocity=theta["capsule_velocity"])
-        )
-
     def described(self) -> dict[str, dict[str, Any]]:
         """Return the ranges of G_s and a in SI, for reports and files."""
         ranges = {name: getattr(self, name) for name in _LIMITED}
@@ -185,11 +156,6 @@ def _coordinate(given: Given, where: str, key: str) -> Quantity:
     if read.known:
         raise InputError(where, key, expected, repr(given))
     return read
-
-
-def log_jacobian(*, half_width: ArrayLike, capsule_velocity: ArrayLike) -> Floats:
-    """Return the log of |d(log G_s, a, log U) / d(log Ca, a/l, v_o)| = log(l / v_o); see the module's text."""
-    return np.log(np.asarray(half_width) / np.asarray(capsule_velocity))
 
 
 def _range(where: str, key: str, stated: object) -> Quantity:

@@ -7,7 +7,7 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, aligned_with
-from capsbayes.infer.outline.normal_distance import footing, normal_distances, posed_on
+from capsbayes.infer.outline.normal_distance import normal_distances, posed_on
 from capsbayes.measured_outline import OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
@@ -61,7 +61,7 @@ def test_points_behind_a_gap_stand_where_they_belong():
     points = outline[1::3]
     kept = points[np.abs(points[:, 1]) < 0.8]
     assert np.hypot(*np.diff(kept, axis=0).T).max() > 1.5
-    assert np.abs(footing(kept, outline).distance).max() < 1e-12
+    assert np.abs(posed_on(kept, outline, fits=0)[1].distance).max() < 1e-12
     shifted, feet = posed_on(kept + np.array([0.03, -0.02]), outline)
     np.testing.assert_allclose(shifted, kept, atol=1e-3)
     assert np.abs(feet.distance).max() < 1e-3
@@ -71,7 +71,7 @@ def test_distances_from_a_circle_are_exact():
     angle = np.linspace(0.0, 2.0 * np.pi, 2000, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = np.array([[1.2, 0.0], [0.0, 0.7], [-1.0, 0.0], [0.0, -1.1]])
-    feet = footing(points, circle)
+    feet = posed_on(points, circle, fits=0)[1]
     np.testing.assert_allclose(feet.distance, [0.2, -0.3, 0.0, 0.1], atol=2e-6)
     np.testing.assert_allclose(feet.normal, [[1, 0], [0, 1], [-1, 0], [0, -1]], atol=1e-3)
     np.testing.assert_allclose((feet.place / 2000 + 0.1) % 1.0, [0.1, 0.35, 0.6, 0.85], atol=1e-3)
@@ -105,7 +105,7 @@ def test_points_of_the_rear_do_not_jump_across_the_rim(model):
     """The rear rim is thinner than the step between two points."""
     outline = outlines(model, [0.1, 0.95])[0]
     inward = outline[::4] - 0.002 * vertex_normals(outline)[::4]
-    np.testing.assert_allclose(footing(inward, outline).distance, -0.002, atol=4e-4)
+    np.testing.assert_allclose(posed_on(inward, outline, fits=0)[1].distance, -0.002, atol=4e-4)
 
 
 def test_it_is_blind_to_place_and_tilt_and_sees_the_size(model):

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Footing", "footing", "normal_distances", "posed_on"]
+__all__ = ["Footing", "normal_distances", "posed_on"]
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ class Footing(NamedTuple):
     normal: Floats
 
 
-def footing(points: Floats, outline: Floats) -> Footing:
-    """Find the nearest places of measured points on one closed outline.
+def posed_on(points: Floats, outline: Floats, *, fits: int = _FITS) -> tuple[Floats, Footing]:
+    """Shift and turn points onto one closed outline by least squares, and find their nearest places on it.
 
     Parameters
     ----------
@@ -44,18 +44,16 @@ def footing(points: Floats, outline: Floats) -> Footing:
         Consecutive, columns (z, y), in the sense of the outline.
     outline : (p, 2) array
         Vertices, as of a `Profile`: z and y turn counter-clockwise, the interior on the left.
+    fits : int
+        Least-squares fits; with none the points stay.
+
+    Returns
+    -------
+    (m, 2) array, Footing
     """
-    count = len(points)
-    distance, place, normal = np.empty(count), np.empty(count), np.empty((count, 2))
-    _nearest(_contiguous(points), _contiguous(outline), distance, place, normal)
-    return Footing(distance, place, normal)
-
-
-def posed_on(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
-    """Shift and turn points (m, 2) onto one outline by least squares; return them and their nearest places on it."""
     moved, count = np.array(points, dtype=np.float64, order="C"), len(points)
     distance, place, normal = np.empty(count), np.empty(count), np.empty((count, 2))
-    _pose(moved, _contiguous(outline), _FITS, 0.0, distance, place, normal)
+    _pose(moved, _contiguous(outline), fits, 0.0, distance, place, normal)
     return moved, Footing(distance, place, normal)
 
 

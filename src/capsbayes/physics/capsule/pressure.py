@@ -37,19 +37,12 @@ def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
     drop = elastic.gradient @ flow / (iterate.capillary_number * channel.area)
     on_axis = nodes[np.hypot(mesh.nodes[:, 0], mesh.nodes[:, 1]) < 1e-12, 2]
     middle, end = float(np.mean(on_axis)), _FAR * problem.walls.end
-    here, upstream, downstream = _disturbance(problem, iterate, np.array([middle, -end, end]))
+    here, upstream, downstream = pressure_of_disturbance(problem, iterate, np.array([middle, -end, end]))
     inside = here - channel.pressure_gradient * middle - (upstream + downstream) / 2
     return float(inside), float(drop)
 
 
-def far_pressure_drop(problem: Problem, iterate: Iterate) -> float:
-    """Compute dP+ by another route: pressure of the disturbance far upstream less that far downstream."""
-    end = _FAR * problem.walls.end
-    upstream, downstream = _disturbance(problem, iterate, np.array([-end, end]))
-    return float(upstream - downstream)
-
-
-def _disturbance(problem: Problem, iterate: Iterate, z: Floats) -> Floats:
+def pressure_of_disturbance(problem: Problem, iterate: Iterate, z: Floats) -> Floats:
     """Compute the pressure (p,) of the disturbance by membrane and walls at points `z` of the axis."""
     mesh = problem.mesh
     density = problem.density(iterate, problem.membrane(iterate.size_ratio).elasticity(iterate.free).gradient)
