@@ -22,22 +22,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import DatabaseError
 from capsbayes.output_file import unfinished
 from capsbayes.parameters import PARAMETERS
 from capsbayes.status import Status
-
-__all__ = [
-    "ATTRIBUTES",
-    "LIMIT_OF_DATABASE",
-    "LIMIT_OF_EXISTENCE",
-    "LOST_FROM_REST",
-    "NO_EFFECT",
-    "SNAP_THROUGH",
-    "VARIABLES",
-    "Database",
-    "Variable",
-]
 
 NO_EFFECT = "none"
 """Attribute `effect` of a plain database."""
@@ -127,8 +116,6 @@ ATTRIBUTES = (
     "sha256",
 )
 """Every attribute a file must hold; `settings` is JSON, `created` alone is left out of the hash."""
-
-Floats = NDArray[np.float64]
 
 _COORDINATES: dict[str, tuple[str, ...]] = {"axis": ("x", "y", "z"), "plane": ("z", "y")}
 

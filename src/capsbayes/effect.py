@@ -21,8 +21,6 @@ from capsbayes.prediction import Prediction
 if TYPE_CHECKING:
     from capsbayes.model import ForwardModel
 
-__all__ = ["Effect", "HasOutlineModes", "Kind", "Theta"]
-
 Theta = Mapping[str, NDArray[np.float64]]
 
 

@@ -2,15 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "BrokenPromiseError",
-    "CapsbayesError",
-    "DatabaseError",
-    "InputError",
-    "NoShapeError",
-    "OutsideDatabaseError",
-]
-
 
 class CapsbayesError(Exception):
     """Base of every error a user can cause; the command line prints it as one line, exit status 2."""

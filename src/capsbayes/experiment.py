@@ -7,24 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile, quantity, unread
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
-
-__all__ = [
-    "Experiment",
-    "capillary_number",
-    "capsule_radius",
-    "imposed_velocity",
-    "mean_velocity",
-    "size_ratio",
-    "surface_shear_modulus",
-]
-
-Floats = NDArray[np.float64]
 
 CROSS_SECTIONS = ("square", "circular")
 

@@ -14,18 +14,6 @@ from typing import Any
 from capsbayes.errors import InputError
 from capsbayes.quantity import Quantity
 
-__all__ = [
-    "PICTURES",
-    "InputFile",
-    "Reader",
-    "checked_table",
-    "file_name",
-    "not_negative",
-    "number",
-    "quantity",
-    "unread",
-]
-
 Reader = Callable[[Any, str, str], Any]
 """Function of a value, the file and the dotted key; it returns what the value means, or raises InputError."""
 

@@ -8,15 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile, checked_table, file_name, not_negative, number
 from capsbayes.profile import arc_length, signed_area
-
-__all__ = ["FEWEST_POINTS", "MID_PLANE", "SILHOUETTE", "VIEWS", "MeasuredOutline", "OutlineNoise", "Pose", "check_view"]
-
-Floats = NDArray[np.float64]
 
 MID_PLANE = "mid-plane"
 """View of an outline in the plane x = 0."""

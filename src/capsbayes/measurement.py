@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile, Reader, file_name, quantity, unread
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
@@ -17,10 +17,6 @@ from capsbayes.parameters import STATED
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 from capsbayes.status import Status
-
-__all__ = ["CONDITIONS", "Measurement"]
-
-Floats = NDArray[np.float64]
 
 CONDITIONS = ("half_width", "viscosity")
 """Conditions of an experiment that may differ from capsule to capsule of a set."""

@@ -16,8 +16,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.effect import Effect, HasOutlineModes, Theta
 from capsbayes.errors import InputError, OutsideDatabaseError
 from capsbayes.measured_outline import MID_PLANE
@@ -26,11 +27,6 @@ from capsbayes.prediction import Prediction
 if TYPE_CHECKING:
     from capsbayes.database import Database
     from capsbayes.experiment import Experiment
-
-__all__ = ["CIRCUMSTANCES", "TWO_SHAPES", "WRINKLES"]
-__all__ += ["CoordinateRange", "Domain", "Extended", "FixedParameters", "ForwardModel"]
-
-Floats = NDArray[np.float64]
 
 TWO_SHAPES = "two shapes"
 """Caveat: another shape than that of a capsule started from rest is stable too."""
@@ -65,9 +61,7 @@ class Domain(ABC):
         """Smallest box that holds the domain, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
 
     @abstractmethod
-    def contains(
-        self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike
-    ) -> NDArray[np.bool_]:
+    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
         """Return whether each point lies in the domain : (n,) bool array; NaN is outside.
 
         The further coordinates follow in the order of `ForwardModel.coordinates`; without them, their null values are
@@ -214,7 +208,7 @@ class ForwardModel(ABC):
         del theta
         return None
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return by kind (`TWO_SHAPES`, `WRINKLES`) whether a caveat concerns each point of a batch : (n,) arrays."""
         del theta
         return {}
@@ -240,7 +234,7 @@ class _Derived(ForwardModel):
         for name in _DECLARATIONS:
             object.__setattr__(self, name, own[name] if name in own else getattr(self.model, name))
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return those of the model."""
         return self.model.caveats(theta)
 
@@ -359,7 +353,7 @@ class FixedParameters(_Derived):
         """Return those of the model."""
         return self.model.outline_modes(**{**theta, **self.values})
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return those of the model."""
         return self.model.caveats(self._completed(theta))
 

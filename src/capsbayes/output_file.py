@@ -7,8 +7,6 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["replaced", "unfinished"]
-
 
 @contextlib.contextmanager
 def unfinished(path: Path) -> Iterator[Path]:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
-__all__ = ["COORDINATES", "PARAMETERS", "SI_UNITS", "STATED", "Parameter", "Stated"]
-
 SI_UNITS = ("", "m", "Pa s", "m/s", "N/m", "m^3/s", "1/s", "s", "s/m")
 """Units in which numbers are held at the public doors, with that of a ratio; others are scales of the flow problem."""
 

@@ -6,11 +6,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Prediction"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Booleans, Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +47,7 @@ class Prediction:
     velocity_ratio: Floats
     stretch_ratio: Floats
     covariance: Floats
-    inside: NDArray[np.bool_]
+    inside: Booleans
     outline: Floats | None = None
 
     def __post_init__(self) -> None:
@@ -70,7 +67,7 @@ class Prediction:
     def __len__(self) -> int:
         return len(self.axial_extent)
 
-    def taken(self, rows: slice | NDArray[np.int64]) -> Prediction:
+    def taken(self, rows: slice | Integers) -> Prediction:
         """Return some of the points."""
         arrays = {column.name: getattr(self, column.name) for column in fields(self)}
         some: dict[str, Any] = {name: None if array is None else array[rows] for name, array in arrays.items()}

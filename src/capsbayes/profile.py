@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-
-__all__ = ["Profile", "arc_length", "arc_share", "edge_lengths", "equally_spaced", "signed_area", "vertex_normals"]
-
-Floats = NDArray[np.float64]
 
 _AXIS_TOLERANCE = 1e-6  # of the axial extent: how far from y = 0 the nose may lie (single precision rounds it)
 

@@ -9,15 +9,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.parameters import PARAMETERS, SI_UNITS, STATED
 from capsbayes.units import parsed
-
-__all__ = ["Given", "Quantity"]
-
-Floats = NDArray[np.float64]
 
 Given = Any
 """Any form that `Quantity.of` reads: a Quantity, a text, a number in SI, a pint quantity, a frozen distribution."""

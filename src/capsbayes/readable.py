@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Readable", "as_html"]
-
 
 class Readable:
     """An object with a readable `repr` and a table for notebooks, both made of what `described` returns."""

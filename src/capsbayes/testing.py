@@ -8,8 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import BrokenPromiseError, InputError
 from capsbayes.measured_outline import VIEWS
 from capsbayes.model import CIRCUMSTANCES, Domain, ForwardModel
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from capsbayes.effect import Effect
     from capsbayes.physics.membrane import MembraneLaw
     from capsbayes.prediction import Prediction
-
-__all__ = ["check_effect", "check_law", "check_model"]
-
-Array = NDArray[np.float64]
 
 # Unequal stretches: a law that recovers l1 and l2 from the invariants has a square root that ends at l1 = l2,
 # where a difference of invariants taken to one side would leave its domain.
@@ -104,13 +100,13 @@ def _keep(name: str, promises: Mapping[str, Callable[[], str]]) -> None:
             raise BrokenPromiseError(name, promise, difference)
 
 
-def _invariants(stretch: Array) -> tuple[Array, Array]:
+def _invariants(stretch: Floats) -> tuple[Floats, Floats]:
     l1, l2 = stretch[..., 0], stretch[..., 1]
     return l1**2 + l2**2 - 2.0, (l1 * l2) ** 2 - 1.0
 
 
 def _difference(
-    quantity: str, got: Array, expected: Array, tolerance: float = _TOLERANCE, *, at: Array | None = None
+    quantity: str, got: Floats, expected: Floats, tolerance: float = _TOLERANCE, *, at: Floats | None = None
 ) -> str:
     """Describe the worst difference, empty when all agree (NaN never does)."""
     got, expected = np.broadcast_arrays(np.asarray(got, dtype=float), np.asarray(expected, dtype=float))
@@ -169,7 +165,7 @@ def _has_true_derivatives(law: MembraneLaw) -> str:
     )
 
 
-def _differences(up: tuple[Array, ...], down: tuple[Array, ...]) -> list[Array]:
+def _differences(up: tuple[Floats, ...], down: tuple[Floats, ...]) -> list[Floats]:
     return [(a - b) / (2.0 * _STEP) for a, b in zip(up, down, strict=True)]
 
 
@@ -206,7 +202,7 @@ def _is_isotropic(law: MembraneLaw) -> str:
     )
 
 
-def _slope(law: MembraneLaw, strain: tuple[float, float]) -> Array:
+def _slope(law: MembraneLaw, strain: tuple[float, float]) -> Floats:
     """Return the derivative of tau_1 at rest along a direction of strain (e1, e2)."""
     step = 1e-4
     along = step * np.asarray(strain)
@@ -238,13 +234,13 @@ _SI = {"half_width": 25e-6, "capsule_velocity": 5e-3, "mean_velocity": 4e-3, "vi
 _OUTLINE = 0.01  # l by which the outline may differ from the lengths, in addition to the stated error of the prediction
 
 
-def _batch(effect: Effect, size: float, model: ForwardModel) -> dict[str, Array]:
+def _batch(effect: Effect, size: float, model: ForwardModel) -> dict[str, Floats]:
     """Return `_capsules` with one size of the effect."""
     capsules = _capsules(model)
     return capsules | {effect.parameter.name: np.full(len(capsules["size_ratio"]), size)}
 
 
-def _capsules(model: ForwardModel) -> dict[str, Array]:
+def _capsules(model: ForwardModel) -> dict[str, Floats]:
     """Return five capsules of the model's domain and one outside, with every circumstance."""
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
     ca, ratio = np.random.default_rng(0).uniform([ca_low, size_low], [ca_high, size_high], (400, 2)).T
@@ -256,7 +252,7 @@ def _capsules(model: ForwardModel) -> dict[str, Array]:
     return shapes | {name: np.full(len(inner) + 1, value) for name, value in _SI.items()}
 
 
-def _table(prediction: Prediction) -> Array:
+def _table(prediction: Prediction) -> Floats:
     """Return all numbers of a prediction : (n, k) array."""
     count = len(prediction)
     outline = np.zeros((count, 0)) if prediction.outline is None else prediction.outline.reshape(count, -1)
@@ -264,7 +260,7 @@ def _table(prediction: Prediction) -> Array:
     return np.concatenate([*lengths, outline], axis=1)
 
 
-def _with_and_without(effect: Effect, model: ForwardModel, theta: dict[str, Array]) -> tuple[Prediction, Prediction]:
+def _with_and_without(effect: Effect, model: ForwardModel, theta: dict[str, Floats]) -> tuple[Prediction, Prediction]:
     without = {name: values for name, values in theta.items() if name != effect.parameter.name or name in model.names}
     return (model + effect)(theta, outline=True), model(without, outline=True)
 

@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 from capsbayes.errors import InputError
 
-__all__ = ["ParsedText", "parsed"]
-
 # The whole registry of pint takes a fifth of a second more to build, and knows units that nobody means here: "a" would
 # be a year, and "l", which is the half width of the channel, a litre.
 _UNITS = """

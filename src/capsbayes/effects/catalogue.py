@@ -12,8 +12,6 @@ from capsbayes.effects.pixel_scale import PixelScale
 from capsbayes.effects.simulated import SIMULATED
 from capsbayes.effects.viscosity_error import ViscosityError
 
-__all__ = ["catalogue"]
-
 
 def catalogue(cross_section: str = "square") -> dict[str, Effect]:
     """Return the effects by name of their parameter.

@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
-
-__all__ = ["displaced", "scaled"]
-
-Floats = NDArray[np.float64]
 
 
 def displaced(prediction: Prediction, across: Floats, along_flow: Floats) -> Prediction:

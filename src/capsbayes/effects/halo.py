@@ -14,8 +14,6 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 
-__all__ = ["Halo"]
-
 
 @dataclass(frozen=True)
 class Halo:

@@ -13,8 +13,6 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 
-__all__ = ["ModulusSlope"]
-
 
 @dataclass(frozen=True)
 class ModulusSlope:

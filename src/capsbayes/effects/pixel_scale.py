@@ -12,8 +12,6 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 
-__all__ = ["PixelScale"]
-
 
 @dataclass(frozen=True)
 class PixelScale:

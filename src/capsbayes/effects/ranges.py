@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["log_uniform", "normal", "uniform"]
-
 
 def normal(mean: float, spread: float) -> Any:
     """Return a normal distribution."""

@@ -17,8 +17,6 @@ from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.surrogate import joint_surrogate
 
-__all__ = ["SIMULATED", "Simulated"]
-
 Outlines = NDArray[np.float64] | None
 
 

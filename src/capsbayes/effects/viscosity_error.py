@@ -11,8 +11,6 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 
-__all__ = ["ViscosityError"]
-
 
 @dataclass(frozen=True)
 class ViscosityError:

@@ -6,14 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.marginal import Marginal
 from capsbayes.parameters import COORDINATES
-
-__all__ = ["Agreement", "Gate", "agreement"]
-
-Floats = NDArray[np.float64]
 
 MEANS_AGREE, SDS_AGREE = 0.1, 0.02
 _QUANTILES_AGREE = 0.1

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.infer.prior import Prior
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
-
-__all__ = ["Coordinate", "check_coordinates"]
-
-Floats = NDArray[np.float64]
 
 _LEAST_COVERED = 0.8  # of a prior's mass by the range of the model
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
 from capsbayes.infer.coordinate import Coordinate
 from capsbayes.infer.inputs import Inputs
@@ -31,10 +31,6 @@ from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
-
-__all__ = ["PosteriorDensity"]
-
-Floats = NDArray[np.float64]
 
 _ROUNDS = 13  # rounds of redrawing inputs outside the prior ranges; each round draws twice as many
 
@@ -227,7 +223,7 @@ class PosteriorDensity:
             "axial_length": model.length,
         }
 
-    def _in_range(self, draws: Mapping[str, Floats], model: ModelAtPoints) -> NDArray[np.bool_]:
+    def _in_range(self, draws: Mapping[str, Floats], model: ModelAtPoints) -> Booleans:
         """Return where G_s, by the mean v_o/U as in the prior, and a are within their ranges : (n,) bool array."""
         at_mean = _derived({**draws, "velocity_ratio": model.velocity_ratio})
         modulus, radius = at_mean["surface_shear_modulus"], at_mean["capsule_radius"]

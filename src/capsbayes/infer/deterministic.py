@@ -10,8 +10,6 @@ from capsbayes.infer.inputs import Inputs
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 
-__all__ = ["DeterministicAnswer", "deterministic_answer"]
-
 
 @dataclass(frozen=True)
 class DeterministicAnswer:

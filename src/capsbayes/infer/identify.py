@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Agreement, Gate, agreement
@@ -29,10 +29,6 @@ from capsbayes.infer.shares import variance_shares
 from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
-
-__all__ = ["ENGINES", "check_applies", "identify"]
-
-Floats = NDArray[np.float64]
 
 ENGINES = ("emcee", "quadrature")
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
@@ -198,6 +194,6 @@ class _Run(NamedTuple):
     """Result of an engine: (chain, draw) arrays, the ensemble of each chain, gates, agreement with the grid."""
 
     draws: dict[str, Floats]
-    ensemble: NDArray[np.int64]
+    ensemble: Integers
     gates: list[Gate]
     agreement: Agreement | None

@@ -11,8 +11,6 @@ from capsbayes.experiment import Experiment
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 
-__all__ = ["LOOSEST_VELOCITY", "Inputs"]
-
 LOOSEST_VELOCITY = 0.25
 """Largest relative standard error of a velocity: beyond it the flow could be arbitrarily slow."""
 

@@ -9,22 +9,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-__all__ = [
-    "NUDGE",
-    "border_steps",
-    "compiled",
-    "feature_in_cells",
-    "length_given_extent",
-    "misfit",
-    "misfits",
-    "sd_in_cells",
-    "velocity_ratio",
-    "velocity_ratios",
-]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Floats
 
 NUDGE = 0.5  # posterior standard deviations: what lies within them of a border leans on it
 

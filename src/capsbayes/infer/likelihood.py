@@ -10,15 +10,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.kernel import misfits, velocity_ratios
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
-
-__all__ = ["LengthsLikelihood", "ModelAtPoints"]
-
-Floats = NDArray[np.float64]
 
 
 class ModelAtPoints(NamedTuple):

@@ -10,27 +10,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.kernel import compiled
 from capsbayes.infer.marginal import Marginal
 from capsbayes.quantity import Quantity
-
-__all__ = [
-    "LogGrid",
-    "binned",
-    "inverse",
-    "laid",
-    "lognormal",
-    "positive_normal",
-    "product",
-    "resampled",
-    "scaled",
-    "share_between",
-    "summarise",
-]
-
-Floats = NDArray[np.float64]
 
 CELLS_PER_SD = 16  # of the grid a density is laid on: the sum's error is far below the printed digits
 _COARSEST = 4.0  # cells in a standard deviation of factors that many capsules have each for themselves

@@ -8,8 +8,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["Marginal"]
-
 
 @dataclass(frozen=True)
 class Marginal:

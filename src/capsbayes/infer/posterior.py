@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from capsbayes import __version__
+from capsbayes.arrays import Floats, Integers
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
@@ -26,10 +26,6 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-__all__ = ["REPORTED", "Posterior"]
-
-Floats = NDArray[np.float64]
 
 REPORTED = (
     "surface_shear_modulus",
@@ -80,7 +76,7 @@ class Posterior:
     """
 
     draws: Mapping[str, Floats]
-    ensemble: NDArray[np.int64]
+    ensemble: Integers
     marginals: Mapping[str, Marginal]
     reference: Mapping[str, Marginal]
     measurement: Measurement

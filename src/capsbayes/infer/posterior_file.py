@@ -24,8 +24,6 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["RECORD", "read_fields", "record_of", "write_groups"]
-
 RECORD = "record"
 """Attribute of the file that holds `record_of`."""
 

@@ -35,8 +35,6 @@ from capsbayes.input_file import InputFile
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity
 
-__all__ = ["Prior", "coordinate_prior"]
-
 _RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
 _LIMITED = ("surface_shear_modulus", "capsule_radius")
 _MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e-6, 1e-3, "m")

@@ -20,8 +20,6 @@ from capsbayes.infer.grid.mixed import ExactEngine, MixedPosterior
 from capsbayes.infer.grid.posterior import ExactPosterior
 from capsbayes.measurement import Measurement
 
-__all__ = ["QUANTITIES", "REST", "shares_of_each", "variance_shares"]
-
 REST = "prior and curvature"
 QUANTITIES = ("surface_shear_modulus", "capsule_radius")
 

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.kernel import border_steps
 from capsbayes.infer.prior import Prior
 from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
 from capsbayes.status import Status
-
-__all__ = ["LEANING_SHARE", "leaning", "leaning_status", "leanings", "shares_by_kind", "verdict"]
-
-Floats = NDArray[np.float64]
 
 LEANING_SHARE = 0.05
 """Share of a posterior next to a border from which on it leans on it."""

@@ -13,8 +13,6 @@ from capsbayes.input_file import InputFile
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 
-__all__ = ["measurement_files", "read_folder", "write_folder"]
-
 _EXPERIMENT = "experiment.toml"
 
 

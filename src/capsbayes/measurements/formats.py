@@ -13,8 +13,6 @@ from capsbayes.measurements.measured_set import MeasuredSet
 from capsbayes.measurements.netcdf import read_netcdf, write_netcdf
 from capsbayes.measurements.table import read_table, write_table
 
-__all__ = ["read_set", "write_set"]
-
 _READERS = {".csv": read_table, ".nc": read_netcdf}
 
 

@@ -10,8 +10,6 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.measurement import Measurement
 
-__all__ = ["MeasuredSet", "check_comparable", "gathered", "known_experiment"]
-
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSet:

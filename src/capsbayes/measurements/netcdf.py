@@ -16,8 +16,6 @@ from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.parameters import PARAMETERS
 
-__all__ = ["opened", "read_netcdf", "write_netcdf"]
-
 # numbers over the capsules
 _NEEDED = ("axial_extent", "axial_extent_error", "capsule_velocity", "capsule_velocity_error")
 _LENGTH = ("axial_length", "axial_length_error")

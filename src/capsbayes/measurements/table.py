@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.measurement import CONDITIONS, Measurement
@@ -27,11 +28,8 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["NUMBERS", "MeasuredLengths", "is_table_of_lengths", "read_table", "write_table"]
-
-Floats = NDArray[np.float64]
 Strings = NDArray[np.str_]
-Rows = NDArray[np.bool_]
+Rows = Booleans
 
 # name in a measurement, headers under which it is found, and their factors to SI
 _VELOCITY = {"_m_per_s": 1.0, "_mm_per_s": 1e-3}

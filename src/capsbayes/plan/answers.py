@@ -6,18 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
 from capsbayes.infer.inputs import Inputs
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
-
-__all__ = ["ANSWERS", "Answerer"]
-
-Floats = NDArray[np.float64]
 
 ANSWERS = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
 """Quantities answered, as in `capsbayes.parameters`."""
@@ -106,7 +102,7 @@ class Answerer:
         scales = np.maximum(own, 0.1 * max(*own, 1e-6))
         return cls(model, centre | lengths, measurement.over_half_width, NearestShape.of(model, scales))
 
-    def __call__(self, samples: Mapping[str, Floats]) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
+    def __call__(self, samples: Mapping[str, Floats]) -> tuple[dict[str, Floats], Booleans]:
         """Answer all samples.
 
         Parameters
@@ -134,7 +130,7 @@ class Answerer:
         radius = capsule_radius(size_ratio=size, half_width=all_inputs["half_width"])
         return dict(zip(ANSWERS, (modulus, radius, ca, size), strict=True)), outside[which.ravel()]
 
-    def _places(self, lengths: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    def _places(self, lengths: Floats) -> tuple[Floats, Booleans]:
         """Return Ca, a/l and v_o/U (n, 3) of lengths (n, 2), and a mask of the answers of the nearest shape."""
         from capsbayes.surrogate import inverse
 

@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.model import ForwardModel
-
-__all__ = ["CaRange", "range_at"]
-
-Floats = NDArray[np.float64]
 
 _SCANNED = 4001
 

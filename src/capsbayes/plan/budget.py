@@ -24,8 +24,6 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["BudgetRow", "ErrorBudget", "error_budget"]
-
 _ORDER = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_length", "outline", "surrogate")
 
 

@@ -14,8 +14,6 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["FlowDesign", "FlowPoint"]
-
 _AS_GOOD = 1.05  # width over the smallest, up to which a velocity counts as good
 
 

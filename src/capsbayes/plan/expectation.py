@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.experiment import Experiment, capillary_number, size_ratio
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.quantity import Given, Quantity
-
-__all__ = ["Draws", "Expectation"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

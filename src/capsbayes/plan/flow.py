@@ -28,8 +28,6 @@ from capsbayes.plan.widths import NOISES, WidthPredictor
 from capsbayes.quantity import Given
 from capsbayes.status import Status
 
-__all__ = ["MARGIN", "RISK", "flow_design", "flow_rate"]
-
 MARGIN = 0.1
 """Share of the Ca at the limit of existence by which capsules are to stay below it."""
 

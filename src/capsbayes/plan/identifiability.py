@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from capsbayes import __version__
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.model import TWO_SHAPES, ForwardModel
@@ -21,9 +21,6 @@ from capsbayes.plan.widths import NOISES, Width, WidthPredictor
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["GRID", "Progress", "identifiability_map", "lab_attributes"]
-
-Floats = NDArray[np.float64]
 Progress = Callable[[Iterable, int, str], Iterable]
 """Wrapper of the points that are computed, given their number and a title, to show progress."""
 
@@ -122,7 +119,7 @@ def _dataset(
     model: ForwardModel,
     ca: Floats,
     size: Floats,
-    inside: NDArray[np.bool_],
+    inside: Booleans,
     values: dict[str, Floats],
     attributes: dict[str, str | int],
 ) -> xr.Dataset:

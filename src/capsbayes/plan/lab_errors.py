@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.measurement import Measurement
-
-__all__ = ["LabErrors"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import contextlib
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.quadrature import Quadrature
@@ -18,10 +18,6 @@ from capsbayes.plan.expectation import Draws, Expectation
 from capsbayes.plan.lab_errors import LabErrors
 from capsbayes.plan.widths import check_model, width_of
 from capsbayes.quantity import Given
-
-__all__ = ["SimulatedWidths", "simulated_widths"]
-
-Floats = NDArray[np.float64]
 
 _LOST = 20  # capsules without a shape for each that has one, beyond which the search is given up
 
@@ -47,7 +43,7 @@ class SimulatedWidths:
 
     relative: Floats
     sd: Floats
-    within: NDArray[np.bool_]
+    within: Booleans
     without_shape: int
     refused: int
     seed: int

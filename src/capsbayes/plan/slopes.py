@@ -23,8 +23,6 @@ from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.shares import QUANTITIES
 from capsbayes.measurement import Measurement
 
-__all__ = ["Setting", "log_slopes", "settings_of"]
-
 STEP = 0.5  # standard errors
 STEP_OF_KNOWN = 5e-3  # of the value
 

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.inputs import Inputs
@@ -26,10 +26,6 @@ from capsbayes.plan.slopes import settings_of
 from capsbayes.plan.sobol_study import CONFIDENCE, SobolIndex, SobolStudy
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
-
-__all__ = ["SAMPLES", "sobol_indices", "varied_range"]
-
-Floats = NDArray[np.float64]
 
 SAMPLES = 1024
 """Groups of samples; each takes as many answers as inputs vary, and two."""
@@ -207,7 +203,7 @@ def _indices(varied: Mapping[str, Quantity], values: Floats, seed: int) -> dict[
     return {name: SobolIndex(*map(float, row)) for name, row in zip(varied, columns, strict=True)}
 
 
-def _change(values: Mapping[str, Floats], outside: NDArray[np.bool_]) -> float:
+def _change(values: Mapping[str, Floats], outside: Booleans) -> float:
     """Return the largest change of an index of G_s or a when the groups that hold a sample outside are omitted."""
     kept = ~outside.any(axis=1)
     if kept.all():

@@ -16,8 +16,6 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["CONFIDENCE", "SobolIndex", "SobolStudy"]
-
 CONFIDENCE = 0.95
 
 

@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.model import ForwardModel
 from capsbayes.plan.borders import range_at
 from capsbayes.plan.identifiability import Progress
 from capsbayes.plan.widths import Width, WidthPredictor
-
-__all__ = ["WidthTable"]
-
-Floats = NDArray[np.float64]
 
 _POINTS = 32  # along log Ca in each column
 _SPACING, _MOST = 0.015, 9  # of the columns, and how many

@@ -13,9 +13,9 @@ import contextlib
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, imposed_velocity
 from capsbayes.infer.grid.posterior import GridPosterior
@@ -24,10 +24,6 @@ from capsbayes.infer.prior import Prior
 from capsbayes.infer.verdict import leaning
 from capsbayes.model import ForwardModel
 from capsbayes.plan.lab_errors import LabErrors
-
-__all__ = ["NOISES", "Width", "WidthPredictor", "noise_lattice", "width_of"]
-
-Floats = NDArray[np.float64]
 
 NOISES = 13
 """Number of measurements that a width is averaged over."""

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_erosion
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
 from capsbayes.measured_outline import MID_PLANE, SILHOUETTE
@@ -25,10 +25,6 @@ from capsbayes.surrogate.domain import Region, inside_borders
 from capsbayes.surrogate.own_error import OwnError, mesh_error_of
 from capsbayes.surrogate.scaling import PlaneScaling
 from capsbayes.surrogate.table import HermiteTable, hermite
-
-__all__ = ["COLUMNS", "BranchSurrogate", "approximation_of", "bilinear"]
-
-Floats = NDArray[np.float64]
 
 COLUMNS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 CELLS = (160, 120)
@@ -90,7 +86,7 @@ class BranchSurrogate:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "lattice_covariance", self._covariance(lattice, wanted))
 
-    def _covariance(self, lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
+    def _covariance(self, lattice: Floats, wanted: Booleans) -> Floats:
         """Return the own error on the table's lattice: of left-out cases, of the mesh, and in the gap of the branch."""
         covariance = np.full((*wanted.shape, 3, 3), np.nan)
         covariance[wanted] = self._own_error.covariance(lattice[wanted])
@@ -107,7 +103,7 @@ class BranchSurrogate:
             covariance[in_gap] += jump[:, :, None] * jump[:, None, :] / 2  # either branch with the same probability
         return covariance
 
-    def predict(self, ca: Floats, size: Floats, values: Floats, covariance: Floats, inside: NDArray[np.bool_]) -> None:
+    def predict(self, ca: Floats, size: Floats, values: Floats, covariance: Floats, inside: Booleans) -> None:
         """Fill in values (n, 4), covariance (n, 3, 3) and inside (n,) at the points that lie in the region."""
         _predict(ca, size, self._frame, self.table.coefficients, self.lattice_covariance, values, covariance, inside)
 
@@ -169,7 +165,7 @@ def approximation_of(cases: Database, branch: Branch, scaling: PlaneScaling) -> 
     return DiffuseApproximation(nodes, values, degree=degree, neighbours=min(neighbours, len(rows) - 2))
 
 
-def _lattice(region: Region, scaling: PlaneScaling, cells: tuple[int, int]) -> tuple[Floats, NDArray[np.bool_]]:
+def _lattice(region: Region, scaling: PlaneScaling, cells: tuple[int, int]) -> tuple[Floats, Booleans]:
     """Return the table's lattice points (i, j, 2), and which of them lie in the region or within two cells of it."""
     ends = region.lowest.min(), region.highest.max()
     low, high = scaling.to_plane(np.array(ends), region.size_ratio[[0, -1]])
@@ -181,7 +177,7 @@ def _lattice(region: Region, scaling: PlaneScaling, cells: tuple[int, int]) -> t
     return lattice, binary_dilation(inside, np.ones((5, 5), dtype=bool))
 
 
-def _probes(lattice: Floats, wanted: NDArray[np.bool_]) -> Floats:
+def _probes(lattice: Floats, wanted: Booleans) -> Floats:
     """Return lattice points (n, 2) where too sparse cases show first: on the rim of the region, and some inside."""
     probes = wanted & ~binary_erosion(wanted)
     probes[::8, ::8] |= wanted[::8, ::8]

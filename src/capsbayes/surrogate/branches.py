@@ -15,16 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import LIMIT_OF_EXISTENCE, LOST_FROM_REST, SNAP_THROUGH, Database
 from capsbayes.errors import DatabaseError
 from capsbayes.surrogate.domain import Region
-
-__all__ = ["CONVEX", "Branch", "branches_of"]
-
-Floats = NDArray[np.float64]
 
 CONVEX = 1e-4  # L_p/l below which a rear counts as convex; the cases have 0, or 0.02 and more
 FEWEST_CASES = 9
@@ -48,7 +44,7 @@ class Branch:
     """
 
     name: str
-    rows: NDArray[np.int64]
+    rows: Integers
     region: Region
     gap: Region | None
 
@@ -123,7 +119,7 @@ def _gap_region(columns: Floats, low: Floats, high: Floats, lowest: Floats) -> R
     return Region(columns[kept], low[kept], high[kept], np.zeros(np.count_nonzero(kept), dtype=bool))
 
 
-def _is_limit(cases: Database, columns: Floats) -> NDArray[np.bool_]:
+def _is_limit(cases: Database, columns: Floats) -> Booleans:
     upper = ~np.isin(cases["border_kind"], (SNAP_THROUGH, LOST_FROM_REST))
     if not upper.any():
         return np.zeros(len(columns), dtype=np.bool_)

@@ -5,17 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import LOST_FROM_REST, SNAP_THROUGH, Database
 from capsbayes.model import TWO_SHAPES, WRINKLES
 from capsbayes.surrogate.domain import Region
 from capsbayes.surrogate.scaling import PlaneScaling
-
-__all__ = ["Caveats"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +33,7 @@ class Caveats:
     two_shapes: Region | None
     scaling: PlaneScaling
     cases: Floats
-    wrinkled: NDArray[np.bool_]
+    wrinkled: Booleans
 
     @classmethod
     def of(cls, cases: Database, scaling: PlaneScaling) -> Caveats:
@@ -45,14 +41,14 @@ class Caveats:
         places = scaling.to_plane(cases["capillary_number"], cases["size_ratio"])
         return cls(_two_shapes(cases), scaling, places, np.asarray(cases["wrinkling_rate"] > 0.0))
 
-    def __call__(self, capillary_number: Floats, size_ratio: Floats) -> dict[str, NDArray[np.bool_]]:
+    def __call__(self, capillary_number: Floats, size_ratio: Floats) -> dict[str, Booleans]:
         """Return by kind whether a caveat concerns each point : (n,) arrays."""
         caveats = {}
         if self.two_shapes is not None:
             caveats[TWO_SHAPES] = self.two_shapes.contains(capillary_number, size_ratio)
         if self.wrinkled.any():
             places = self.scaling.to_plane(capillary_number, size_ratio)
-            known: NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=1))
+            known: Booleans = np.asarray(np.isfinite(places).all(axis=1))
             nearest = np.asarray(KDTree(self.cases).query(np.where(known[:, None], places, 0.0))[1])
             caveats[WRINKLES] = np.logical_and(known, self.wrinkled[nearest])
         return caveats

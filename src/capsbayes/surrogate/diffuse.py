@@ -38,11 +38,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-__all__ = ["DiffuseApproximation", "each_left_out", "leave_one_out"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Floats
 
 DEGREE = 4
 NEIGHBOURS = 20

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.model import Domain
-
-__all__ = ["DomainOfExistence", "Region", "between_columns", "inside_borders"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +34,9 @@ class Region:
     size_ratio: Floats
     lowest: Floats
     highest: Floats
-    limit: NDArray[np.bool_]
+    limit: Booleans
 
-    def contains(self, capillary_number: Floats, size_ratio: Floats) -> NDArray[np.bool_]:
+    def contains(self, capillary_number: Floats, size_ratio: Floats) -> Booleans:
         """Return whether each point lies in the region, borders included : (n,) bool array; NaN is outside."""
         return _contains(capillary_number, size_ratio, self.size_ratio, self.lowest, self.highest)
 
@@ -78,9 +75,7 @@ class DomainOfExistence(Domain):
         last = max(float(region.size_ratio[-1]) for region in self.regions)
         return (lowest, highest), (first, last)
 
-    def contains(
-        self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike
-    ) -> NDArray[np.bool_]:
+    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
         """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         del coordinates
         ca, size = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio))

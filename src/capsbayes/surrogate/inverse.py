@@ -27,13 +27,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.profile import Profile
-
-__all__ = ["DISTANCE_WEIGHTS", "Inverse", "InverseResult", "VelocityTriangulation", "inverse", "rotated"]
-
-Floats = NDArray[np.float64]
 
 DISTANCE_WEIGHTS = (0.05, 1.0)
 FEWEST_NEIGHBOURS = 5  # three unknowns, and the farthest neighbour has no weight
@@ -106,7 +103,7 @@ class InverseResult:
     size_ratio: float
     velocity_ratio: float
     contour: Floats = field(repr=False)
-    neighbours: NDArray[np.int64] = field(repr=False)
+    neighbours: Integers = field(repr=False)
 
     @property
     def profile(self) -> Profile:
@@ -214,7 +211,7 @@ def rotated(lengths: Floats) -> Floats:
     return np.stack([extent + length, length - extent], axis=-1) / np.sqrt(2.0)
 
 
-def _neighbourhood(cloud: Floats, target: Floats, count: int) -> tuple[NDArray[np.int64], Floats]:
+def _neighbourhood(cloud: Floats, target: Floats, count: int) -> tuple[Integers, Floats]:
     """Return the rows of the nearest cases and their weights 2 D^3 - 3 D^2 + 1, D = 1 at the farthest of them."""
     distance = np.sqrt((cloud - target) ** 2 @ np.array(DISTANCE_WEIGHTS))
     near = np.argsort(distance, kind="stable")[:count]

@@ -15,12 +15,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Forward", "Inversion", "solve"]
+from capsbayes.arrays import Booleans, Floats, Integers
 
-Floats = NDArray[np.float64]
-Forward = Callable[[Floats, NDArray[np.int64]], tuple[Floats, Floats]]
+Forward = Callable[[Floats, Integers], tuple[Floats, Floats]]
 
 TOLERANCE = 1e-10
 ITERATIONS = 60
@@ -43,7 +41,7 @@ class Inversion:
 
     points: Floats
     misfit: Floats
-    exact: NDArray[np.bool_]
+    exact: Booleans
 
 
 def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
@@ -80,7 +78,7 @@ def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
     return Inversion(points, misfit, misfit < TOLERANCE)
 
 
-def _descend(forward: Forward, wanted: Floats, start: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
+def _descend(forward: Forward, wanted: Floats, start: Floats, rows: Integers) -> tuple[Floats, Floats]:
     """Return where k problems end (k, 2), from one starting point each, and their misfits there (k,)."""
     point = start.copy()
     value, gradient = forward(point, rows)

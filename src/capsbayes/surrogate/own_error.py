@@ -17,13 +17,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.surrogate.diffuse import DiffuseApproximation
-
-__all__ = ["QUANTITIES", "OwnError", "mesh_error_of"]
-
-Floats = NDArray[np.float64]
 
 QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 NEIGHBOURS = 12

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import Database
 from capsbayes.measured_outline import MID_PLANE, check_view
 from capsbayes.model import ForwardModel
@@ -23,10 +24,6 @@ from capsbayes.surrogate.branches import branches_of
 from capsbayes.surrogate.caveats import Caveats
 from capsbayes.surrogate.domain import DomainOfExistence
 from capsbayes.surrogate.scaling import PlaneScaling
-
-__all__ = ["PlaneSurrogate"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +60,7 @@ class PlaneSurrogate(ForwardModel):
         for key, value in made.items():
             object.__setattr__(self, key, value)
 
-    def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
+    def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
         """Predict a batch; outside the domain NaN, with ``inside`` False.
 
         Parameters
@@ -82,7 +79,7 @@ class PlaneSurrogate(ForwardModel):
         shapes = self._outlines(ca, size) if outline else None
         return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return by kind whether a caveat concerns each point of a batch : (n,) arrays."""
         return self._caveats(*_pair(theta["capillary_number"], theta["size_ratio"]))
 

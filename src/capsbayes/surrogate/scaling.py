@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-__all__ = ["PlaneScaling"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,6 @@ from capsbayes.measured_outline import MID_PLANE, check_view
 from capsbayes.surrogate.joint.surrogate import SLICE_CELLS, EffectSurrogate, check_values
 from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
 
-__all__ = ["Surrogate", "joint_surrogate"]
-
 
 @dataclass(frozen=True, eq=False)
 class Surrogate(PlaneSurrogate):

@@ -12,11 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-__all__ = ["HermiteTable", "hermite"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Booleans, Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +40,7 @@ class HermiteTable:
         high: Floats,
         *,
         cells: tuple[int, int],
-        wanted: NDArray[np.bool_],
+        wanted: Booleans,
     ) -> HermiteTable:
         """Tabulate a function that returns values (n, q) and gradients (n, q, 2) at points (n, 2).
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import Database
 from capsbayes.surrogate.branch_surrogate import approximation_of
 from capsbayes.surrogate.branches import CONVEX, branches_of
@@ -19,11 +19,6 @@ from capsbayes.surrogate.diffuse import DiffuseApproximation, each_left_out
 from capsbayes.surrogate.inverse import DISTANCE_WEIGHTS, Inverse, inverse, rotated
 from capsbayes.surrogate.inversion import solve
 from capsbayes.surrogate.scaling import PlaneScaling
-
-__all__ = ["CHOICES", "PAPER_CASES", "PAPER_ERRORS", "PARAMETERS", "STRETCH_LIMIT", "LeaveOneOut"]
-__all__ += ["Summary", "even_subset", "validate_forward_map", "validate_inverse"]
-
-Floats = NDArray[np.float64]
 
 PARAMETERS = ("capillary_number", "size_ratio", "velocity_ratio")
 STRETCH_LIMIT = 1.04  # of the profile, above which the paper recommends its method
@@ -72,7 +67,7 @@ class LeaveOneOut:
     parachute_depth: Floats
     errors: Floats
 
-    def chosen(self, which: str) -> NDArray[np.bool_]:
+    def chosen(self, which: str) -> Booleans:
         """Return the cases of one of `CHOICES` : (c,) bool array."""
         chosen = np.ones(len(self.errors), dtype=np.bool_)
         if which != "all":
@@ -129,7 +124,7 @@ def _searched(rest: DiffuseApproximation, lengths: Floats) -> Floats:
     distance = (rotated(rest.values[:, :2]) - rotated(lengths)) ** 2 @ np.array(DISTANCE_WEIGHTS)
     starts = rest.nodes[np.argsort(distance, kind="stable")[:STARTS]]
 
-    def forward(points: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def forward(points: Floats, rows: Integers) -> tuple[Floats, Floats]:
         del rows
         values, gradients = rest.with_gradient(points)
         return values[:, :2], gradients[:, :2]

@@ -8,8 +8,6 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
-__all__ = ["progress_bar", "tracked"]
-
 T = TypeVar("T")
 _PERIOD = 1.0  # s between two counts
 

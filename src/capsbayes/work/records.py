@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Records"]
-
 
 @dataclass(frozen=True)
 class Records:

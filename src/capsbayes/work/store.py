@@ -21,8 +21,6 @@ import numpy as np
 from capsbayes.errors import DatabaseError
 from capsbayes.output_file import replaced, unfinished
 
-__all__ = ["Store"]
-
 _MAGIC, _PICKLED = b"capsbayes part 2", b"capsbayes part 1"
 _SUFFIX = ".part"
 _JSON = "json"

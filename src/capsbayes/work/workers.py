@@ -12,8 +12,6 @@ from typing import Any, TypeVar
 
 from capsbayes.errors import InputError
 
-__all__ = ["run_tasks"]
-
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 T = TypeVar("T")

@@ -139,9 +139,8 @@ def simulate_session(
     """
     rng = np.random.default_rng(seed)
     modulus, size_ratio, speed = effect.lab(lab, size).drawn(rng, int(np.ceil(_SPARE * capsules)))
-    number = capillary_number(viscosity=lab.viscosity, mean_velocity=speed, surface_shear_modulus=modulus)
-    number = np.round(np.maximum(number, _LOWEST), _DIGITS)
-    cases = list(zip(number, np.round(size_ratio, _DIGITS), strict=True))
+    ca = capillary_number(viscosity=lab.viscosity, mean_velocity=speed, surface_shear_modulus=modulus)
+    cases = list(zip(np.round(np.maximum(ca, _LOWEST), _DIGITS), np.round(size_ratio, _DIGITS), strict=True))
     simulator = simulator_with(effect, size) if refinement is None else simulator_with(effect, size, refinement)
     Path(shapes).parent.mkdir(parents=True, exist_ok=True)
     converged = build_database(simulator, cases, out=shapes, workers=workers).converged

@@ -10,14 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.model import ForwardModel
-
-__all__ = ["CoarseTable", "Nodes", "Window"]
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _COARSE = (48, 72)
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
@@ -32,10 +32,6 @@ from capsbayes.infer.outline.table import AnyOutline
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
-
-__all__ = ["ExactEngine", "MixedPosterior", "MixedQuadrature", "exact_engine"]
-
-Floats = NDArray[np.float64]
 
 CELLS_PER_SD = 3.0  # of the coordinate's marginal
 SDS_PER_SHIFT = 1.0  # of log Ca at given coordinate over its shift to the next cell
@@ -197,9 +193,7 @@ class MixedQuadrature:
             cells = np.arange(max(2 * first - 2, 0), min(2 * last + 4, 2 ** (halvings + 1)))
         return replace(posterior, gates=(*_of_parts(posterior), *gates))
 
-    def _on(
-        self, cells: NDArray[np.int64], width: float, measurement: Measurement, density: PosteriorDensity
-    ) -> MixedPosterior:
+    def _on(self, cells: Integers, width: float, measurement: Measurement, density: PosteriorDensity) -> MixedPosterior:
         """Compute the posterior on given cells of the prior."""
         shares, parts, refused = [], [], None
         for share in (cells + 0.5) * width:

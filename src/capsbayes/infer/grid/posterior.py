@@ -11,18 +11,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Nodes, Window
 from capsbayes.infer.log_grid import LogGrid, laid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
-
-__all__ = ["ExactPosterior", "GridPosterior"]
-
-Floats = NDArray[np.float64]
 
 _NEGLIGIBLE = 1e-9  # of the largest probability of a node
 _DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
@@ -30,10 +30,6 @@ from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 
-__all__ = ["Quadrature"]
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 Resolution = tuple[list[Gate], list[Gate]]  # along log Ca, along a/l
 
 FARTHEST = 5.0  # standard deviations from the nearest shape of the model, beyond which a measurement is refused

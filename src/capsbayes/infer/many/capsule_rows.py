@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.many.tabulated.mixture import COMPONENTS
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 
-__all__ = ["LEANINGS", "CapsuleRows"]
-
-Floats = NDArray[np.float64]
 Strings = NDArray[Any]  # of str, or of objects that are
 
 LEANINGS = ("border", "prior", "two_shapes", "wrinkles")

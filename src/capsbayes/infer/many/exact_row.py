@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.mixed import exact_engine
@@ -19,10 +19,6 @@ from capsbayes.infer.verdict import leanings, shares_by_kind, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS
 from capsbayes.status import Status
-
-__all__ = ["fill_exactly", "numbers_of"]
-
-Floats = NDArray[np.float64]
 
 _SHARED = ("viscosity", "half_width")
 _DRAWS = 10_000  # from which the mixture and the shares next to borders are computed

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
@@ -30,10 +30,6 @@ from capsbayes.parameters import PARAMETERS as QUANTITIES
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable
 from capsbayes.status import Status
-
-__all__ = ["Hierarchy", "hierarchy"]
-
-Floats = NDArray[np.float64]
 
 FEWEST = 3
 PREFIX = "population_"

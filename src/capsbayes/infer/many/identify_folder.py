@@ -37,8 +37,6 @@ from capsbayes.work import Store, progress_bar, run_tasks
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["identify_folder"]
-
 _logger = logging.getLogger(__name__)
 
 _ATTEMPTS = 3  # at tasks whose workers are killed

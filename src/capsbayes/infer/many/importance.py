@@ -5,15 +5,11 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, stats
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.many.log_posterior import PARAMETERS, SLOPES, LogPosterior
-
-__all__ = ["drawn"]
-
-Floats = NDArray[np.float64]
 
 _DRAWS, _KEPT, _FEWEST_DRAWS = 4000, 4000, 800
 _BUDGET = 1e9  # Gaussians that are evaluated for the draws: some ten seconds

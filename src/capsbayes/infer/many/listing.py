@@ -27,8 +27,6 @@ from capsbayes.measurements.netcdf import opened
 from capsbayes.measurements.table import MeasuredLengths, is_table_of_lengths
 from capsbayes.work import Store
 
-__all__ = ["Listed", "capsule_files", "common_experiment", "cross_section_and_view", "listed"]
-
 ROWS = 2000
 """Of a table in one task: a second or two of work."""
 _OUTLINES = 8

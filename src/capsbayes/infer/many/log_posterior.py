@@ -13,12 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.kernel import compiled
 from capsbayes.infer.many.selection import Selection
-
-__all__ = ["PARAMETERS", "SLOPES", "LogPosterior", "log_likelihood"]
-
-Floats = NDArray[np.float64]
 
 PARAMETERS = ("log_modulus", "log_radius", "log_spread", "log_radius_spread", "slope")
 """Means of log G_s and log a, logarithms of the standard deviations of log G_s at given size and of log a, and the

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.infer.many.population import Population
-
-__all__ = ["ModulusSpread"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

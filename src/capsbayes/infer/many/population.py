@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
@@ -28,10 +29,6 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-__all__ = ["STATISTICS", "SUMMARISED", "Population"]
-
-Floats = NDArray[np.float64]
 
 STATISTICS = tuple(statistic.name for statistic in fields(Marginal))
 """Of each quantity."""
@@ -197,11 +194,11 @@ class Population(Readable):
         return {Status[name]: count for name, count in Counter(self["status"].tolist()).most_common()}
 
     @property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> Booleans:
         """True where the intervals are those of the measurement, not of a border : (n,) array."""
         return np.isin(self["status"], [status.name for status in _USABLE])
 
-    def worst_first(self) -> NDArray[np.int64]:
+    def worst_first(self) -> Integers:
         """Return the order of the capsules: those that cannot be used, then by falling relative width of G_s : (n,)."""
         return np.lexsort((-np.nan_to_num(self._log_width(), nan=np.inf), self.usable))
 

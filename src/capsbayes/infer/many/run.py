@@ -17,8 +17,6 @@ from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
 
-__all__ = ["Run"]
-
 
 @dataclass(frozen=True, eq=False)
 class Run:

@@ -10,16 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer import identify
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import StoredTask, hash_of
 from capsbayes.measurement import Measurement
-
-__all__ = ["ChainTask", "CheckTask", "Compared", "compared", "drawn_rows"]
-
-Floats = NDArray[np.float64]
-
 
 _AGREES = 0.1  # standard deviation
 
@@ -109,7 +105,7 @@ def compared(differences: Sequence[Floats]) -> Compared:
     return Compared(len(largest), agreeing, median, ends_68, ends_95, worst=float(largest[:, 0].max()))
 
 
-def drawn_rows(usable: NDArray[np.bool_], share: float, most: int, seed: int) -> NDArray[np.intp]:
+def drawn_rows(usable: Booleans, share: float, most: int, seed: int) -> NDArray[np.intp]:
     """Draw the rows to check at random: a share of those that can be checked, at least one."""
     rows = np.flatnonzero(usable)
     number = min(int(np.ceil(share * len(rows))), most, len(rows))

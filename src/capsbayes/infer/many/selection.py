@@ -10,16 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.infer.many.population import Population
 from capsbayes.infer.many.tabulated.pyramid import COLUMNS, Pyramid
-
-__all__ = ["Selection", "kept_rows"]
-
-Floats = NDArray[np.float64]
 
 _FLOWS = 16  # groups of capsules of like velocity
 _SLOPE = 4  # cells of log Ca on either side over which the rise of Lambda is taken
@@ -28,7 +24,7 @@ _LEAST_SHARE = 1e-12
 _NEAR = 0.05  # of Lambda from the cut: capsules whose errors give its sharpness
 
 
-def kept_rows(population: Population, least: float) -> NDArray[np.bool_]:
+def kept_rows(population: Population, least: float) -> Booleans:
     """Return where the median Lambda is above the cut : (n,) array, False for capsules without a result."""
     with np.errstate(invalid="ignore"):
         return population["stretch_ratio_median"] > least

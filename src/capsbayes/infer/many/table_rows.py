@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.quadrature import FARTHEST
 from capsbayes.infer.inputs import Inputs
@@ -17,10 +17,6 @@ from capsbayes.infer.verdict import leaning_status
 from capsbayes.measurement import CONDITIONS
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
-
-__all__ = ["rows_of_table"]
-
-Floats = NDArray[np.float64]
 
 _ALL_WITHIN = 1.0 - 1e-6  # share of a posterior within the prior ranges, below which the exact engine takes over
 

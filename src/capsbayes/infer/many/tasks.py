@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
@@ -27,10 +28,6 @@ from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
 from capsbayes.work import Store
-
-__all__ = ["FileTask", "OutlinesTask", "RowsTask", "StoredTask", "TableTask", "hash_of", "measured_file"]
-
-Floats = NDArray[np.float64]
 
 _LONGEST_NAME = 250
 

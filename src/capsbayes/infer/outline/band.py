@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.profile import vertex_normals
-
-__all__ = ["band"]
-
-Floats = NDArray[np.float64]
 
 
 def band(outlines: Floats) -> tuple[Floats, Floats, Floats]:

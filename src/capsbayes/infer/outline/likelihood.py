@@ -21,16 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.infer.outline.normal_distance import Footing, normal_distances, posed_on
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.model import ForwardModel
-
-__all__ = ["OutlineLikelihood", "SilhouetteLength", "aligned_with", "check_view_of", "outline_likelihood"]
-
-Floats = NDArray[np.float64]
 
 _SHARED = 0.9  # largest share of the error of L_a that is the error of the nose: the rest is that of the rear
 

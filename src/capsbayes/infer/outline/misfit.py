@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.outline.likelihood import aligned_with, outline_likelihood
 from capsbayes.measured_outline import MeasuredOutline
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import COORDINATES
-
-__all__ = ["drawn_outlines", "outline_misfit"]
-
-Floats = NDArray[np.float64]
 
 _LARGEST = 4.0  # per degree of freedom: errors twice as large as stated
 _TRIED = 50  # draws

@@ -6,11 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-__all__ = ["Footing", "normal_distances", "posed_on"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Floats
 
 _FITS = 5  # of the pose; three suffice from half a radius away
 _STANDS = 1e-4  # shift and turn that are neglected where many outlines are compared

@@ -6,16 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import binary_erosion
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer.outline.likelihood import OutlineLikelihood
 from capsbayes.model import ForwardModel
-
-__all__ = ["AnyOutline", "TabulatedOutline"]
-
-Floats = NDArray[np.float64]
 
 _AROUND = 2  # nodes that must be known on every side of a point
 
@@ -38,7 +34,7 @@ class TabulatedOutline:
     size: Floats
     values: Floats
     _spline: RectBivariateSpline = field(init=False, repr=False)
-    _sure: NDArray[np.bool_] = field(init=False, repr=False)
+    _sure: Booleans = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         known = np.isfinite(self.values)

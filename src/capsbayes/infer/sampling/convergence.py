@@ -14,13 +14,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
-
-__all__ = ["autocorrelation_time", "bulk_ess", "chain_gates", "ess_gates", "split_rhat", "tail_ess"]
-
-Floats = NDArray[np.float64]
 
 FEWEST_ENSEMBLES = 4
 LARGEST_RHAT = 1.01

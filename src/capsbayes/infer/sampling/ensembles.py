@@ -17,16 +17,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.sampling.convergence import autocorrelation_time, chain_gates
 from capsbayes.infer.sampling.initial_points import starting_points
 from capsbayes.infer.sampling.log_density import LogDensity
-
-__all__ = ["Chains", "Effort", "sampled"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,9 @@ again; a few rounds lead from the domain to the posterior wherever it is.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.sampling.log_density import LogDensity
-
-__all__ = ["starting_points"]
-
-Floats = NDArray[np.float64]
 
 _CLOUD = 4096
 _ALIVE = 1024

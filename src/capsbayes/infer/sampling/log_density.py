@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.model import ForwardModel
-
-__all__ = ["LogDensity"]
-
-Floats = NDArray[np.float64]
 
 
 class LogDensity:

@@ -12,12 +12,9 @@ from dataclasses import dataclass, field
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-__all__ = ["FEWEST_KNOTS", "CardinalCubics"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Booleans, Floats
 
 FEWEST_KNOTS = 3  # without one of them, two still give a slope
 
@@ -53,7 +50,7 @@ class CardinalCubics:
     """
 
     knots: Floats
-    known: NDArray[np.bool_]
+    known: Booleans
     cubics: Floats = field(init=False, repr=False)
     left_out: Floats = field(init=False, repr=False)
     ends: Floats = field(init=False, repr=False)

@@ -16,15 +16,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.surrogate.domain import between_columns
 from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
-
-__all__ = ["BRANCHES", "Borders", "border", "common_folds", "matched", "moving_borders", "place"]
-
-Floats = NDArray[np.float64]
 
 PARACHUTE, CONVEX = 0, 1
 BRANCHES = ("parachute", "convex")
@@ -50,8 +46,8 @@ class Borders:
 
     size_ratio: Floats
     capillary_number: Floats
-    limit: NDArray[np.bool_]
-    known: NDArray[np.bool_]
+    limit: Booleans
+    known: Booleans
 
     @classmethod
     def of(cls, surrogate: PlaneSurrogate, columns: Floats) -> Borders:
@@ -126,7 +122,7 @@ def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Border
     return cubics
 
 
-def common_folds(slices: list[Borders], base: Borders) -> NDArray[np.bool_]:
+def common_folds(slices: list[Borders], base: Borders) -> Booleans:
     """Return whether the highest Ca is a limit of existence at both ends of an interval and of the base : (k-1, c-1)"""
     limit = np.stack([borders.limit for borders in slices])
     at_columns = limit[1:] & limit[:-1] & base.limit

@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.model import CoordinateRange, Domain
 from capsbayes.surrogate.joint.kernel import Weighing, covered
-
-__all__ = ["EffectDomain", "FixedDomain"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +39,7 @@ class EffectDomain(Domain):
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.log(value) if self.logarithmic else np.asarray(value, dtype=np.float64)
 
-    def contains(
-        self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike
-    ) -> NDArray[np.bool_]:
+    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
         """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         effect = self.place(coordinates[0] if coordinates else self.ends.null_value)
         arrays = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio), effect)
@@ -90,9 +85,7 @@ class FixedDomain(Domain):
     whole: EffectDomain
     value: float
 
-    def contains(
-        self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike
-    ) -> NDArray[np.bool_]:
+    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
         """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         del coordinates
         return self.whole.contains(capillary_number, size_ratio, self.value)

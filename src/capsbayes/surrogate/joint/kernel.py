@@ -20,15 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.surrogate.branch_surrogate import bilinear
 from capsbayes.surrogate.joint.correspondence import border, place
 from capsbayes.surrogate.table import hermite
-
-__all__ = ["Stack", "Weighing", "corresponding", "covered", "evaluate", "located", "moved_along"]
-
-Floats = NDArray[np.float64]
 
 _STEEP = 8  # power of the distance from the opposite border, with which points follow a border
 _SQUEEZED = 0.9  # share of the range of Ca by which the borders may approach each other
@@ -57,7 +53,7 @@ class Stack(NamedTuple):
     coefficients: Floats
     errors: Floats
     borders: Floats
-    known: NDArray[np.bool_]
+    known: Booleans
 
 
 class Weighing(NamedTuple):
@@ -85,8 +81,8 @@ class Weighing(NamedTuple):
     null: int
     columns: Floats
     borders: Floats
-    folds: NDArray[np.bool_]
-    which: NDArray[np.int64]
+    folds: Booleans
+    which: Integers
     cubics: Floats
     left_out: Floats
     ends: Floats

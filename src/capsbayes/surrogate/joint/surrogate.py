@@ -13,8 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
 from capsbayes.model import CoordinateRange, ForwardModel
@@ -26,10 +27,6 @@ from capsbayes.surrogate.joint.correspondence import BRANCHES, Borders, common_f
 from capsbayes.surrogate.joint.domain import EffectDomain
 from capsbayes.surrogate.joint.kernel import Stack, Weighing, corresponding, evaluate, located
 from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
-
-__all__ = ["SLICE_CELLS", "EffectSurrogate", "check_values"]
-
-Floats = NDArray[np.float64]
 
 SLICE_CELLS = (80, 60)  # a quarter of the memory of the base's tables; reading them takes most of the time
 LOGARITHMIC = ("hardening",)  # shapes are smooth functions of its logarithm: it runs over decades
@@ -96,7 +93,7 @@ class EffectSurrogate(ForwardModel):
         """Name of the coordinate that is added to (Ca, a/l), as in `capsbayes.parameters`."""
         return self.effect_database.effect
 
-    def __call__(self, theta: Mapping[str, NDArray[np.float64]], *, outline: bool = False) -> Prediction:
+    def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
         """Predict a batch; outside the domain NaN, with ``inside`` False.
 
         Parameters
@@ -156,7 +153,7 @@ class EffectSurrogate(ForwardModel):
         far = (effect[0] - weighing.knots[weighing.null]) / np.ptp(weighing.knots)
         return np.concatenate([*modes, bump * left_out @ along[:-2], far * (along[-1] - along[-2])[None]])
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.bool_]]:
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return the caveats of the two slices next to each point."""
         ca, size, place = self._points(theta)
         cases = {"capillary_number": ca, "size_ratio": size}
@@ -180,7 +177,7 @@ class EffectSurrogate(ForwardModel):
         """Slices, null slice as it is subtracted, base."""
         return [*self.slices, self.slices[self.domain.weighing.null], self.base]
 
-    def _corresponding(self, ca: Floats, size: Floats, effect: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+    def _corresponding(self, ca: Floats, size: Floats, effect: Floats) -> tuple[Integers, Floats, Floats]:
         """Return the branch (n,), and the Ca and the weight (n, k + 2) of each of `_surrogates`."""
         branches, weights = np.empty(len(ca), np.int64), np.zeros((len(ca), len(self.slices) + 2))
         places = np.empty_like(weights)
@@ -215,7 +212,7 @@ def _common_columns(surrogates: list[PlaneSurrogate]) -> Floats:
     return every[(every >= first - 1e-9) & (every <= last + 1e-9)]
 
 
-def _cardinal(knots: Floats, borders: list[Borders]) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
+def _cardinal(knots: Floats, borders: list[Borders]) -> tuple[Integers, Floats, Floats, Floats]:
     """Return the row of weights of each branch between two columns, and the weights of each set of known slices."""
     known = np.stack([each.known for each in borders], axis=-1)  # (branch, column, slice)
     enough = known.sum(axis=-1) >= FEWEST_KNOTS

@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-__all__ = ["COMPONENTS", "NUMBERS", "mixture"]
-
-Floats = NDArray[np.float64]
+from capsbayes.arrays import Floats
 
 COMPONENTS = 12
 NUMBERS = ("weight", "x", "y", "xx", "xy", "yy")

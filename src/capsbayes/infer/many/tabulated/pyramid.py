@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
 from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
-
-__all__ = ["CAVEATS", "COLUMNS", "Pyramid"]
-
-Floats = NDArray[np.float64]
 
 COLUMNS = (
     "extent",

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.infer.kernel import NUDGE, border_steps, compiled, velocity_ratio
 from capsbayes.infer.log_grid import (
     LogGrid,
@@ -25,11 +25,6 @@ from capsbayes.infer.log_grid import (
 from capsbayes.infer.many.tabulated.mixture import mixture
 from capsbayes.infer.many.tabulated.search import FOUND, Seen, descend, differences, finer_than_tabulated, look_up
 from capsbayes.infer.posterior import REPORTED
-
-__all__ = ["FACTS", "QUANTITIES", "Shared", "fill_rows"]
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 QUANTITIES = REPORTED
 """Quantities that are summarised, in this order."""

@@ -5,18 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.many.tabulated.mixture import COMPONENTS, NUMBERS
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.many.tabulated.row_kernel import FACTS, QUANTITIES, Shared, fill_rows
 from capsbayes.infer.prior import Prior
-
-__all__ = ["Rows", "lengths_rows"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

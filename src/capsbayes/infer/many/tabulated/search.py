@@ -12,15 +12,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats, Integers
 from capsbayes.infer.grid.quadrature import AT_BORDER, COARSE_DROP, DROP, FARTHEST
 from capsbayes.infer.kernel import compiled, feature_in_cells, misfit, sd_in_cells
-
-__all__ = ["FAR", "FOUND", "UNRESOLVED", "Seen", "descend", "differences", "finer_than_tabulated", "look_up"]
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 FOUND, FAR, UNRESOLVED = 0, 1, 2
 """Ends of a search: resolved; no shape of the model near; not resolved on the finest lattice."""
