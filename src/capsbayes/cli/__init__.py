@@ -7,6 +7,7 @@ only when the command runs, so that ``capsbayes --help`` stays fast.
 from __future__ import annotations
 
 import importlib
+import shlex
 import sys
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ import typer
 
 from capsbayes import __version__
 from capsbayes.errors import CapsbayesError
+from capsbayes.interruption import Interrupted, interruptible
 
 UsageError: Any = typer.BadParameter.__bases__[0]  # of click, which newer versions of typer carry within themselves
 
@@ -59,9 +61,15 @@ for _group, _names in COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line; a user's mistake ends as one line and exit status 2."""
+    """Run the command line; a user's mistake ends as one line and exit status 2, an interruption as one line too."""
     try:
-        sys.exit(app(prog_name="capsbayes", standalone_mode=False) or 0)
+        with interruptible():
+            sys.exit(app(prog_name="capsbayes", standalone_mode=False) or 0)
+    except Interrupted as error:
+        kept = "; ".join(getattr(error, "__notes__", ["nothing is kept"]))
+        command = shlex.join(["capsbayes", *sys.argv[1:]])
+        typer.echo(f"capsbayes: interrupted; {kept}; to go on: {command}", err=True)
+        sys.exit(error.exit_status)
     except CapsbayesError as error:
         typer.echo(f"capsbayes: {error}", err=True)
         sys.exit(2)

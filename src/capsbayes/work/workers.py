@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import multiprocessing
 import os
+import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from capsbayes.errors import InputError
 
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)
+_PR_SET_PDEATHSIG = 1  # prctl(2)
 
 T = TypeVar("T")
 
 
 def run_tasks(tasks: Sequence[Callable[..., T]], scheduler: str | None, workers: int | None, *shared: Any) -> list[T]:
     """Compute independent tasks and return their results in the same order.
+
+    Worker processes end with this process, however it ends; an exception, as `KeyboardInterrupt`, ends them too. They
+    ignore SIGINT and SIGTERM, which this process answers.
 
     Parameters
     ----------
@@ -35,6 +44,8 @@ def run_tasks(tasks: Sequence[Callable[..., T]], scheduler: str | None, workers:
     ------
     InputError
         If no cluster answers.
+    BrokenProcessPool
+        If a worker process was killed.
     """
     if scheduler == "synchronous":
         return [task(*shared) for task in tasks]
@@ -42,43 +53,66 @@ def run_tasks(tasks: Sequence[Callable[..., T]], scheduler: str | None, workers:
         with _cluster(scheduler) as client:
             sent = client.scatter(list(shared), broadcast=True, hash=False) if shared else []
             return list(client.gather([client.submit(task, *sent, pure=False) for task in tasks]))
-    import cloudpickle
-    import dask
+    return _in_processes(tasks, workers, shared) if tasks else []
 
-    delayed = [dask.delayed(partial(_with_shared, task), pure=False, traverse=False)() for task in tasks]
-    with _one_thread_each():
-        return list(
-            dask.compute(
-                *delayed,
-                scheduler="processes",
-                num_workers=workers,
-                chunksize=1,  # tasks differ much in length, so each worker takes one at a time
-                initializer=partial(_start_worker, cloudpickle.dumps(shared)),
-            )
-        )
+
+def _in_processes(tasks: Sequence[Callable[..., T]], workers: int | None, shared: tuple[Any, ...]) -> list[T]:
+    import cloudpickle
+    from dask.system import CPU_COUNT
+
+    others = set(multiprocessing.active_children())
+    start = (_start_worker, (os.getpid(), cloudpickle.dumps(shared)))
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(workers or CPU_COUNT, len(tasks)), spawn, *start) as pool:
+        try:
+            futures: list[Future[T]] = []
+            for task in tasks:
+                with _settings_of_workers():  # a worker may be started by each submission
+                    futures.append(pool.submit(_run, cloudpickle.dumps(task)))
+            for future in as_completed(futures):
+                future.result()  # the first error ends the work
+            return [future.result() for future in futures]
+        except BaseException:
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.kill()  # one in compiled code would not listen
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 _shared: tuple[Any, ...] = ()
 
 
-def _with_shared(task: Callable[..., T]) -> T:
-    return task(*_shared)
+def _run(task: bytes) -> Any:
+    import cloudpickle
+
+    return cloudpickle.loads(task)(*_shared)
 
 
-def _start_worker(shared: bytes) -> None:
-    """Receive what all tasks share; end the process when its parent ends; otherwise it would wait for ever."""
+def _start_worker(parent: int, shared: bytes) -> None:
+    """Receive what all tasks share; end this process when its parent ends; leave interruptions to the parent."""
     import cloudpickle
 
     global _shared
+    for number in _INTERRUPTIONS:
+        signal.signal(number, signal.SIG_IGN)
+    _end_with(parent)
     _shared = cloudpickle.loads(shared)
-    parent = multiprocessing.parent_process()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent ends: on Linux at once, elsewhere when compiled code has returned."""
+    watched = multiprocessing.parent_process()
 
     def watch() -> None:
-        if parent is not None:
-            parent.join()
+        if watched is not None:
+            watched.join()
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it ended before
+            os._exit(1)
 
 
 def _cluster(address: str) -> Any:
@@ -93,13 +127,19 @@ def _cluster(address: str) -> Any:
 
 
 @contextlib.contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let worker processes that start meanwhile use one thread each."""
+def _settings_of_workers() -> Iterator[None]:
+    """Let worker processes that start meanwhile use one thread each, and hear no interruption before they are ready."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    masked = hasattr(signal, "pthread_sigmask")  # not on Windows
+    if masked:
+        resource_tracker.ensure_running()  # it would unblock the signals when it starts
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTIONS)
     try:
         yield
     finally:
+        if masked:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
             if value is None:
                 del os.environ[name]

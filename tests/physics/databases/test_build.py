@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import logging
-import os
 import signal
-import subprocess
 import sys
-import time
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 from analytic_simulator import CASES, AnalyticSimulator
+from processes import members, python, wait_until
 
 import capsbayes
 from capsbayes.database import Database
@@ -229,23 +227,16 @@ def test_a_killed_build_goes_on_where_it_was_and_ends_with_the_same_file(tmp_pat
     """SIGKILL in the middle loses the cases under way, one for each worker, and changes no byte of the result."""
     whole, out, journal = tmp_path / "whole.nc", tmp_path / "shapes.nc", tmp_path / "journal"
     build_database(AnalyticSimulator(), CASES, out=whole, scheduler=HERE)
-    command = [sys.executable, "-c", "import analytic_simulator as a; a.main()", str(out), str(journal)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(command, env=environment) as killed:
-        deadline = time.monotonic() + 60.0
-        while len(parts(out)) < 5:
-            assert killed.poll() is None, "the build ended before it could be killed"
-            assert time.monotonic() < deadline, "the build does not get going"
-            time.sleep(0.005)
+    command = ("-c", "import analytic_simulator as a; a.main()", out, journal)
+    with python(*command) as killed:
+        wait_until(lambda: len(parts(out)) >= 5, killed)
         killed.send_signal(signal.SIGKILL)
     assert not out.exists()
-    time.sleep(0.3)
-    kept = parts(out)
-    assert 5 <= len(kept) < len(parts(whole))
-    time.sleep(0.3)
-    assert parts(out) == kept, "the workers went on after the kill"
+    wait_until(lambda: not members(killed.pid))
+    assert 5 <= len(parts(out)) < len(parts(whole))
 
-    subprocess.run(command, env=environment, check=True, timeout=60)
+    with python(*command) as again:
+        assert again.wait() == 0, again.stderr.read()
     assert out.read_bytes() == whole.read_bytes()
     runs = Counter(Path(f"{journal}.whole").read_text().splitlines())
     assert sum(runs.values()) <= len(parts(whole)) + 2

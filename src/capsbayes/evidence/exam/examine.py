@@ -12,8 +12,9 @@ from capsbayes.database import Database
 from capsbayes.evidence.blind.pools import pool_name
 from capsbayes.evidence.exam.answer import Answer, answer_session
 from capsbayes.evidence.exam.cells import Cell
+from capsbayes.interruption import keeping
 from capsbayes.surrogate import Surrogate
-from capsbayes.work import Records, run_tasks
+from capsbayes.work import Records, only_run, run_tasks
 
 Answers = dict[str, dict[int, Answer]]
 """Answers by name of the cell and seed."""
@@ -53,17 +54,18 @@ def examine(
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    known = {cell.name: _read(folder, cell) for cell in cells}
-    for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
-        tasks = [
-            partial(_one, cell, seed, os.fspath(pools), _records(folder, cell))
-            for seed in range(start, end + 1)
-            for cell in cells
-            if seed <= cell.sessions and seed not in known[cell.name]
-        ]
-        if tasks:
-            tell(f"sessions {start} to {end} of each of {len(cells)} cells: {len(tasks)} to diagnose")
-            run_tasks(tasks, None, workers)
+    with only_run(folder), keeping(folder):
+        known = {cell.name: _read(folder, cell) for cell in cells}
+        for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
+            tasks = [
+                partial(_one, cell, seed, os.fspath(pools), _records(folder, cell))
+                for seed in range(start, end + 1)
+                for cell in cells
+                if seed <= cell.sessions and seed not in known[cell.name]
+            ]
+            if tasks:
+                tell(f"sessions {start} to {end} of each of {len(cells)} cells: {len(tasks)} to diagnose")
+                run_tasks(tasks, None, workers)
     return {cell.name: _read(folder, cell) for cell in cells}
 
 

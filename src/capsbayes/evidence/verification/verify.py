@@ -12,7 +12,8 @@ from threadpoolctl import threadpool_limits
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.evidence.verification.page import write_page
 from capsbayes.evidence.verification.topic import Outcome, Results, Row, Topic, Values
-from capsbayes.work import Records
+from capsbayes.interruption import keeping
+from capsbayes.work import Records, only_run
 
 
 def verify(
@@ -51,9 +52,10 @@ def verify(
     records = Records(out / "results.jsonl")
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for topic in chosen:
-            _compute(topic, records, tell)
-            write_page(topics, records, out)
+        with only_run(out), keeping(records.path):
+            for topic in chosen:
+                _compute(topic, records, tell)
+                write_page(topics, records, out)
     except OSError as error:
         raise InputError("verify", "out", "a folder that can be written", str(error)) from error
     return {topic.name: list(topic.rows(Results.read(records, topic.name))) for topic in topics}

@@ -29,10 +29,11 @@ from capsbayes.infer.many.sampled import ChainTask, CheckTask, Compared, compare
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import RowsTask, StoredTask
 from capsbayes.infer.prior import Prior
+from capsbayes.interruption import keeping
 from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Given, Quantity
-from capsbayes.work import Store, progress_bar, run_tasks
+from capsbayes.work import Store, only_run, progress_bar, run_tasks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,7 +109,8 @@ def identify_folder(
     Raises
     ------
     InputError
-        If there is nothing to identify, no cluster answers, or the disk is full; finished parts are then kept.
+        If there is nothing to identify, another run writes `out`, no cluster answers, or the disk is full; finished
+        parts are then kept.
     """
     out = Path(out)
     given = Path(source) if isinstance(source, (str, os.PathLike)) else MeasuredLengths.of_frame(source)
@@ -124,7 +126,7 @@ def identify_folder(
         model.check_cross_section(experiment)
     pool = _Pool(run, scheduler, workers, progress)
     store = Store(parts, run.fingerprint)
-    with _room_on_the_disk(parts):
+    with only_run(out), keeping(parts), _room_on_the_disk(parts):
         found = listed(given, run, store)
         parts.mkdir(parents=True, exist_ok=True)
         pool.finish(found.tasks, "parts")

@@ -17,13 +17,14 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.database import Database
 from capsbayes.errors import InputError
+from capsbayes.interruption import keeping
 from capsbayes.physics.databases.gather import gathered, pedigree
 from capsbayes.physics.databases.grid import Case
 from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error
 from capsbayes.physics.databases.outcome import Outcome, count_ended
 from capsbayes.physics.databases.sweep import CaseRunner, SteadySimulator, Sweep, sweep
 from capsbayes.physics.databases.variation import null_value, simulators_at
-from capsbayes.work import Store, progress_bar, run_tasks
+from capsbayes.work import Store, only_run, progress_bar, run_tasks
 
 _logger = logging.getLogger(__name__)
 
@@ -81,28 +82,26 @@ def build_database(
     ------
     InputError
         If there are no cases, or one is not positive, there is no such parameter, the values are too few or lack the
-        null value, or no cluster answers.
+        null value, another run writes `out`, or no cluster answers.
     DatabaseError
         If ``<out>.parts`` was made with other settings.
     """
     ordered, folder = _checked_cases(cases), Path(f"{os.fspath(out)}.parts")
-    if effect is None:
-        attributes = pedigree(simulator.settings)
-        at_values = [(0.0, simulator, Store.open(folder, simulator.settings))]
-    else:
-        attributes = pedigree(simulator.settings, effect, null_value(simulator, effect))
-        at_values = [
-            (value, varied, Store.open(folder / f"{effect}-{value!r}", varied.settings))
-            for value, varied in simulators_at(simulator, effect, values).items()
-        ]
-    tasks = [_sweep_tasks(varied, store, ordered) for _, varied, store in at_values]
-    stores = [store for _, _, store in at_values]
-    sweeps = iter(_run_sweeps(list(chain(*tasks)), stores, ordered, scheduler, workers, progress=progress))
-    by_value = {value: list(islice(sweeps, len(some))) for (value, _, _), some in zip(at_values, tasks, strict=True)}
-    if compare is not None and effect is None:
-        attributes |= {"mesh_error": _compared(simulator, stores[0], by_value[0.0], compare, scheduler, workers)}
-    database = gathered(by_value, simulator.settings, attributes)
-    database.write(out)
+    varied = {0.0: simulator} if effect is None else simulators_at(simulator, effect, values)
+    with only_run(Path(out)), keeping(folder):
+        if effect is None:
+            attributes = pedigree(simulator.settings)
+            stores = [Store.open(folder, simulator.settings)]
+        else:
+            attributes = pedigree(simulator.settings, effect, null_value(simulator, effect))
+            stores = [Store.open(folder / f"{effect}-{value!r}", changed.settings) for value, changed in varied.items()]
+        tasks = [_sweep_tasks(*of_value, ordered) for of_value in zip(varied.values(), stores, strict=True)]
+        sweeps = iter(_run_sweeps(list(chain(*tasks)), stores, ordered, scheduler, workers, progress=progress))
+        by_value = {value: list(islice(sweeps, len(some))) for value, some in zip(varied, tasks, strict=True)}
+        if compare is not None and effect is None:
+            attributes |= {"mesh_error": _compared(simulator, stores[0], by_value[0.0], compare, scheduler, workers)}
+        database = gathered(by_value, simulator.settings, attributes)
+        database.write(out)
     return database
 
 

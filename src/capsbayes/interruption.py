@@ -1,0 +1,64 @@
+"""Interruptions by SIGINT and SIGTERM, and what they leave behind."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+
+_PATIENCE = 1.0  # s after which a second signal ends the process at once; `timeout` sends two in a row
+
+
+class Interrupted(BaseException):
+    """The process was asked to end.
+
+    Parameters
+    ----------
+    number : int
+        Of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        super().__init__(signal.Signals(number).name)
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of a process that a signal ended."""
+        return 128 + self.number
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Turn SIGINT and SIGTERM into `Interrupted`, unless the process was started to ignore them (`nohup`)."""
+    first: list[float] = []
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if not first:
+            first.append(time.monotonic())
+            raise Interrupted(number)
+        if time.monotonic() - first[0] > _PATIENCE:
+            os._exit(128 + number)
+
+    heeded = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, stop) for number in heeded}
+    try:
+        yield
+    finally:
+        if not first:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def keeping(place: Path) -> Iterator[None]:
+    """Note at an interruption where finished work is kept."""
+    try:
+        yield
+    except (Interrupted, KeyboardInterrupt) as error:
+        error.add_note(f"finished work is kept in {place}")
+        raise

@@ -1,0 +1,60 @@
+"""Interrupted, a command says in one line what is kept, and leaves no worker behind."""
+
+import os
+import signal
+
+import pytest
+from processes import members, python, wait_until
+
+HANGS = """
+import ctypes, sys
+from functools import partial
+from pathlib import Path
+from capsbayes import cli
+from capsbayes.interruption import keeping
+from capsbayes.work import run_tasks
+
+def hang(name):
+    Path(name).touch()
+    ctypes.PyDLL(None).sleep(1000)  # as compiled code does: it lets no other thread of the process run
+
+def app(**how):
+    with keeping(Path("kept.parts")):
+        run_tasks([partial(hang, f"{sys.argv[1]}/{name}") for name in "abc"], None, 2)
+
+cli.app = app
+cli.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "everyone", "status"),
+    [
+        (signal.SIGINT, False, 130),
+        (signal.SIGINT, True, 130),  # as a terminal does
+        (signal.SIGTERM, False, 143),
+        (signal.SIGTERM, True, 143),
+        (signal.SIGKILL, False, -signal.SIGKILL),
+    ],
+)
+def test_workers_that_hang_end_with_the_command(tmp_path, number, everyone, status):
+    command = python("-c", HANGS, tmp_path)
+    wait_until(lambda: len(list(tmp_path.iterdir())) == 2, command)
+    (os.killpg if everyone else os.kill)(command.pid, number)
+    _, said = command.communicate()
+    assert command.returncode == status
+    wait_until(lambda: not members(command.pid))
+    if number != signal.SIGKILL:
+        kept = "finished work is kept in kept.parts"
+        assert said == f"capsbayes: interrupted; {kept}; to go on: capsbayes {tmp_path}\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_workers_that_have_not_started_yet_are_silent(tmp_path, number):
+    command = python("-c", HANGS, tmp_path)
+    wait_until(lambda: len(members(command.pid)) > 2, command)
+    os.killpg(command.pid, number)
+    _, said = command.communicate()
+    assert command.returncode == 128 + number
+    assert len(said.splitlines()) == 1
+    wait_until(lambda: not members(command.pid))
