@@ -130,8 +130,8 @@ def transients(work: Path) -> Items:
 
 def _verified(desk: Desk, name: str) -> dict[str, Any]:
     said = desk.run("verify", "--out", "verify", "--only", name, keep=())
-    results = json.loads((desk.folder / "verify" / "results.json").read_text())
-    return {"status": said["status"], "stdout": said["stdout"], "results": _untimed(results[name])}
+    results = touches.verified(desk.folder / "verify", name)
+    return {"status": said["status"], "stdout": said["stdout"], "results": _untimed(results)}
 
 
 def _untimed(value: Any) -> Any:

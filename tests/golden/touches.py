@@ -5,8 +5,10 @@ If something here was renamed or moved, mend it here; the keys of the record sta
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +38,12 @@ def effects(section: str = "square") -> dict[str, Any]:
     from capsbayes.effects import catalogue
 
     return dict(catalogue(section))
+
+
+def verified(folder: Path, topic: str) -> dict[str, Any]:
+    """Return the stored outcomes of a topic of the verification, by item."""
+    rows = [json.loads(line) for line in (folder / "results.jsonl").read_text().splitlines()]
+    return {row.pop("item"): row for row in rows if row.pop("topic") == topic}
 
 
 def size_of(effect: Any, share: float) -> float:
