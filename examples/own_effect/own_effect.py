@@ -6,9 +6,8 @@ Lengths along the flow appear longer by a factor 1 + s than those across it, whe
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
-from capsbayes import Surrogate
+from capsbayes import Quantity, Surrogate
 from capsbayes.effect import Kind
 from capsbayes.parameters import Parameter
 from capsbayes.testing import check_effect
@@ -23,7 +22,7 @@ class OblongPixels:
     changes = "Everything is longer along the flow by one factor."
     separated_by = "A picture of a ruled slide in both directions."
     circumstances = ()
-    prior = stats.norm(0.0, 0.01)
+    prior = Quantity(0.0, 0.01, low=-np.inf)
 
     def __call__(self, model, theta, *, outline=False):
         seen, longer = model(theta, outline=outline), 1.0 + theta["oblong"]

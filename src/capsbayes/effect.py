@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.parameters import Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 if TYPE_CHECKING:
     from capsbayes.model import ForwardModel
@@ -47,8 +48,8 @@ class Effect(Protocol):
         ...
 
     @property
-    def prior(self) -> Any:
-        """Return the frozen distribution of scipy.stats of the parameter, in SI or as a ratio."""
+    def prior(self) -> Quantity:
+        """Return the distribution of the parameter, in SI or as a ratio."""
         ...
 
     @property

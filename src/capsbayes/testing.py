@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from capsbayes.effect import Effect
     from capsbayes.physics.membrane import MembraneLaw
     from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 # Unequal stretches: a law that recovers l1 and l2 from the invariants has a square root that ends at l1 = l2,
 # where a difference of invariants taken to one side would leave its domain.
@@ -278,6 +279,8 @@ def _is_one_effect(effect: Effect, model: ForwardModel) -> str:
     unknown = [name for name in effect.circumstances if name not in CIRCUMSTANCES]
     if unknown:
         return f"circumstances are among {', '.join(CIRCUMSTANCES)}, got {', '.join(unknown)}"
+    if not isinstance(effect.prior, Quantity):
+        return f"prior is a {type(effect.prior).__name__}, not a Quantity, as Quantity.of makes from any other form"
     if not np.isfinite(effect.prior.logpdf(_typical(effect))):
         return f"the prior has no density at its own quantile {_typical(effect):g}"
     return "" if pickle.loads(pickle.dumps(effect)) == effect else "a copy made by pickle differs from it"

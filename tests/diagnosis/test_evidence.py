@@ -30,7 +30,7 @@ def test_evidence_of_a_gaussian_likelihood_beside_a_gaussian_prior():
     effect, middle, error = Halo(), 0.3e-6, 0.1e-6
     sizes = np.linspace(-2.0, 2.0, 401) * 1e-6
     found = scores_at(effect, sizes, -0.5 * ((sizes - middle) / error) ** 2).evidence
-    prior = effect.prior.std()
+    prior = effect.prior.sd
     wide = np.hypot(prior, error)
     due = np.log(error / wide) - 0.5 * (middle / wide) ** 2 + 0.5 * (middle / error) ** 2
     assert found == pytest.approx(due, abs=0.01)

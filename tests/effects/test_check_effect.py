@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from capsbayes import Surrogate
 from capsbayes.effects import Halo
 from capsbayes.errors import BrokenPromiseError
+from capsbayes.quantity import Quantity
 from capsbayes.testing import check_effect
 
 
@@ -60,12 +62,13 @@ class LengthsOnly(Halo):
     ("effect", "promise"),
     [
         (Wordless(), "it has a name, sentences"),
+        (Halo(stats.norm(0.0, 5e-7)), "prior is a rv_continuous_frozen, not a Quantity"),
         (Restless(), "at its null value it changes nothing"),
         (Idle(), "at a typical size it changes something"),
         (Sociable(), "it treats each capsule of a batch by itself"),
         (Meddling(), "it changes the arrays that it is given"),
         (Boundless(), "outside the domain of the model it has no answer"),
-        (LengthsOnly(spread=5e-6), "it moves the outline as it moves the lengths"),
+        (LengthsOnly(Quantity(0.0, 5e-6, "m", low=-np.inf)), "it moves the outline as it moves the lengths"),
     ],
     ids=lambda one: type(one).__name__,
 )

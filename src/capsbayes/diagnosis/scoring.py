@@ -212,7 +212,7 @@ def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:
 
 def _first_sizes(effect: Effect, measured: tuple[float, float] | None) -> list[float]:
     """Return the sizes to try first: quantiles of the prior, and sizes around an independent measurement."""
-    low, high = effect.prior.support()
+    low, high = effect.prior.low, effect.prior.high
     about = [] if measured is None else [measured[0] + sigma * measured[1] for sigma in (-2.0, -1.0, 0.0, 1.0, 2.0)]
     return [*(float(size) for size in effect.prior.ppf(_QUANTILES)), *(size for size in about if low <= size <= high)]
 

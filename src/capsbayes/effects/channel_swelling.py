@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from capsbayes.effect import Kind, Theta
 from capsbayes.effects.displaced import scaled
-from capsbayes.effects.ranges import log_uniform
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,11 @@ class ChannelSwelling:
 
     Parameters
     ----------
-    least, most : float
-        Range of the relative widening per velocity [s/m], log-uniform; PDMS widens by up to 9 %.
+    prior : Quantity [s/m]
+        Of the relative widening per velocity; PDMS widens by up to 9 %.
     """
 
-    least: float = 0.05
-    most: float = 10.0
+    prior: Quantity = Quantity.log_uniform(0.05, 10.0, "s/m")
     name: ClassVar[str] = "channel swelling"
     parameter: ClassVar[Parameter] = PARAMETERS["swelling"]
     null_value: ClassVar[float] = 0.0
@@ -38,11 +37,6 @@ class ChannelSwelling:
     separated_by: ClassVar[str] = (
         "The distance between the walls in the picture at each flow rate, or a second distance from the outlet."
     )
-
-    @property
-    def prior(self) -> Any:
-        """Log-uniform."""
-        return log_uniform(self.least, self.most)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict in the wider channel, over the nominal half width."""

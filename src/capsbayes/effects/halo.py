@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from capsbayes.effect import Kind, Theta
 from capsbayes.effects.displaced import displaced
-from capsbayes.effects.ranges import normal
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,11 @@ class Halo:
 
     Parameters
     ----------
-    spread : float
-        Standard deviation of the prior about zero [m].
+    prior : Quantity [m]
+        Of the displacement.
     """
 
-    spread: float = 0.5e-6
+    prior: Quantity = Quantity(0.0, 0.5e-6, "m", low=-np.inf)
     name: ClassVar[str] = "halo"
     parameter: ClassVar[Parameter] = PARAMETERS["halo"]
     null_value: ClassVar[float] = 0.0
@@ -36,11 +36,6 @@ class Halo:
         "capsules."
     )
     separated_by: ClassVar[str] = "A picture of a bead of known diameter."
-
-    @property
-    def prior(self) -> Any:
-        """Normal about zero."""
-        return normal(0.0, self.spread)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Displace the edges that a model predicts."""

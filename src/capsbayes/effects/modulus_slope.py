@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from capsbayes.effect import Kind, Theta
-from capsbayes.effects.ranges import normal
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,13 @@ class ModulusSlope:
 
     Parameters
     ----------
-    spread : float
-        Standard deviation of the prior of the exponent about zero.
+    prior : Quantity
+        Of the exponent.
     reference : float
         Size ratio at which G_s is stated.
     """
 
-    spread: float = 1.0
+    prior: Quantity = Quantity(0.0, 1.0, low=-np.inf)
     reference: float = 0.9
     name: ClassVar[str] = "modulus by size"
     parameter: ClassVar[Parameter] = PARAMETERS["modulus_slope"]
@@ -35,11 +35,6 @@ class ModulusSlope:
     circumstances: ClassVar[tuple[str, ...]] = ()
     changes: ClassVar[str] = "No shape; the apparent G_s drifts with the size."
     separated_by: ClassVar[str] = "Capsules of one size at several flow rates: their G_s is the same."
-
-    @property
-    def prior(self) -> Any:
-        """Normal about zero."""
-        return normal(0.0, self.spread)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict at the capillary number of the capsule's own G_s."""

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from capsbayes.effect import Kind, Theta
 from capsbayes.effects.displaced import displaced
-from capsbayes.effects.ranges import log_uniform
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -21,12 +21,11 @@ class MotionBlur:
 
     Parameters
     ----------
-    shortest, longest : float
-        Range of the exposure [s], log-uniform.
+    prior : Quantity [s]
+        Of the exposure.
     """
 
-    shortest: float = 1e-6
-    longest: float = 1e-3
+    prior: Quantity = Quantity.log_uniform(1e-6, 1e-3, "s")
     name: ClassVar[str] = "motion blur"
     parameter: ClassVar[Parameter] = PARAMETERS["exposure"]
     null_value: ClassVar[float] = 0.0
@@ -36,11 +35,6 @@ class MotionBlur:
         "Nose and rear are blurred and lie farther out, the more so the faster the capsule; the flanks are sharp."
     )
     separated_by: ClassVar[str] = "The width of the edges at nose and flanks, or the exposure of the camera."
-
-    @property
-    def prior(self) -> Any:
-        """Log-uniform."""
-        return log_uniform(self.shortest, self.longest)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Displace the edges that a model predicts."""

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from capsbayes.effect import Kind, Theta
 from capsbayes.effects.displaced import scaled
-from capsbayes.effects.ranges import normal
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -19,11 +20,11 @@ class PixelScale:
 
     Parameters
     ----------
-    spread : float
-        Standard deviation of the relative error.
+    prior : Quantity
+        Of the relative error.
     """
 
-    spread: float = 0.01
+    prior: Quantity = Quantity(0.0, 0.01, low=-math.inf)
     name: ClassVar[str] = "pixel scale"
     parameter: ClassVar[Parameter] = PARAMETERS["pixel_scale"]
     null_value: ClassVar[float] = 0.0
@@ -35,11 +36,6 @@ class PixelScale:
     separated_by: ClassVar[str] = (
         "The walls in the same picture, or a ruled slide; another flow rate distinguishes it from swelling."
     )
-
-    @property
-    def prior(self) -> Any:
-        """Normal about zero."""
-        return normal(0.0, self.spread)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Scale what a model predicts."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.effect import Kind, Theta
-from capsbayes.effects.ranges import log_uniform, uniform
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 from capsbayes.surrogate.surrogate import joint_surrogate
 
 Outlines = NDArray[np.float64] | None
@@ -30,23 +30,20 @@ class Simulated:
     coordinate : str
         Name of the parameter.
     null_value : float
-    range : (float, float)
-        Lowest and highest value of the prior.
+    prior : Quantity
+        Uniform or log-uniform over the range of the database.
     kind : Kind
     changes, separated_by : str
         See `Effect`.
-    logarithmic : bool
-        Whether the prior is uniform in the logarithm.
     """
 
     name: str
     coordinate: str
     null_value: float
-    range: tuple[float, float]
+    prior: Quantity
     kind: Kind
     changes: str = field(repr=False)  # the fingerprint of a model with the effect does not depend on the prose
     separated_by: str = field(repr=False)
-    logarithmic: bool = False
     circumstances: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -58,11 +55,6 @@ class Simulated:
     def parameter(self) -> Parameter:
         """Parameter of the simulator."""
         return PARAMETERS[self.coordinate]
-
-    @property
-    def prior(self) -> Any:
-        """Uniform or log-uniform over the range of the database."""
-        return log_uniform(*self.range) if self.logarithmic else uniform(*self.range)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Add the difference from the null value to the prediction of a model.
@@ -115,7 +107,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "pre-inflation",
                 "pre_inflation",
                 0.0,
-                (0.0, 0.1),
+                Quantity.uniform(0.0, 0.1),
                 Kind.SESSION,
                 "The rear is less concave, and the apparent G_s too high, at low Ca most.",
                 "A second flow rate; the radius of capsules in the liquid in which they were made.",
@@ -124,17 +116,16 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "bending stiffness",
                 "bending",
                 2e-4,
-                (5e-5, 3e-3),
+                Quantity.log_uniform(5e-5, 3e-3),
                 Kind.SESSION,
                 "The rim of the rear is rounder; little else changes.",
                 "The curvature of the rear rim in a sharp picture.",
-                logarithmic=True,
             ),
             Simulated(
                 "strain hardening",
                 "strain_hardening",
                 0.0,
-                (0.0, 1.0),
+                Quantity.uniform(0.0, 1.0),
                 Kind.STRAIN,
                 "Shorter capsules with a shallower rear at high Ca; the apparent G_s grows with the flow rate.",
                 "Higher flow rates, at which a neo-Hookean capsule would stretch without limit.",
@@ -143,7 +134,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "shape at rest",
                 "rest_aspect",
                 1.0,
-                (0.9, 1.1),
+                Quantity.uniform(0.9, 1.1),
                 Kind.SESSION,
                 "L_z is larger or smaller at equal Ca.",
                 "A picture of the capsules at rest.",
@@ -152,7 +143,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "rounded corners",
                 "corner_radius",
                 0.0,
-                (0.0, 0.2),
+                Quantity.uniform(0.0, 0.2),
                 Kind.SESSION,
                 "Less liquid passes by in the corners: the velocity ratio and the length change together.",
                 "A cut through the channel under the microscope.",
@@ -161,7 +152,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "not yet steady",
                 "unsteadiness",
                 0.0,
-                (0.0, 2.0),
+                Quantity.uniform(0.0, 2.0),
                 Kind.SESSION,
                 "The capsule is shorter than in steady state, its rear less concave, and its velocity still changes.",
                 "A second window farther downstream.",
@@ -170,7 +161,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "aspect of the section",
                 "section_aspect",
                 1.0,
-                (0.9, 1.1),
+                Quantity.uniform(0.9, 1.1),
                 Kind.SESSION,
                 "The gap along the direction of view differs from that across it.",
                 "A cut through the channel, or a view from the side.",

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from capsbayes.effect import Kind, Theta
-from capsbayes.effects.ranges import normal
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -21,11 +22,11 @@ class ViscosityError:
 
     Parameters
     ----------
-    spread : float
-        Standard deviation of the relative error, in addition to that of the experiment.
+    prior : Quantity
+        Of the relative error, in addition to that of the experiment.
     """
 
-    spread: float = 0.1
+    prior: Quantity = Quantity(0.0, 0.1, low=-math.inf)
     name: ClassVar[str] = "viscosity"
     parameter: ClassVar[Parameter] = PARAMETERS["viscosity_error"]
     null_value: ClassVar[float] = 0.0
@@ -33,11 +34,6 @@ class ViscosityError:
     circumstances: ClassVar[tuple[str, ...]] = ()
     changes: ClassVar[str] = "Nothing visible; G_s of all capsules is wrong by one factor."
     separated_by: ClassVar[str] = "A viscometer at the temperature of the channel."
-
-    @property
-    def prior(self) -> Any:
-        """Normal about zero."""
-        return normal(0.0, self.spread)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict at the capillary number of the true viscosity."""

@@ -130,7 +130,7 @@ def _distinguished(
         if not left:
             break
         effect = candidates[left[0]]
-        error = _ACCURACY * float(effect.prior.std())
+        error = _ACCURACY * effect.prior.sd
         measured[left[0]] = float(rng.normal(cell.sizes.get(left[0], effect.null_value), error)), error
         study = diagnose(blind.session, model, seed=seed, candidates=candidates, measured=measured, earlier=study)
     return outcome_of(cell, study), len(measured)
