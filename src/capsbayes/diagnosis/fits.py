@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats, Integers
-from capsbayes.diagnosis.gauss_newton import LOOSE, Evaluation, Places, gauss_newton, initial_guesses
+from capsbayes.diagnosis.places import Evaluation, Places, initial_guesses
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening, whitened_at
 from capsbayes.model import ForwardModel
@@ -119,21 +119,18 @@ def fitted(
     rest = {name: np.broadcast_to(np.asarray(value, float), len(session)) for name, value in (sizes or {}).items()}
     rest = {**session.circumstances, **rest}
     evaluate = Evaluation(model, white, rest)
-    centre = white.pilots
-    here = gauss_newton(evaluate, _begun(evaluate, start), np.arange(len(centre)))
-    freedom = np.array([len(left) - 2 - seen.placed for left, seen in zip(here.residuals, white.each, strict=True)])
-    ill = np.flatnonzero(~(here.penalised(centre) < _AGAIN * np.maximum(freedom, 1)))
+    here = evaluate.fitted(_begun(evaluate, start), np.arange(len(session)))
+    freedom = np.array([seen.count - 2 - seen.placed for seen in white.each])
+    ill = np.flatnonzero(~(here.square < _AGAIN * np.maximum(freedom, 1)))
     if everywhere and len(ill):
         others = [evaluate(guess, ill) for guess in initial_guesses(model, session, rest, ill)]
         if start is not None:  # an earlier fit tried every start; the likeliest is enough now
             for other in others[1:]:
-                others[0].take_better(np.arange(len(ill)), other, centre[ill])
+                others[0].take_better(np.arange(len(ill)), other)
             others = others[:1]
         for other in others:
-            here.take_better(ill, gauss_newton(evaluate, other, ill), centre)
-    known = here.inside & here.differentiable
-    settled = known & (here.step(centre, np.zeros(len(centre)))[1] < _NEAR)
-    return _made(session, here, known, settled, freedom)
+            here.take_better(ill, evaluate.fitted(other, ill))
+    return _made(session, white, here, freedom)
 
 
 def _begun(evaluate: Evaluation, start: Floats | None) -> Places:
@@ -146,22 +143,22 @@ def _begun(evaluate: Evaluation, start: Floats | None) -> Places:
     return found
 
 
-def _made(
-    session: Session,
-    places: Places,
-    known: Booleans,
-    settled: Booleans,
-    freedom: Integers,
-) -> Fits:
+def _made(session: Session, white: Whitening, places: Places, freedom: Integers) -> Fits:
+    log_ca, size = places.points.T
     speed = session.circumstances["capsule_velocity"] / places.ratio
-    log_modulus = np.log(session.circumstances["viscosity"] * speed) - places.theta[:, 0]
-    covariance = np.full((len(settled), 2, 2), np.nan)
-    for i in np.flatnonzero(known):
-        slope = places.slopes[i]
-        spread = np.linalg.inv(slope.T @ slope + np.diag(1.0 / LOOSE**2))
-        by_ca, by_size = -places.ratio_slopes[i] / places.ratio[i]
-        along = np.array([[by_ca - 1.0, by_size], [0.0, 1.0]])
-        covariance[i] = along @ spread @ along.T
+    log_modulus = np.log(session.circumstances["viscosity"] * speed) - log_ca
+    known = places.inside & places.differentiable
+    along = np.zeros((len(known), 2, 2))
+    along[:, 0] = -places.ratio_slopes / places.ratio[:, None] - [1.0, 0.0]
+    along[:, 1, 1] = 1.0
+    covariance = np.full((len(known), 2, 2), np.nan)
+    spread = np.linalg.inv(places.normal[known])
+    covariance[known] = np.einsum("nij,njk,nlk->nil", along[known], spread, along[known])
     covariance[:, 0, 0] += np.square(session.velocity_errors)
-    each = tuple(places.residuals), tuple(places.slopes)
-    return Fits(places.theta, *each, log_modulus, places.theta[:, 1], covariance, known, settled, freedom)
+    of_data = [slice(2, 2 + seen.count) for seen in white.each]
+    residuals, slopes = (
+        tuple(values[part] for values, part in zip(of_all, of_data, strict=True))
+        for of_all in (places.residuals, places.slopes)
+    )
+    settled = known & (places.left < _NEAR)
+    return Fits(places.points, residuals, slopes, log_modulus, size, covariance, known, settled, freedom)

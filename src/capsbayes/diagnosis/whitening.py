@@ -27,6 +27,11 @@ class Whitener(Protocol):
         """Number of measured values that determine its place in the picture."""
         ...
 
+    @property
+    def count(self) -> int:
+        """Number m of residuals."""
+        ...
+
     def __call__(self, prediction: Prediction) -> Floats:
         """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
         ...
@@ -46,6 +51,11 @@ class OfLengths:
         count = len(measurement.lengths)
         return cls(measurement.lengths, measurement.covariance + own[:count, :count])
 
+    @property
+    def count(self) -> int:
+        """See `Whitener`."""
+        return len(self.lengths)
+
     def __call__(self, prediction: Prediction) -> Floats:
         """See `Whitener`."""
         away = np.where(prediction.inside[:, None], self.lengths - prediction.values[:, : len(self.lengths)], np.nan)
@@ -63,6 +73,11 @@ class OfOutline:
 
     likelihood: OutlineLikelihood
     placed: ClassVar[int] = 3  # shifts and tilt
+
+    @property
+    def count(self) -> int:
+        """See `Whitener`."""
+        return len(self.likelihood.points) + (self.likelihood.length is not None)
 
     def __call__(self, prediction: Prediction) -> Floats:
         """See `Whitener`."""

@@ -1,13 +1,4 @@
-"""Inversion of a map of the plane: the points at which a forward map gives wanted values, for a batch at once.
-
-Levenberg-Marquardt with the map's own gradient, from several starting points
-each; where no point gives the values exactly, the nearest in least squares.
-
-References
-----------
-Marquardt, "An algorithm for least-squares estimation of nonlinear parameters",
-J. Soc. Ind. Appl. Math. 11, 431 (1963), doi:10.1137/0111030.
-"""
+"""Inversion of a map of the plane: the points at which a forward map gives wanted values, for a batch at once."""
 
 from __future__ import annotations
 
@@ -17,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.least_squares import Linearised, minimise
 
 Forward = Callable[[Floats, Integers], tuple[Floats, Floats]]
 
-TOLERANCE = 1e-10
-ITERATIONS = 60
-LONGEST_STEP = 2.0
+_UNIT = 1e-5  # of the values, which count as standard error
+_EXACT = 1e-10
+_LONGEST, _STEPS = 2.0, 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +37,7 @@ class Inversion:
 
 
 def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
-    """Invert a map of the plane for a batch.
+    """Invert a map of the plane for a batch; where no point gives the values exactly, find the nearest.
 
     Parameters
     ----------
@@ -69,43 +61,18 @@ def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
     >>> solve(forward, np.array([[4.0, 5.0], [9.0, 1.0]]), np.ones((1, 2, 2))).points.round(9).tolist()
     [[2.0, 3.0], [3.0, -2.0]]
     """
-    points, misfit = np.full(wanted.shape, np.nan), np.full(len(wanted), np.inf)
+
+    def evaluate(points: Floats, rows: Integers) -> Linearised:
+        values, gradients = forward(points, rows)
+        return Linearised(points, (values - wanted[rows]) / _UNIT, gradients / _UNIT)
+
+    nowhere = np.full(wanted.shape, np.nan)
+    found = Linearised(nowhere, nowhere.copy(), np.full((*wanted.shape, 2), np.nan))
+    misfit = np.full(len(wanted), np.inf)
     for start in np.asarray(starts, dtype=np.float64):
-        rows = np.flatnonzero(misfit >= TOLERANCE)
-        reached, left = _descend(forward, wanted[rows], start[rows], rows)
-        better = left < misfit[rows]
-        points[rows[better]], misfit[rows[better]] = reached[better], left[better]
-    return Inversion(points, misfit, misfit < TOLERANCE)
-
-
-def _descend(forward: Forward, wanted: Floats, start: Floats, rows: Integers) -> tuple[Floats, Floats]:
-    """Return where k problems end (k, 2), from one starting point each, and their misfits there (k,)."""
-    point = start.copy()
-    value, gradient = forward(point, rows)
-    miss, damping = value - wanted, np.full(len(rows), 1e-3)
-    moving = np.isfinite(miss).all(axis=1)
-    for _ in range(ITERATIONS):
-        moving &= ~(np.abs(miss).max(axis=1) < TOLERANCE)
-        here = np.flatnonzero(moving)
-        if not here.size:
+        rows = np.flatnonzero(misfit >= _EXACT)
+        if not len(rows):
             break
-        slopes = gradient[here]
-        normal = np.swapaxes(slopes, 1, 2) @ slopes
-        diagonal = np.maximum(np.einsum("kii->ki", normal), 1e-12)
-        curbed = normal + damping[here, None, None] * diagonal[:, :, None] * np.eye(2)
-        pull = np.swapaxes(slopes, 1, 2) @ miss[here][..., None]
-        step = -np.linalg.solve(curbed, pull)[..., 0]
-        longest = np.abs(step).max(axis=1)
-        step *= np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-300))[:, None]
-        value, trial = forward(point[here] + step, rows[here])
-        with np.errstate(invalid="ignore"):
-            better = np.sum((value - wanted[here]) ** 2, axis=1) < np.sum(miss[here] ** 2, axis=1)
-        taken, kept = here[better], here[~better]
-        point[taken] += step[better]
-        gradient[taken], miss[taken] = trial[better], (value - wanted[here])[better]
-        damping[taken] /= 5.0
-        damping[kept] = np.maximum(4.0 * damping[kept], 1e-12)
-        moving[kept] = np.abs(step[~better]).max(axis=1, initial=0.0) >= 1e-13
-    with np.errstate(invalid="ignore"):
-        left = np.abs(miss).max(axis=1)
-    return point, np.where(np.isfinite(left), left, np.inf)
+        found.take_better(rows, minimise(evaluate, evaluate(start[rows], rows), rows, _LONGEST, _STEPS))
+        misfit = np.nan_to_num(_UNIT * np.abs(found.residuals).max(axis=1), nan=np.inf)
+    return Inversion(found.points, misfit, misfit < _EXACT)

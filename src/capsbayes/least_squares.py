@@ -1,0 +1,146 @@
+"""Nonlinear least squares for a batch of problems at once, by damped Gauss-Newton steps.
+
+Residuals are in standard errors, so that a sum of squares that may still decrease by one is a point one standard error
+away from the best. The steps end where the decrease that they predict is below `TOLERANCE`, a ten-millionth of a
+standard error: far above rounding, and far below what is reported. Close to the minimum a step is judged by the
+predicted decrease that remains, because differences of sums of squares are lost in rounding there.
+
+References
+----------
+Marquardt, "An algorithm for least-squares estimation of nonlinear parameters",
+J. Soc. Ind. Appl. Math. 11, 431 (1963), doi:10.1137/0111030.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Self, TypeVar
+
+import numpy as np
+
+from capsbayes.arrays import Booleans, Floats, Integers
+
+TOLERANCE = 1e-14
+"""Predicted decrease of a sum of squares at which it counts as the least."""
+
+_FIRST_DAMPING, _MOST_DAMPING = 1e-3, 1e8  # of the diagonal; the first also after a step that is not taken, at least
+_FULFILLED = 0.1  # of the predicted decrease, in a step that is taken
+_RISE = 1e-4  # of the sum, in a step that halves what is still to be gained: slopes by differences are a little off
+_BETTER = 1e-3  # in the sum, by which a point is better than another
+_RIDGE = 1e-14  # of the diagonal, where a direction has no slope of its own
+
+
+@dataclass(eq=False)
+class Linearised:
+    """Residuals of n problems at one point each, and their slopes.
+
+    Parameters
+    ----------
+    points : (n, p) array
+    residuals : (n, m) array
+        In standard errors, filled up with zeros where a problem has fewer; NaN where the problem is not defined.
+    slopes : (n, m, p) array
+    """
+
+    points: Floats
+    residuals: Floats
+    slopes: Floats
+
+    def taken(self, rows: Integers) -> Self:
+        """Return some of the problems."""
+        return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+    def put(self, rows: Integers, others: Self) -> None:
+        """Replace some of the problems."""
+        for field in fields(self):
+            getattr(self, field.name)[rows] = getattr(others, field.name)
+
+    def take_better(self, rows: Integers, others: Self) -> None:
+        """Replace those of some rows that are better elsewhere by more than the error of convergence."""
+        better = np.flatnonzero(others.square < self.square[rows] - _BETTER)
+        self.put(rows[better], others.taken(better))
+
+    @property
+    def inside(self) -> Booleans:
+        """Problems that are defined there : (n,) array."""
+        return np.asarray(np.isfinite(self.residuals).all(axis=1))
+
+    @property
+    def differentiable(self) -> Booleans:
+        """Problems with finite slopes : (n,) array."""
+        return np.asarray(np.isfinite(self.slopes).all(axis=(1, 2)))
+
+    @property
+    def square(self) -> Floats:
+        """Sums of squares : (n,) array, infinite where a problem is not defined."""
+        found = np.sum(self.residuals**2, axis=1)
+        return np.where(np.isfinite(found), found, np.inf)
+
+    @property
+    def normal(self) -> Floats:
+        """Normal matrices, the inverse covariances of the points : (n, p, p) array."""
+        return np.asarray(np.einsum("nmi,nmj->nij", self.slopes, self.slopes))
+
+    @property
+    def left(self) -> Floats:
+        """Decrease of the sums of squares that the undamped step predicts : (n,) array, infinite without slopes."""
+        found = self.step(np.zeros(len(self.points)))[1]
+        return np.where(np.isfinite(found), found, np.inf)
+
+    def step(self, damping: Floats, longest: Floats | float = np.inf) -> tuple[Floats, Floats]:
+        """Return damped steps (n, p), each component at most `longest`, and the decrease that they predict (n,)."""
+        normal, pull = self.normal, np.einsum("nmi,nm->ni", self.slopes, self.residuals)
+        diagonal = np.einsum("nii->ni", normal)
+        damped = normal.copy()
+        np.einsum("nii->ni", damped)[:] += (damping[:, None] + _RIDGE) * diagonal + np.finfo(np.float64).tiny
+        step = np.clip(-np.linalg.solve(damped, pull[..., None])[..., 0], -longest, longest)
+        return step, -2.0 * np.sum(step * pull, axis=1) - np.einsum("ni,nij,nj->n", step, normal, step)
+
+
+Problems = TypeVar("Problems", bound=Linearised)
+
+
+def minimise(
+    evaluate: Callable[[Floats, Integers], Problems],
+    here: Problems,
+    rows: Integers,
+    longest: Floats | float,
+    steps: int = 30,
+) -> Problems:
+    """Minimise sums of squares from given points on.
+
+    Parameters
+    ----------
+    evaluate : callable
+        Maps points (k, p) and the rows (k,) of the problems that they belong to, to a `Linearised` of these.
+    here : Linearised
+        Of k problems at their starting points; changed in place.
+    rows : (k,) array
+        That they have for `evaluate`.
+    longest : (p,) array or float
+        Largest change of each coordinate in a step.
+    steps : int
+        At most.
+
+    Returns
+    -------
+    Linearised
+        `here`, where the steps have ended; a start at which a problem is not defined stays.
+    """
+    square, left = here.square, here.left
+    damping = np.full(len(rows), _FIRST_DAMPING)
+    for _ in range(steps):
+        moving = np.flatnonzero(np.isfinite(square + left) & (left > TOLERANCE) & (damping < _MOST_DAMPING))
+        if not len(moving):
+            break
+        step, predicted = here.taken(moving).step(damping[moving], longest)
+        there = evaluate(here.points[moving] + step, rows[moving])
+        ahead, gained = there.left, square[moving] - there.square
+        better = (gained > _FULFILLED * predicted) | (ahead < 0.5 * left[moving]) & (gained > -_RISE)
+        taken, kept = moving[better], moving[~better]
+        here.put(taken, there.taken(np.flatnonzero(better)))
+        square[taken], left[taken] = here.square[taken], ahead[better]
+        damping[taken] *= 0.1
+        damping[kept] = np.maximum(10.0 * damping[kept], _FIRST_DAMPING)
+    return here
