@@ -175,7 +175,7 @@ def test_an_outline_is_written_beside_and_read_again(tmp_path):
         (("noise = 0.004", "noise = 0.0"), "scale: expected a positive number"),
         (("noise = 0.004\n", ""), "outline.noise: expected a value, got nothing"),
         (("capsule.outline.csv", "other.csv"), "other.csv: expected a file of points, got nothing there"),
-        (("capsule.outline.csv", "capsule.toml"), "expected the columns z_over_l and y_over_l"),
+        (("capsule.outline.csv", "capsule.toml"), "z_over_l: expected a column of that name"),
     ],
 )
 def test_mistakes_in_an_outline_are_named(tmp_path, change, message):

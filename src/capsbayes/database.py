@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import DatabaseError
-from capsbayes.output_file import unfinished
+from capsbayes.output_file import write_dataset
 from capsbayes.parameters import PARAMETERS
 from capsbayes.status import Status
 
@@ -245,8 +245,6 @@ class Database:
         path : path
             Replaced only once the new file is complete.
         """
-        target = Path(path)
-        target.parent.mkdir(parents=True, exist_ok=True)
         encoding: dict[str, dict[str, Any]] = {}
         for name, variable in VARIABLES.items():
             encoding[name] = {"_FillValue": None} if variable.kind == "f" else {}
@@ -254,11 +252,7 @@ class Database:
                 encoding[name] |= {"zlib": True, "complevel": 9, "shuffle": True}
                 if _is_single(self[name]):
                     encoding[name]["dtype"] = "f4"
-        with unfinished(target) as partial:
-            dataset = self.dataset.assign_attrs(sha256=_content_hash(self.dataset))
-            dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
-            with partial.open("rb") as written:
-                os.fsync(written.fileno())
+        write_dataset(path, self.dataset.assign_attrs(sha256=_content_hash(self.dataset)), encoding)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return np.asarray(self.dataset[name].values)

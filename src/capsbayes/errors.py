@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class CapsbayesError(Exception):
     """Base of every error a user can cause; the command line prints it as one line, exit status 2."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (type(self), self.args, self.__dict__)  # by which worker processes send it
 
 
 class InputError(CapsbayesError):
@@ -70,5 +75,8 @@ class BrokenPromiseError(CapsbayesError, AssertionError):
         self.subject, self.promise, self.found = subject, promise, found
         super().__init__(f"{subject} breaks its promise: {promise}; found {found}")
 
-    def __reduce__(self) -> tuple[type[BrokenPromiseError], tuple[str, str, str]]:
-        return type(self), (self.subject, self.promise, self.found)
+
+def _restored(kind: type[CapsbayesError], arguments: tuple[Any, ...], evidence: dict[str, Any]) -> CapsbayesError:
+    error = kind.__new__(kind, *arguments)
+    error.__dict__.update(evidence)
+    return error

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile, quantity, unread
+from capsbayes.output_file import write_file
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 
@@ -123,7 +124,7 @@ class Experiment(Readable):
         ]
         if self.frame_rate is not None:
             lines.append(f'frame_rate = "{_text(self.frame_rate, "frame_rate")}"')
-        Path(path).write_text("\n".join(lines) + "\n")
+        write_file(path, "\n".join(lines) + "\n")
 
 
 def capillary_number(*, viscosity: ArrayLike, mean_velocity: ArrayLike, surface_shear_modulus: ArrayLike) -> Floats:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
+import stat
 import tomllib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -12,6 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from capsbayes.errors import InputError
+from capsbayes.output_file import note_input
 from capsbayes.quantity import Quantity
 
 Reader = Callable[[Any, str, str], Any]
@@ -50,16 +53,13 @@ class InputFile:
         InputError
             If it is missing, unreadable or not TOML.
         """
-        path = Path(path)
+        path, raw = Path(path), read_bytes(path)
         try:
-            raw = path.read_bytes()
             content = tomllib.loads(raw.decode())
-        except FileNotFoundError:
-            raise InputError(str(path), "", "a file", "nothing there") from None
-        except OSError as error:
-            raise InputError(str(path), "", "a readable file", str(error.strerror)) from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except ValueError as error:  # not UTF-8, not TOML, or an integer of thousands of digits
             raise InputError(str(path), "", "a TOML file", str(error)) from None
+        except RecursionError:
+            raise InputError(str(path), "", "a TOML file", "arrays or tables nested too deeply") from None
         return cls(path, content, hashlib.sha256(raw).hexdigest())
 
     def table(
@@ -80,6 +80,34 @@ class InputFile:
         """
         table = self.content.get(name, {}) if name else self.content
         return checked_table(table, str(self.path), name, required=required, optional=optional, renamed=renamed)
+
+
+def read_bytes(path: str | Path, noun: str = "file") -> bytes:
+    """Return the content of a file of a user.
+
+    Parameters
+    ----------
+    path : path
+    noun : str
+        What the file should be, for the message of an error, as ``"picture"``.
+
+    Raises
+    ------
+    InputError
+        If it is missing, no file, or cannot be read.
+    """
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            got = "a folder" if os.path.isdir(path) else "a device"
+            raise InputError(str(path), "", f"a readable {noun}", got)
+        note_input(Path(path))
+        return Path(path).read_bytes()
+    except FileNotFoundError:
+        raise InputError(str(path), "", f"a {noun}", "nothing there") from None
+    except OSError as error:
+        raise InputError(str(path), "", f"a readable {noun}", str(error.strerror)) from None
+    except ValueError:
+        raise InputError(repr(str(path)), "", f"a {noun}", "a name that no file can have") from None
 
 
 def checked_table(
@@ -149,7 +177,7 @@ def file_name(example: str) -> Reader:
     """Return a reader of the name of a file, relative to the file that states it."""
 
     def read(value: object, where: str, key: str) -> Path:
-        if not isinstance(value, str):
+        if not isinstance(value, str) or not value.strip() or "\0" in value:
             raise InputError(where, key, f'the name of a file like "{example}"', repr(value))
         return Path(where).parent / value
 

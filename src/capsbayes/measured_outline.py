@@ -10,8 +10,10 @@ import numpy as np
 import scipy.linalg
 
 from capsbayes.arrays import Floats
+from capsbayes.csv_file import read_numbers, text_of_numbers
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile, checked_table, file_name, not_negative, number
+from capsbayes.output_file import write_file
 from capsbayes.profile import arc_length, signed_area
 
 MID_PLANE = "mid-plane"
@@ -156,7 +158,8 @@ class MeasuredOutline:
             optional={"white": number, "pose": _pose, "view": check_view},
         )
         noise = OutlineNoise(table["noise"], table["correlation"], table.get("white", 0.0))
-        return cls(_points(table["file"]), noise, table.get("pose", Pose()), table.get("view", MID_PLANE))
+        points = read_numbers(table["file"], _COLUMNS, "file of points")
+        return cls(points, noise, table.get("pose", Pose()), table.get("view", MID_PLANE))
 
     def write(self, path: Path) -> list[str]:
         """Write the points to a CSV file.
@@ -170,7 +173,7 @@ class MeasuredOutline:
         list of str
             Lines of the table ``[outline]`` with which `read` finds them, for a file of the same folder.
         """
-        np.savetxt(path, self.points, fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
+        write_file(path, text_of_numbers(_COLUMNS, self.points, "%.9g"))
         noise, pose = self.noise, asdict(self.pose)
         posed = [f"pose = {{ {', '.join(f'{name} = {float(value)!r}' for name, value in pose.items())} }}"]
         return [
@@ -210,21 +213,3 @@ def check_view(view: object, where: str, key: str) -> str:
 
 def _pose(table: object, where: str, key: str) -> Pose:
     return Pose(**checked_table(table, where, key, optional={entry.name: not_negative for entry in fields(Pose)}))
-
-
-def _points(path: Path) -> Floats:
-    """Return the points (m, 2) of a CSV file with the columns z_over_l and y_over_l, among others."""
-    import pandas as pd
-
-    where = str(path)
-    try:
-        frame = pd.read_csv(path)
-    except FileNotFoundError:
-        raise InputError(where, "", "a file of points", "nothing there") from None
-    except (OSError, ValueError) as error:
-        raise InputError(where, "", "a readable CSV file", " ".join(str(error).split())) from None
-    numbers = frame.reindex(columns=_COLUMNS).apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
-    if np.isnan(numbers).any():
-        expected = f"the columns {' and '.join(_COLUMNS)} with a number in each line"
-        raise InputError(where, "", expected, "other columns, or a line without a number")
-    return numbers

@@ -13,6 +13,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile, Reader, file_name, quantity, unread
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
+from capsbayes.output_file import together, write_file
 from capsbayes.parameters import STATED
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
@@ -230,9 +231,10 @@ class Measurement(Readable):
         lines.append(f'capsule_velocity = "{_pair(self.capsule_velocity, self.capsule_velocity_error)} m/s"')
         if self.flow_rate is not None:
             lines.append(f'flow_rate = "{float(self.flow_rate)!r} m^3/s"')
-        if self.outline is not None:
-            lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
-        Path(path).write_text("\n".join(lines).lstrip() + "\n")
+        with together():
+            if self.outline is not None:
+                lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
+            write_file(path, "\n".join(lines).lstrip() + "\n")
 
     def described(self) -> dict[str, str]:
         """Return what was measured in the units that people read; the status alone where the measurement failed."""

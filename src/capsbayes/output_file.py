@@ -1,31 +1,260 @@
-"""Files that are written whole or not at all."""
+"""Files that are written: whole or not at all, never over an input, and over nothing that another program wrote.
+
+Every file of the package is written here. Inside `guarded`, which commands and long computations enter, a file that
+exists is replaced only if it is byte for byte what was written there before: each folder keeps the hashes of what was
+written into it in a file `RECORD`, in the format of sha256sum.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import hashlib
+import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from capsbayes.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RECORD = ".capsbayes.sha256"
+"""File in a folder with the hashes of what was written into it, as ``sha256sum`` writes them."""
 
 
-@contextlib.contextmanager
-def unfinished(path: Path) -> Iterator[Path]:
-    """Give a temporary file to write, which replaces `path` in the end; after an error nothing of it is left.
+@dataclass(frozen=True)
+class Guard:
+    """Promise that holds while a command runs.
 
     Parameters
     ----------
-    path : Path
-        In an existing folder.
+    overwrite : bool
+        True if files that were not written here may be replaced.
+    inputs : set of (int, int)
+        Device and inode of each file that is read; never replaced.
+    updated : frozenset of (int, int)
+        Files that are read and written back with more in them.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+
+    overwrite: bool = False
+    inputs: set[tuple[int, int]] = field(default_factory=set)
+    updated: frozenset[tuple[int, int]] = frozenset()
+
+
+_guard: ContextVar[Guard | None] = ContextVar("guard", default=None)
+_waiting: ContextVar[dict[Path, bytes] | None] = ContextVar("waiting", default=None)
+
+
+@contextlib.contextmanager
+def guarded(inputs: Iterable[Path] = (), *, updated: Iterable[Path] = (), overwrite: bool = False) -> Iterator[None]:
+    """Replace, in this block, no input and no file that another program wrote or somebody changed.
+
+    Parameters
+    ----------
+    inputs : iterable of Path
+        Files that are read; more join by `note_input`.
+    updated : iterable of Path
+        Files that are read and written back with more in them.
+    overwrite : bool
+        True to replace files that are not ours, inputs excepted.
+    """
+    outer = _guard.get() or Guard()
+    own = frozenset(_identity(path) for path in updated if path.exists())
+    token = _guard.set(Guard(overwrite or outer.overwrite, outer.inputs, own | outer.updated))
     try:
-        yield partial
-        os.replace(partial, path)
+        for path in inputs:
+            note_input(path)
+        yield
     finally:
-        partial.unlink(missing_ok=True)
+        _guard.reset(token)
 
 
-def replaced(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    with unfinished(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+def note_input(path: Path) -> None:
+    """Remember a file that is read, so that nothing replaces it in the same block of `guarded`."""
+    guard = _guard.get()
+    if guard is not None:
+        with contextlib.suppress(OSError, ValueError):
+            guard.inputs.add(_identity(path))
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_dev, found.st_ino
+
+
+def is_ours(path: Path) -> bool:
+    """Return True for a file that is byte for byte what was written there under `guarded`."""
+    lines = _recorded(path.parent)
+    with path.open("rb") as file:
+        return bool(lines) and _line(path, hashlib.file_digest(file, "sha256").hexdigest()) in lines
+
+
+def check_replaceable(path: Path) -> None:
+    """Refuse a file whose replacement would destroy something.
+
+    Raises
+    ------
+    InputError
+    """
+    guard = _guard.get()
+    if path.is_dir():
+        raise InputError(str(path), "", "the name of a file to write", "a folder")
+    if guard is None or not os.path.lexists(path):
+        return
+    if path.exists() and _identity(path) in guard.updated:
+        return
+    if path.exists() and _identity(path) in guard.inputs:
+        raise InputError(str(path), "", "a file to write that is not read as well", "an input", "choose another name")
+    if not guard.overwrite and not (path.exists() and is_ours(path)):
+        advice = "choose another name, or use --overwrite (overwrite=True in Python)"
+        got = "a file that capsbayes did not write, or that was changed since"
+        raise InputError(str(path), "", "no file, or a result to replace", got, advice)
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder with its parents, if it does not exist.
+
+    Raises
+    ------
+    InputError
+        If that is not possible.
+    """
+    with refusing(path, "a folder that can be made"):
+        path.mkdir(parents=True, exist_ok=True)
+
+
+def write_file(path: str | os.PathLike[str], content: bytes | str) -> Path:
+    """Write a file whole or not at all; its folder is made if it does not exist.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written, or under `guarded` would replace what must stay.
+    """
+    path, content = Path(path), content.encode() if isinstance(content, str) else content
+    waiting = _waiting.get()
+    if waiting is None:
+        _commit({path: content})
+    else:
+        waiting[path] = content
+    return path
+
+
+@contextlib.contextmanager
+def together() -> Iterator[None]:
+    """Keep what `write_file` is given in this block, and write all of it at the end: all files or none."""
+    if _waiting.get() is not None:
+        yield
+        return
+    files: dict[Path, bytes] = {}
+    token = _waiting.set(files)
+    try:
+        yield
+    finally:
+        _waiting.reset(token)
+    _commit(files)
+
+
+def write_dataset(
+    path: str | os.PathLike[str],
+    dataset: xr.Dataset,
+    encoding: Mapping[str, Any] | None = None,
+    groups: Mapping[str, xr.Dataset] = MappingProxyType({}),
+) -> Path:
+    """Write a dataset as a NetCDF file: made in memory, since HDF5 ends the process where a disk is full.
+
+    Parameters
+    ----------
+    path : path
+    dataset : xarray.Dataset
+    encoding : mapping, optional
+        As of `xarray.Dataset.to_netcdf`.
+    groups : mapping of str to xarray.Dataset
+        Further datasets, each in a group of its own.
+    """
+    import h5netcdf
+    from xarray.backends import H5NetCDFStore
+
+    content = io.BytesIO()
+    with h5netcdf.File(content, "w") as file:
+        dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
+        for name, group in groups.items():  # xarray.DataTree would import dask, which takes as long as sampling
+            group.dump_to_store(H5NetCDFStore(file.create_group(name)))
+    return write_file(path, content.getvalue())
+
+
+def _commit(files: Mapping[Path, bytes]) -> None:
+    """Write all files under other names, then rename them."""
+    partial: dict[Path, Path] = {}
+    made: list[Path] = []
+    try:
+        for path, content in files.items():
+            with refusing(path, "a file that can be written"):
+                made += _made_folders(path.parent)
+                check_replaceable(path)
+                partial[path] = path.with_name(f".{path.name[:100]}.{os.getpid()}.tmp")
+                partial[path].write_bytes(content)
+        for path in partial:
+            with refusing(path, "a file that can be written"):
+                if _guard.get() is not None:
+                    _add_to_record(path, files[path])
+                os.replace(partial[path], path)
+        made = []
+    finally:
+        for path in partial.values():
+            path.unlink(missing_ok=True)
+        for folder in reversed(made):
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def _made_folders(folder: Path) -> list[Path]:
+    """Make a folder with its parents, and return those that were missing."""
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    return missing[::-1]
+
+
+def _recorded(folder: Path) -> set[str]:
+    """Return the lines of the record of a folder."""
+    try:
+        return set((folder / RECORD).read_text(encoding="utf-8", errors="replace").splitlines())
+    except OSError:
+        return set()
+
+
+def _line(path: Path, digest: str) -> str:
+    return f"{digest}  {path.name}"
+
+
+def _add_to_record(path: Path, content: bytes) -> None:
+    line = _line(path, hashlib.sha256(content).hexdigest())
+    if line in _recorded(path.parent):
+        return
+    record = path.with_name(RECORD)
+    before = record.stat().st_size if record.exists() else None
+    try:
+        with record.open("ab") as file:  # one short write: lines of several processes do not mix
+            file.write(f"{line}\n".encode())
+    except OSError:
+        with contextlib.suppress(OSError):
+            record.unlink() if before is None else os.truncate(record, before)
+        raise
+
+
+@contextlib.contextmanager
+def refusing(path: Path, expected: str) -> Iterator[None]:
+    """Turn an error of the system into one line with the path and the reason."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        advice = "make room and start again: what is finished is kept" if full else ""
+        raise InputError(str(path), "", "room on the disk" if full else expected, reason, advice) from None

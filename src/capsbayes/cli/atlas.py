@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from capsbayes.cli.options import AsJson, DatabaseName
 from capsbayes.cli.output import print_json
-from capsbayes.errors import InputError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from capsbayes.output_file import together
 
 
 def atlas(
@@ -25,10 +22,15 @@ def atlas(
 
     from capsbayes.database import Database
     from capsbayes.show.figures.atlas import atlas as figures_of
+    from capsbayes.show.figures.style import write_figure
 
     whole = Database.open(database)
     with Console(stderr=True).status("Drawing ..."):
-        paths = _write(figures_of(whole), out)
+        figures = figures_of(whole)
+        paths = [out / f"{name}.png" for name in figures]
+        with together():
+            for path, figure in zip(paths, figures.values(), strict=True):
+                write_figure(figure, path)
     if as_json:
         files = [{"file": str(path), "bytes": path.stat().st_size} for path in paths]
         counts = {"cases": len(whole), "converged": len(whole.converged)}
@@ -37,14 +39,3 @@ def atlas(
     typer.echo(f"{len(whole.converged)} of {len(whole)} cases with a steady state")
     for path in paths:
         typer.echo(f"  {path}  {path.stat().st_size / 1000:.0f} kB")
-
-
-def _write(figures: dict[str, Figure], out: Path) -> list[Path]:
-    paths = [out / f"{name}.png" for name in figures]
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for path, figure in zip(paths, figures.values(), strict=True):
-            figure.savefig(path, dpi=160)
-    except OSError as error:
-        raise InputError("atlas", "--out", "a folder that can be written", str(error)) from error
-    return paths

@@ -10,6 +10,7 @@ import typer
 from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, choose, named_model
 from capsbayes.cli.output import Writer, check_folder, conclude, json_file
 from capsbayes.errors import InputError
+from capsbayes.output_file import write_file
 
 if TYPE_CHECKING:
     from capsbayes.diagnosis import Session
@@ -64,7 +65,7 @@ def diagnose(
         )
     result = summary(study)
     files: dict[str, Writer] = {
-        "study.html": lambda path: path.write_text(study_page(study), encoding="utf-8"),
+        "study.html": lambda path: write_file(path, study_page(study)),
         "study.json": json_file(result),
     }
     conclude(result, lambda: list(study_parts(study)), files, out=out, as_json=as_json)

@@ -34,7 +34,7 @@ def exam(
     from capsbayes.evidence.exam.cells import CELLS
     from capsbayes.evidence.exam.examine import examine
     from capsbayes.evidence.exam.page import exam_page
-    from capsbayes.output_file import replaced
+    from capsbayes.output_file import write_file
 
     chosen = [cell for cell in CELLS if only is None or only in cell.name]
     if not chosen:
@@ -48,5 +48,5 @@ def exam(
     answers = examine(
         chosen, pools, out, workers=workers, tell=lambda line: console.print(line, highlight=False, markup=False)
     )
-    replaced(out / "exam.md", exam_page(chosen, answers))
+    write_file(out / "exam.md", exam_page(chosen, answers))
     typer.echo(f"{out / 'exam.md'}")

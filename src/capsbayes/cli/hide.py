@@ -10,6 +10,7 @@ import typer
 from capsbayes.cli.options import Seed, Workers
 from capsbayes.cli.output import check_folder
 from capsbayes.errors import InputError
+from capsbayes.output_file import write_file
 
 if TYPE_CHECKING:
     from capsbayes.evidence.blind import BlindSession, TrueEffect
@@ -77,8 +78,8 @@ def _write(blind: BlindSession, out: Path, truth: Path) -> None:
     import json
 
     told = json.dumps(blind.truth(), indent=1) + "\n"
-    (truth / "truth.json").write_text(told, encoding="utf-8")
+    write_file(truth / "truth.json", told)
     blind.session.write(out)
     seal = hashlib.sha256(told.encode()).hexdigest()
-    (out / "seal.txt").write_text(f"sha256 of the truth: {seal}\n", encoding="utf-8")
+    write_file(out / "seal.txt", f"sha256 of the truth: {seal}\n")
     typer.echo(f"{out}: {len(blind.session)} capsules; the truth is in {truth / 'truth.json'}, sealed by {seal[:12]}")

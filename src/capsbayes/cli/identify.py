@@ -20,7 +20,7 @@ from capsbayes.cli.options import (
     named_model,
     speed_of,
 )
-from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
+from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -120,8 +120,8 @@ def _files(posterior: Posterior) -> dict[str, Writer]:
     files: dict[str, Writer] = {
         "posterior.nc": posterior.write,
         "summary.json": json_file(posterior.as_dict()),
-        "corner.png": lambda path: corner_plot(posterior, shown).savefig(path, dpi=110),
+        "corner.png": figure_file(lambda: corner_plot(posterior, shown), dpi=110),
     }
     if posterior.outlines is not None:
-        files["outline.png"] = lambda path: outline_figure(posterior).savefig(path, dpi=140)
+        files["outline.png"] = figure_file(lambda: outline_figure(posterior))
     return files

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from capsbayes.errors import InputError
+from capsbayes.output_file import together, write_file
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from capsbayes.status import Status
 
@@ -45,7 +44,21 @@ def print_json(result: Any) -> None:
 
 def json_file(result: Any) -> Writer:
     """Return a function that writes a result into a JSON file."""
-    return lambda path: path.write_text(json.dumps(result, indent=2) + "\n")
+    return lambda path: write_file(path, json.dumps(result, indent=2) + "\n")
+
+
+def figure_file(draw: Callable[[], Figure], dpi: int = 140) -> Writer:
+    """Return a function that draws a figure into a file."""
+    from capsbayes.show.figures.style import write_figure
+
+    return lambda path: write_figure(draw(), path, dpi)
+
+
+def table_file(table: pd.DataFrame, **how: Any) -> Writer:
+    """Return a function that writes a table into a CSV file; `how` as of `pandas.DataFrame.to_csv`."""
+    from capsbayes.csv_file import text_of_table
+
+    return lambda path: write_file(path, text_of_table(table, **how))
 
 
 def model_words(name: str, sha256: str, seed: int | None = None) -> str:
@@ -81,9 +94,9 @@ def conclude(
         Sentence of the status, where there is more to say than its own.
     """
     if out is not None:
-        with _filled(out) as folder:
+        with together():
             for name, write in files.items():
-                write(folder / name)
+                write(out / name)
     if as_json:
         print_json(result)
     else:
@@ -93,13 +106,3 @@ def conclude(
         print_parts(*parts(), written, status=status_words or status, good=status is None or status.ok)
     if status is not None and not status.ok:
         raise typer.Exit(1)
-
-
-@contextlib.contextmanager
-def _filled(out: Path) -> Iterator[Path]:
-    """Give a temporary folder whose files are moved into `out` in the end: an error leaves nothing half done."""
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out, prefix=".unfinished-") as folder:
-        yield Path(folder)
-        for made in sorted(Path(folder).iterdir()):
-            os.replace(made, out / made.name)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, with_simulator
-from capsbayes.cli.output import check_suffix
+from capsbayes.cli.output import check_suffix, table_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,7 +52,7 @@ def transient(
     lengths = rendered(list(_COLUMNS.values()), map(_row, snapshots), numbers=range(len(_COLUMNS)))
     print_parts(lengths, _end(snapshots[-1]))
     if table is not None:
-        lengths.to_csv(table, header=list(_COLUMNS), index=False)
+        table_file(lengths, header=list(_COLUMNS), index=False)(table)
     if paraview is not None:
         save_series(snapshots, paraview)
     if plot is not None:

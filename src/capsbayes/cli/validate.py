@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from capsbayes.cli.options import AsJson, DatabaseName
-from capsbayes.cli.output import Writer, conclude, json_file
+from capsbayes.cli.output import Writer, conclude, figure_file, json_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +41,7 @@ def validate(
     figures = _figures(studies, whole.sha256)
     files: dict[str, Writer] = {"validation.json": json_file(figures)}
     for name, pair in studies.items():
-        files[f"errors-{name}.png"] = lambda path, pair=pair: heat_maps(*pair).savefig(path, dpi=150)  # type: ignore[misc]
+        files[f"errors-{name}.png"] = figure_file(partial(heat_maps, *pair), dpi=150)
     conclude(figures, lambda: [_table(studies)], files, out=out, as_json=as_json)
 
 

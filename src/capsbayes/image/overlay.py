@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from capsbayes.arrays import Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.files.picture import Picture
+from capsbayes.output_file import write_file
 
 Colour = tuple[int, int, int]
 
@@ -57,7 +58,7 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
 def write_overlay(path: Path, picture: Picture, detection: Detection) -> None:
     """Draw an overlay and write it as a PNG file."""
     _, png = cv2.imencode(".png", overlay(picture, detection))
-    path.write_bytes(png.tobytes())
+    write_file(path, png.tobytes())
 
 
 def _lengths(canvas: NDArray[np.uint8], detection: Detection) -> None:

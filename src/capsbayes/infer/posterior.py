@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +17,10 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.posterior_file import RECORD, read_fields, record_of, write_groups
+from capsbayes.infer.posterior_file import RECORD, read_fields, record_of
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
+from capsbayes.output_file import write_dataset
 from capsbayes.parameters import PARAMETERS
 from capsbayes.readable import as_html
 from capsbayes.status import Status
@@ -236,11 +238,12 @@ class Posterior:
         -------
         Path
         """
-        path = Path(path)
+        import xarray as xr  # slow to import
+
         record = record_of(self.measurement, self.experiment, self.prior, self.gates)
-        attributes = {**self.as_dict(), "inference_library": self.engine, RECORD: record}
-        write_groups(path, attributes, self.groups())
-        return path
+        stated = {**self.as_dict(), "inference_library": self.engine, RECORD: record}
+        attributes = {key: json.dumps(value) for key, value in stated.items() if not isinstance(value, (str, int))}
+        return write_dataset(path, xr.Dataset(attrs=stated | attributes), groups=self.groups())
 
     def to_inference_data(self) -> Any:
         """Return an `arviz.InferenceData` of the same groups."""

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -17,12 +17,8 @@ from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
-from capsbayes.output_file import unfinished
 from capsbayes.quantity import Quantity, json_number
 from capsbayes.status import Status
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 RECORD = "record"
 """Attribute of the file that holds `record_of`."""
@@ -68,37 +64,6 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
         "gates": [[gate.name, *map(json_number, (gate.value, gate.least, gate.most))] for gate in gates],
     }
-
-
-def write_groups(path: Path, attributes: Mapping[str, Any], groups: Mapping[str, xr.Dataset]) -> None:
-    """Write datasets as groups of one NetCDF file: into a temporary file first, then renamed.
-
-    By hand, since `xarray.DataTree.to_netcdf` imports dask, and ArviZ matplotlib: either takes as long as sampling.
-
-    Parameters
-    ----------
-    path : Path
-    attributes : mapping
-        Of the file; what is neither a text nor an integer is written as JSON.
-    groups : mapping of xarray.Dataset
-        Of numbers. Coordinates without a dimension are named in an attribute, by which xarray finds them.
-    """
-    import h5netcdf
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with unfinished(path) as partial, h5netcdf.File(partial, "w") as file:
-        for key, value in attributes.items():
-            file.attrs[key] = value if isinstance(value, (str, int)) else json.dumps(value)
-        for group, dataset in groups.items():
-            stored = file.create_group(group)
-            stored.dimensions = dict(dataset.sizes)
-            further = " ".join(str(name) for name in dataset.coords if name not in dataset.sizes)
-            for name, variable in dataset.variables.items():
-                values = stored.create_variable(name, variable.dims, data=variable.values)
-                if further and name in dataset.data_vars:
-                    values.attrs["coordinates"] = further
-                for key, value in variable.attrs.items():
-                    values.attrs[key] = value
 
 
 def read_fields(path: Path) -> dict[str, Any]:

@@ -54,7 +54,6 @@ def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: 
     if folder.exists() and (not folder.is_dir() or any(folder.glob("*.toml"))):
         got = "one with TOML files" if folder.is_dir() else "a file"
         raise InputError(str(folder), "", "a folder without TOML files", got, "choose another")
-    folder.mkdir(parents=True, exist_ok=True)
     experiment.write(folder / _EXPERIMENT)
     digits = max(3, len(str(len(measurements))))
     for number, measurement in enumerate(measurements, start=1):

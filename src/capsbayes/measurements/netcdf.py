@@ -14,6 +14,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.measured_outline import MID_PLANE, MeasuredOutline, OutlineNoise, Pose, check_view
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
+from capsbayes.output_file import write_dataset
 from capsbayes.parameters import PARAMETERS
 
 # numbers over the capsules
@@ -85,7 +86,7 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
     dataset = xr.Dataset({**variables, "outline": (_OUTLINE, points, {"units": "l"})}, coords={"axis": ["z", "y"]})
     dataset.attrs["view"] = (views or [MID_PLANE])[0]
-    dataset.to_netcdf(path, engine="h5netcdf")
+    write_dataset(path, dataset)
 
 
 def opened(path: Path) -> xr.Dataset:

@@ -7,6 +7,7 @@ measurement of a film leaves is such a table too.
 from __future__ import annotations
 
 import hashlib
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,11 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans, Floats
+from capsbayes.csv_file import plain_cell, read_csv, text_of_table
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.input_file import read_bytes
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.measurements.netcdf import opened
+from capsbayes.output_file import write_file
 from capsbayes.parameters import PARAMETERS, STATED
 from capsbayes.status import Status
 
@@ -135,7 +139,7 @@ class MeasuredLengths:
         names = np.arange(1, len(frame) + 1).astype(str).astype(object)
         label = next((header for header in _NAMES if header in frame), None)
         if label is not None:
-            names = np.where(frame[label].isna(), names, frame[label].astype(str))
+            names = np.where(frame[label].isna(), names, frame[label].astype(str).map(plain_cell))
         read = cls(numbers, names.astype(np.str_), refusals.astype(np.str_), source, sha256)
         return read._checked()
 
@@ -254,7 +258,7 @@ def write_table(path: Path, measurements: Sequence[Measurement]) -> None:
         if any(value is not None for value in values):
             columns[next(iter(headers))] = values
     frame = pd.DataFrame(columns, index=pd.RangeIndex(1, len(measurements) + 1, name="name"), dtype=np.float64)
-    frame.to_csv(path)
+    write_file(path, text_of_table(frame))
 
 
 def is_table_of_lengths(path: Path) -> bool:
@@ -265,20 +269,21 @@ def is_table_of_lengths(path: Path) -> bool:
 def _frame(path: Path) -> pd.DataFrame:
     import pandas as pd
 
-    if not path.exists():
-        raise InputError(str(path), "", "a table of lengths (.csv, .parquet or .nc)", "nothing there")
+    if path.suffix == ".csv":
+        return read_csv(path, "table of lengths")
+    raw = read_bytes(path, "table of lengths")
     if path.suffix == ".nc":
         dataset = opened(path)
         kept = [str(name) for name in dataset.variables if dataset[name].dims == ("capsule",)]
         return pd.DataFrame({next(iter(_HEADERS.get(name, {name: 1.0}))): dataset[name].values for name in kept})
     try:
-        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, skipinitialspace=True)
+        return pd.read_parquet(io.BytesIO(raw))
     except ImportError:
         advice = "pip install 'capsbayes[parquet]', or write the table as .csv"
         raise InputError(str(path), "", "a reader of Parquet files", "none is installed", advice) from None
-    except Exception as error:  # each reader has errors of its own for a damaged file
+    except Exception as error:  # the reader has errors of its own for a damaged file
         reason = " ".join(str(error).split())[:120]
-        raise InputError(str(path), "", f"a readable {path.suffix} table", reason) from None
+        raise InputError(str(path), "", "a readable .parquet table", reason) from None
 
 
 def _check_columns(source: str, columns: list[str]) -> None:

@@ -11,7 +11,7 @@ from capsbayes.errors import InputError
 from capsbayes.infer import Posterior
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.modulus_spread import ModulusSpread
-from capsbayes.output_file import replaced
+from capsbayes.output_file import write_file
 from capsbayes.show.pages.database import database_page
 from capsbayes.show.pages.population import MOST_ROWS, population_page
 from capsbayes.show.pages.posterior import posterior_page
@@ -62,13 +62,7 @@ def write_report(
     ``write_report(identify(measurement, model, experiment, seed=1), "capsule.html")``
     """
     text = report_page(result, picture=picture, spread=spread, rows=rows, source=source)
-    path = Path(out)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replaced(path, text)
-    except OSError as error:
-        raise InputError("report", str(out), "a file that can be written", str(error.strerror)) from None
-    return path
+    return write_file(out, text)
 
 
 def report_page(

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from capsbayes.output_file import refusing
+
 
 @dataclass(frozen=True)
 class Records:
@@ -22,7 +24,7 @@ class Records:
     def add(self, record: dict[str, Any]) -> None:
         """Append a record, on a line of its own even if the last one was cut off."""
         line = json.dumps(record).encode() + b"\n"
-        with self.path.open("a+b") as file:
+        with refusing(self.path, "a file that can be written"), self.path.open("a+b") as file:
             if file.tell():
                 file.seek(-1, 2)
                 line = line if file.read() == b"\n" else b"\n" + line

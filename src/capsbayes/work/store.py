@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from capsbayes.errors import DatabaseError
-from capsbayes.output_file import replaced, unfinished
+from capsbayes.output_file import make_folder, write_file
 
 _MAGIC, _PICKLED = b"capsbayes part 2", b"capsbayes part 1"
 _SUFFIX = ".part"
@@ -56,13 +56,13 @@ class Store:
             If the folder holds parts made with other settings.
         """
         path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        make_folder(path)
         text = json.dumps(dict(settings), sort_keys=True, indent=1)
         file = path / "settings.json"
         if file.exists():
             _check_settings(file, text)
         else:
-            replaced(file, text)
+            write_file(file, text)
         return cls(path, hashlib.sha256(text.encode()).hexdigest())
 
     def path(self, name: str) -> Path:
@@ -91,8 +91,7 @@ class Store:
         np.savez(content, **everything)
         payload = content.getvalue()
         digest = hashlib.sha256(payload).hexdigest()
-        with unfinished(self.path(name)) as partial:
-            partial.write_bytes(_MAGIC + f" {self.fingerprint} {digest}\n".encode() + payload)
+        write_file(self.path(name), _MAGIC + f" {self.fingerprint} {digest}\n".encode() + payload)
 
     def load(self, name: str) -> dict[str, Any] | None:
         """Read a part.

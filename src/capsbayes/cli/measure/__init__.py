@@ -130,6 +130,5 @@ def _measure_contour(
     else:
         typer.echo(f"L_a {pair(1e6 * measured.axial_length, 1e6 * measured.axial_length_error, digits=3)} um")
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
         measured.write(out / "measurement.toml")
     typer.echo(f"Status: {measured.status}")

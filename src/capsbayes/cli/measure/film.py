@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from capsbayes.cli.measure.picture import write_detection
+from capsbayes.cli.output import table_file
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -73,8 +74,7 @@ def measure_rtdc(
             write_detection(out / f"event-{event.number}", event.picture, event.detection, event.measurement)
     table = pd.DataFrame(rows)
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        table.to_csv(out / "events.csv", index=False)
+        table_file(table, index=False)(out / "events.csv")
     counts = table["status"].value_counts()
     typer.echo(", ".join(f"{name} {count}" for name, count in counts.items()))
     typer.echo(f"Status: {counts.get('DONE', 0)} of {file.events} events measured.")
@@ -125,12 +125,11 @@ def _cells(row: pd.Series) -> list[str]:
 
 def _write(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
     """Write capsules.csv and a folder for each capsule."""
-    out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out / "capsules.csv", index=False)
+    table_file(table, index=False)(out / "capsules.csv")
     for number, capsule in enumerate(made.capsules, start=1):
         shown = capsule.record
         if shown.picture is None or shown.detection is None:
             continue
         folder = out / f"capsule-{number}"
         write_detection(folder, shown.picture, shown.detection, capsule.measurement)
-        capsule.table().to_csv(folder / "frames.csv", index=False, float_format="%.4f")
+        table_file(capsule.table(), index=False, float_format="%.4f")(folder / "frames.csv")

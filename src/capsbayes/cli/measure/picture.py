@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from capsbayes.output_file import together, write_file
+
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image.detection import Detection
@@ -119,19 +121,20 @@ def write_detection(out: Path, picture: Picture, detection: Detection, measured:
     """Write the overlay, the outline and the measurement; of a refused capsule, what was detected of it."""
     import numpy as np
 
+    from capsbayes.csv_file import text_of_numbers
     from capsbayes.image.overlay import write_overlay
 
-    out.mkdir(parents=True, exist_ok=True)
-    write_overlay(out / "overlay.png", picture, detection)
-    if (outline := detection.outline) is not None:
-        error = np.hypot(outline.point_error, outline.arc_error)
-        columns = np.column_stack([outline.points, outline.normals, error, outline.edge_width])
-        header = "x_px,y_px,normal_x,normal_y,error_px,edge_width_px"
-        np.savetxt(out / "outline.csv", columns, fmt="%.4f", delimiter=",", header=header, comments="")
-    if measured.status.ok:
-        measured.write(out / "measurement.toml")
-        rows = ["quantity,value,error"]
-        for name, power, _, _, value, error in detection.table().loc["perimeter":].itertuples():
-            unit = f"_over_l{power if power > 1 else ''}" if power else ""
-            rows.append(f"{name}{unit},{value:.6g},{error:.2g}")
-        (out / "silhouette.csv").write_text("\n".join(rows) + "\n")
+    with together():
+        write_overlay(out / "overlay.png", picture, detection)
+        if (outline := detection.outline) is not None:
+            error = np.hypot(outline.point_error, outline.arc_error)
+            columns = np.column_stack([outline.points, outline.normals, error, outline.edge_width])
+            names = ("x_px", "y_px", "normal_x", "normal_y", "error_px", "edge_width_px")
+            write_file(out / "outline.csv", text_of_numbers(names, columns, "%.4f"))
+        if measured.status.ok:
+            measured.write(out / "measurement.toml")
+            rows = ["quantity,value,error"]
+            for name, power, _, _, value, error in detection.table().loc["perimeter":].itertuples():
+                unit = f"_over_l{power if power > 1 else ''}" if power else ""
+                rows.append(f"{name}{unit},{value:.6g},{error:.2g}")
+            write_file(out / "silhouette.csv", "\n".join(rows) + "\n")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
-from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
+from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words, table_file
 
 
 def budget(
@@ -44,8 +44,8 @@ def budget(
     result = {**found.as_dict(), "seed": seed}
     files: dict[str, Writer] = {
         "budget.json": json_file(result),
-        "budget.csv": lambda path: found.table().to_csv(path, index_label="input"),
-        "budget.png": lambda path: budget_figure(found).savefig(path, dpi=140),
+        "budget.csv": table_file(found.table(), index_label="input"),
+        "budget.png": figure_file(lambda: budget_figure(found)),
     }
     model_line = model_words(found.model_name, found.model_sha256, seed)
     conclude(

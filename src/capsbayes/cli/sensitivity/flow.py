@@ -19,7 +19,7 @@ from capsbayes.cli.options import (
     named_model,
     read_lab,
 )
-from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
+from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words, table_file
 
 if TYPE_CHECKING:
     from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths
@@ -69,8 +69,8 @@ def flow(
     result = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
     files: dict[str, Writer] = {
         "flow.json": json_file(result),
-        "flow.csv": lambda path: design.table().to_csv(path, index=False),
-        "flow.png": lambda path: flow_figure(design).savefig(path, dpi=140),
+        "flow.csv": table_file(design.table(), index=False),
+        "flow.png": figure_file(lambda: flow_figure(design)),
     }
     model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
     conclude(

@@ -18,7 +18,8 @@ from capsbayes.cli.options import (
     named_model,
     read_lab,
 )
-from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
+from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words
+from capsbayes.output_file import write_dataset
 
 if TYPE_CHECKING:
     import numpy as np
@@ -54,10 +55,10 @@ def identifiability(
     found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)
     short = _short(found)
     files: dict[str, Writer] = {
-        "map.nc": lambda path: found.to_netcdf(path, engine="h5netcdf"),
+        "map.nc": lambda path: write_dataset(path, found),
         "map.json": json_file(short),
-        "map.png": lambda path: identifiability_figure(found).savefig(path, dpi=140),
-        "map-radius.png": lambda path: identifiability_figure(found, "capsule_radius").savefig(path, dpi=140),
+        "map.png": figure_file(lambda: identifiability_figure(found)),
+        "map-radius.png": figure_file(lambda: identifiability_figure(found, "capsule_radius")),
     }
     model_line = model_words(short["model"], short["model_sha256"])
     conclude(short, lambda: [*_lines(short), model_line], files, out=out, as_json=as_json)

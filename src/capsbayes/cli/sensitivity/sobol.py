@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
-from capsbayes.cli.output import Writer, check_folder, conclude, json_file, model_words
+from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def sobol(
         study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
     files: dict[str, Writer] = {
         "sobol.json": json_file(study.as_dict()),
-        "sobol.png": lambda path: sobol_figure(study).savefig(path, dpi=140),
+        "sobol.png": figure_file(lambda: sobol_figure(study)),
     }
     model_line = model_words(study.model_name, study.model_sha256, study.seed)
     conclude(

@@ -71,7 +71,6 @@ def build_pools(
     for effect, size in names:
         path = Path(folder) / f"{pool_name(effect, size)}.nc"
         if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
             built = build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
             built.compact().write(path)
         pools[effect, size] = Database.read(path)

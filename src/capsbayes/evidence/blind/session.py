@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -142,7 +141,6 @@ def simulate_session(
     ca = capillary_number(viscosity=lab.viscosity, mean_velocity=speed, surface_shear_modulus=modulus)
     cases = list(zip(np.round(np.maximum(ca, _LOWEST), _DIGITS), np.round(size_ratio, _DIGITS), strict=True))
     simulator = simulator_with(effect, size) if refinement is None else simulator_with(effect, size, refinement)
-    Path(shapes).parent.mkdir(parents=True, exist_ok=True)
     converged = build_database(simulator, cases, out=shapes, workers=workers).converged
     rows = [_row(converged, *case) for case in cases]
     pairs = [(row, float(velocity)) for row, velocity in zip(rows, speed, strict=True) if row is not None][:capsules]

@@ -13,6 +13,7 @@ from capsbayes.evidence.blind.pools import pool_name
 from capsbayes.evidence.exam.answer import Answer, answer_session
 from capsbayes.evidence.exam.cells import Cell
 from capsbayes.interruption import keeping
+from capsbayes.output_file import make_folder
 from capsbayes.surrogate import Surrogate
 from capsbayes.work import Records, only_run, run_tasks
 
@@ -53,7 +54,7 @@ def examine(
         Called with a line for each round that begins.
     """
     folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     with only_run(folder), keeping(folder):
         known = {cell.name: _read(folder, cell) for cell in cells}
         for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):

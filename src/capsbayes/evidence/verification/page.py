@@ -10,7 +10,8 @@ from pathlib import Path
 import capsbayes
 from capsbayes.evidence.markdown import table_lines
 from capsbayes.evidence.verification.topic import Results, Row, Topic, Verdict
-from capsbayes.output_file import replaced
+from capsbayes.output_file import write_file
+from capsbayes.show.figures.style import write_figure
 from capsbayes.work import Records
 
 _COLUMNS = ("quantity", "reference", "source", "ours", "difference", "target", "")
@@ -43,7 +44,7 @@ def write_page(topics: Sequence[Topic], records: Records, out: Path) -> None:
         lines += _gaps(topic, results)
         if topic.name in drawn:
             lines += ["", f"![{topic.title}]({topic.name}.png)"]
-    replaced(out / "verification.md", "\n".join(lines) + "\n")
+    write_file(out / "verification.md", "\n".join(lines) + "\n")
 
 
 def _summary(known: Iterable[tuple[Topic, Results]]) -> Iterator[str]:
@@ -90,7 +91,5 @@ def _draw(topic: Topic, results: Results, out: Path) -> bool:
 
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     topic.picture(results, figure)
-    partial = out / f".{topic.name}.png"
-    figure.savefig(partial, dpi=120)
-    partial.replace(out / f"{topic.name}.png")
+    write_figure(figure, out / f"{topic.name}.png", dpi=120)
     return True

@@ -13,6 +13,7 @@ from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.evidence.verification.page import write_page
 from capsbayes.evidence.verification.topic import Outcome, Results, Row, Topic, Values
 from capsbayes.interruption import keeping
+from capsbayes.output_file import make_folder
 from capsbayes.work import Records, only_run
 
 
@@ -50,14 +51,11 @@ def verify(
     """
     chosen = _chosen(topics, only)
     records = Records(out / "results.jsonl")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with only_run(out), keeping(records.path):
-            for topic in chosen:
-                _compute(topic, records, tell)
-                write_page(topics, records, out)
-    except OSError as error:
-        raise InputError("verify", "out", "a folder that can be written", str(error)) from error
+    make_folder(out)
+    with only_run(out), keeping(records.path):
+        for topic in chosen:
+            _compute(topic, records, tell)
+            write_page(topics, records, out)
     return {topic.name: list(topic.rows(Results.read(records, topic.name))) for topic in topics}
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.input_file import read_bytes
 
 UNITS = ("px", "um")
 _HEADINGS = (("px", "x_px", "y_px"), ("um", "x_um", "y_um"), (None, "x", "y"))
@@ -56,13 +57,10 @@ class ContourFile:
         InputError
             Naming file, column, what was expected and what was found.
         """
-        where = str(path)
+        where, raw = str(path), read_bytes(path, "file of points")
         try:
-            raw = Path(path).read_bytes()
             text = raw.decode("utf-8-sig").replace(",", " ").replace(";", " ")
-        except FileNotFoundError:
-            raise InputError(where, "", "a file of points", "nothing there") from None
-        except (OSError, UnicodeDecodeError) as error:
+        except UnicodeDecodeError as error:
             raise InputError(where, "", "a readable text file of points", str(error)) from None
         lines = [line for line in text.splitlines() if line.strip()]
         if not lines:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
+from capsbayes.input_file import read_bytes
 
 Pixels = NDArray[Any]
 
@@ -59,13 +60,7 @@ class Picture:
         InputError
             If the file is missing, empty or not a picture.
         """
-        where = str(path)
-        try:
-            raw = Path(path).read_bytes()
-        except FileNotFoundError:
-            raise InputError(where, "", "a picture", "nothing there") from None
-        except OSError as error:
-            raise InputError(where, "", "a readable picture", str(error.strerror)) from None
+        where, raw = str(path), read_bytes(path, "picture")
         if not raw:
             raise InputError(where, "", "a picture", "an empty file")
         pixels = decode(raw)

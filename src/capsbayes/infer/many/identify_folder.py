@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import json
 import logging
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +30,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.interruption import keeping
 from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.model import ForwardModel
+from capsbayes.output_file import refusing
 from capsbayes.quantity import Given, Quantity
 from capsbayes.work import Store, only_run, progress_bar, run_tasks
 
@@ -126,9 +125,8 @@ def identify_folder(
         model.check_cross_section(experiment)
     pool = _Pool(run, scheduler, workers, progress)
     store = Store(parts, run.fingerprint)
-    with only_run(out), keeping(parts), _room_on_the_disk(parts):
+    with only_run(out), keeping(parts), refusing(parts, "a folder that can be written"):
         found = listed(given, run, store)
-        parts.mkdir(parents=True, exist_ok=True)
         pool.finish(found.tasks, "parts")
         rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
         population = Population.of(rows, _attributes(run, str(given) if isinstance(given, Path) else given.source))
@@ -174,17 +172,6 @@ class _Pool:
         raise InputError("workers", "", "workers that run to their end", "one killed at each attempt", advice)
 
 
-@contextlib.contextmanager
-def _room_on_the_disk(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        advice = "make room and start again: what is finished is kept"
-        raise InputError(str(folder), "", "room on the disk", str(error.strerror), advice) from None
-
-
 def _read(task: RowsTask) -> CapsuleRows:
     rows = task.rows
     assert rows is not None, "the workers see the same files"
@@ -216,7 +203,6 @@ def _with_result(population: Population) -> NDArray[np.intp]:
 
 
 def _chain(population: Population, found: Listed, folder: Path, row: int) -> ChainTask:
-    folder.mkdir(parents=True, exist_ok=True)
     return ChainTask.of(found.measurement(row), folder, row, str(population["name"][row]))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.csv_file import safe_cell
 from capsbayes.errors import InputError
 from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
@@ -20,7 +21,7 @@ from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.marginal import Marginal
 from capsbayes.measurements.netcdf import opened
 from capsbayes.measurements.table import NUMBERS
-from capsbayes.output_file import unfinished
+from capsbayes.output_file import write_dataset, write_file
 from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable
@@ -141,14 +142,7 @@ class Population(Readable):
     def write(self, path: str | Path) -> Path:
         """Write one NetCDF file, or a CSV table with units in its header: whole or not at all."""
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished(path) as partial:
-            if path.suffix == ".csv":
-                with partial.open("w", encoding="utf-8") as file:
-                    file.writelines(self._lines())
-            else:
-                self.dataset.to_netcdf(partial, engine="h5netcdf")
-        return path
+        return write_file(path, "".join(self._lines())) if path.suffix == ".csv" else write_dataset(path, self.dataset)
 
     def table(self) -> pd.DataFrame:
         """Return one row a capsule, SI, without the mixtures."""
@@ -249,4 +243,5 @@ class Population(Readable):
 
 def _quoted(text: str) -> str:
     """Return a text as a cell of a CSV table."""
-    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text
+    text = safe_cell(text)
+    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n\r') else text

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from pathlib import Path
 
-from capsbayes.errors import InputError
+from capsbayes.csv_file import read_numbers
 
 Case = tuple[float, float]
 Cases = list[Case]
@@ -80,18 +79,5 @@ def read_cases(path: str | os.PathLike[str]) -> Cases:
     InputError
         Naming the file, the line and what is wrong with it.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(str(path), "", "a readable CSV file", type(error).__name__) from error
-    rows = csv.DictReader(text.splitlines())
-    cases: Cases = []
-    for name in ("capillary_number", "size_ratio"):
-        if name not in (rows.fieldnames or []):
-            raise InputError(str(path), name, "a column of that name", f"columns {', '.join(rows.fieldnames or [])}")
-    for row in rows:
-        try:
-            cases.append((float(row["capillary_number"]), float(row["size_ratio"])))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{path}, line {rows.line_num}", "", "two numbers", str(list(row.values()))) from error
-    return cases
+    numbers = read_numbers(Path(path), ("capillary_number", "size_ratio"), "table of cases")
+    return [(capillary_number, size_ratio) for capillary_number, size_ratio in numbers.tolist()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.output_file import refusing, write_file
 from capsbayes.physics.capsule import outlines
 from capsbayes.physics.stokes.channel import Channel
 from capsbayes.physics.stokes.cross_sections import cross_section_named
@@ -80,7 +82,6 @@ class Shape:
         if path.suffix != ".vtu":
             raise InputError(str(path), "", "a file name that ends in .vtu", repr(path.suffix))
         mesh = meshio.Mesh(self.surface_nodes, [("triangle6", self.mesh.elements)], point_data=self.point_data)
-        partial = path.with_name(f".{path.name}.{os.getpid()}.vtu")
-        mesh.write(partial)
-        os.replace(partial, path)
-        return path
+        with refusing(path, "a file that can be written"), tempfile.TemporaryDirectory() as folder:
+            mesh.write(Path(folder) / "mesh.vtu")  # meshio writes no other way
+            return write_file(path, (Path(folder) / "mesh.vtu").read_bytes())

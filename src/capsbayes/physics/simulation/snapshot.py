@@ -11,6 +11,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
+from capsbayes.output_file import write_file
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.transient import Scheme, transient
 from capsbayes.physics.simulation.shape import Shape
@@ -96,5 +97,4 @@ def save_series(series: Iterable[Snapshot], path: str | os.PathLike[str]) -> Pat
         file = snapshot.save(path.with_name(f"{path.stem}-{number:04d}.vtu"))
         entries.append(f'    <DataSet timestep="{snapshot.time:.9g}" file="{file.name}"/>')
     text = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-    path.write_text(text + "\n".join(entries) + "\n  </Collection>\n</VTKFile>\n", encoding="utf-8")
-    return path
+    return write_file(path, text + "\n".join(entries) + "\n  </Collection>\n</VTKFile>\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from capsbayes.arrays import Floats
-from capsbayes.output_file import unfinished
+from capsbayes.output_file import write_file
 from capsbayes.parameters import PARAMETERS
 
 if TYPE_CHECKING:
@@ -62,9 +63,8 @@ def draw_walls(ax: Axes, ends: tuple[float, float], outer: float, **style: Any) 
         ax.fill_between(ends, side, side * outer, **whole)
 
 
-def write_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
-    """Write a figure whole or not at all; the ending chooses the format."""
-    path = Path(path)
-    with unfinished(path) as partial:
-        figure.savefig(partial, format=path.suffix[1:], dpi=160)
-    return path
+def write_figure(figure: Figure, path: str | os.PathLike[str], dpi: int = 160) -> Path:
+    """Write a figure; the ending chooses the format."""
+    content = io.BytesIO()
+    figure.savefig(content, format=Path(path).suffix[1:], dpi=dpi)
+    return write_file(path, content.getvalue())
