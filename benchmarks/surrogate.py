@@ -1,7 +1,7 @@
 """Speed and leave-out accuracy of the surrogate, compared with two general interpolators on the same cases.
 
 Run ``python benchmarks/surrogate.py [DATABASE]``. Every fifth case that is not
-on the border of its region is held out; each method learns (L_z, L_a, v_o/U)
+at the end of its column of a/l is held out; each method learns (L_z, L_a, v_o/U)
 from the others in the same coordinates, and predicts the held-out cases.
 All cases are parachutes: no smooth method can represent the jump to the
 convex branch, which the surrogate treats separately.
@@ -75,11 +75,16 @@ def main() -> None:
 
 
 def split(cases: Database, branch: Branch) -> tuple[Database, Database]:
-    """Return the cases of a branch to learn from, and every fifth of those inside its region."""
+    """Return the cases of a branch to learn from, and every fifth of those between others of its column of a/l.
+
+    The ends of a column stay among the known cases, since they bound the region of the branch.
+    """
     members = Database(cases.dataset.isel(case=branch.rows))
-    ca, size, region = members["capillary_number"], members["size_ratio"], branch.region
-    inside = region.contains(1.001 * ca, size) & region.contains(0.999 * ca, size)
-    inside &= (size > region.size_ratio[0] + 1e-6) & (size < region.size_ratio[-1] - 1e-6)
+    ca, size = members["capillary_number"], np.round(members["size_ratio"], 6)
+    inside = (size > size.min()) & (size < size.max())
+    for column in np.unique(size):
+        ends = ca[size == column].min(), ca[size == column].max()
+        inside &= (size != column) | ((ca > ends[0]) & (ca < ends[1]))
     chosen = np.flatnonzero(inside)[::5]
     rest = np.setdiff1d(np.arange(len(ca)), chosen)
     return Database(members.dataset.isel(case=rest)), Database(members.dataset.isel(case=chosen))

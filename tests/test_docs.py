@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-import io
 import re
 import shlex
-from contextlib import redirect_stdout
+import subprocess
+import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 import typer.main
+from command_line import run
 
 import capsbayes
 from capsbayes.cli import app
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-RUN = ("index.md", "tutorials/one-capsule.md")
-"""Pages whose Python is run, from the folder of the project."""
+RUN = ("index.md", "tutorials/one-capsule.md", "tutorials/folder.md", "tutorials/film.md")
+"""Pages whose Python is run as a script, from a folder with the examples."""
+PRINTED = (
+    "index.md",
+    "sensitivity.md",
+    "tutorials/one-capsule.md",
+    "tutorials/folder.md",
+    "tutorials/film.md",
+    pytest.param("drifting-modulus.md", marks=pytest.mark.slow),
+)
+"""Pages that show what their commands print."""
+MARK = "-- next block --"
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
@@ -31,11 +43,15 @@ def commands():
     """Page and words of every ``capsbayes ...`` in a shell block."""
     for page in PAGES:
         for language, text in blocks(page):
-            if language == "sh":
-                for line in text.replace("\\\n", " ").splitlines():
-                    words = shlex.split(line, comments=True)
-                    if "capsbayes" in words:
-                        yield pytest.param(words[words.index("capsbayes") + 1 :], id=f"{page.name}: {line[:60]}")
+            for words in lines_of(text) if language == "sh" else ():
+                if "capsbayes" in words:
+                    yield pytest.param(words[words.index("capsbayes") + 1 :], id=f"{page.name}: {' '.join(words)[:60]}")
+
+
+def lines_of(text):
+    """Return the words of each line of a shell block."""
+    split = [shlex.split(line, comments=True) for line in text.replace("\\\n", " ").splitlines()]
+    return [words for words in split if words]
 
 
 @pytest.mark.parametrize("words", list(commands()))
@@ -47,26 +63,73 @@ def test_commands_and_options_on_the_pages_exist(words):
     assert {word for word in words if word.startswith("--")} <= known | {"--help"}
 
 
-@pytest.mark.parametrize("name", RUN)
-def test_python_on_a_page_prints_what_stands_below_it(name, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    shown, namespace, compared = blocks(ROOT / "docs" / name), {}, 0
-    for (language, code), (after, text) in zip(shown, [*shown[1:], ("", "")], strict=True):
-        if language != "python":
+@pytest.mark.parametrize("name", PRINTED)
+def test_a_page_shows_what_its_commands_print(name, tmp_path, monkeypatch, capsys):
+    """Each shell block followed by a text block, and the scripts that make the input of the next one."""
+    work_in(tmp_path, monkeypatch)
+    shown, compared = blocks(ROOT / "docs" / name), 0
+    for (language, text), (after, printed) in pairwise([*shown, ("", "")]):
+        if language != "sh":
             continue
-        with redirect_stdout(io.StringIO()) as printed:
-            exec(compile(code, name, "exec"), namespace)
-        if after == "text":
-            same(printed.getvalue(), text)
-            compared += 1
+        for words in lines_of(text):
+            if words[0] == "python":
+                subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True)
+            elif words[0] == "capsbayes" and after == "text":
+                monkeypatch.setenv("COLUMNS", "80" if max(map(len, printed.splitlines())) <= 80 else "100")
+                _, out, _ = run(monkeypatch, capsys, *words[1:])
+                contains(out, printed)
+                compared += 1
     assert compared
 
 
-def same(printed, text):
-    """Words must be equal, numbers so to a unit of their last digit."""
-    assert NUMBER.sub("#", printed) == NUMBER.sub("#", text)
-    for one, other in zip(NUMBER.findall(printed), NUMBER.findall(text), strict=True):
-        assert float(one) == pytest.approx(float(other), abs=1.01 * 10.0 ** -len(other.partition(".")[2]))
+@pytest.mark.parametrize("name", RUN)
+def test_the_python_of_a_page_runs_as_a_script_and_prints_what_stands_below_it(name, tmp_path, monkeypatch):
+    work_in(tmp_path, monkeypatch)
+    shown, script, expected = blocks(ROOT / "docs" / name), [], []
+    for (language, text), (after, printed) in pairwise([*shown, ("", "")]):
+        if language == "sh":
+            for words in lines_of(text):
+                if words[0] == "python":
+                    subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True)
+        if language == "python":
+            script.append(text)
+            expected.append(printed if after == "text" else None)
+    (tmp_path / "page.py").write_text(f"print({MARK!r})\n".join(script))
+    done = subprocess.run([sys.executable, "page.py"], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    for printed, text in zip(done.stdout.split(MARK + "\n"), expected, strict=True):
+        if text is not None:
+            same(printed.splitlines(), text.splitlines())
+    assert any(expected)
+
+
+def work_in(folder, monkeypatch):
+    """Work in a folder that contains the examples."""
+    (folder / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(folder)
+
+
+def contains(out, shown):
+    """Compare what a page shows with what was printed; three dots stand for lines that the page omits."""
+    printed = [line.rstrip() for line in out.splitlines()]
+    for part in re.split(r"^\.\.\.\n", shown, flags=re.MULTILINE):
+        lines = part.rstrip().splitlines()
+        begins = [i for i, line in enumerate(printed) if alike(line, lines[0])]
+        assert begins, f"not printed: {lines[0]}"
+        same(printed[begins[0] : begins[0] + len(lines)], lines)
+        printed = printed[begins[0] + len(lines) :]
+
+
+def alike(line, other):
+    return NUMBER.sub("#", line) == NUMBER.sub("#", other)
+
+
+def same(printed, shown):
+    """Compare lines: words must be equal, numbers so to a unit of their last digit."""
+    printed, shown = "\n".join(printed), "\n".join(shown)
+    assert NUMBER.sub("#", printed) == NUMBER.sub("#", shown)
+    for number, other in zip(NUMBER.findall(printed), NUMBER.findall(shown), strict=True):
+        assert float(number) == pytest.approx(float(other), abs=1.01 * 10.0 ** -len(other.partition(".")[2])), shown
 
 
 def test_every_public_name_is_in_the_reference():

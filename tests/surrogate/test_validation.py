@@ -1,4 +1,6 @@
 import json
+import re
+from pathlib import Path
 
 import manufactured
 import numpy as np
@@ -7,7 +9,10 @@ import typer
 from typer.testing import CliRunner
 
 from capsbayes.cli.validate import validate
+from capsbayes.database import Database
 from capsbayes.surrogate.validation import LeaveOneOut, even_subset, validate_forward_map, validate_inverse
+
+EVIDENCE = Path(__file__).parents[2] / "docs" / "evidence.md"
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +57,26 @@ def test_the_subset_is_even_and_always_the_same(small):
     apart = np.linalg.norm(points[:, None] - points[None], axis=-1) + np.eye(40)
     assert apart.min() > 0.07
     assert len(even_subset(small, 1000)) == len(small)
+
+
+@pytest.mark.parametrize("cases", [pytest.param("of 137 spread evenly"), pytest.param("with", marks=pytest.mark.slow)])
+def test_the_page_of_evidence_shows_these_errors(cases):
+    database = Database.open("square-neo-hookean")
+    chosen = even_subset(database) if "evenly" in cases else database
+    studies = [validate_inverse(chosen), validate_forward_map(chosen)]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in EVIDENCE.read_text().splitlines()]
+    for which in ("stretched", "parachute"):
+        label = "Λ > 1.04" + (" and L_p > 0" if which == "parachute" else "")
+        place = next(
+            i for i, row in enumerate(rows) if re.fullmatch(rf"\d+ {cases}(,? with)? {label}", row[0] if row else "")
+        )
+        for study, row in zip(studies, rows[place:], strict=False):
+            summary = study.summary(which)
+            assert row[0] == "" or int(row[0].split()[0]) == summary.cases
+            assert row[1] == study.method
+            shown = np.array([[float(number) for number in cell.split(" ± ")] for cell in row[2:]])
+            found = 100.0 * np.stack([summary.mean, summary.sd], axis=1)
+            np.testing.assert_allclose(shown, found, rtol=0.01, atol=0.011)
 
 
 def command() -> typer.Typer:
