@@ -1,5 +1,7 @@
 """Tasks give the same results wherever they are computed."""
 
+import subprocess
+import sys
 from functools import partial
 
 import pytest
@@ -22,3 +24,28 @@ def test_a_cluster_gives_the_same(tmp_path):
         assert run_tasks(TASKS, cluster.scheduler_address, None, 4) == [(1, 3), (2, 0), (2, 1)]
     with pytest.raises(InputError, match=r"scheduler: expected address of a running dask scheduler, got 'nowhere://x'"):
         run_tasks(TASKS, "nowhere://x", None, 4)
+
+
+SCRIPT = """
+import dataclasses
+from functools import partial
+from capsbayes.work import run_tasks
+
+print("started")
+
+@dataclasses.dataclass
+class Own:
+    number: int
+
+def added(number, own):
+    return Own(number + own.number)
+
+results = run_tasks([partial(added, number) for number in range(3)], None, 2, Own(5))
+print(results == [Own(5), Own(6), Own(7)])
+"""
+
+
+def test_a_script_without_a_main_guard_is_not_run_again_by_workers(tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.split(), done.stderr) == (0, ["started", "True"], "")

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from multiprocessing import resource_tracker
+from types import ModuleType
 from typing import Any, TypeVar
 
 from capsbayes.errors import InputError
@@ -65,13 +66,13 @@ def _in_processes(tasks: Sequence[Callable[..., T]], workers: int | None, shared
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(workers or CPU_COUNT, len(tasks)), spawn, *start) as pool:
         try:
-            futures: list[Future[T]] = []
-            for task in tasks:
+            futures: list[Future[bytes]] = []
+            for sent in map(cloudpickle.dumps, tasks):
                 with _settings_of_workers():  # a worker may be started by each submission
-                    futures.append(pool.submit(_run, cloudpickle.dumps(task)))
+                    futures.append(pool.submit(_run, sent))
             for future in as_completed(futures):
                 future.result()  # the first error ends the work
-            return [future.result() for future in futures]
+            return [cloudpickle.loads(future.result()) for future in futures]
         except BaseException:
             for worker in set(multiprocessing.active_children()) - others:
                 worker.kill()  # one in compiled code would not listen
@@ -82,10 +83,10 @@ def _in_processes(tasks: Sequence[Callable[..., T]], workers: int | None, shared
 _shared: tuple[Any, ...] = ()
 
 
-def _run(task: bytes) -> Any:
+def _run(task: bytes) -> bytes:
     import cloudpickle
 
-    return cloudpickle.loads(task)(*_shared)
+    return bytes(cloudpickle.dumps(cloudpickle.loads(task)(*_shared)))
 
 
 def _start_worker(parent: int, shared: bytes) -> None:
@@ -128,7 +129,11 @@ def _cluster(address: str) -> Any:
 
 @contextlib.contextmanager
 def _settings_of_workers() -> Iterator[None]:
-    """Let worker processes that start meanwhile use one thread each, and hear no interruption before they are ready."""
+    """Let worker processes that start meanwhile use one thread each, and hear no interruption before they are ready.
+
+    They do not import the script that starts them, which would run it again; what they need of it is sent by value.
+    """
+    script, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     masked = hasattr(signal, "pthread_sigmask")  # not on Windows
@@ -138,6 +143,7 @@ def _settings_of_workers() -> Iterator[None]:
     try:
         yield
     finally:
+        sys.modules["__main__"] = script
         if masked:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
