@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from capsbayes.database import ATTRIBUTES, VARIABLES, Database
+from capsbayes.database import ATTRIBUTES, VARIABLES, Database, _content_hash
 from capsbayes.errors import DatabaseError, InputError
 
 CASES, NODES, POINTS = 5, 7, 16
@@ -133,6 +133,16 @@ def test_hash_knows_every_value_and_the_pedigree_but_not_the_date(database):
 def test_same_content_gives_the_same_bytes(database, file, tmp_path):
     database.write(tmp_path / "again.nc")
     assert (tmp_path / "again.nc").read_bytes() == file.read_bytes()
+
+
+def test_the_cross_section_has_its_older_name_in_older_files(database, tmp_path):
+    file = tmp_path / "older.nc"
+    dataset = database.dataset.assign_attrs(section="square", settings='{"section": "square"}')
+    del dataset.attrs["cross_section"]
+    dataset.assign_attrs(sha256=_content_hash(dataset)).to_netcdf(file, engine="h5netcdf")
+    older = Database.read(file)
+    assert older.dataset.attrs["cross_section"] == older.settings["cross_section"] == "square"
+    assert older.sha256 == _content_hash(dataset)
 
 
 def test_missing_file(tmp_path):

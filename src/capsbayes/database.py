@@ -1,4 +1,4 @@
-"""Steady shapes on disk: one NetCDF file per membrane law and section, with its pedigree.
+"""Steady shapes on disk: one NetCDF file per membrane law and cross-section, with its pedigree.
 
 Lengths are over the half width l of the channel, velocities over the mean
 undisturbed velocity U, pressures over mu U/l, tensions over G_s. The file is
@@ -105,7 +105,7 @@ ATTRIBUTES = (
     "title",
     "source",
     "law",
-    "section",
+    "cross_section",
     "bending",
     "pre_inflation",
     "effect",
@@ -201,10 +201,12 @@ class Database:
                 dataset[name] = dataset[name].astype("U")
             elif dataset[name].dtype == np.float32:  # as outlines are stored where that loses nothing
                 dataset[name] = dataset[name].astype(np.float64)
-        _check(dataset, str(path))
+        present = dataset.copy()
+        present.attrs = _renamed(dataset.attrs)
+        _check(present, str(path))
         if _content_hash(dataset) != dataset.attrs.get("sha256"):
             raise DatabaseError(f"{path}: its content does not match its sha256; it was damaged or changed by hand")
-        return cls(dataset)
+        return cls(present)
 
     @classmethod
     def open(cls, source: str | os.PathLike[str]) -> Database:
@@ -298,8 +300,8 @@ class Database:
         for folder in _shipped_folders():
             for path in sorted(folder.glob("*.nc")):
                 with xr.open_dataset(path, engine="h5netcdf") as opened:
-                    attributes = opened.attrs
-                same = all(attributes[name] == self.dataset.attrs[name] for name in ("section", "law"))
+                    attributes = _renamed(opened.attrs)
+                same = all(attributes[name] == self.dataset.attrs[name] for name in ("cross_section", "law"))
                 if same and attributes.get("effect", NO_EFFECT) == NO_EFFECT:
                     return Database.read(path)
         return None
@@ -324,6 +326,13 @@ def _shipped_folders() -> tuple[Path, ...]:
     """Return the folders of shipped files: in the installed package, and in the source tree."""
     package = Path(__file__).resolve().parent
     return package / "databases", package.parents[1] / "data" / "databases"
+
+
+def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the attributes of a file under their present names: up to 0.1.0 the cross-section was the section."""
+    texts = {"settings": str(attributes.get("settings", "")).replace('"section":', '"cross_section":')}
+    known = {"cross_section" if name == "section" else name: value for name, value in attributes.items()}
+    return known | {name: text for name, text in texts.items() if name in known}
 
 
 def _is_single(values: NDArray[Any]) -> bool:

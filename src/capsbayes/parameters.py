@@ -84,7 +84,7 @@ _TABLE = (
     _ratio("strain_hardening", "h", "h", "share of Skalak's energy with C = 1 in that of a neo-Hookean membrane"),
     # of the experiment
     Parameter("half_width", "l", r"\ell", "m", "µm", 1e6, "half width of the channel"),
-    _ratio("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "radius of the corners of the channel's section"),
+    _ratio("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "radius of the corners of the cross-section"),
     _ratio("section_aspect", "b/l", r"b/\ell", "depth of the channel along the direction of view over the width seen"),
     Parameter("viscosity", "mu", r"\mu", "Pa s", "Pa s", 1.0, "viscosity of the suspending liquid"),
     Parameter("mean_velocity", "U", "U", "m/s", "mm/s", 1e3, "mean velocity of the undisturbed flow"),

@@ -113,7 +113,7 @@ def test_the_legend_and_the_title_say_what_is_drawn(database):
         "limit of the database", "limit of existence", "snap-through",
     ]  # fmt: skip
     title = figure.get_suptitle()
-    assert "manufactured membrane, square section, mesh n = 8" in title
+    assert "manufactured membrane, square cross-section, mesh n = 8" in title
     assert f"{len(database) - 2} of {len(database)} cases" in title
 
 

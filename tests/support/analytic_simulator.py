@@ -73,7 +73,7 @@ class AnalyticSimulator:
     def settings(self):
         return {
             "law": "none",
-            "section": "square",
+            "cross_section": "square",
             "refinement": self.refinement,
             "bending": 2e-4,
             "pre_inflation": 0.0,

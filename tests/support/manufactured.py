@@ -12,7 +12,7 @@ ATTRIBUTES = {
     "title": "manufactured",
     "source": "closed forms, no physics",
     "law": "manufactured",
-    "section": "square",
+    "cross_section": "square",
     "bending": 2e-4,
     "pre_inflation": 0.0,
     "effect": "none",

@@ -100,8 +100,8 @@ def _print(state: SteadyState, summary: dict[str, Any]) -> None:
     settings = state.settings
     unusual = [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
     typer.echo(
-        f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['section']} "
-        f"section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual)
+        f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['cross_section']} "
+        f"cross-section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual)
     )
     typer.echo(summary["message"])
     if state.status.ok:

@@ -158,7 +158,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 "A second window farther downstream.",
             ),
             Simulated(
-                "aspect of the section",
+                "aspect of the cross-section",
                 "section_aspect",
                 1.0,
                 Quantity.uniform(0.9, 1.1),

@@ -44,11 +44,11 @@ class PlaneSurrogate(ForwardModel):
         scaling = PlaneScaling.of(cases["capillary_number"], cases["size_ratio"])
         smooth = [approximation_of(cases, branch, scaling) for branch in branches]
         rivals = smooth[::-1] if len(branches) == 2 else [None]
-        name = re.sub(r"[^a-z0-9]+", "-", f"{attributes['section']}-{attributes['law']}".lower())
+        name = re.sub(r"[^a-z0-9]+", "-", f"{attributes['cross_section']}-{attributes['law']}".lower())
         made = {
             "name": name if view == MID_PLANE else f"{name} ({view}s)",
             "sha256": self.database.sha256,
-            "cross_section": attributes["section"],
+            "cross_section": attributes["cross_section"],
             "view": view,
             "domain": DomainOfExistence(tuple(branch.region for branch in branches)),
             "branches": tuple(

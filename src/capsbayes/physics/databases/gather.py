@@ -71,13 +71,14 @@ def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: f
         Name of the parameter that varies.
     null_value : float
     """
-    law, section = settings["law"], _shown_section(settings)
+    law, cross_section = settings["law"], _shown_cross_section(settings)
+    channel = f"a channel of {cross_section} cross-section"
     varied = "" if effect == NO_EFFECT else f", over {effect.replace('_', ' ')}"
     return {
-        "title": f"Steady shapes of capsules with a {law} membrane in a channel of {section} section{varied}",
+        "title": f"Steady shapes of capsules with a {law} membrane in {channel}{varied}",
         "source": "capsbayes, boundary integrals for the liquids and finite elements for the membrane",
         "law": law,
-        "section": section,
+        "cross_section": cross_section,
         "bending": float(settings["bending"]),
         "pre_inflation": float(settings["pre_inflation"]),
         "effect": effect,
@@ -88,10 +89,10 @@ def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: f
     }
 
 
-def _shown_section(settings: Mapping[str, Any]) -> str:
+def _shown_cross_section(settings: Mapping[str, Any]) -> str:
     """Return the cross-section; a rectangle of equal sides is a square, whatever symmetry it was computed with."""
-    section = str(settings["section"])
-    return "square" if section == "rectangular" and settings.get("section_aspect") == 1.0 else section
+    name = str(settings["cross_section"])
+    return "square" if name == "rectangular" and settings.get("section_aspect") == 1.0 else name
 
 
 def _now() -> str:

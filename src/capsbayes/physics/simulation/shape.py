@@ -46,7 +46,8 @@ class Shape:
     @property
     def channel(self) -> Channel:
         """The channel that the capsule is in."""
-        return cross_section_named(*(self.settings[key] for key in ("section", "corner_radius", "section_aspect")))
+        known = self.settings
+        return cross_section_named(known["cross_section"], known["corner_radius"], known["section_aspect"])
 
     @property
     def mesh(self) -> OctaSphere:

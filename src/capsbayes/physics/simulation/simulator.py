@@ -141,7 +141,7 @@ class Simulator:
         """Everything that decides the result, in types that JSON has, by the keys of databases."""
         return {
             "law": self.law.name,
-            "section": self.cross_section,
+            "cross_section": self.cross_section,
             "refinement": self.refinement,
             "bending": self.bending,
             "pre_inflation": self.pre_inflation,

@@ -8,7 +8,7 @@ from capsbayes.physics.stokes.circular import CircularChannel
 from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
 from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
 
-CROSS_SECTIONS = (SquareChannel.name, RectangularChannel.name, CircularChannel.name)
+_NAMES = (SquareChannel.name, RectangularChannel.name, CircularChannel.name)
 
 
 def cross_section_named(name: str, corner_radius: float = 0.0, aspect: float = 1.0) -> Channel:
@@ -17,7 +17,7 @@ def cross_section_named(name: str, corner_radius: float = 0.0, aspect: float = 1
     Parameters
     ----------
     name : str
-        One of `CROSS_SECTIONS`.
+        ``"square"``, ``"rectangular"`` or ``"circular"``.
     corner_radius : float
         Radius of the corners of a square over l [-].
     aspect : float
@@ -34,8 +34,8 @@ def cross_section_named(name: str, corner_radius: float = 0.0, aspect: float = 1
     >>> cross_section_named("square", corner_radius=0.1)
     RoundedSquareChannel(corner_radius=0.1)
     """
-    if name not in CROSS_SECTIONS:
-        raise InputError("cross_section", "", f"one of {', '.join(CROSS_SECTIONS)}", repr(name))
+    if name not in _NAMES:
+        raise InputError("cross_section", "", f"one of {', '.join(_NAMES)}", repr(name))
     if corner_radius != 0.0 and (name != SquareChannel.name or aspect != 1.0):
         expected = "0, or a square cross-section of equal sides"
         raise InputError("cross_section", "corner_radius", expected, f"{corner_radius:g}")

@@ -132,7 +132,7 @@ def heading(database: Database) -> str:
     attributes = database.dataset.attrs
     meshes = ", ".join(map(str, np.unique(database["refinement"])))
     return (
-        f"{attributes['law']} membrane, {attributes['section']} section, mesh n = {meshes}\n"
+        f"{attributes['law']} membrane, {attributes['cross_section']} cross-section, mesh n = {meshes}\n"
         f"{len(database.converged)} of {len(database)} cases with a steady state"
     )
 

@@ -125,17 +125,17 @@ def _camera() -> Floats:
 
 
 def _section(snapshot: Snapshot) -> Floats:
-    """Outline (p, 2) of the channel's section, columns (x, y), counterclockwise."""
+    """Outline (p, 2) of the cross-section, columns (x, y), counterclockwise."""
     wedge, _ = snapshot.channel.outline(0.005, 0.0)
     points = np.concatenate([wedge @ turn[:2, :2].T for turn in snapshot.channel.symmetry.operations])
     return points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))]
 
 
-def _draw_channel(ax: Axes, section: Floats, camera: Floats, reach: float) -> Floats:
+def _draw_channel(ax: Axes, edge: Floats, camera: Floats, reach: float) -> Floats:
     """Draw the walls behind the capsule and all edges; the points (m, 2) of both ends."""
     from matplotlib.collections import PolyCollection
 
-    ends = [np.column_stack([section, np.full(len(section), z)]) @ camera.T for z in (-reach, reach)]
+    ends = [np.column_stack([edge, np.full(len(edge), z)]) @ camera.T for z in (-reach, reach)]
     following = [np.roll(end, -1, axis=0) for end in ends]
     walls = np.stack([ends[0], following[0], following[1], ends[1]], axis=1)
     outward = np.cross(walls[:, 1] - walls[:, 0], walls[:, 3] - walls[:, 0])

@@ -54,7 +54,8 @@ def database_page(database: Database, *, source: str = "") -> str:
         title=str(attributes["title"]),
         name=Path(source).stem if source else "without a name",
         headline=(
-            f"{len(database.converged)} steady shapes, {attributes['law']} membrane, {attributes['section']} channel"
+            f"{len(database.converged)} steady shapes, {attributes['law']} membrane, "
+            f"{attributes['cross_section']} channel"
         ),
         domain_sentence=typeset(tables.domain_sentence(database)),
         contents=html_table(tables.contents_table(database)),

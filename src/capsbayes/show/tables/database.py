@@ -17,11 +17,11 @@ _ENDS = (LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE)
 
 
 def contents_table(database: Database) -> pd.DataFrame:
-    """Return law, section, effect, ranges and mesh."""
+    """Return law, cross-section, effect, ranges and mesh."""
     attributes, done = database.dataset.attrs, database.converged
     rows = [
         ("law of the membrane", str(attributes["law"])),
-        ("cross-section of the channel", str(attributes["section"])),
+        ("cross-section of the channel", str(attributes["cross_section"])),
         ("effect", _effect(database)),
         ("bending modulus", Symbols(f"{float(attributes['bending']):g} G_s a^2")),
         ("pre-inflation", f"{float(attributes['pre_inflation']):g}"),

@@ -60,8 +60,8 @@ class EffectSurrogate(ForwardModel):
 
     def __post_init__(self) -> None:
         database, slices, base = self.effect_database, self.slices, self.base
-        if base.cross_section != database.dataset.attrs["section"]:
-            expected = f"a {database.dataset.attrs['section']} cross-section"
+        if base.cross_section != database.dataset.attrs["cross_section"]:
+            expected = f"a {database.dataset.attrs['cross_section']} cross-section"
             raise DatabaseError(f"base of {database.effect!r}: expected {expected}, got {base.name}")
         values, null = database.values, int(np.searchsorted(database.values, database.null_value))
         columns = _common_columns([*slices, base])
