@@ -17,7 +17,7 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.posterior_file import RECORD, read_fields, record_of
+from capsbayes.infer.posterior_file import RECORD, WORK, read_fields, record_of
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.output_file import write_dataset
@@ -228,11 +228,17 @@ class Posterior:
         )
         return groups
 
-    def write(self, path: str | Path) -> Path:
+    def write(self, path: str | Path, *, work: str = "") -> Path:
         """Write one NetCDF file, whole or not at all, that `read` and `arviz.from_netcdf` read.
 
         The attributes of the file hold the fingerprint of the model, priors, inputs, seed, version, engine, gates and
         status.
+
+        Parameters
+        ----------
+        path : path
+        work : str
+            Hash of what the posterior is computed from, kept in the file so that a batch finds its finished work.
 
         Returns
         -------
@@ -241,7 +247,7 @@ class Posterior:
         import xarray as xr  # slow to import
 
         record = record_of(self.measurement, self.experiment, self.prior, self.gates)
-        stated = {**self.as_dict(), "inference_library": self.engine, RECORD: record}
+        stated = {**self.as_dict(), "inference_library": self.engine, RECORD: record, WORK: work}
         attributes = {key: json.dumps(value) for key, value in stated.items() if not isinstance(value, (str, int))}
         return write_dataset(path, xr.Dataset(attrs=stated | attributes), groups=self.groups())
 

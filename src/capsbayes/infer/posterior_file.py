@@ -22,6 +22,8 @@ from capsbayes.status import Status
 
 RECORD = "record"
 """Attribute of the file that holds `record_of`."""
+WORK = "work"
+"""Attribute of the file that holds the hash of what the posterior is computed from, empty if it was not stated."""
 
 _MEASURED = (
     "axial_extent",
@@ -64,6 +66,17 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
         "gates": [[gate.name, *map(json_number, (gate.value, gate.least, gate.most))] for gate in gates],
     }
+
+
+def work_of(path: Path) -> str | None:
+    """Return the hash of what the posterior of a file was computed from, None if it is missing or damaged."""
+    import h5netcdf
+
+    try:
+        with h5netcdf.File(path, "r") as file:
+            return str(file.attrs.get(WORK, ""))
+    except OSError:
+        return None
 
 
 def read_fields(path: Path) -> dict[str, Any]:

@@ -93,6 +93,10 @@ class Store:
         digest = hashlib.sha256(payload).hexdigest()
         write_file(self.path(name), _MAGIC + f" {self.fingerprint} {digest}\n".encode() + payload)
 
+    def remove(self, name: str) -> None:
+        """Remove a part, if it is there."""
+        self.path(name).unlink(missing_ok=True)
+
     def load(self, name: str) -> dict[str, Any] | None:
         """Read a part.
 

@@ -1,12 +1,11 @@
 """Many capsules: every one a row, nothing lost by a kill, and the same digits whatever the order and the workers."""
 
 import errno
+import hashlib
 import os
 import signal
-import subprocess
-import sys
-import time
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -17,15 +16,18 @@ import pytest
 import xarray as xr
 from drawn import drawn
 from polynomial_model import PolynomialModel
+from processes import python, wait_until
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature
-from capsbayes.infer.many import Population, identify_folder, listing
+from capsbayes.infer.many import Population, identify_folder, listing, tasks
 from capsbayes.infer.many.listing import cross_section_and_view
+from capsbayes.infer.many.run import Run
 from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
+from capsbayes.measurements import write_set
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate
@@ -35,9 +37,11 @@ identify_folder_module = import_module("capsbayes.infer.many.identify_folder")  
 
 MODEL = PolynomialModel()
 EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
+PLACE = {"capillary_number": np.array([0.082]), "size_ratio": np.array([0.96])}
 HERE = {"scheduler": "synchronous", "check": 0.0, "progress": False, "seed": 1}
 SCRIPT = """
 import sys
+sys.path.insert(0, sys.argv[3])
 from test_identify_folder import EXPERIMENT, MODEL
 from capsbayes.infer.many import identify_folder, listing
 listing.ROWS = 3
@@ -154,14 +158,10 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     write_table(tmp_path / "t.csv", 300)
     whole = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "whole.nc", **HERE)
     out, parts = tmp_path / "r.nc", tmp_path / "r.nc.parts"
-    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
-    command = [sys.executable, "-c", SCRIPT, str(tmp_path / "t.csv"), str(out)]
-    run = subprocess.Popen(command, env=os.environ | {"PYTHONPATH": paths}, stderr=subprocess.PIPE)
-    while not (kept := list(parts.glob("rows-*.part"))) and run.poll() is None:
-        time.sleep(0.01)
-    run.send_signal(signal.SIGKILL)
-    run.wait()
-    run.stderr.close()
+    with python("-c", SCRIPT, tmp_path / "t.csv", out, Path(__file__).parent) as run:
+        wait_until(lambda: list(parts.glob("rows-*.part")), run)
+        run.send_signal(signal.SIGKILL)
+    kept = list(parts.glob("rows-*.part"))
     assert not out.exists()
     assert 0 < len(kept) < 100
     stamps = {file: file.stat().st_mtime_ns for file in kept}
@@ -181,6 +181,85 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     assert kept[0] in computed
     assert not any(file in computed for file in list(stamps)[1:])
     assert not parts.exists()
+
+
+def test_a_slow_part_goes_on_at_the_row_where_it_was_stopped(tmp_path, monkeypatch):
+    """Each row counts as many seconds, so that the rows are kept one by one."""
+    seen = [Measurement(2.14 + 0.01 * k, 0.01, 5e-3, 5e-5, axial_length=1.81, axial_length_error=0.01) for k in (0, 1)]
+    edge = MeasuredOutline(MODEL(PLACE, outline=True).outline[0], OutlineNoise(0.01, 0.2, 0.25))
+    write_set(tmp_path / "o.nc", [replace(each, outline=edge) for each in (*seen, seen[0])], EXPERIMENT)
+    whole = identify_folder(tmp_path / "o.nc", MODEL, EXPERIMENT, out=tmp_path / "whole.nc", **HERE)
+    monkeypatch.setattr(tasks, "_LONGEST_UNKEPT", -1.0)
+    fill, filled = tasks.fill_exactly, []
+
+    def stopped(rows, row, *how):
+        if len(filled) == 2:
+            filled.append(None)
+            raise KeyboardInterrupt
+        filled.append(row)
+        fill(rows, row, *how)
+
+    monkeypatch.setattr(tasks, "fill_exactly", stopped)
+    with pytest.raises(KeyboardInterrupt) as interrupted:
+        identify_folder(tmp_path / "o.nc", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    assert interrupted.value.__notes__ == [f"finished work is kept in {tmp_path / 'r.nc.parts'}"]
+    assert same(whole, identify_folder(tmp_path / "o.nc", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE))
+    assert filled == [0, 1, None, 2]
+
+
+@pytest.mark.parametrize("edited", ["capsule", "experiment", "outline"])
+def test_an_edited_file_of_the_same_size_and_time_is_computed_again(tmp_path, edited):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    EXPERIMENT.write(folder / "experiment.toml")
+    edge = MeasuredOutline(MODEL(PLACE, outline=True).outline[0], OutlineNoise(0.01, 0.2, 0.25))
+    how = {"axial_length": 1.81, "axial_length_error": 0.01, "experiment_file": folder / "experiment.toml"}
+    Measurement(2.14, 0.01, 5e-3, 5e-5, outline=edge, **how).write(folder / "capsule.toml")
+    before = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    old, new = {"capsule": ("2.14", "2.16"), "experiment": ("0.85", "0.75"), "outline": ("1.", "1.0")}[edited]
+    file = next(file for file in folder.iterdir() if edited in file.name)
+    stamps, text = file.stat(), file.read_text()
+    if edited == "outline":
+        lines = text.splitlines(keepends=True)
+        file.write_text("".join([*lines[:5], lines[5].replace(lines[5][-4:-1], "777"), *lines[6:]]))
+    else:
+        assert old in text
+        file.write_text(text.replace(old, new))
+    os.utime(file, ns=(stamps.st_atime_ns, stamps.st_mtime_ns))
+    assert file.stat().st_size == stamps.st_size
+    assert file.stat().st_mtime_ns == stamps.st_mtime_ns
+    after = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    assert before["surface_shear_modulus_median"] != after["surface_shear_modulus_median"]
+
+
+def test_rows_that_stay_are_kept_when_a_table_is_edited_and_name_the_table_as_it_is(tmp_path, monkeypatch):
+    frame = write_table(tmp_path / "t.csv", 6)
+    monkeypatch.setattr(listing, "ROWS", 3)
+    with monkeypatch.context() as patched:
+        patched.setattr(Population, "write", lambda self, path: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    stamps = {file: file.stat().st_mtime_ns for file in (tmp_path / "r.nc.parts").glob("rows-*.part")}
+    frame.loc[5, "axial_extent_over_l"] += 0.01
+    frame.to_csv(tmp_path / "t.csv", index=False)
+    removed = []
+    monkeypatch.setattr(identify_folder_module.shutil, "rmtree", removed.append)
+    found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    assert removed == [tmp_path / "r.nc.parts"]
+    assert all(file.stat().st_mtime_ns == stamp for file, stamp in stamps.items())
+    assert len(list((tmp_path / "r.nc.parts").glob("rows-*.part"))) == 3
+    assert set(found["sha256"]) == {hashlib.sha256((tmp_path / "t.csv").read_bytes()).hexdigest()}
+
+
+@pytest.mark.parametrize("changed", ["viscosity", "coordinate", "velocity"])
+def test_every_digit_of_the_settings_counts(changed):
+    run = Run(MODEL, EXPERIMENT, Prior(), 1, Quantity(5e-3, 5e-5, "m/s"))
+    other = {
+        "viscosity": replace(run, experiment=replace(EXPERIMENT, viscosity=Quantity(0.85, 0.02 + 1e-12))),
+        "coordinate": replace(run, prior=Prior(coordinates={"pre_inflation": "0 .. 0.1"})),
+        "velocity": replace(run, capsule_velocity=Quantity(5e-3 + 1e-15, 5e-5, "m/s")),
+    }
+    assert run.fingerprint == replace(run).fingerprint != other[changed].fingerprint
 
 
 def test_a_full_disk_is_said_and_loses_nothing(tmp_path, monkeypatch):
@@ -318,7 +397,13 @@ def test_some_capsules_are_sampled_and_agree_and_chains_are_kept_on_request(tmp_
     agreement = found.attributes["agreement"]
     assert agreement["capsules"] == agreement["agreeing"] == 2
     assert agreement["median"] < 0.05
-    assert len(list((tmp_path / "chains").glob("*.nc"))) == 4
+    stamps = {file: file.stat().st_mtime_ns for file in (tmp_path / "chains").glob("*.nc")}
+    assert len(stamps) == 4
+    frame = write_table(tmp_path / "t.csv", 4)
+    frame.loc[3, "axial_extent_over_l"] += 0.01
+    frame.to_csv(tmp_path / "t.csv", index=False)
+    identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", chains=tmp_path / "chains", **HERE)
+    assert [file.name for file, stamp in stamps.items() if file.stat().st_mtime_ns != stamp] == ["000004-c3.nc"]
 
 
 @pytest.mark.parametrize(

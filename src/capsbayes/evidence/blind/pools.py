@@ -71,7 +71,7 @@ def build_pools(
     for effect, size in names:
         path = Path(folder) / f"{pool_name(effect, size)}.nc"
         if not path.exists():
-            built = build_database(simulator_with(POOLS[effect, size], size), pool_cases(), out=path, workers=workers)
-            built.compact().write(path)
+            simulator = simulator_with(POOLS[effect, size], size)
+            build_database(simulator, pool_cases(), out=path, workers=workers, compact=True)
         pools[effect, size] = Database.read(path)
     return pools

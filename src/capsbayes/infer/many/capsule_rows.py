@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -100,6 +100,13 @@ class CapsuleRows:
                 whole[field.name][rows] = values
             first += len(part)
         return cls(**whole)
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> CapsuleRows:
+        """Return the rows whose `arrays` these are."""
+        known = {field.name: arrays[field.name] for field in fields(cls)}
+        texts = {name: values.astype(object) for name, values in known.items() if values.dtype.kind == "U"}
+        return cls(**known | texts)
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -136,8 +136,12 @@ def identify_folder(
             population.dataset.attrs["agreement"] = json.dumps(agreement.as_dict())
         population.write(out)
         if chains is not None:
-            tasks = [_chain(population, found, Path(chains), int(row)) for row in _with_result(population)]
-            pool.finish(tasks, "chains")
+            Path(chains).mkdir(parents=True, exist_ok=True)
+            names, rows_sampled = population["name"], map(int, _with_result(population))
+            drawn = [
+                ChainTask.of(found.measurement(row), Path(chains), row, str(names[row]), run) for row in rows_sampled
+            ]
+            pool.finish(drawn, "chains")
         if not (isinstance(given, Path) and given.is_dir()):
             shutil.rmtree(parts)
     return population
@@ -200,10 +204,6 @@ def _attributes(run: Run, source: str) -> dict[str, Any]:
 
 def _with_result(population: Population) -> NDArray[np.intp]:
     return np.flatnonzero(np.isfinite(population["surface_shear_modulus_median"]))
-
-
-def _chain(population: Population, found: Listed, folder: Path, row: int) -> ChainTask:
-    return ChainTask.of(found.measurement(row), folder, row, str(population["name"][row]))
 
 
 def _checked(

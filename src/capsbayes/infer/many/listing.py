@@ -27,9 +27,10 @@ from capsbayes.measurements.netcdf import opened
 from capsbayes.measurements.table import MeasuredLengths, is_table_of_lengths
 from capsbayes.work import Store
 
-ROWS = 2000
-"""Of a table in one task: a second or two of work."""
-_OUTLINES = 8
+ROWS = 250
+"""Of a table in one task: a fraction of a second of work, on the table of the model."""
+_EXACT_ROWS = 8
+"""Of a table or a file of outlines in one task that takes the exact engine: some seconds of work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
     """
     if isinstance(source, MeasuredLengths):
         _check_experiment(run, source.source)
-        return _table(source, store)
+        return _table(source, run, store)
     _check_there(source)
     if source.is_dir():
         files = capsule_files(source)
@@ -79,11 +80,11 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
         raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
     _check_experiment(run, str(source))
     if is_table_of_lengths(source):
-        return _table(MeasuredLengths.read(source), store)
+        return _table(MeasuredLengths.read(source), run, store)
     found = read_set(source, run.experiment)
     seen = found.measurements
     tasks: list[RowsTask] = [
-        OutlinesTask(store, seen[first : first + _OUTLINES]) for first in range(0, len(seen), _OUTLINES)
+        OutlinesTask(store, seen[first : first + _EXACT_ROWS]) for first in range(0, len(seen), _EXACT_ROWS)
     ]
     if found.left_out:
         tasks.append(OutlinesTask(store, (), found.left_out))
@@ -96,13 +97,14 @@ def _check_experiment(run: Run, source: str) -> None:
         raise InputError(source, "experiment", "the experiment of the capsules", "nothing", advice)
 
 
-def _table(measured: MeasuredLengths, store: Store) -> Listed:
+def _table(measured: MeasuredLengths, run: Run, store: Store) -> Listed:
     """List the rows of a table; a velocity that is hardly known is refused."""
     velocity, error = measured.velocities.T
     expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the velocity"
     measured = measured.refused(error > LOOSEST_VELOCITY * velocity, "capsule_velocity_error", expected)
+    rows = _EXACT_ROWS if run.model.coordinates else ROWS
     tasks: list[RowsTask] = [
-        TableTask(store, measured.taken(slice(first, first + ROWS))) for first in range(0, len(measured), ROWS)
+        TableTask(store, measured.taken(slice(first, first + rows))) for first in range(0, len(measured), rows)
     ]
     return Listed(tasks, measured.measurement)
 

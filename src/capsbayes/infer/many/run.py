@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
@@ -16,6 +19,8 @@ from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
+
+_PLACES = ("source", "sha256", "experiment_file")  # of what was read: the content itself counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +58,8 @@ class Run:
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that decides the results, the capsules themselves excepted."""
-        known = self.experiment
-        parts: list[object] = [__version__, self.model.name, self.model.sha256, self.seed, self.prior.described()]
-        parts += [(name, quantity.as_record()) for name, quantity in sorted(self.prior.coordinates.items())]
-        if known is not None:
-            parts += [known.cross_section, known.half_width.as_record(), known.viscosity.as_record()]
-        parts += [self.capsule_velocity, self.flow]
+        parts: list[object] = [__version__, self.model.name, self.model.sha256, self.model.view, self.seed, self.flow]
+        parts += [content_of(known) for known in (self.experiment, self.prior, self.capsule_velocity)]
         if self.background is not None:
             parts.append(_hash_of(self.background))
         return hashlib.sha256(repr(parts).encode()).hexdigest()
@@ -82,6 +83,21 @@ class Run:
             usual = getattr(known, name)
             own[name] = Quantity(value, usual.sd * value / usual.mean)
         return replace(known, **own)
+
+
+def content_of(value: Any) -> Any:
+    """Return what a value consists of, in types whose text shows every digit; the place of a file does not count."""
+    if isinstance(value, Quantity):
+        return value.as_record(), value.unit
+    if isinstance(value, np.ndarray):
+        return value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+    if isinstance(value, Mapping):
+        return sorted((key, content_of(item)) for key, item in value.items())
+    if is_dataclass(value):
+        return [
+            (item.name, content_of(getattr(value, item.name))) for item in fields(value) if item.name not in _PLACES
+        ]
+    return value
 
 
 def _hash_of(background: Path) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -11,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans, Floats
+from capsbayes.errors import InputError
 from capsbayes.infer import identify
-from capsbayes.infer.many.run import Run
+from capsbayes.infer.many.run import Run, content_of
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import StoredTask, hash_of
+from capsbayes.infer.posterior_file import work_of
 from capsbayes.measurement import Measurement
 
 _AGREES = 0.1  # standard deviation
@@ -75,7 +79,8 @@ class CheckTask(StoredTask):
     seed: int
 
     def _name(self) -> str:
-        return f"check-{hash_of(self.store, str(self.seed), self.measurement.source, self.summaries.tobytes())}"
+        contents = str(self.seed), self.measurement.source, repr(content_of(self.measurement)), self.summaries.tobytes()
+        return f"check-{hash_of(self.store, *contents)}"
 
     @property
     def differences(self) -> Floats | None:
@@ -121,22 +126,30 @@ class ChainTask:
     measurement : Measurement
     file : Path
         Where the posterior goes, as `capsbayes identify` writes it.
+    digest : str
+        Hash of what it is computed from.
     """
 
     measurement: Measurement
     file: Path
+    digest: str
 
     @classmethod
-    def of(cls, measurement: Measurement, folder: Path, row: int, name: str) -> ChainTask:
+    def of(cls, measurement: Measurement, folder: Path, row: int, name: str, run: Run) -> ChainTask:
         """Return the task of one row, whose file is named by number and name."""
-        return cls(measurement, folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc")
+        contents = [run.fingerprint, measurement.source, content_of(measurement)]
+        with contextlib.suppress(InputError):  # without an experiment there is no row either
+            contents.append(content_of(run.experiment_of(measurement)))
+        digest = hashlib.sha256(repr(contents).encode()).hexdigest()
+        return cls(measurement, folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc", digest)
 
     @property
     def done(self) -> bool:
-        """True if the file is there: it is written whole or not at all."""
-        return self.file.exists()
+        """True if the file is there and was computed from the same; it is written whole or not at all."""
+        return work_of(self.file) == self.digest
 
     def __call__(self, run: Run) -> None:
         """Sample and write."""
         experiment = run.experiment_of(self.measurement)
-        identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior).write(self.file)
+        posterior = identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior)
+        posterior.write(self.file, work=self.digest)

@@ -1,4 +1,4 @@
-"""Rows of a table of lengths: from the tabulated model, or by the exact engine where that does not resolve them."""
+"""Rows of a table of lengths from the tabulated model; those that it does not resolve are left to the exact engine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.quadrature import FARTHEST
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many.capsule_rows import CapsuleRows
-from capsbayes.infer.many.exact_row import fill_exactly
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.rows import lengths_rows
 from capsbayes.infer.many.tabulated.search import FAR, FOUND
@@ -21,8 +20,8 @@ from capsbayes.status import Status
 _ALL_WITHIN = 1.0 - 1e-6  # share of a posterior within the prior ranges, below which the exact engine takes over
 
 
-def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -> CapsuleRows:
-    """Compute the rows of a table; those that the lattices do not resolve by the exact engine."""
+def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -> tuple[CapsuleRows, list[int]]:
+    """Compute the rows of a table; return the numbers of those that the lattices do not resolve, too."""
     count = len(measured)
     numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
     source = np.full(count, measured.source, dtype=object)
@@ -30,9 +29,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     usable = np.flatnonzero(measured.refusals == "")
     _refuse(rows, measured)
     if run.model.coordinates:  # one lattice cannot represent it
-        for row in map(int, usable):
-            fill_exactly(rows, row, measured.measurement(row), run)
-        return rows
+        return rows, usable.tolist()
     shifts = np.stack([_own(measured, name, experiment) for name in reversed(CONDITIONS)], axis=1)
     found = lengths_rows(
         measured.lengths[usable],
@@ -55,9 +52,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     rows.reason[far] = [f"{rows.distance[row]:.1f} standard errors away, {FARTHEST:g} at most" for row in far]
     rows.leaning[far] = np.nan
     resolved = (facts["end"] == FOUND) & (facts["within"] >= _ALL_WITHIN)
-    for row in map(int, usable[~resolved & (facts["end"] != FAR)]):
-        fill_exactly(rows, row, measured.measurement(row), run)
-    return rows
+    return rows, usable[~resolved & (facts["end"] != FAR)].tolist()
 
 
 def _refuse(rows: CapsuleRows, measured: MeasuredLengths) -> None:

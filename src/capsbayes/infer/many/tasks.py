@@ -1,13 +1,14 @@
 """Independent tasks of a run, as some rows of a table or one file; the rows of each are one part of a store.
 
-The part is named by a hash of the run and of what was measured, so that it is found again after an interruption, and
-nothing is taken from other settings or from a file that has changed since.
+The part is named by a hash of the run and of the content of what was measured, so that it is found again after an
+interruption, and nothing is taken from other settings or from a file that has changed since.
 """
 
 from __future__ import annotations
 
 import abc
 import hashlib
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,7 +22,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
-from capsbayes.infer.many.run import Run
+from capsbayes.infer.many.run import Run, content_of
 from capsbayes.infer.many.table_rows import rows_of_table
 from capsbayes.input_file import PICTURES, InputFile
 from capsbayes.measurement import Measurement
@@ -30,6 +31,7 @@ from capsbayes.status import Status
 from capsbayes.work import Store
 
 _LONGEST_NAME = 250
+_LONGEST_UNKEPT = 5.0  # s of work
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class StoredTask(abc.ABC):
 
 
 class RowsTask(StoredTask):
-    """A task that computes rows."""
+    """A task that computes rows; what it has is kept every few seconds, so that a long one is not lost as a whole."""
 
     @property
     @abc.abstractmethod
@@ -76,25 +78,44 @@ class RowsTask(StoredTask):
         """Number of rows."""
 
     @abc.abstractmethod
+    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
+        """Compute what takes little time; return the rows, and the numbers of those that remain to be filled."""
+
+    @abc.abstractmethod
+    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        """Compute one of the rows that remain."""
+
     def compute(self, run: Run) -> CapsuleRows:
-        """Compute the rows."""
+        """Compute the rows, from where an interrupted attempt left off."""
+        begun = f"{self.name}-begun"
+        kept = self.store.load(begun)
+        rows, left = self.begin(run) if kept is None else (CapsuleRows.of_arrays(kept), kept["left"].tolist())
+        saved = time.monotonic()
+        while left:
+            self.fill(rows, left.pop(0), run)
+            if left and time.monotonic() - saved > _LONGEST_UNKEPT:
+                self.store.save(begun, rows.arrays | {"left": np.array(left)})
+                saved = time.monotonic()
+        return rows
 
     @property
     def rows(self) -> CapsuleRows | None:
         """The rows, None if they are missing or damaged."""
         arrays = self.store.load(self.name)
-        return None if arrays is None else CapsuleRows(**arrays)
+        return None if arrays is None else CapsuleRows.of_arrays(arrays)
 
     def __call__(self, run: Run) -> None:
         """Compute the rows and keep them."""
         self.store.save(self.name, self.compute(run).arrays)
+        self.store.remove(f"{self.name}-begun")
 
 
 def hash_of(store: Store, *contents: str | bytes) -> str:
     """Return a hash of what a part is computed from and of the settings of its store."""
     digest = hashlib.sha256(store.fingerprint.encode())
     for content in contents:
-        digest.update(b"\0" + (content.encode() if isinstance(content, str) else content))
+        known = content.encode() if isinstance(content, str) else content
+        digest.update(len(known).to_bytes(8) + known)
     return digest.hexdigest()[:24]
 
 
@@ -119,10 +140,22 @@ class TableTask(RowsTask):
         numbers = (np.ascontiguousarray(self.measured.numbers[name]).tobytes() for name in NUMBERS)
         return f"rows-{hash_of(self.store, *numbers, *self.measured.names, *self.measured.refusals)}"
 
-    def compute(self, run: Run) -> CapsuleRows:
-        """Compute the rows from the table of the model."""
+    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
+        """Compute the rows that the table of the model resolves."""
         assert run.experiment is not None
         return rows_of_table(self.measured, run, run.experiment)
+
+    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        """Compute a row by the exact engine."""
+        fill_exactly(rows, row, self.measured.measurement(row), run)
+
+    @property
+    def rows(self) -> CapsuleRows | None:
+        """The rows, with the fingerprint of the whole table as it is now, other rows of which may have changed."""
+        rows = super().rows
+        if rows is not None:
+            rows.source[:], rows.sha256[:] = self.measured.source, self.measured.sha256
+        return rows
 
 
 @dataclass(frozen=True)
@@ -139,25 +172,27 @@ class FileTask(RowsTask):
     number: ClassVar[int] = 1
 
     def _name(self) -> str:
-        """Return a name that changes when the file, or one that it names, changes."""
-        stamps = [file.stat() for file in (self.measured, *_named_in(self.measured))]
-        states = [f"{stamp.st_size} {stamp.st_mtime_ns}" for stamp in stamps]
-        return f"file-{hash_of(self.store, str(self.measured.resolve()), *states)}"
+        """Return a name that changes with the content of the file and of those that it names."""
+        contents = [part for file in (self.measured, *_named_in(self.measured)) for part in (str(file), _content(file))]
+        return f"file-{hash_of(self.store, *contents)}"
 
-    def compute(self, run: Run) -> CapsuleRows:
-        """Measure the capsule if need be, and compute its row."""
+    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
+        """Return an empty row."""
+        del run
         name = self.measured.parent.name if self.measured.name == "measurement.toml" else self.measured.stem
-        rows = CapsuleRows.empty(_texts([name]), _texts([str(self.measured)]), _texts([""]), _no_numbers(1))
+        return CapsuleRows.empty(_texts([name]), _texts([str(self.measured)]), _texts([""]), _no_numbers(1)), [0]
+
+    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        """Measure the capsule if need be, and compute its row."""
         try:
             measurement = measured_file(self.measured, run)
-            rows.sha256[0], rows.numbers[0] = measurement.sha256, numbers_of(measurement)
+            rows.sha256[row], rows.numbers[row] = measurement.sha256, numbers_of(measurement)
             if measurement.status.ok:
-                fill_exactly(rows, 0, measurement, run)
+                fill_exactly(rows, row, measurement, run)
             else:
-                rows.status[0] = measurement.status.name
+                rows.status[row] = measurement.status.name
         except CapsbayesError as error:
-            rows.status[0], rows.reason[0] = Status.UNUSABLE.name, str(error)
-        return rows
+            rows.status[row], rows.reason[row] = Status.UNUSABLE.name, str(error)
 
 
 @dataclass(frozen=True)
@@ -181,17 +216,12 @@ class OutlinesTask(RowsTask):
         return len(self.measurements) + len(self.left_out)
 
     def _name(self) -> str:
-        contents: list[str | bytes] = []
-        for measurement in self.measurements:
-            contents += [measurement.source, numbers_of(measurement).tobytes()]
-            if measurement.outline is not None:
-                outline = measurement.outline
-                contents += [np.ascontiguousarray(outline.points).tobytes(), repr(outline.noise)]
+        contents = [text for seen in self.measurements for text in (seen.source, repr(content_of(seen)))]
         return f"outlines-{hash_of(self.store, *contents, *self.left_out)}"
 
-    def compute(self, run: Run) -> CapsuleRows:
-        """Compute the rows on a grid for each outline."""
-        assert run.experiment is not None
+    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
+        """Return rows with what was measured, and with the reasons of those that cannot be used."""
+        del run
         names = [measurement.source.rpartition(": ")[2] for measurement in self.measurements]
         names += [line.partition(": expected ")[0] for line in self.left_out]
         sources = [measurement.source.rpartition(": ")[0] for measurement in self.measurements] + [""] * len(
@@ -201,10 +231,13 @@ class OutlinesTask(RowsTask):
         rows = CapsuleRows.empty(_texts(names), _texts(sources), _texts(blank), _no_numbers(len(names)))
         for row, measurement in enumerate(self.measurements):
             rows.numbers[row] = numbers_of(measurement)
-            fill_exactly(rows, row, measurement, run)
         for row, line in enumerate(self.left_out, start=len(self.measurements)):
             rows.status[row], rows.reason[row] = Status.UNUSABLE.name, line
-        return rows
+        return rows, list(range(len(self.measurements)))
+
+    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        """Compute a row on a grid for its outline."""
+        fill_exactly(rows, row, self.measurements[row], run)
 
 
 def _texts(texts: list[str]) -> NDArray[Any]:
@@ -226,6 +259,15 @@ def _named_in(file: Path) -> list[Path]:
     texts = [value for table in (content, *content.values()) if isinstance(table, Mapping) for value in table.values()]
     named = [file.parent / text for text in texts if isinstance(text, str) and len(text) < _LONGEST_NAME]
     return [path for path in named if path.is_file()]
+
+
+def _content(file: Path) -> bytes:
+    """Return a hash of the content of a file; of one that cannot be read, none: its row says why."""
+    try:
+        with file.open("rb") as opened:
+            return hashlib.file_digest(opened, "sha256").digest()
+    except OSError:
+        return b""
 
 
 def measured_file(file: Path, run: Run) -> Measurement:

@@ -40,6 +40,7 @@ def build_database(
     workers: int | None = None,
     progress: bool = True,
     compare: int | None = None,
+    compact: bool = False,
 ) -> Database:
     """Simulate many cases and write them as one database.
 
@@ -72,6 +73,8 @@ def build_database(
     compare : int, optional
         Refinement of a finer mesh on which five of the cases are run again; the differences are stored in the
         attribute ``mesh_error``. The simulator then needs a method ``refined(refinement)``. Not for an effect.
+    compact : bool
+        Write it as `Database.compact` returns it.
 
     Returns
     -------
@@ -101,6 +104,8 @@ def build_database(
         if compare is not None and effect is None:
             attributes |= {"mesh_error": _compared(simulator, stores[0], by_value[0.0], compare, scheduler, workers)}
         database = gathered(by_value, simulator.settings, attributes)
+        if compact:
+            database = database.compact()
         database.write(out)
     return database
 

@@ -129,7 +129,7 @@ def build_shipped(
         Of `build_database`.
     """
     recipe = recipe_named(name)
-    database = build_database(
+    return build_database(
         recipe.simulator,
         recipe.cases,
         out=out,
@@ -139,8 +139,5 @@ def build_shipped(
         workers=workers,
         progress=progress,
         compare=recipe.compare,
+        compact=not full,
     )
-    if not full:
-        database = database.compact()
-        database.write(out)
-    return database
