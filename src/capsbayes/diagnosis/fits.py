@@ -18,6 +18,7 @@ from capsbayes.diagnosis.places import Evaluation, Places, initial_guesses
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening, whitened_at
 from capsbayes.model import ForwardModel
+from capsbayes.work import remembered
 
 _NEAR = 0.1  # expected decrease of the misfit above which a fit has not converged
 _ILL = 4.0  # misfit over its freedom, from which a capsule has no shape of the model: twice the stated noise
@@ -92,6 +93,7 @@ def whitening(model: ForwardModel, session: Session) -> Whitening:
     return whitened_at(model, session, np.where(better.settled[:, None], better.theta, pilots))
 
 
+@remembered
 def fitted(
     model: ForwardModel,
     session: Session,

@@ -109,7 +109,7 @@ def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
     told = []
     few = replace(NOTHING, sessions=2)
     first = examine([few], tmp_path, tmp_path / "out", workers=1, tell=told.append)
-    (file,) = (tmp_path / "out").iterdir()
+    (file,) = (tmp_path / "out").iterdir()  # no lock, no steps
     file.write_text(file.read_text() + '{"seed": 3, "outcome": "no')  # a run that was cut off
     more = examine([replace(few, sessions=3)], tmp_path, tmp_path / "out", workers=1, tell=told.append)
     said = "of each of 1 cells:"
@@ -118,6 +118,10 @@ def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
         seed: answer.p_value for seed, answer in first["nothing"].items()
     }
     assert sorted(more["nothing"]) == [1, 2, 3]
+    half = replace(few, capsules=20)  # another work under the same name
+    again = examine([half], tmp_path, tmp_path / "out", workers=1, tell=told.append)
+    assert told[2:] == [f"sessions 1 to 2 {said} 2 to diagnose"]
+    assert sorted(again["nothing"]) == [1, 2]
 
 
 @pytest.mark.slow
@@ -161,4 +165,5 @@ def test_answers_of_earlier_versions_are_read(tmp_path):
     old = {former.get(key, key): value for key, value in asdict(ANSWER).items()}
     records = _records(tmp_path, cell)
     records.add({"seed": 1, **old})
-    assert _read(tmp_path, cell)[1] == ANSWER
+    records.add({"seed": 2, **asdict(ANSWER), "work": "other"})
+    assert _read(tmp_path, cell, "work") == {1: ANSWER}

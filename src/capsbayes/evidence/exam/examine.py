@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
+from capsbayes import __version__
 from capsbayes.database import Database
 from capsbayes.evidence.blind.pools import pool_name
 from capsbayes.evidence.exam.answer import Answer, answer_session
@@ -15,7 +16,7 @@ from capsbayes.evidence.exam.cells import Cell
 from capsbayes.interruption import keeping
 from capsbayes.output_file import make_folder
 from capsbayes.surrogate import Surrogate
-from capsbayes.work import Records, only_run, run_tasks
+from capsbayes.work import Records, Store, digest_of, only_run, run_tasks, steps_kept
 
 Answers = dict[str, dict[int, Answer]]
 """Answers by name of the cell and seed."""
@@ -39,7 +40,8 @@ def examine(
     """Diagnose every session of the cells that has no answer yet, in rounds over all cells.
 
     The answers of a cell are kept in one file in `out`, a line each, written as soon as it is known, so that the same
-    call repeated continues where it ended.
+    call repeated continues where it ended. A session is diagnosed anew if its cell, the shapes or the model have
+    changed since; an answer of an early version, which does not state them, counts as it is.
 
     Parameters
     ----------
@@ -56,10 +58,11 @@ def examine(
     folder = Path(out)
     make_folder(folder)
     with only_run(folder), keeping(folder):
-        known = {cell.name: _read(folder, cell) for cell in cells}
+        works = {cell.name: _work_of(cell, os.fspath(pools)) for cell in cells}
+        known = {cell.name: _read(folder, cell, works[cell.name]) for cell in cells}
         for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
             tasks = [
-                partial(_one, cell, seed, os.fspath(pools), _records(folder, cell))
+                partial(_one, cell, seed, os.fspath(pools), _records(folder, cell), works[cell.name])
                 for seed in range(start, end + 1)
                 for cell in cells
                 if seed <= cell.sessions and seed not in known[cell.name]
@@ -67,7 +70,7 @@ def examine(
             if tasks:
                 tell(f"sessions {start} to {end} of each of {len(cells)} cells: {len(tasks)} to diagnose")
                 run_tasks(tasks, None, workers)
-    return {cell.name: _read(folder, cell) for cell in cells}
+    return {cell.name: _read(folder, cell, works[cell.name]) for cell in cells}
 
 
 def _rounds(last: int) -> Iterator[tuple[int, int]]:
@@ -78,9 +81,17 @@ def _rounds(last: int) -> Iterator[tuple[int, int]]:
         start, end = end + 1, 2 * end
 
 
-def _one(cell: Cell, seed: int, pools: str, records: Records) -> None:
-    answer = answer_session(cell, seed, _shapes(pools, *cell.shapes), _model())
-    records.add({"seed": seed, **asdict(answer)})
+def _one(cell: Cell, seed: int, pools: str, records: Records, work: str) -> None:
+    store = Store(records.path.parent, work)
+    with steps_kept(store, f"{records.path.stem}-{seed}"):
+        answer = answer_session(cell, seed, _shapes(pools, *cell.shapes), _model())
+    records.add({"seed": seed, **asdict(answer), "work": work})
+
+
+def _work_of(cell: Cell, pools: str) -> str:
+    """Return a hash of what the answers of a cell depend on, the seed excepted."""
+    same = replace(cell, name="", sessions=0, clear=False)
+    return digest_of(__version__, same, _shapes(pools, *cell.shapes).sha256, _model())
 
 
 @lru_cache(maxsize=4)
@@ -101,8 +112,8 @@ def _records(folder: Path, cell: Cell) -> Records:
     return Records(folder / f"{words}.jsonl")
 
 
-def _read(folder: Path, cell: Cell) -> dict[int, Answer]:
-    """Return the answers of a cell by seed."""
-    lines = _records(folder, cell).read()
+def _read(folder: Path, cell: Cell, work: str) -> dict[int, Answer]:
+    """Return the answers of a cell by seed, the latest if there are several."""
+    lines = [line for line in _records(folder, cell).read() if line.pop("work", work) == work]
     records = ({_RENAMED.get(key, key): value for key, value in line.items()} for line in lines)
     return {record.pop("seed"): Answer(**record) for record in records}

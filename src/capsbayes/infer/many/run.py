@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
@@ -19,8 +16,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
-
-_PLACES = ("source", "sha256", "experiment_file")  # of what was read: the content itself counts
+from capsbayes.work import digest_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +54,9 @@ class Run:
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that decides the results, the capsules themselves excepted."""
-        parts: list[object] = [__version__, self.model.name, self.model.sha256, self.model.view, self.seed, self.flow]
-        parts += [content_of(known) for known in (self.experiment, self.prior, self.capsule_velocity)]
-        if self.background is not None:
-            parts.append(_hash_of(self.background))
-        return hashlib.sha256(repr(parts).encode()).hexdigest()
+        background = None if self.background is None else _hash_of(self.background)
+        how = self.experiment, self.prior, self.capsule_velocity, self.flow, background
+        return digest_of(__version__, self.model, self.seed, *how)
 
     def experiment_of(self, measurement: Measurement) -> Experiment:
         """Return the experiment of the run, or that which the measurement names, with the conditions of the capsule.
@@ -83,21 +77,6 @@ class Run:
             usual = getattr(known, name)
             own[name] = Quantity(value, usual.sd * value / usual.mean)
         return replace(known, **own)
-
-
-def content_of(value: Any) -> Any:
-    """Return what a value consists of, in types whose text shows every digit; the place of a file does not count."""
-    if isinstance(value, Quantity):
-        return value.as_record(), value.unit
-    if isinstance(value, np.ndarray):
-        return value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-    if isinstance(value, Mapping):
-        return sorted((key, content_of(item)) for key, item in value.items())
-    if is_dataclass(value):
-        return [
-            (item.name, content_of(getattr(value, item.name))) for item in fields(value) if item.name not in _PLACES
-        ]
-    return value
 
 
 def _hash_of(background: Path) -> str:

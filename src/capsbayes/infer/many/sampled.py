@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -13,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.errors import InputError
 from capsbayes.infer import identify
-from capsbayes.infer.many.run import Run, content_of
+from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import StoredTask, hash_of
 from capsbayes.infer.posterior_file import work_of
 from capsbayes.measurement import Measurement
+from capsbayes.work import digest_of
 
 _AGREES = 0.1  # standard deviation
 
@@ -79,7 +77,7 @@ class CheckTask(StoredTask):
     seed: int
 
     def _name(self) -> str:
-        contents = str(self.seed), self.measurement.source, repr(content_of(self.measurement)), self.summaries.tobytes()
+        contents = str(self.seed), self.measurement.source, digest_of(self.measurement), self.summaries.tobytes()
         return f"check-{hash_of(self.store, *contents)}"
 
     @property
@@ -137,10 +135,8 @@ class ChainTask:
     @classmethod
     def of(cls, measurement: Measurement, folder: Path, row: int, name: str, run: Run) -> ChainTask:
         """Return the task of one row, whose file is named by number and name."""
-        contents = [run.fingerprint, measurement.source, content_of(measurement)]
-        with contextlib.suppress(InputError):  # without an experiment there is no row either
-            contents.append(content_of(run.experiment_of(measurement)))
-        digest = hashlib.sha256(repr(contents).encode()).hexdigest()
+        experiment = run.experiment_of(measurement)
+        digest = digest_of(run.fingerprint, measurement.source, measurement, experiment)
         return cls(measurement, folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc", digest)
 
     @property

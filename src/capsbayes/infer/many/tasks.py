@@ -22,13 +22,13 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
-from capsbayes.infer.many.run import Run, content_of
+from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.table_rows import rows_of_table
 from capsbayes.input_file import PICTURES, InputFile
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
-from capsbayes.work import Store
+from capsbayes.work import Store, digest_of
 
 _LONGEST_NAME = 250
 _LONGEST_UNKEPT = 5.0  # s of work
@@ -216,7 +216,7 @@ class OutlinesTask(RowsTask):
         return len(self.measurements) + len(self.left_out)
 
     def _name(self) -> str:
-        contents = [text for seen in self.measurements for text in (seen.source, repr(content_of(seen)))]
+        contents = [text for seen in self.measurements for text in (seen.source, digest_of(seen))]
         return f"outlines-{hash_of(self.store, *contents, *self.left_out)}"
 
     def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:

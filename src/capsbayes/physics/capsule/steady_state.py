@@ -17,6 +17,7 @@ import scipy.linalg
 from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.membrane_load import Enclosure
 from capsbayes.physics.capsule.problem import Iterate, Motion, Problem
+from capsbayes.work import remembered
 
 _REDUCTION = 0.1  # factor by which a step must lower the residual for its derivatives to be kept
 _DIVERGED = 100.0  # times the smallest residual
@@ -70,6 +71,7 @@ def _residual(motion: Motion, inside: Enclosure, size_ratio: float) -> Floats:
     return np.append(motion.error, [inside.volume - volume, inside.moment])
 
 
+@remembered
 def steady_state(
     problem: Problem,
     start: Iterate,

@@ -21,6 +21,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError
 from capsbayes.physics.capsule.free_motion import FreeMotion, Rate
 from capsbayes.physics.capsule.problem import Iterate, Problem
+from capsbayes.work import remembered
 
 Scheme = Literal["semi-implicit", "explicit"]
 Stepper = Callable[[Floats, Rate, float], tuple[Floats, float]]
@@ -163,6 +164,7 @@ def stable_step(problem: Problem, start: Iterate) -> float:
     return 0.7 * start.capillary_number * start.size_ratio / (n * stiffness)
 
 
+@remembered
 def growth_rates(problem: Problem, iterate: Iterate) -> NDArray[np.complex128]:
     """Compute the rates [U/l] at which small disturbances of a steady state grow, the fastest first.
 

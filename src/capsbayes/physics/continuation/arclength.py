@@ -18,6 +18,7 @@ import scipy.linalg
 from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import NewtonResult, bordered, steady_residual
+from capsbayes.work import remembered
 
 _SHAPE_WEIGHT = 60.0  # of the rms displacement over a to log Ca; with 10 the fold of a small dimple is too sharp
 _MAX_ITERATIONS = 8
@@ -148,6 +149,7 @@ def _normalised(direction: Floats, scale: Floats) -> Floats:
     return unit
 
 
+@remembered
 def _corrected(problem: Problem, point: ArcPoint, step: float, scale: Floats) -> ArcPoint | None:
     """Return the state `step` ahead of a point, None if Newton's iteration finds none near the prediction.
 

@@ -12,16 +12,19 @@ steps, which damp fast decaying modes and let slowly growing ones grow.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 
+from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.free_motion import FreeMotion
 from capsbayes.physics.capsule.outlines import profile
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import NewtonResult, steady_state
 from capsbayes.physics.capsule.transient import growth_rates
 from capsbayes.physics.stokes.circular import CircularChannel, FourfoldTube
+from capsbayes.work import remembered
 
 SHALLOW = 0.1  # largest depth of the rear over a before a snap-through
 _STEPS = 100
@@ -77,23 +80,44 @@ def settled(problem: Problem, capillary_number: float, size_ratio: float) -> New
         None if it did not settle.
     """
     here = problem.at_rest_in_channel(capillary_number, size_ratio)
-    motion, free, patience = FreeMotion(problem, here), here.free, 0
-    identity = np.eye(len(free))
+    free, patience = here.free, 0
     for step in range(_STEPS):
-        rate, jacobian = motion.linearised(free)
-        if not np.isfinite(rate.speed) or np.ptp(problem.mesh.expanded(free)[:, 2]) > _TOO_LONG * size_ratio:
+        taken = _stepped(problem, here, free)
+        if not np.isfinite(taken.speed) or np.ptp(problem.mesh.expanded(free)[:, 2]) > _TOO_LONG * size_ratio:
             return None
-        if rate.speed < _SLOW and step >= patience:
-            iterate = replace(here, free=free, velocity=rate.velocity, slack=rate.slack)
+        if taken.speed < _SLOW and step >= patience:
+            iterate = replace(here, free=free, velocity=taken.velocity, slack=taken.slack)
             result = steady_state(problem, iterate, max_iterations=10, patience=5)
             if result.converged and is_stable(problem, result.iterate):
                 return result
             patience = 2 * step
-        length, change = _LONGEST, np.full_like(free, np.inf)
-        while not problem.mesh.largest(change) < _FARTHEST * size_ratio:
-            change = length * scipy.linalg.solve(identity - length * jacobian, rate.change)
-            length /= 2.0
-            if length < _SHORTEST:
-                return None
-        free = motion.held(free + change, rate.across)
+        if taken.free is None:
+            return None
+        free = taken.free
     return None
+
+
+class _Step(NamedTuple):
+    """Speed, velocity and slack of a shape, and its free coordinates a step later, None if no step is short enough."""
+
+    speed: float
+    velocity: float
+    slack: float
+    free: Floats | None
+
+
+@remembered
+def _stepped(problem: Problem, here: Iterate, free: Floats) -> _Step:
+    """Advance a shape at the Ca and a/l of `here` by a linearised implicit step."""
+    motion = FreeMotion(problem, here)
+    rate, jacobian = motion.linearised(free)
+    state = rate.speed, rate.velocity, rate.slack
+    if not np.isfinite(rate.speed):
+        return _Step(*state, None)
+    length, change = _LONGEST, np.full_like(free, np.inf)
+    while not problem.mesh.largest(change) < _FARTHEST * here.size_ratio:
+        change = length * scipy.linalg.solve(np.eye(len(free)) - length * jacobian, rate.change)
+        length /= 2.0
+        if length < _SHORTEST:
+            return _Step(*state, None)
+    return _Step(*state, motion.held(free + change, rate.across))

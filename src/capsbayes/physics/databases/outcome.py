@@ -56,7 +56,7 @@ class Outcome:
         if self.state is not None:  # its status is DONE
             stored = {item.name: getattr(self.state, item.name) for item in fields(self.state)}
             values |= {_STATE + name: value for name, value in stored.items() if name != "status"}
-        name = f"{_name(self.capillary_number, self.size_ratio, self.start)}.{self.status.name}"
+        name = f"{name_of(self.capillary_number, self.size_ratio, self.start)}.{self.status.name}"
         store.save(name, values)
 
     @classmethod
@@ -83,7 +83,7 @@ class Outcome:
         DatabaseError
             If it was computed with other settings.
         """
-        for name in sorted(store.names(f"{_name(capillary_number, size_ratio, start)}.*")):
+        for name in sorted(store.names(f"{name_of(capillary_number, size_ratio, start)}.*")):
             values = store.load(name)
             if values is not None:
                 status = Status[name.rpartition(".")[2]]
@@ -139,5 +139,6 @@ def _case_name(capillary_number: float, size_ratio: float) -> str:
     return f"size-{size_ratio!r}_ca-{capillary_number!r}"
 
 
-def _name(capillary_number: float, size_ratio: float, start: float | str) -> str:
+def name_of(capillary_number: float, size_ratio: float, start: float | str) -> str:
+    """Return the name of a case that is started from another."""
     return f"{_case_name(capillary_number, size_ratio)}_from-{start if isinstance(start, str) else repr(start)}"

@@ -18,9 +18,9 @@ import numpy as np
 
 from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST_FROM_REST, SNAP_THROUGH
 from capsbayes.physics.continuation.settling import SHALLOW
-from capsbayes.physics.databases.outcome import Outcome, variables_of
+from capsbayes.physics.databases.outcome import Outcome, name_of, variables_of
 from capsbayes.status import Status
-from capsbayes.work import Store
+from capsbayes.work import Store, steps_kept
 
 _FIRST_TRIED = (0.01, 0.02, 0.05)  # first Ca to try if the lowest case does not converge
 _BELOW_LIMIT = (0.96, 0.99)  # of the Ca at which a branch ends: cases added to those asked for
@@ -97,11 +97,12 @@ class CaseRunner:
     def _computed(self, capillary_number: float, start: Start, origin: float | str) -> Outcome:
         case = (capillary_number, self.size_ratio, origin)
         try:
-            state = self.simulator.run(
-                capillary_number=capillary_number,
-                size_ratio=self.size_ratio,
-                start=start if isinstance(start, str) else start.state,
-            )
+            with steps_kept(self.store, name_of(*case)):
+                state = self.simulator.run(
+                    capillary_number=capillary_number,
+                    size_ratio=self.size_ratio,
+                    start=start if isinstance(start, str) else start.state,
+                )
             kept = state if state.status is Status.DONE else None
             outcome = Outcome(*case, state.status, variables_of(state), kept)
         except Exception as error:  # the other cases go on; this one keeps the reason

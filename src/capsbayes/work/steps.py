@@ -1,0 +1,105 @@
+"""Steps of a long part, kept until the part is finished, so that an interrupted part goes on where it was."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextvars import ContextVar
+from dataclasses import fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Any, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from capsbayes.work.digest import digest_of
+from capsbayes.work.store import Store
+
+_SHORT = 0.1  # s of work that are not worth a file
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_current: ContextVar[Store | None] = ContextVar("_current", default=None)
+
+
+@contextlib.contextmanager
+def steps_kept(store: Store, part: str) -> Iterator[None]:
+    """Keep the results of `remembered` functions while a part is computed; remove them once it is finished.
+
+    Parameters
+    ----------
+    store : Store
+    part : str
+        Name of the part.
+    """
+    folder = store.folder / f"{part}.steps"
+    token = _current.set(Store(folder, store.fingerprint))
+    finished = True
+    try:
+        yield
+    except BaseException as error:
+        finished = isinstance(error, Exception)  # else it was interrupted
+        raise
+    finally:
+        _current.reset(token)
+        if finished:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def remembered(function: Callable[P, T]) -> Callable[P, T]:
+    """Let a slow function find its result again while `steps_kept`; elsewhere it is called as it is.
+
+    The result is found by the content of the arguments. It must be None, or a named tuple or a dataclass of arrays,
+    numbers and such; its type is that of the annotation.
+    """
+
+    @functools.wraps(function)
+    def find(*arguments: P.args, **options: P.kwargs) -> T:
+        store = _current.get()
+        if store is None:
+            return function(*arguments, **options)
+        name = digest_of(function.__qualname__, arguments, options)[:24]
+        kept = store.load(name)
+        if kept is not None:
+            result: T = _built(get_type_hints(function)["return"], kept, "result")
+            return result
+        begin = time.monotonic()
+        computed = function(*arguments, **options)
+        if time.monotonic() - begin > _SHORT:
+            with contextlib.suppress(OSError):  # on a full disk the part goes on; its own end is what fails
+                store.folder.mkdir(parents=True, exist_ok=True)
+                store.save(name, dict(_flat(computed, "result")))
+        return computed
+
+    return find
+
+
+def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays and numbers of which a value consists, by the path to each."""
+    if is_dataclass(value):
+        for item in fields(value):
+            yield from _flat(getattr(value, item.name), f"{name}.{item.name}")
+    elif isinstance(value, tuple):
+        for key, item in value._asdict().items() if hasattr(value, "_asdict") else enumerate(value):
+            yield from _flat(item, f"{name}.{key}")
+        yield f"{name}.length", len(value)
+    else:
+        yield name, value.item() if isinstance(value, np.generic) else value
+
+
+def _built(kind: Any, values: Mapping[str, Any], name: str) -> Any:
+    """Return the value of a type that `_flat` took apart."""
+    if get_origin(kind) is UnionType:
+        if name in values:
+            return values[name]
+        kind = next(other for other in get_args(kind) if other is not NoneType)
+    if get_origin(kind) is tuple:
+        return tuple(_built(get_args(kind)[0], values, f"{name}.{key}") for key in range(values[f"{name}.length"]))
+    if is_dataclass(kind) or hasattr(kind, "_fields"):
+        hints = get_type_hints(kind)
+        names = kind._fields if hasattr(kind, "_fields") else [item.name for item in fields(kind)]
+        return kind(**{key: _built(hints[key], values, f"{name}.{key}") for key in names})
+    return values[name]
