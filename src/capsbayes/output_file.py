@@ -75,6 +75,16 @@ def guarded(inputs: Iterable[Path] = (), *, updated: Iterable[Path] = (), overwr
         _guard.reset(token)
 
 
+@contextlib.contextmanager
+def unguarded() -> Iterator[None]:
+    """Write the bookkeeping of unfinished work in this block: damaged files of it are replaced, none is recorded."""
+    token = _guard.set(None)
+    try:
+        yield
+    finally:
+        _guard.reset(token)
+
+
 def note_input(path: Path) -> None:
     """Remember a file that is read, so that nothing replaces it in the same block of `guarded`."""
     guard = _guard.get()

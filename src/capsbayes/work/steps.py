@@ -14,6 +14,7 @@ from typing import Any, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from capsbayes.errors import InputError
 from capsbayes.work.digest import digest_of
 from capsbayes.work.store import Store
 
@@ -69,8 +70,7 @@ def remembered(function: Callable[P, T]) -> Callable[P, T]:
         begin = time.monotonic()
         computed = function(*arguments, **options)
         if time.monotonic() - begin > _SHORT:
-            with contextlib.suppress(OSError):  # on a full disk the part goes on; its own end is what fails
-                store.folder.mkdir(parents=True, exist_ok=True)
+            with contextlib.suppress(InputError):  # on a full disk the part goes on; its own end is what fails
                 store.save(name, dict(_flat(computed, "result")))
         return computed
 

@@ -137,10 +137,8 @@ def identify_folder(
         population.write(out)
         if chains is not None:
             Path(chains).mkdir(parents=True, exist_ok=True)
-            names, rows_sampled = population["name"], map(int, _with_result(population))
-            drawn = [
-                ChainTask.of(found.measurement(row), Path(chains), row, str(names[row]), run) for row in rows_sampled
-            ]
+            usable = {int(row): str(population["name"][row]) for row in _with_result(population)}
+            drawn = [ChainTask.of(found.measurement(row), Path(chains), row, name, run) for row, name in usable.items()]
             pool.finish(drawn, "chains")
         if not (isinstance(given, Path) and given.is_dir()):
             shutil.rmtree(parts)
