@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import capsbayes
@@ -53,3 +54,18 @@ def test_the_lines_of_the_design_run(tmp_path):
     assert (found.capillary_number, found.size_ratio) == pytest.approx((0.082, 0.96), rel=0.01)
     assert "bending" in cb.effects.catalogue()
     cb.testing.check_law(cb.NeoHookean())
+
+
+def test_the_lines_of_the_design_on_many_capsules_run(tmp_path):
+    model, batch = cb.Surrogate.open("square-neo-hookean"), EXAMPLE.with_name("batch")
+    experiment = cb.Experiment.read(batch / "experiment.toml")
+    population = cb.identify_folder(
+        batch / "capsules.csv", model, experiment, out=tmp_path / "run.nc", check=0.0, seed=1
+    )
+    candidates = {name: cb.effects.catalogue()[name] for name in ("halo", "pixel_scale")}
+    study = cb.diagnose(population, model, candidates=candidates, seed=1)
+    assert len(study.session) + len(study.session.left_out) == len(population)
+    assert (study.name, study.model.name) == ("none", model.name)
+    assert study.finding.p_value > 0.05
+    assert np.isnan(study.gap).all()
+    cb.write_report(study, tmp_path / "study.html")

@@ -57,6 +57,8 @@ def test_a_clear_effect_is_named_and_measured(model, name, size):
     assert study.verification.log_likelihood_ratio > 3.0 * study.verification.error
     assert catalogue()[name].name in str(study)
     assert study.model.name == f"{model.name} + {catalogue()[name].name}"
+    assert study.name == catalogue()[name].name
+    assert study.gap[1] < study.gap[0]
 
 
 @pytest.mark.slow

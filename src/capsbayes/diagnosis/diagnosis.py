@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
@@ -29,6 +30,8 @@ from capsbayes.readable import Readable
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from capsbayes.infer.many import Population
 
 Checked = Callable[[tuple[Step, ...]], tuple[tuple[Step, ...], Verification]]
 
@@ -95,6 +98,23 @@ class Study(Readable):
         return tuple(name for step in self.steps for name in step.in_question)
 
     @property
+    def name(self) -> str:
+        """Name of the effect that explains the deviations, two joined by "and"; else the verdict, as "unknown"."""
+        named = self.verdict is Verdict.NAMED
+        return " and ".join(step.best.effect.name for step in self.steps) if named else self.verdict.name.lower()
+
+    @property
+    def gap(self) -> tuple[float, float]:
+        """Root mean square distances of edges from the model without and with the effects [m], held-out capsules.
+
+        NaN where nothing was verified, or without outlines.
+        """
+        if self.verification is None:
+            return float("nan"), float("nan")
+        before, after = self.verification.comparisons
+        return before.gap, after.gap
+
+    @property
     def scores(self) -> Mapping[str, Scores]:
         """Scores of every candidate on the first half, the likeliest first; two effects are scored together."""
         scores = dict(self.steps[0].scores) if self.steps else {}
@@ -151,7 +171,7 @@ class Study(Readable):
 
 @threadpool_limits.wrap(limits=1)  # the matrices are tiny: threads would only wait for each other
 def diagnose(
-    session: Session,
+    session: Session | Population | str | Path,
     model: ForwardModel,
     *,
     seed: int,
@@ -165,7 +185,8 @@ def diagnose(
 
     Parameters
     ----------
-    session : Session
+    session : Session, Population or path
+        A population or a path stands for the set of measurements there, see `Session.of`.
     model : forward model
         As ``Surrogate.open("square-neo-hookean")``.
     seed : int
@@ -190,6 +211,7 @@ def diagnose(
     ValueError
         If the earlier study is of another session, or its capsules were divided with another seed.
     """
+    session = Session.of(session)
     if earlier is not None and (earlier.session is not session or earlier.seed != seed):
         raise ValueError("earlier: expected a study of the same session with the same seed")
     made = partial(Study, session=session, seed=seed, level=level)

@@ -7,7 +7,7 @@ or size. Each capsule contributes one number. Their scatter, not the stated nois
 says how surprising their sum is, so that noise that is correlated along the
 outline, heavy-tailed or wrongly stated makes no claims; and since under a right
 model each contribution is as likely positive as negative, changing their signs
-at random says how large the largest of all deviations is by chance.
+at random gives the distribution of the largest of all deviations.
 
 The model's own error is not independent from capsule to capsule. It is taken as
 common to all of them, in the direction that hurts most.
@@ -68,7 +68,7 @@ class Deviation:
     def __str__(self) -> str:
         """Return the name, the amplitude and its significance."""
         unit = f" {self.unit}" if self.unit else ""
-        words = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, by chance {self.p_value:.2g}"
+        words = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, p-value {self.p_value:.2g}"
         return f"{self.name}: {words}"
 
 
@@ -236,7 +236,11 @@ class _Test:
 
 
 def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
-    """Return the p-value of each test: the probability that the largest statistic under random signs is as large."""
+    """Return the p-value of each test: the probability that the largest statistic under random signs is as large.
+
+    The signs as they are count among those drawn, so that no p-value is zero (Phipson & Smyth 2010, Stat. Appl. Genet.
+    Mol. Biol. 9, 39, doi:10.2202/1544-6115.1585).
+    """
     if not table:
         return np.empty(0)
     capsules = max(len(test.contributions) for test in table)
@@ -245,9 +249,9 @@ def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
     for test in table:
         count = len(test.contributions)
         own = rng.standard_normal(_FLIPS) * test.own.sum()
-        by_chance = (signs[:, :count] @ test.contributions + own) / np.sqrt(test.spread)
-        largest = np.maximum(largest, np.abs(by_chance))
-    least = [(1.0 - 1e-9) * abs(test.statistic) for test in table]  # the signs as they are may be among those drawn
+        drawn = (signs[:, :count] @ test.contributions + own) / np.sqrt(test.spread)
+        largest = np.maximum(largest, np.abs(drawn))
+    least = [(1.0 - 1e-9) * abs(test.statistic) for test in table]  # those drawn may repeat the signs as they are
     return np.array([(1 + np.sum(largest >= statistic)) / (_FLIPS + 1) for statistic in least])
 
 

@@ -119,7 +119,10 @@ class Scores:
         return f"{self.effect.name}, {parameter.symbol} = {best:.3g}{unit} [{low:.3g}, {high:.3g}]"
 
     def interval(self, drop: float = 0.5) -> tuple[float, float]:
-        """Return the sizes at which the log likelihood is `drop` below its maximum: 0.5 for 68 %, 1.92 for 95 %."""
+        """Return the sizes at which the log likelihood is `drop` below its maximum: 0.5 for 68 %, 1.92 for 95 %.
+
+        Between the sizes that were tried it is a monotone cubic (Fritsch & Butland 1984, doi:10.1137/0905021).
+        """
         least = float(self.total.max()) - drop
         ends = PchipInterpolator(self.sizes, self.total).solve(least, extrapolate=False)
         low = self.sizes[0] if self.total[0] >= least else ends.min(initial=self.size)

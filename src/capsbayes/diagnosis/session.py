@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements import check_comparable, read_set, write_set
+from capsbayes.quantity import Quantity
+
+if TYPE_CHECKING:
+    from capsbayes.infer.many import Population
 
 _BIN = 4  # capsules of like size among which halves are drawn
 
@@ -66,6 +70,24 @@ class Session:
         """
         found = read_set(path, experiment)
         return cls(found.measurements, found.experiment, found.left_out)
+
+    @classmethod
+    def of(cls, given: Session | Population | str | Path) -> Session:
+        """Return a session as it is; read the set of that path, or the one that a population was identified from.
+
+        Raises
+        ------
+        InputError
+            As `read`.
+        """
+        if isinstance(given, Session):
+            return given
+        if isinstance(given, (str, Path)):
+            return cls.read(given)
+        stated = given.attributes["experiment"]
+        half_width, viscosity = (Quantity(**stated[name]) for name in CONDITIONS)
+        cross_section = stated.get("cross_section") or stated["section"]  # its name up to 0.1.0
+        return cls.read(given.attributes["source"], Experiment(cross_section, half_width, viscosity))
 
     def write(self, path: str | Path) -> None:
         """Write a set that `read` reads.

@@ -5,6 +5,7 @@ Moves are differential evolution with some stretch. `DESnookerMove` of emcee
 
 References
 ----------
+Goodman, Weare 2010, Commun. Appl. Math. Comput. Sci. 5, 65, doi:10.2140/camcos.2010.5.65.
 Foreman-Mackey, Hogg, Lang, Goodman 2013, PASP 125, 306, doi:10.1086/670067.
 Nelson, Ford, Payne 2013, ApJS 210, 11, doi:10.1088/0067-0049/210/1/11.
 """
