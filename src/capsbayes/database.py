@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -310,6 +311,11 @@ class Database:
     def converged(self) -> Database:
         """The cases that ended as they should, with the hash of the whole."""
         return Database(self.dataset.isel(case=np.flatnonzero(self["status"] == Status.DONE.name)))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the hash, the number of cases and how many ended with each status, ready for JSON."""
+        statuses = Counter(map(str, self["status"])).most_common()
+        return {"sha256": self.sha256, "cases": len(self), "statuses": dict(statuses)}
 
     def compact(self) -> Database:
         """Return the database as it is shipped: without the nodes of the membrane, outlines in single precision.

@@ -10,6 +10,7 @@ import typer
 from capsbayes.cli.options import AsJson, Scheduler, Workers, choose, with_simulator
 from capsbayes.cli.output import print_json
 from capsbayes.errors import InputError
+from capsbayes.status import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,11 +63,15 @@ def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
 
     begin = time.perf_counter()
     database = make()
-    summary = _summary(database, out, time.perf_counter() - begin)
+    seconds = round(time.perf_counter() - begin, 1)
+    summary = {"file": str(out)} | database.as_dict() | {"seconds": seconds}
     if as_json:
         print_json(summary)
     else:
-        typer.echo(_as_text(summary))
+        typer.echo(f"{out}: {len(database)} cases in {seconds} s")
+        for name, count in summary["statuses"].items():
+            typer.echo(f"{count:6d}  {Status[name]}")
+        typer.echo(f"sha256  {database.sha256}")
     if not len(database.converged):
         raise typer.Exit(1)
 
@@ -95,23 +100,3 @@ def _values(effect: str | None, text: str | None) -> list[float]:
 def _require(option: str, holds: bool, expected: str, got: object) -> None:
     if not holds:
         raise InputError("build", option, expected, str(got))
-
-
-def _summary(database: Database, out: Path, seconds: float) -> dict[str, Any]:
-    from collections import Counter
-
-    return {
-        "file": str(out),
-        "sha256": database.sha256,
-        "cases": len(database),
-        "statuses": dict(Counter(map(str, database["status"])).most_common()),
-        "seconds": round(seconds, 1),
-    }
-
-
-def _as_text(summary: dict[str, Any]) -> str:
-    from capsbayes.status import Status
-
-    lines = [f"{summary['file']}: {summary['cases']} cases in {summary['seconds']} s"]
-    lines += [f"{count:6d}  {Status[name]}" for name, count in summary["statuses"].items()]
-    return "\n".join([*lines, f"sha256  {summary['sha256']}"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,11 +33,10 @@ def simulate(
     check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))
     with Console(stderr=True).status("Following the branch of steady states ..."):
         state: SteadyState = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio)
-    result = _summary(state)
     if as_json:
-        print_json(result)
+        print_json(state.as_dict())
     else:
-        _print(state, result)
+        _print(state)
     if not state.status.ok:
         raise typer.Exit(1)
     if paraview is not None:
@@ -48,35 +46,6 @@ def simulate(
         from capsbayes.show.figures.style import write_figure
 
         write_figure(shape_figure(state), plot)
-
-
-def _summary(state: SteadyState) -> dict[str, Any]:
-    summary: dict[str, Any] = {
-        "status": state.status.name,
-        "message": f"{state.status} {state.detail}".strip(),
-        "capillary_number": state.capillary_number,
-        "size_ratio": state.size_ratio,
-        "settings": dict(state.settings),
-        "residual": state.residual,
-        "slack": state.slack,
-    }
-    if not state.status.ok:
-        return summary
-    profile, silhouette = state.profile, state.silhouette
-    return summary | {
-        "axial_extent": profile.axial_extent,
-        "axial_length": profile.axial_length,
-        "parachute_depth": profile.parachute_depth,
-        "stretch_ratio": profile.stretch_ratio(state.size_ratio),
-        "silhouette_extent": silhouette.axial_extent,
-        "velocity_ratio": state.velocity_ratio,
-        "inner_pressure": state.inner_pressure,
-        "extra_pressure_drop": state.extra_pressure_drop,
-        "minimum_tension": float(state.principal_tensions.min()),
-        "maximum_tension": float(state.principal_tensions.max()),
-        "wrinkling_rate": None if math.isnan(state.wrinkling_rate) else state.wrinkling_rate,
-        "iterations": state.iterations,
-    }
 
 
 _ROWS = (
@@ -94,10 +63,10 @@ _ROWS = (
 _USUAL = {"pre_inflation": 0.0, "corner_radius": 0.0, "section_aspect": 1.0, "rest_aspect": 1.0}
 
 
-def _print(state: SteadyState, summary: dict[str, Any]) -> None:
+def _print(state: SteadyState) -> None:
     from capsbayes.show.tables.table import print_parts, table
 
-    settings = state.settings
+    settings, summary = state.settings, state.as_dict()
     unusual = [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
     typer.echo(
         f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['cross_section']} "

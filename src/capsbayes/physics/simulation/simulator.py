@@ -79,6 +79,35 @@ class SteadyState(Shape):
         names = ("larger principal tension / G_s", "smaller principal tension / G_s")
         return dict(zip(names, self.principal_tensions.T, strict=True))
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return status, case, settings and, if there is a steady state, its lengths and numbers, ready for JSON."""
+        found: dict[str, Any] = {
+            "status": self.status.name,
+            "message": f"{self.status} {self.detail}".strip(),
+            "capillary_number": self.capillary_number,
+            "size_ratio": self.size_ratio,
+            "settings": dict(self.settings),
+            "residual": self.residual,
+            "slack": self.slack,
+        }
+        if not self.status.ok:
+            return found
+        profile, silhouette = self.profile, self.silhouette
+        return found | {
+            "axial_extent": profile.axial_extent,
+            "axial_length": profile.axial_length,
+            "parachute_depth": profile.parachute_depth,
+            "stretch_ratio": profile.stretch_ratio(self.size_ratio),
+            "silhouette_extent": silhouette.axial_extent,
+            "velocity_ratio": self.velocity_ratio,
+            "inner_pressure": self.inner_pressure,
+            "extra_pressure_drop": self.extra_pressure_drop,
+            "minimum_tension": float(self.principal_tensions.min()),
+            "maximum_tension": float(self.principal_tensions.max()),
+            "wrinkling_rate": None if np.isnan(self.wrinkling_rate) else self.wrinkling_rate,
+            "iterations": self.iterations,
+        }
+
 
 @dataclass(frozen=True)
 class Simulator:
