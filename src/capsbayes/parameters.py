@@ -130,6 +130,8 @@ _TABLE = (
         "spread of G_s among capsules of one size",
     ),
     Parameter("radius_spread", "sd ln a", r"\sigma_{\ln a}", "-", "%", 1e2, "spread of a among capsules"),
+    _ratio("modulus_freedom", "nu of G_s", r"\nu_{G_\mathrm{s}}", "freedom of the t distribution of G_s"),
+    _ratio("radius_freedom", "nu of a", r"\nu_a", "freedom of the t distribution of a"),
     # of a simulation
     _ratio("iterations", "k", "k", "Newton iterations"),
     _ratio("refinement", "n", "n", "subdivisions of an edge of the octahedron"),

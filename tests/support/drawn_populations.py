@@ -11,6 +11,7 @@ from capsbayes.infer import Prior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.capsule_rows import CapsuleRows
+from capsbayes.infer.many.selection import limit_of
 from capsbayes.infer.many.tabulated.rows import lengths_rows
 from capsbayes.measurements.table import NUMBERS
 from capsbayes.quantity import Quantity
@@ -24,25 +25,37 @@ TRUTH = {
     "modulus_slope": 0.8,
 }
 EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(*HALF_WIDTH), viscosity=Quantity(*VISCOSITY))
+_SHARED = {"half_width": HALF_WIDTH, "viscosity": VISCOSITY}
 FLOWS = (2.5e-3, 3.5e-3, 4.5e-3, 5.5e-3)
 ERROR, VELOCITY_ERROR = 0.01, 0.01
 
 
-def measured(model, count, seed, *, truth=TRUTH, shared=True, flows=FLOWS):
+def measured(model, count, seed, *, truth=TRUTH, shared=1.0, flows=FLOWS, kind="normal", limit=1.0):
     """Lengths (n, 5) [l] and velocities (n, 2) [m/s] of the capsules of a session, measured with errors.
 
     The errors of the model are drawn too. Capsules without a steady shape are never seen.
+
+    Parameters
+    ----------
+    shared : float
+        Scale of the errors of viscosity and half width.
+    kind : str
+        Of the population: ``"normal"``; ``"t3"``, t distributions of three degrees of freedom with the spreads as their
+        scales; ``"contaminated"``, one capsule in ten from a population four times as wide.
+    limit : float
+        Limit of steady shapes over that of the model, at most one.
     """
     rng = np.random.default_rng(seed)
     viscosity = VISCOSITY[0] + shared * VISCOSITY[1] * rng.standard_normal()
     half_width = HALF_WIDTH[0] + shared * HALF_WIDTH[1] * rng.standard_normal()
-    log_size = truth["radius_spread"] * rng.standard_normal(count)
+    log_size = truth["radius_spread"] * _standard(kind, rng, count)
     radius = truth["capsule_radius"] * np.exp(log_size)
-    deviation = truth["modulus_spread_at_given_size"] * rng.standard_normal(count)
+    deviation = truth["modulus_spread_at_given_size"] * _standard(kind, rng, count)
     modulus = truth["surface_shear_modulus"] * np.exp(truth["modulus_slope"] * log_size + deviation)
     flow = rng.choice(flows, count)
-    shape = model({"capillary_number": viscosity * flow / modulus, "size_ratio": radius / half_width})
-    seen = shape.inside
+    theta = {"capillary_number": viscosity * flow / modulus, "size_ratio": radius / half_width}
+    shape = model(theta)
+    seen = shape.inside & model.domain.contains(theta["capillary_number"] / limit, theta["size_ratio"])
     own = np.linalg.cholesky(shape.covariance[seen] + 1e-16 * np.eye(3)) @ rng.standard_normal((seen.sum(), 3, 1))
     truly = np.stack([shape.axial_extent, shape.axial_length, shape.velocity_ratio], axis=1)[seen] + own[..., 0]
     noisy = truly[:, :2] + ERROR * rng.standard_normal((len(truly), 2))
@@ -51,17 +64,25 @@ def measured(model, count, seed, *, truth=TRUTH, shared=True, flows=FLOWS):
     return lengths, np.column_stack([velocity, VELOCITY_ERROR * velocity])
 
 
-def drawn_population(pyramid, count, seed, **how):
+def _standard(kind, rng, count):
+    """Draw deviations over their scale."""
+    normal = rng.standard_normal(count)
+    if kind == "t3":
+        return normal / np.sqrt(rng.chisquare(3, count) / 3)
+    return normal * np.where(rng.uniform(size=count) < 0.1, 4.0, 1.0) if kind == "contaminated" else normal
+
+
+def drawn_population(pyramid, count, seed, *, shared=1.0, **how):
     """A session of capsules, measured and identified."""
-    return population_of(*measured(pyramid.model, count, seed, **how), pyramid)
+    return population_of(*measured(pyramid.model, count, seed, shared=shared, **how), pyramid, shared=shared)
 
 
-def population_of(lengths, velocities, pyramid):
+def population_of(lengths, velocities, pyramid, *, shared=1.0):
     found = lengths_rows(lengths, velocities, Inputs.of_experiment(EXPERIMENT), Prior(), pyramid)
     blank = np.full(len(lengths), "", dtype=object)
     rows = CapsuleRows.empty(blank, blank, blank, np.full((len(lengths), len(NUMBERS)), np.nan))
     rows.status[:] = np.where(found.facts["end"] == 0, "DONE", "NO_SHAPE")
     rows.summaries[:], rows.components[:] = found.summaries, found.components
-    pairs = {"half_width": HALF_WIDTH, "viscosity": VISCOSITY}
+    pairs = {name: (value, shared * error) for name, (value, error) in _SHARED.items()}
     stated = {name: dict(zip(("value", "error"), pair, strict=True)) for name, pair in pairs.items()}
-    return Population.of(rows, {"experiment": json.dumps(stated), "seed": 1})
+    return Population.of(rows, {"experiment": json.dumps(stated), "seed": 1}, limit_of(pyramid.model))

@@ -23,6 +23,9 @@ def population(
         float | None,
         typer.Option(help="Keep capsules with a larger Lambda only, as the published 1.04, and account for it."),
     ] = None,
+    tails: Annotated[
+        str, typer.Option(help="Of the population: normal, or student for t distributions, for a few odd capsules.")
+    ] = "normal",
     database: ModelName = None,
     experiment: ExperimentFile = None,
     velocity_error: Annotated[
@@ -41,13 +44,15 @@ def population(
     from capsbayes.surrogate import Surrogate
 
     read = Population.read(capsules)
+    stored = least_stretch is None and database is None and read.limit is not None
     found = hierarchy(
         read,
         seed=seed,
         least_stretch=least_stretch,
-        model=None if least_stretch is None else Surrogate.open(database or read.attributes["model"]),
+        model=None if stored else Surrogate.open(database or read.attributes["model"]),
         experiment=None if experiment is None else Experiment.read(experiment),
         shared_velocity_error=_share(velocity_error),
+        tails=tails,
     )
     if found.passed:
         found.added_to(read).write(capsules)

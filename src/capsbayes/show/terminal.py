@@ -46,6 +46,7 @@ def hierarchy_parts(hierarchy: Hierarchy) -> Parts:
     yield of_population.hierarchy_table(stored)
     yield population_words.spread_words(stored)
     yield population_words.shared_words(stored)
+    yield population_words.missing_words(stored)
     yield from population_words.caveats(stored)
 
 

@@ -1,6 +1,7 @@
 """Population of the capsules of a session: mean and spread of G_s and a with the errors removed.
 
-Each capsule has its own (log G_s, log a), drawn from a Gaussian population with a slope d ln G_s / d ln a. Viscosity
+Each capsule has its own (log G_s, log a), drawn from a Gaussian population with a slope d ln G_s / d ln a, or from one
+with heavier tails. Capsules too soft for their flow have no steady shape and are not in the sample. Viscosity
 and half width are those of all capsules: their errors do not shrink with the number of capsules, so they are integrated
 outside the loop over capsules. A viscosity moves every log G_s by the same amount, which moves the mean and leaves
 spread and slope as they are; so does a half width with log a.
@@ -9,7 +10,7 @@ spread and slope as they are; so does a half width with log a.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,13 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.log_grid import LogGrid
-from capsbayes.infer.many.importance import drawn
-from capsbayes.infer.many.log_posterior import PARAMETERS, LogPosterior
+from capsbayes.infer.many.importance import drawn, mode
+from capsbayes.infer.many.log_posterior import FREEDOMS, LogPosterior
 from capsbayes.infer.many.population import Population
-from capsbayes.infer.many.selection import Selection, kept_rows
+from capsbayes.infer.many.predictive import tail_p_values
+from capsbayes.infer.many.selection import Selection, kept_rows, limit_of
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
+from capsbayes.infer.many.tails import NORMAL, TAILS, half_width_of
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS as QUANTITIES
@@ -36,6 +39,8 @@ PREFIX = "population_"
 """Of the draws in the file of a population."""
 _UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
 _STORED = 500
+_HEAVY_TAILS, _LIGHT_TAILS = 0.02, 0.995  # p-values; light ones, which two groups have, hardly concern the spread
+_LEAST = 1e-6  # share in the sample, below which the number of the others is not known
 _TAKING_PART = [status.name for status in Status if status.ok or status.name.startswith("LEANS")]
 
 
@@ -47,8 +52,10 @@ class Hierarchy(Readable):
     ----------
     draws : mapping of (d,) array
         ``surface_shear_modulus`` and ``capsule_radius``, medians of the population in SI; ``modulus_spread`` and
-        ``radius_spread``, standard deviations of log G_s and of log a from capsule to capsule;
-        ``modulus_spread_at_given_size``; ``modulus_slope``, d ln G_s / d ln a. All errors are in them.
+        ``radius_spread``, standard deviations of log G_s and of log a from capsule to capsule (with the tails of t
+        distributions half the width of the central 68.3 %, which is the same for normal ones);
+        ``modulus_spread_at_given_size``; ``modulus_slope``, d ln G_s / d ln a; ``modulus_freedom`` and
+        ``radius_freedom`` of t distributions. All errors are in them.
     without_shared : mapping of (d,) array
         The same medians as if viscosity, half width and the scale of the velocities were known exactly.
     capsules : int
@@ -59,6 +66,16 @@ class Hierarchy(Readable):
         Share of the capsules whose posterior leans on the border of the model: the population may go on beyond it.
     gates : tuple of Gate
     seed : int
+    tails : str
+        ``"normal"`` or ``"student"``.
+    tail_p_values : mapping of float
+        Posterior predictive p-values of the tails of log G_s at given size and of log a, by the name of the quantity:
+        near zero where they are heavier than those of the population that was fitted, near one where lighter.
+    missing : (d,) array
+        Draws of the number of capsules that are not in the sample because they are too soft for a steady shape in
+        their flow; empty if that was not modelled.
+    changes : mapping of float
+        Relative change of the medians of G_s and a that modelling them makes.
     """
 
     draws: dict[str, Floats]
@@ -68,6 +85,10 @@ class Hierarchy(Readable):
     leaning: float
     gates: tuple[Gate, ...]
     seed: int
+    tails: str = NORMAL
+    tail_p_values: dict[str, float] = field(default_factory=dict)
+    missing: Floats = field(default_factory=lambda: np.empty(0))
+    changes: dict[str, float] = field(default_factory=dict)
 
     @property
     def marginals(self) -> dict[str, Marginal]:
@@ -89,6 +110,12 @@ class Hierarchy(Readable):
     def passed(self) -> bool:
         """True if the intervals can be used."""
         return all(gate.passed for gate in self.gates)
+
+    @property
+    def odd_tails(self) -> tuple[str, ...]:
+        """Quantities whose tails are not those of the population fitted: the interval of their spread is off."""
+        found = self.tail_p_values.items()
+        return tuple(name for name, p in found if p < _HEAVY_TAILS or p > _LIGHT_TAILS)
 
     @property
     def shared_share(self) -> dict[str, float]:
@@ -118,6 +145,11 @@ class Hierarchy(Readable):
             "share_leaning_on_border": self.leaning,
             "gates": [gate.as_dict() for gate in self.gates],
             "seed": self.seed,
+            "tails": self.tails,
+            "tail_p_values": self.tail_p_values,
+            "odd_tails": list(self.odd_tails),
+            "missing": Marginal.of_draws(self.missing).as_dict() if len(self.missing) else None,
+            "changes_by_the_missing": self.changes,
         }
 
 
@@ -129,6 +161,8 @@ def hierarchy(
     model: ForwardModel | None = None,
     experiment: Experiment | None = None,
     shared_velocity_error: float = 0.0,
+    tails: str = NORMAL,
+    existence: bool = True,
 ) -> Hierarchy:
     """Find mean, spread and slope of a population.
 
@@ -141,12 +175,18 @@ def hierarchy(
     least_stretch : float, optional
         Keep only the capsules with a larger median Lambda, as the published cut of 1.04 does, and account for it.
     model : ForwardModel, optional
-        That of the population; read where capsules were selected.
+        That of the population; needed with `least_stretch`, and for files that do not store its limit of steady shapes.
     experiment : Experiment, optional
         In place of that which the population states, where its errors are no normal distributions.
     shared_velocity_error : float
         Relative standard error that all velocities have in common, as from the size of a pixel or the frame rate; the
         errors of the single velocities are then those without it.
+    tails : str
+        ``"normal"``, or ``"student"`` for t distributions whose freedom is inferred: a few odd capsules then hardly
+        move the spread.
+    existence : bool
+        Account for the capsules that are missing because they are too soft for a steady shape in their flow. Only for
+        comparison should this be turned off.
 
     Returns
     -------
@@ -155,51 +195,128 @@ def hierarchy(
     Raises
     ------
     InputError
-        If fewer than three capsules have a result, or the experiment is not known.
+        If fewer than three capsules have a result, the experiment or the limit of steady shapes is not known, or an
+        option is no possible one.
 
     Notes
     -----
     Priors: flat in the means of log G_s and log a, half-normal of scale 1 in both spreads, normal of scale 5 in the
-    slope.
+    slope, gamma of shape 2 and rate 0.1 in the freedoms.
     The posterior is drawn from a t distribution about its mode, the draws weighted by Pareto-smoothed importance
     sampling (https://doi.org/10.48550/arXiv.1507.02646), whose diagnostic is among the gates.
     """
+    if tails not in TAILS:
+        raise InputError("hierarchy", "tails", " or ".join(TAILS), repr(tails))
     viscosity, half_width = _shared(population, experiment)
     kept = (population["likelihood"][:, :, 0].sum(axis=1) > 0.0) & np.isin(population["status"], _TAKING_PART)
-    selection = None
     if least_stretch is not None:
-        if model is None:
-            raise InputError("hierarchy", "model", "the model of the population, with least_stretch", "nothing")
+        _check_cut(least_stretch, model)
         kept &= kept_rows(population, least_stretch)
-        pyramid = Pyramid.of(model)
-        selection = Selection.of(population, least_stretch, pyramid, viscosity.value, half_width.value)
     if np.count_nonzero(kept) < FEWEST:
         expected = f"at least {FEWEST} capsules with a result"
         raise InputError("hierarchy", "population", expected, str(np.count_nonzero(kept)))
+    selection = None
+    if existence or least_stretch is not None:
+        selection = Selection.of(
+            population,
+            kept,
+            _limit(population, model),
+            viscosity=viscosity.value,
+            half_width=half_width.value,
+            least_stretch=least_stretch,
+            pyramid=None if least_stretch is None or model is None else Pyramid.of(model),
+        )
     components = np.ascontiguousarray(population["likelihood"][kept])
     components[:, :, 1] += np.float32(np.log(viscosity.value))
     components[:, :, 2] += np.float32(np.log(half_width.value))
     rng = np.random.default_rng([seed, 3])
-    parameters, gates = drawn(LogPosterior(components, selection), rng)
-    plain = dict(zip(PARAMETERS, parameters.T, strict=True))
+    log_posterior = LogPosterior(components, selection if existence else _without_limit(selection), tails)
+    place = mode(log_posterior)
+    parameters, gates = drawn(log_posterior, place, rng)
     count = len(parameters)
     shifts = {
         name: LogGrid.of(quantity).drawn(rng, count) / quantity.value
         for name, quantity in (("viscosity", viscosity), ("half_width", half_width))
     }
     scale = np.exp(shared_velocity_error * rng.standard_normal(count))
-    spread, of_radius, slope = np.exp(plain["log_spread"]), np.exp(plain["log_radius_spread"]), plain["slope"]
-    without = {"surface_shear_modulus": np.exp(plain["log_modulus"]), "capsule_radius": np.exp(plain["log_radius"])}
+    without = {"surface_shear_modulus": np.exp(parameters[:, 0]), "capsule_radius": np.exp(parameters[:, 1])}
     draws = {
         "surface_shear_modulus": without["surface_shear_modulus"] * shifts["viscosity"] * scale,
         "capsule_radius": without["capsule_radius"] * shifts["half_width"],
-        "modulus_spread": np.hypot(spread, slope * of_radius),
-        "radius_spread": of_radius,
-        "modulus_spread_at_given_size": spread,
-        "modulus_slope": slope,
+        **_spreads(log_posterior, parameters),
     }
     leaning = float(np.mean(population["status"][kept] == Status.LEANS_ON_BORDER.name))
-    return Hierarchy(draws, without, int(kept.sum()), least_stretch, leaning, tuple(gates), seed)
+    missing, changes = _missing(log_posterior, place[0], parameters, seed) if existence else (np.empty(0), {})
+    return Hierarchy(
+        draws,
+        without,
+        int(kept.sum()),
+        least_stretch,
+        leaning,
+        tuple(gates),
+        seed,
+        tails,
+        tail_p_values(log_posterior, parameters, np.random.default_rng([seed, 4])),
+        missing,
+        changes,
+    )
+
+
+def _check_cut(least_stretch: float, model: ForwardModel | None) -> None:
+    if not (np.isfinite(least_stretch) and least_stretch > 0.0):
+        advice = "the published cut is 1.04"
+        raise InputError("hierarchy", "least_stretch", "a Lambda above zero", f"{least_stretch:g}", advice)
+    if model is None:
+        raise InputError("hierarchy", "model", "the model of the population, with least_stretch", "nothing")
+
+
+def _limit(population: Population, model: ForwardModel | None) -> tuple[Floats, Floats]:
+    """Return the limit of steady shapes of the model given, or that which the population stores."""
+    if model is not None:
+        return limit_of(model)
+    if (stored := population.limit) is not None:
+        return stored
+    advice = "give it: model=..., or identify the capsules again"
+    raise InputError("hierarchy", "model", "the limit of steady shapes", "a population without", advice)
+
+
+def _without_limit(selection: Selection | None) -> Selection | None:
+    """Return a selection by the cut alone, None if there is no cut."""
+    if selection is None or not np.isfinite(selection.cut).any():
+        return None
+    return replace(selection, limit=np.full_like(selection.limit, np.inf))
+
+
+def _spreads(log_posterior: LogPosterior, parameters: Floats) -> dict[str, Floats]:
+    """Return draws of the spreads, of the slope and of the freedoms."""
+    modulus, radius = log_posterior.mixtures(parameters)
+    named = dict(zip(log_posterior.names, parameters.T, strict=True))
+    slope = named["slope"]
+    given = np.exp(2.0 * named["log_spread"])[:, None] * modulus.variance
+    of_radius = np.exp(2.0 * named["log_radius_spread"])[:, None] * radius.variance
+    together = given[:, :, None] + slope[:, None, None] ** 2 * of_radius[:, None]
+    weight = modulus.weight[:, :, None] * radius.weight[:, None]
+    return {
+        "modulus_spread": half_width_of(together.reshape(len(slope), -1), weight.reshape(len(slope), -1)),
+        "radius_spread": half_width_of(of_radius, radius.weight),
+        "modulus_spread_at_given_size": half_width_of(given, modulus.weight),
+        "modulus_slope": slope,
+        **{name.removeprefix("log_"): np.exp(named[name]) for name in FREEDOMS if name in named},
+    }
+
+
+def _missing(
+    log_posterior: LogPosterior, found: Floats, parameters: Floats, seed: int
+) -> tuple[Floats, dict[str, float]]:
+    """Return draws of the number of capsules that are too soft to be in the sample, and how they change the mode."""
+    assert log_posterior.selection is not None
+    some = parameters[:: max(len(parameters) // _STORED, 1)]
+    kept, lost, number = log_posterior.selection.shares(some, *log_posterior.mixtures(some))
+    seen = np.maximum(kept, _LEAST) / np.maximum(kept + lost, _LEAST)
+    missing = np.random.default_rng([seed, 5]).negative_binomial(number, seen).sum(axis=1).astype(float)
+    ignored = replace(log_posterior, selection=_without_limit(log_posterior.selection))
+    changes = np.expm1(found[:2] - mode(ignored, found)[0][:2])
+    return missing, dict(zip(("surface_shear_modulus", "capsule_radius"), map(float, changes), strict=True))
 
 
 def _shared(population: Population, experiment: Experiment | None) -> tuple[Quantity, Quantity]:

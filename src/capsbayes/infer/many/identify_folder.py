@@ -24,6 +24,7 @@ from capsbayes.infer.many.listing import Listed, common_experiment, listed
 from capsbayes.infer.many.population import STATISTICS, Population
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.sampled import ChainTask, CheckTask, Compared, compared, drawn_rows
+from capsbayes.infer.many.selection import limit_of
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import RowsTask, StoredTask
 from capsbayes.infer.prior import Prior
@@ -129,7 +130,8 @@ def identify_folder(
         found = listed(given, run, store)
         pool.finish(found.tasks, "parts")
         rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
-        population = Population.of(rows, _attributes(run, str(given) if isinstance(given, Path) else given.source))
+        attributes = _attributes(run, str(given) if isinstance(given, Path) else given.source)
+        population = Population.of(rows, attributes, limit_of(model))
         population.write(out.with_suffix(".csv"))
         agreement = _checked(population, found, store, check, most_checked, pool)
         if agreement is not None:

@@ -9,9 +9,11 @@ from scipy import optimize, stats
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.many.log_posterior import PARAMETERS, SLOPES, LogPosterior
+from capsbayes.infer.many.log_posterior import SLOPES, LogPosterior
+from capsbayes.infer.many.tails import NORMAL
 
 _DRAWS, _KEPT, _FEWEST_DRAWS = 4000, 4000, 800
+_DRAWS_OF_TAILS = 1000  # each costs twenty-five times as much
 _BUDGET = 1e9  # Gaussians that are evaluated for the draws: some ten seconds
 _STEP = 1e-3  # of the parameters, for derivatives
 _ROUNDS = 4
@@ -19,13 +21,17 @@ _FREEDOM = 8  # of the t distribution that is drawn from
 _LEAST_ESS, _MOST_PARETO = 400.0, 0.7
 
 
-def drawn(log_posterior: LogPosterior, rng: np.random.Generator) -> tuple[Floats, list[Gate]]:
-    """Draw from a posterior; return the draws (d, 5) and the gates on their weights.
+def drawn(
+    log_posterior: LogPosterior, place: tuple[Floats, Floats], rng: np.random.Generator
+) -> tuple[Floats, list[Gate]]:
+    """Draw from a posterior; return the draws (d, p) and the gates on their weights.
 
-    Where the weights fail their gates, the proposal is fitted to the weighted draws and drawn from again.
+    `place` is that of its mode, with the covariance there. Where the weights fail their gates, the proposal is fitted
+    to the weighted draws and drawn from again.
     """
-    count = int(np.clip(_BUDGET / log_posterior.components[..., 0].size, _FEWEST_DRAWS, _DRAWS))
-    centre, covariance = _mode(log_posterior)
+    most = _DRAWS if log_posterior.tails == NORMAL else _DRAWS_OF_TAILS
+    count = int(np.clip(_BUDGET / log_posterior.size, _FEWEST_DRAWS, most))
+    centre, covariance = place
     for _ in range(_ROUNDS):
         proposal = stats.multivariate_t(centre, covariance, df=_FREEDOM)
         tried = np.atleast_2d(proposal.rvs(count, random_state=rng))
@@ -45,16 +51,17 @@ def drawn(log_posterior: LogPosterior, rng: np.random.Generator) -> tuple[Floats
     return tried[np.minimum(np.searchsorted(np.cumsum(weights), places), count - 1)], gates
 
 
-def _mode(log_posterior: LogPosterior) -> tuple[Floats, Floats]:
-    """Find the mode and the covariance by the curvature there : (5,), (5, 5) arrays."""
-    steps = np.eye(len(PARAMETERS)) * _STEP
+def mode(log_posterior: LogPosterior, start: Floats | None = None) -> tuple[Floats, Floats]:
+    """Find the mode and the covariance by the curvature there : (p,), (p, p) arrays."""
+    steps = np.eye(len(log_posterior.names)) * _STEP
 
     def downhill(place: Floats) -> tuple[float, Floats]:
         values = log_posterior(np.concatenate([place[None], place + steps, place - steps]))
         ahead, behind = np.split(values[1:], 2)
         return -float(values[0]), (behind - ahead) / (2.0 * _STEP)
 
-    found = optimize.minimize(downhill, log_posterior.start, jac=True, method="BFGS", options={"gtol": 1e-3})
+    start = log_posterior.start if start is None else start
+    found = optimize.minimize(downhill, start, jac=True, method="BFGS", options={"gtol": 1e-3})
     mode = np.asarray(found.x)
     curvature = np.stack([(downhill(mode + step)[1] - downhill(mode - step)[1]) / (2.0 * _STEP) for step in steps])
     values, axes = np.linalg.eigh(0.5 * (curvature + curvature.T))

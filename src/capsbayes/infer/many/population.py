@@ -37,6 +37,9 @@ STATISTICS = tuple(statistic.name for statistic in fields(Marginal))
 SUMMARISED = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
 """Quantities in the summary of a population."""
 
+LIMIT = ("limit_size_ratio", "limit_capillary_number")
+"""Of steady shapes: coordinate and variable in the file of a population."""
+
 _QUANTILES = {"median": 0.5, "lower_quartile": 0.25, "upper_quartile": 0.75, "lower_95": 0.025, "upper_95": 0.975}
 _NEEDED = tuple(
     f"{name}_{end}"
@@ -57,7 +60,8 @@ class Population(Readable):
     dataset : xarray.Dataset
         Along ``capsule``: ``name``, ``source``, ``sha256``, ``status``, ``reason``, ``engine``; measured numbers; the
         `STATISTICS` of each quantity as ``surface_shear_modulus_median`` [SI]; what the posterior leans on; the
-        ``likelihood`` of (log(G_s / mu), log(a / l)) as a mixture of Gaussians. Attributes: model and its fingerprint,
+        ``likelihood`` of (log(G_s / mu), log(a / l)) as a mixture of Gaussians. Along ``limit_size_ratio``:
+        ``limit_capillary_number``, above which the model has no steady shape. Attributes: model and its fingerprint,
         experiment, prior, seed, version, agreement of the engines.
 
     Examples
@@ -68,8 +72,10 @@ class Population(Readable):
     dataset: xr.Dataset
 
     @classmethod
-    def of(cls, rows: CapsuleRows, attributes: dict[str, Any]) -> Population:
-        """Gather rows and the attributes they share."""
+    def of(
+        cls, rows: CapsuleRows, attributes: dict[str, Any], limit: tuple[Floats, Floats] | None = None
+    ) -> Population:
+        """Gather rows, the attributes they share, and the highest Ca of steady shapes at some a/l : (k,), (k,)."""
         import xarray as xr
 
         along = ("capsule",)
@@ -93,7 +99,11 @@ class Population(Readable):
             variables[f"leaning_{name}"] = (along, rows.leaning[:, number], about)
         about = {"units": "1", "long_name": "likelihood of (log(G_s / mu), log(a / l)), a mixture of Gaussians"}
         variables["likelihood"] = (("capsule", "component", "number"), rows.components, about)
-        return cls(xr.Dataset(variables, {"number": list(OF_COMPONENTS)}, attributes))
+        coordinates: dict[str, Any] = {"number": list(OF_COMPONENTS)}
+        if limit is not None:
+            about = {"units": "1", "long_name": "highest capillary number of steady shapes"}
+            variables[LIMIT[1]], coordinates[LIMIT[0]] = (LIMIT[0], limit[1], about), limit[0]
+        return cls(xr.Dataset(variables, coordinates, attributes))
 
     @classmethod
     def of_dataset(cls, dataset: xr.Dataset, where: str = "population") -> Population:
@@ -228,6 +238,14 @@ class Population(Readable):
                 "error": float(np.nanmedian(half)),
             }
         return pd.DataFrame.from_dict(rows, orient="index")
+
+    @property
+    def limit(self) -> tuple[Floats, Floats] | None:
+        """Highest Ca for which the model has a steady shape : a/l (k,), Ca (k,); None if it is not stored."""
+        if any(name not in self.dataset.variables for name in LIMIT):
+            return None
+        size, highest = (self[name] for name in LIMIT)
+        return size, highest
 
     @property
     def attributes(self) -> dict[str, Any]:

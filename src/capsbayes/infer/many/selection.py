@@ -1,30 +1,56 @@
-"""Selection of stretched capsules: the probability that a capsule of a population is kept.
+"""Selection of the capsules of a population: which of them can be in the sample at all, and which were kept.
 
-A cut on Lambda, as the published 1.04 below which the deterministic procedure fails, keeps the soft and the large
-ones. If the likelihood ignores it, a population looks softer than it is.
+A capsule too soft for its flow has no steady shape and is never measured, and a cut on Lambda, as the published 1.04,
+keeps the soft and the large ones. If the likelihood ignores either, the population looks stiffer or softer than it is.
+Each capsule's likelihood is therefore divided by the probability that a capsule of the population in its flow is in the
+sample: T. J. Loredo (2004), https://doi.org/10.48550/arXiv.astro-ph/0409387; I. Mandel, W. M. Farr and J. R. Gair
+(2019), https://doi.org/10.1093/mnras/stz896.
+
+Both limits are limits of Ca at given a/l, so that in (log(G_s / mu), log(a / l)) they do not depend on the viscosity,
+the half width and the scale of the velocities that all capsules share: their errors shift the result as a whole.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtr
+from numpy.typing import NDArray
 
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
+from capsbayes.infer.kernel import compiled
 from capsbayes.infer.many.population import Population
 from capsbayes.infer.many.tabulated.pyramid import COLUMNS, Pyramid
+from capsbayes.infer.many.tails import ScaleMixture
+from capsbayes.model import ForwardModel
 
+_COLUMNS = 64  # of a/l
+_CAS, _HALVINGS = 200, 20  # of log Ca, to find the limit at each a/l
 _FLOWS = 16  # groups of capsules of like velocity
 _SLOPE = 4  # cells of log Ca on either side over which the rise of Lambda is taken
-_EVERY = 8  # columns of a/l: those between them hardly differ
 _LEAST_SHARE = 1e-12
+_LEAST_MASS = 1e-10  # of a population in a column of a/l
 _NEAR = 0.05  # of Lambda from the cut: capsules whose errors give its sharpness
 
 
-def kept_rows(population: Population, least: float) -> Booleans:
+def limit_of(model: ForwardModel) -> tuple[Floats, Floats]:
+    """Return the highest Ca of steady shapes of a model : a/l at the middle of equal columns (k,), Ca (k,) arrays."""
+    (ca_low, ca_high), (first, last) = model.domain.bounds
+    size = first + (last - first) * (np.arange(_COLUMNS) + 0.5) / _COLUMNS
+    log_ca = np.linspace(np.log(ca_low), np.log(ca_high), _CAS)
+    inside = model.domain.contains(np.exp(np.tile(log_ca, _COLUMNS)), np.repeat(size, _CAS)).reshape(_COLUMNS, _CAS)
+    below = log_ca[_CAS - 1 - np.argmax(inside[:, ::-1], axis=1)]
+    above = np.minimum(below + (log_ca[1] - log_ca[0]), log_ca[-1])
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (below + above)
+        within = model.domain.contains(np.exp(middle), size)
+        below, above = np.where(within, middle, below), np.where(within, above, middle)
+    return size, np.exp(below)
+
+
+def kept_rows(population: Population, least: float) -> NDArray[np.bool_]:
     """Return where the median Lambda is above the cut : (n,) array, False for capsules without a result."""
     with np.errstate(invalid="ignore"):
         return population["stretch_ratio_median"] > least
@@ -32,101 +58,213 @@ def kept_rows(population: Population, least: float) -> Booleans:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """A cut on the median of Lambda.
+    """Capsules in the sample: Ca between that of a cut on Lambda, if there is one, and the limit of steady shapes.
 
     Parameters
     ----------
-    least : float
-        Smallest Lambda that was kept.
-    error : float
-        Standard error of Lambda near the cut.
-    mean_velocity : (f,) array [m/s]
-        Of groups of the capsules kept.
-    number : (f,) array
-        Capsules in each.
-    viscosity, half_width : float [Pa s], [m]
-    pyramid : Pyramid
-        Whose Lambda is read.
+    flow : (n,) array
+        log(mu U) of each capsule of the sample.
+    half_width : (n,) array
+        log l of each.
+    edges : (k + 1,) array
+        Of columns of log(a/l).
+    limit : (k,) array
+        log Ca of the limit in each column.
+    cut, cut_error : (k,) arrays
+        log Ca of the cut, -inf without one, and its standard error.
     """
 
-    least: float
-    error: float
-    mean_velocity: Floats
-    number: Floats
-    viscosity: float
-    half_width: float
-    pyramid: Pyramid
+    flow: Floats
+    half_width: Floats
+    edges: Floats
+    limit: Floats
+    cut: Floats
+    cut_error: Floats
 
     @classmethod
     def of(
-        cls, population: Population, least: float, pyramid: Pyramid, viscosity: float, half_width: float
+        cls,
+        population: Population,
+        kept: NDArray[np.bool_],
+        limit: tuple[Floats, Floats],
+        *,
+        viscosity: float,
+        half_width: float,
+        least_stretch: float | None = None,
+        pyramid: Pyramid | None = None,
     ) -> Selection:
-        """Return the selection with velocities and errors of a population.
+        """Return the selection with the flows and errors of a population.
+
+        Parameters
+        ----------
+        population : Population
+        kept : (n,) bool array
+            Its capsules in the sample.
+        limit : tuple of (k,) arrays
+            As `limit_of` returns it.
+        viscosity, half_width : float [Pa s], [m]
+            Of all capsules; a capsule's own take their place.
+        least_stretch : float, optional
+            Smallest Lambda that was kept.
+        pyramid : Pyramid, optional
+            Whose Lambda is read.
 
         Raises
         ------
         InputError
             If no capsule is left.
         """
-        kept = kept_rows(population, least)
         if not kept.any():
-            raise InputError("selection", "least", "a Lambda that some capsule exceeds", f"{least:g}")
-        velocity = np.sort(population["mean_velocity_median"][kept])
-        groups = np.array_split(velocity, min(_FLOWS, len(velocity)))
-        known = np.isfinite(population["stretch_ratio_median"])
-        away = np.abs(population["stretch_ratio_median"][known] - least)
-        errors = population["stretch_ratio_sd"][known]
-        near = away <= max(_NEAR, float(away.min()))
+            raise InputError("selection", "least_stretch", "a Lambda that some capsule exceeds", f"{least_stretch}")
+        size, highest = limit
+        step = size[1] - size[0]
+        cut, error = np.full(len(size), -np.inf), np.ones(len(size))
+        if least_stretch is not None and pyramid is not None:
+            cut, error = _cut(population, least_stretch, pyramid, size)
+        own = {"viscosity": viscosity, "half_width": half_width}
+        logs = {name: _own(population, name, common)[kept] for name, common in own.items()}
         return cls(
-            least,
-            float(np.median(errors[near])),
-            np.array([np.exp(np.log(group).mean()) for group in groups]),
-            np.array([len(group) for group in groups], dtype=float),
-            viscosity,
-            half_width,
-            pyramid,
+            np.log(population["mean_velocity_median"][kept]) + logs["viscosity"],
+            logs["half_width"],
+            np.log(np.append(size - 0.5 * step, size[-1] + 0.5 * step)),
+            np.log(highest),
+            cut,
+            error,
         )
 
-    @cached_property
-    def _limits(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Edges of cells of log(a/l) (k + 1,), and for each cell log Ca at the cut, its error, and log Ca at the limit.
+    def _groups(self) -> tuple[Floats, Floats, Floats]:
+        """Return groups of capsules in like flow: log(mu U), log l, number : (f,) arrays."""
+        order = np.argsort(self.flow, kind="stable")
+        groups = np.array_split(order, min(_FLOWS, len(order)))
+        means = [np.array([values[group].mean() for group in groups]) for values in (self.flow, self.half_width)]
+        return means[0], means[1], np.array([len(group) for group in groups], dtype=np.float64)
 
-        A capsule is kept if its Ca lies between the two: Lambda grows with Ca, and beyond the limit there is no shape.
+    def shares(self, parameters: Floats, modulus: ScaleMixture, radius: ScaleMixture) -> tuple[Floats, Floats, Floats]:
+        """Return which shares of some populations are in the sample, in each group of capsules in like flow.
+
+        Parameters
+        ----------
+        parameters : (d, p) array
+            Populations, as of `capsbayes.infer.many.log_posterior`.
+        modulus, radius : ScaleMixture
+            Their tails.
+
+        Returns
+        -------
+        kept : (d, f) array
+            In the sample.
+        lost : (d, f) array
+            Too soft for a steady shape.
+        number : (f,) array
+            Capsules of each group.
         """
-        window, table = self.pyramid.window, self.pyramid.levels[-1][..., COLUMNS.index("log_stretch_ratio")]
-        table = table[:, _EVERY // 2 :: _EVERY]
-        rows, columns = table.shape
-        step = (window.high[0] - window.low[0]) / rows
-        log_ca = window.low[0] + step * (np.arange(rows) + 0.5)
-        edges = np.log(np.linspace(window.low[1], window.high[1], columns + 1))
-        cut, error, limit = (np.full(columns, np.inf), np.ones(columns), np.full(columns, -np.inf))
-        for column, stretch in enumerate(np.exp(table.T)):
-            known = np.flatnonzero(np.isfinite(stretch))
-            if not len(known):
-                continue
-            limit[column] = log_ca[known[-1]] + 0.5 * step
-            above = known[stretch[known] > self.least]
-            if not len(above):
-                continue
-            first = int(above[0])
-            cut[column] = log_ca[first] - 0.5 * step
-            ahead, behind = min(first + _SLOPE, int(known[-1])), max(first - _SLOPE, int(known[0]))
-            rise = (stretch[ahead] - stretch[behind]) / max((ahead - behind) * step, step)
-            error[column] = np.clip(self.error / max(rise, 1e-6), 0.5 * step, 1.0)
-        return edges, cut, error, limit
+        flow, half_width, number = self._groups()
+        kept, lost = (np.empty((len(parameters), len(number))) for _ in range(2))
+        columns = self.edges, self.limit, self.cut, self.cut_error
+        _fill_shares(parameters, *modulus, *radius, flow, half_width, *columns, kept, lost)
+        return kept, lost, number
 
-    def log_probability(self, parameters: Floats) -> Floats:
-        """Return the log probability that all capsules are kept, for some populations : (d, 5) -> (d,) array."""
-        edges, cut, error, limit = self._limits
-        log_flow = np.log(self.viscosity * self.mean_velocity)[:, None]
-        middle = 0.5 * (edges[1:] + edges[:-1]) + np.log(self.half_width)
-        logs = np.empty(len(parameters))
-        for d, (x, y, log_spread, log_radius_spread, slope) in enumerate(parameters):
-            spread, of_radius = np.exp(log_spread), np.exp(log_radius_spread)
-            mass = np.diff(ndtr((edges + np.log(self.half_width) - y) / of_radius))
-            mean = x + slope * (middle - y)
-            softest = ndtr((log_flow - limit - mean) / spread)
-            kept = ndtr((log_flow - cut - mean) / np.hypot(spread, error)) - softest
-            share = np.maximum(kept, 0.0) @ mass
-            logs[d] = self.number @ np.log(np.maximum(share, _LEAST_SHARE))
-        return logs
+    def log_probability(self, parameters: Floats, modulus: ScaleMixture, radius: ScaleMixture) -> Floats:
+        """Return the log probability that all capsules are in the sample, for some populations : (d,) array."""
+        kept, _, number = self.shares(parameters, modulus, radius)
+        return np.asarray(np.log(np.maximum(kept, _LEAST_SHARE)) @ number)
+
+    def holds(self, modulus: Floats, radius: Floats, of: Integers, rng: np.random.Generator) -> NDArray[np.bool_]:
+        """Return whether capsules in the flows of the sample would be in it : (m,) array.
+
+        Parameters
+        ----------
+        modulus, radius : (m,) arrays
+            log G_s and log a.
+        of : (m,) array
+            Number of the capsule of the sample in whose flow each is.
+        rng : numpy.random.Generator
+            For the error of Lambda.
+        """
+        log_size, log_ca = radius - self.half_width[of], self.flow[of] - modulus
+        column = np.searchsorted(self.edges, log_size, side="right") - 1
+        within = (column >= 0) & (column < len(self.limit))
+        column = np.clip(column, 0, len(self.limit) - 1)
+        seen = log_ca + self.cut_error[column] * rng.standard_normal(len(column))
+        return np.asarray(within & (log_ca <= self.limit[column]) & (seen >= self.cut[column]))
+
+
+def _own(population: Population, name: str, common: float) -> Floats:
+    """Return the logarithm of a condition of each capsule, the common one where it has none of its own : (n,) array."""
+    own = population[name] if name in population.dataset else np.full(len(population), np.nan)
+    return np.log(np.where(np.isnan(own), common, own))
+
+
+def _cut(population: Population, least: float, pyramid: Pyramid, size: Floats) -> tuple[Floats, Floats]:
+    """Return log Ca of a cut on the median Lambda and its standard error at some a/l : (k,), (k,) arrays."""
+    window, table = pyramid.window, pyramid.levels[-1][..., COLUMNS.index("log_stretch_ratio")]
+    step = (np.array(window.high) - window.low) / table.shape
+    log_ca = window.low[0] + step[0] * (np.arange(len(table)) + 0.5)
+    columns = np.clip((size - window.low[1]) / step[1], 0, table.shape[1] - 1).astype(int)
+    known = np.isfinite(population["stretch_ratio_median"])
+    away = np.abs(population["stretch_ratio_median"][known] - least)
+    sd = float(np.median(population["stretch_ratio_sd"][known][away <= max(_NEAR, float(away.min()))]))
+    cut, error = np.full(len(size), np.inf), np.ones(len(size))
+    for k, stretch in enumerate(np.exp(table[:, columns].T)):
+        answered = np.flatnonzero(np.isfinite(stretch))
+        above = answered[stretch[answered] > least]
+        if not len(above):
+            continue
+        first = int(above[0])
+        cut[k] = log_ca[first] - 0.5 * step[0]
+        ahead, behind = min(first + _SLOPE, int(answered[-1])), max(first - _SLOPE, int(answered[0]))
+        rise = (stretch[ahead] - stretch[behind]) / max((ahead - behind) * step[0], step[0])
+        error[k] = np.clip(sd / max(rise, 1e-6), 0.5 * step[0], 1.0)
+    return cut, error
+
+
+@compiled
+def _below(value, mean, sd):  # type: ignore[no-untyped-def]
+    """Return the probability that a normal variable lies below a value."""
+    return 0.5 * math.erfc((mean - value) / (sd * math.sqrt(2.0)))
+
+
+@compiled
+def _fill_shares(
+    parameters: Floats,
+    modulus_variance: Floats,
+    modulus_weight: Floats,
+    radius_variance: Floats,
+    radius_weight: Floats,
+    flow: Floats,
+    half_width: Floats,
+    edges: Floats,
+    limit: Floats,
+    cut: Floats,
+    cut_error: Floats,
+    kept: Floats,
+    lost: Floats,
+) -> None:
+    nodes, columns = modulus_variance.shape[1], len(limit)
+    mass = np.empty(columns)
+    for d in range(len(parameters)):
+        x, y, log_spread, log_radius_spread, slope = parameters[d, :5]
+        spread, of_radius = np.exp(log_spread), np.exp(log_radius_spread)
+        for f in range(len(flow)):
+            if f == 0 or half_width[f] != half_width[f - 1]:
+                mass[:] = 0.0
+                for j in range(nodes):
+                    sd = of_radius * math.sqrt(radius_variance[d, j])
+                    smaller = _below(edges[0] + half_width[f], y, sd)
+                    for k in range(columns):
+                        larger = _below(edges[k + 1] + half_width[f], y, sd)
+                        mass[k] += radius_weight[d, j] * (larger - smaller)
+                        smaller = larger
+            kept[d, f] = lost[d, f] = 0.0
+            for k in range(columns):
+                if mass[k] < _LEAST_MASS:
+                    continue
+                mean = x + slope * (0.5 * (edges[k] + edges[k + 1]) + half_width[f] - y)
+                for j in range(nodes):
+                    sd = spread * math.sqrt(modulus_variance[d, j])
+                    share = mass[k] * modulus_weight[d, j]
+                    softest, stiffest = _below(flow[f] - limit[k], mean, sd), 1.0
+                    if cut[k] > -np.inf:
+                        stiffest = _below(flow[f] - cut[k], mean, math.hypot(sd, cut_error[k]))
+                    kept[d, f] += share * max(stiffest - softest, 0.0)
+                    lost[d, f] += share * softest

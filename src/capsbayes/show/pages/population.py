@@ -57,6 +57,7 @@ def population_page(
         hierarchy_title=typeset(words.hierarchy_title(stored)) if stored else "",
         hierarchy=html_table(hierarchy_table(stored)) if stored else "",
         shared=typeset(words.shared_words(stored)) if stored else "",
+        missing=typeset(words.missing_words(stored)) if stored else "",
         scatter=_scatter(population),
         modulus=typeset("G_s"),
         left_out=left_out if number > rows else "",

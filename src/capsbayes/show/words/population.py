@@ -9,6 +9,7 @@ import numpy as np
 
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.modulus_spread import ModulusSpread
+from capsbayes.infer.many.tails import NORMAL
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import decimals, per_cent, together, unit_of
 
@@ -60,6 +61,22 @@ def shared_words(stored: Mapping[str, Any]) -> str:
     return f"Share of the variance of the medians owed to errors that all capsules share: {listed}."
 
 
+def missing_words(stored: Mapping[str, Any]) -> str:
+    """Say how many capsules are missing because they were too soft, and what modelling them changes; empty if none."""
+    missing = stored.get("missing")
+    if missing is None or missing["median"] < 1.0:
+        return ""
+    number, low, high = (f"{missing[key]:.0f}" for key in ("median", "lower_95", "upper_95"))
+    changes = " and ".join(
+        f"{PARAMETERS[name].symbol} by {'-' if change < 0.0 else '+'}{per_cent(abs(change))}"
+        for name, change in stored["changes_by_the_missing"].items()
+    )
+    return (
+        f"{number} further capsules, 95 % [{low}, {high}], were probably too soft for a steady shape in their flow and "
+        f"are missing among the {stored['capsules']}. This is accounted for; it changes the median {changes}."
+    )
+
+
 def caveats(stored: Mapping[str, Any]) -> list[str]:
     """Return what a reader of the population must keep in mind, one sentence each; empty if nothing."""
     failed = [gate for gate in stored["gates"] if not gate["passed"]]
@@ -72,7 +89,24 @@ def caveats(stored: Mapping[str, Any]) -> list[str]:
         sentences.append(
             f"{per_cent(leaning)} of the capsules lean on the border of the model: the population may extend beyond it."
         )
-    return sentences
+    return sentences + [_tail_words(name, stored) for name in stored.get("odd_tails", ())]
+
+
+def _tail_words(name: str, stored: Mapping[str, Any]) -> str:
+    """Say what tails that are not those of the population fitted mean for the intervals."""
+    symbol, p = PARAMETERS[name].symbol, stored["tail_p_values"][name]
+    if p > 0.5:
+        return (
+            f"The distribution of {symbol} has lighter tails than the population fitted (posterior predictive p-value "
+            f"{p:.3f}), as that of sorted capsules or of two kinds has: the interval of its spread is too wide."
+        )
+    fitted, advice = "t distributions", "look for odd capsules among them"
+    if stored["tails"] == NORMAL:
+        fitted, advice = "a normal distribution", "repeat with t distributions (capsbayes population --tails student)"
+    return (
+        f"The distribution of {symbol} has heavier tails than {fitted} (posterior predictive p-value {p:.3f}): do not "
+        f"use the interval of its spread; {advice}."
+    )
 
 
 def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
@@ -83,9 +117,12 @@ def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
     stored : mapping or ModulusSpread
         ``Hierarchy.as_dict()``, whose numbers are those of all its draws, or a spread from elsewhere.
     """
+    width = "standard deviation of ln G_s"
     if isinstance(stored, ModulusSpread):
         medians, spreads = stored.median, stored.relative
     else:
+        if stored.get("tails", NORMAL) != NORMAL:
+            width = "half the width of the central 68.3 % of ln G_s"
         quantities, keys = stored["quantities"], ("median", "lower_95", "upper_95")
         medians, spreads = (
             np.array([quantities[name][key] for key in keys]) for name in (_MODULUS.name, "modulus_spread")
@@ -97,5 +134,5 @@ def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
     band = f", 95 % [{', '.join(sds)}]" if spreads[2] > spreads[1] else ""
     return (
         f"With the errors removed, the median G_s of the capsules is {shown}{unit_of(_MODULUS)}{known}, and they "
-        f"differ from it by {middle_sd} (standard deviation of ln G_s{band})."
+        f"differ from it by {middle_sd} ({width}{band})."
     )
