@@ -159,7 +159,7 @@ def with_outline():
     return made(outline=MeasuredOutline(points, OutlineNoise(0.004, 0.15, white=0.25)))
 
 
-def test_an_outline_is_written_beside_and_read_again(tmp_path):
+def test_an_outline_is_written_next_to_it_and_read_again(tmp_path):
     seen = with_outline()
     seen.write(tmp_path / "capsule.toml")
     again = Measurement.read(tmp_path / "capsule.toml").outline

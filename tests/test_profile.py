@@ -154,7 +154,7 @@ def test_points_out_of_order_are_refused_with_one_line(points, message):
     assert str(caught.value).startswith("profile: points: ")
 
 
-def test_an_outline_beside_the_axis_is_refused():
+def test_an_outline_off_the_axis_is_refused():
     with pytest.raises(InputError, match="expected an outline around the axis y = 0, got 0 crossings"):
         Profile.from_outline([[0, 1], [1, 1], [1, 2], [0, 2]])
 

@@ -175,6 +175,6 @@ def test_a_picture_needs_an_experiment_and_a_velocity(picture):
     assert "--velocity" in str(lacking.exception)
 
 
-def test_what_belongs_to_a_picture_is_refused_beside_a_measurement(capsule):
+def test_what_belongs_to_a_picture_is_refused_with_a_measurement(capsule):
     result = run(capsule, "--velocity", "6.20 +/- 0.06 mm/s")
     assert "identify: --velocity: expected a picture (.png, .tif" in str(result.exception)

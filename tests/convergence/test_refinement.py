@@ -58,7 +58,7 @@ def errors():
 
 
 @pytest.mark.slow
-def test_error_at_refinement_8_beside_12(errors):
+def test_error_at_refinement_8_relative_to_12(errors):
     assert np.max(np.abs(errors[1, :, :2])) < 0.005
     assert np.max(np.abs(errors[1, :, 2])) < 0.001
 
@@ -66,6 +66,6 @@ def test_error_at_refinement_8_beside_12(errors):
 @pytest.mark.slow
 @pytest.mark.parametrize(("quantity", "rate"), [(0, 2.0), (1, 2.5), (2, 3.0)])
 def test_lengths_and_velocity_converge(errors, quantity, rate):
-    """Rates fitted to the rms over the points: 2.5 for L_z, which hangs on the sharp rim, 3.5 for L_a, 5.1 for V."""
+    """Rates fitted to the rms over the points: 2.5 for L_z, which depends on the sharp rim, 3.5 for L_a, 5.1 for V."""
     rms = np.sqrt(np.mean(errors[:, :, quantity] ** 2, axis=1))
     assert fitted_rate(REFINEMENTS, rms) > rate

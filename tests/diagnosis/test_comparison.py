@@ -51,7 +51,7 @@ def test_medians_are_of_the_capsules_of_each_flow_rate(compared):
 
 
 def test_a_bump_is_found_where_it_is(compared):
-    """Edges put farther out by 1 um at the nose, beside the predictions before."""
+    """Edges put farther out by 1 um at the nose, compared with the predictions before."""
     width, bump = 25e-6, 1e-6
     moved = []
     for row, one in enumerate(compared.session.measurements):

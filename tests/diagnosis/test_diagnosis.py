@@ -72,7 +72,7 @@ def test_bending_comes_first_where_another_section_is_not_ruled_out(model):
 
 
 @pytest.mark.slow
-def test_look_alikes_are_not_told_apart(model):
+def test_look_alikes_are_not_distinguished(model):
     """A scale of all lengths and a halo differ by how they change with the size of a capsule, and hardly here."""
     study = diagnose(session_with(model, "pixel_scale", 0.012, seed=8), model, seed=3, candidates=OPTICAL)
     assert study.verdict is Verdict.AMBIGUOUS
@@ -81,14 +81,14 @@ def test_look_alikes_are_not_told_apart(model):
 
 
 @pytest.mark.slow
-def test_the_second_half_helps_to_tell_look_alikes_apart(model):
+def test_the_second_half_helps_to_distinguish_look_alikes(model):
     study = diagnose(session_with(model, "pixel_scale", 0.012), model, seed=3, candidates=OPTICAL)
     assert (study.verdict, study.names) == (Verdict.NAMED, ("pixel_scale",))
     assert study.evidence["pixel_scale"] == max(study.evidence.values())
 
 
 @pytest.mark.slow
-def test_a_measurement_made_elsewhere_tells_look_alikes_apart(model):
+def test_a_measurement_made_elsewhere_distinguishes_look_alikes(model):
     session, bead = session_with(model, "pixel_scale", 0.012, seed=8), {"halo": (0.0, 5e-8)}
     study = diagnose(session, model, seed=3, candidates=OPTICAL, measured=bead)
     assert (study.verdict, study.names) == (Verdict.NAMED, ("pixel_scale",))
@@ -105,7 +105,7 @@ def test_a_measurement_made_elsewhere_tells_look_alikes_apart(model):
 
 
 @pytest.mark.slow
-def test_a_second_effect_is_found_beside_the_first(model):
+def test_a_second_effect_is_found_next_to_the_first(model):
     sizes = {"exposure": 3e-4, "modulus_slope": 3.0}
     both = model + MotionBlur() + ModulusSlope()
     session, _ = drawn_session(both, 80, seed=7, outline=True, sizes=sizes)
@@ -120,7 +120,7 @@ def test_a_second_effect_is_found_beside_the_first(model):
 
 
 @pytest.mark.slow
-def test_what_looks_likeliest_alone_is_not_named_where_another_is_beside_the_second(model):
+def test_what_looks_likeliest_alone_is_not_named_where_another_goes_with_the_second(model):
     sizes = {"pixel_scale": 0.025, "rest_aspect": 1.075}
     names = ("halo", *sizes)
     candidates = {name: catalogue()[name] for name in names}
@@ -159,7 +159,7 @@ def test_an_effect_that_no_candidate_explains_is_unknown(model):
     assert study.model is model
 
 
-def test_next_sizes_are_the_top_of_a_parabola_and_two_standard_errors_beside():
+def test_next_sizes_are_the_top_of_a_parabola_and_two_standard_errors_either_side():
     sizes = [0.0, 1.0, 2.5]
     totals = [-0.5 * ((size - 1.2) / 0.3) ** 2 for size in sizes]
     assert sorted(_about_the_best(sizes, totals)) == pytest.approx([0.6, 1.2, 1.8])

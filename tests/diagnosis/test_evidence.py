@@ -1,4 +1,4 @@
-"""Evidences beside closed forms and a dense second route."""
+"""Evidences compared with closed forms and a dense second route."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def scores_at(effect, sizes, totals):
     return Scores(effect, sizes, totals[:, None], np.zeros(len(sizes)), np.full(len(sizes), 0.05))
 
 
-def test_evidence_of_a_gaussian_likelihood_beside_a_gaussian_prior():
+def test_evidence_of_a_gaussian_likelihood_with_a_gaussian_prior():
     """The mean of N(x; m, s) over a prior N(0, t) is N(m; 0, (s^2 + t^2)^1/2)."""
     effect, middle, error = Halo(), 0.3e-6, 0.1e-6
     sizes = np.linspace(-2.0, 2.0, 401) * 1e-6

@@ -39,7 +39,7 @@ def test_the_viscosity_of_a_capsule_goes_into_its_modulus(model):
 
 @pytest.mark.parametrize("outline", [False, True])
 def test_errors_and_misfits_are_those_of_the_noise(model, outline):
-    """Beside the truth, over their standard errors: mean 0, variance 1; the misfit is chi-squared."""
+    """Deviations from the truth, over their standard errors: mean 0, variance 1; the misfit is chi-squared."""
     session, truth = drawn_session(model, 150, seed=2, outline=outline)
     fits = fitted(model, session, whitening(model, session))
     assert fits.settled.mean() > 0.98

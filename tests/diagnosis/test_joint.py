@@ -64,7 +64,7 @@ def test_no_sizes_around_are_likelier(scene, both):
     assert both[1].total.max() == pytest.approx(total(top), abs=0.2)
 
 
-def test_an_interval_beside_an_unknown_other_is_wider(scene, both):
+def test_an_interval_with_an_unknown_other_is_wider(scene, both):
     frozen = scene[4]
     assert np.ptp(both[1].interval()) > 1.05 * np.ptp(frozen.interval())
 

@@ -1,4 +1,4 @@
-"""Sets of silhouettes: files keep what their outlines show, and L_a counts beside them."""
+"""Sets of silhouettes: files keep what their outlines show, and L_a counts with them."""
 
 from dataclasses import replace
 

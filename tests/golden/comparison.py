@@ -1,4 +1,4 @@
-"""Two records beside each other: numbers, words, and what one of them lacks."""
+"""Two records compared: numbers, words, and what one of them lacks."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def capsule_file(
     metres: bool = False,
     more: str = "",
 ) -> Path:
-    """Write the file of a capsule, and its outline beside it if a view is named."""
+    """Write the file of a capsule, and its outline next to it if a view is named."""
     rng = np.random.default_rng([20, seed])
     seen = measured(one, rng, error=error)
     scale, unit = (HALF_WIDTH, " m") if metres else (1.0, "")

@@ -25,7 +25,7 @@ it runs; with ``--resume`` it keeps what a stopped run had finished. What was re
 with ``--rename 'OLD=NEW'``, regular expressions for the keys of the first record.
 
 Numbers of the simulator scatter from run to run, in the thirteenth digit and residuals in the sixth, as the derivatives
-that steer Newton's method hang on where arrays lie in memory. What is within that scatter is counted but is no
+that steer Newton's method depend on where arrays lie in memory. What is within that scatter is counted but is no
 difference, unless ``--strict`` is given; hashes of simulated shapes are passed over.
 
 The exit status of ``compare`` is 0 if no number differs, 1 if one does or is missing; words alone do not count.
@@ -137,7 +137,7 @@ def write(out: Path, only: list[str], *, resume: bool) -> int:
 
 
 def _work_folder(out: Path, name: str, *, keep: bool) -> Path:
-    """A new folder, or for a section that can be taken up again the one beside the record."""
+    """A new folder, or for a section that can be taken up again the one next to the record."""
     if name not in RESUMABLE:
         return Path(tempfile.mkdtemp(prefix="golden-"))
     work = Path(f"{out}.{name}")

@@ -1,4 +1,4 @@
-"""The silhouette of a picture with its noise, beside the drawn one."""
+"""The silhouette of a picture with its noise, compared with the drawn one."""
 
 import numpy as np
 import pytest

@@ -65,7 +65,7 @@ def test_too_little_sampling_is_said(model, experiment, capsule):
     assert not all(gate.passed for gate in found.gates)
 
 
-class Doubtful(PolynomialModel):
+class WithCaveat(PolynomialModel):
     """The same model, with another stable shape or with wrinkles up to a Ca."""
 
     def __init__(self, kind):
@@ -84,7 +84,7 @@ class Doubtful(PolynomialModel):
     ],
 )
 def test_a_posterior_where_the_model_has_a_caveat_says_so(experiment, capsule, kind, status, words):
-    found = identify(capsule, Doubtful(kind), experiment, seed=1, engine="quadrature")
+    found = identify(capsule, WithCaveat(kind), experiment, seed=1, engine="quadrature")
     assert found.status is status
     assert words in str(found.status)
     assert found.leaning[kind] > 0.5

@@ -66,7 +66,7 @@ def test_a_velocity_that_is_hardly_measured_is_refused():
         Inputs.of(seen, experiment)
 
 
-def test_a_measurement_that_came_to_nothing_is_refused_with_its_reason():
+def test_a_measurement_without_a_result_is_refused_with_its_reason():
     inputs = Inputs.of_experiment(Experiment(cross_section="square", half_width=25e-6, viscosity=0.85))
     with pytest.raises(InputError, match=r"capsule\.png: status: expected .*, got No capsule was found"):
         inputs.with_velocity_of(Measurement.refused(Status.NO_CAPSULE, source="capsule.png"))

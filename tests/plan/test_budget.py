@@ -1,4 +1,4 @@
-"""The error budget beside error propagation by hand."""
+"""The error budget compared with error propagation by hand."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The flow design beside posteriors of simulated measurements."""
+"""The flow design compared with posteriors of simulated measurements."""
 
 import json
 from dataclasses import replace
@@ -34,7 +34,7 @@ def test_the_predicted_width_is_that_of_simulated_measurements(design, known, er
     assert 0.5 < found.within.mean() < 0.85
 
 
-def test_without_noise_the_width_beside_a_snap_through_is_wrong(known, errors, shipped):
+def test_without_noise_the_width_near_a_snap_through_is_wrong(known, errors, shipped):
     size, ca = 1.05, 0.0242
     predicted = WidthPredictor(shipped, known, errors).at(ca, size)
     found = simulated_widths(

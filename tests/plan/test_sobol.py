@@ -1,4 +1,4 @@
-"""Sobol indices beside the error budget, and what becomes of samples without a shape."""
+"""Sobol indices compared with the error budget, and what becomes of samples without a shape."""
 
 import json
 from dataclasses import replace

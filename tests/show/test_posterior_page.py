@@ -1,4 +1,4 @@
-"""The page of a posterior says what it found, what to doubt, and where it comes from."""
+"""The page of a posterior says what it found, its caveats, and where it comes from."""
 
 import re
 import shutil
@@ -75,12 +75,12 @@ def test_a_page_is_the_same_from_the_object_and_from_its_file(page, tmp_path):
     assert posterior_page(cb.Posterior.read(posterior().write(tmp_path / "posterior.nc"))) == page
 
 
-def test_what_to_doubt_is_said():
+def test_caveats_are_shown():
     assert caveats(posterior()) == []
     one = posterior()
     loose = replace(one.marginals["surface_shear_modulus"], lower_95=0.01, upper_95=0.05)
     slack = replace(one.marginals["stretch_ratio"], median=1.02)
-    doubtful = replace(
+    questionable = replace(
         one,
         status=Status.ENGINES_DISAGREE,
         gates=(Gate("stuck walkers", 2, most=0),),
@@ -89,8 +89,8 @@ def test_what_to_doubt_is_said():
         measurement=replace(one.measurement, axial_length=None, axial_length_error=None),
         marginals={**one.marginals, "surface_shear_modulus": loose, "stretch_ratio": slack},
     )
-    assert status_words(doubtful) == f"{Status.ENGINES_DISAGREE} (0 of 1 checks of the computation passed.)"
-    text = " ".join(caveats(doubtful))
+    assert status_words(questionable) == f"{Status.ENGINES_DISAGREE} (0 of 1 checks of the computation passed.)"
+    text = " ".join(caveats(questionable))
     for part in (
         "A check failed: stuck walkers is 2, wanted at most 0.",
         "the engines DISAGREE: means within 0.300 sd",
@@ -102,10 +102,10 @@ def test_what_to_doubt_is_said():
     ):
         assert part in text, part
     assert "wrinkle" not in text
-    page = posterior_page(doubtful)
+    page = posterior_page(questionable)
     assert "<b>FAILED</b>" in page
-    assert 'class="status doubt"' in page
-    assert all(words(one) in words(page) for one in map(typeset, caveats(doubtful)))
+    assert 'class="status caveat"' in page
+    assert all(words(one) in words(page) for one in map(typeset, caveats(questionable)))
 
 
 def test_a_name_from_outside_cannot_write_html():

@@ -144,7 +144,7 @@ def test_other_verdicts_keep_what_they_have(study):
     assert verdict_sentence(ambiguous).endswith("several effects explain it equally well: motion blur.")
 
 
-def test_two_effects_are_said_one_beside_the_other(study):
+def test_two_effects_are_shown_one_after_the_other(study):
     (step,) = study.steps
     both = replace(study, verdict=Verdict.NAMED, steps=(step, step))
     assert "motion blur and motion blur explain it together: t_e = " in verdict_sentence(both)

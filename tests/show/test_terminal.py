@@ -50,7 +50,7 @@ def assert_same(parts, page, *, but=()):
 
 
 @pytest.fixture(scope="module")
-def doubtful():
+def questionable():
     """A posterior with a caveat of every kind, and a second engine."""
     one = posterior()
     return replace(
@@ -63,11 +63,11 @@ def doubtful():
     )
 
 
-def test_a_posterior(doubtful):
-    parts = list(posterior_parts(doubtful))
+def test_a_posterior(questionable):
+    parts = list(posterior_parts(questionable))
     sentences = [part for part in parts if isinstance(part, str)]
     assert "30 % of the posterior lies next to capillary numbers at which two steady shapes are stable." in sentences
-    assert_same(parts, posterior_page(doubtful))
+    assert_same(parts, posterior_page(questionable))
 
 
 @pytest.fixture(scope="module")

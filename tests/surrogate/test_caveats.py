@@ -12,7 +12,7 @@ def caveats(dataset):
     return Caveats.of(cases, PlaneScaling.of(cases["capillary_number"], cases["size_ratio"]))
 
 
-def test_a_database_without_borders_or_wrinkles_leaves_no_doubt():
+def test_a_database_without_borders_or_wrinkles_has_no_caveats():
     assert caveats(manufactured.database().dataset)(np.array([0.05]), np.array([0.9])) == {}
 
 

@@ -1,4 +1,4 @@
-"""Surrogates beside simulations that had no part in them: other Ca and a/l, and other sizes of an effect."""
+"""Surrogates compared with simulations that had no part in them: other Ca and a/l, and other sizes of an effect."""
 
 from pathlib import Path
 

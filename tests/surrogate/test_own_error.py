@@ -16,7 +16,7 @@ def test_the_covariance_of_known_residuals_comes_back():
     assert mean[0, 0] > mean[1, 1] > mean[2, 2]
 
 
-def test_it_is_a_covariance_everywhere_even_beside_a_residual_of_zero():
+def test_it_is_a_covariance_everywhere_even_next_to_a_residual_of_zero():
     residuals = RNG.normal(size=(150, 3))
     residuals[10] = 0.0
     covariance = OwnError(NODES, residuals).covariance(np.concatenate([QUERIES, NODES[10:11]]))

@@ -38,7 +38,7 @@ class Session:
     Raises
     ------
     InputError
-        If there are none, or one came to nothing, or its lengths are in metres.
+        If there are none, or one has no result, or its lengths are in metres.
     """
 
     measurements: Sequence[Measurement]

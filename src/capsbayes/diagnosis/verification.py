@@ -22,7 +22,7 @@ from capsbayes.model import ForwardModel
 if TYPE_CHECKING:
     import pandas as pd
 
-_VERIFIED = 1.64  # standard errors of what is by chance one in twenty
+_VERIFIED = 1.64  # standard errors that a right model exceeds once in twenty
 _WORTH_A_LOOK = 0.5  # p-value of a deviation remaining in the first half, up to which it is tested on the second
 _ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
 
@@ -93,17 +93,17 @@ class Verification:
 
     @property
     def leaves_nothing(self) -> bool:
-        """Whether no deviation remains, neither in these capsules nor in both halves together."""
+        """True if no deviation remains, neither in these capsules nor in both halves together."""
         both = self.left.displacements + self.after.displacements
         p_value = min(self.after.p_value, self.left.combined_p_value(self.after, _WORTH_A_LOOK))
         return p_value >= LEFT and both.evidence <= 0.0
 
     @property
     def holds(self) -> bool:
-        """Whether each effect predicts these capsules better (an established one not worse) and no deviation remains.
+        """True if each effect predicts these capsules better (an established one not worse) and no deviation remains.
 
-        How much better the first must do is up to how surprising the disagreement was in the first half: by chance both
-        together are to be one in twenty.
+        The first must do the better the less surprising the disagreement was in the first half, so that under a right
+        model both together occur once in twenty sessions.
         """
         together = max(np.sqrt(2.0) * _VERIFIED - float(norm.isf(self.first_p_value)), 0.0)
         least = (together, *(_VERIFIED for _ in self.steps[1:]))

@@ -32,7 +32,7 @@ class CaRange:
 
     @property
     def empty(self) -> bool:
-        """Whether the model has no shape of this size."""
+        """True if the model has no shape of this size."""
         return not np.isfinite(self.highest)
 
     def inner(self, count: int) -> Floats:

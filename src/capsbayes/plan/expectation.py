@@ -79,7 +79,7 @@ class Expectation:
 
     @property
     def known(self) -> bool:
-        """Whether all values are known without error."""
+        """True if all values are known without error."""
         return all(quantity.known for quantity in self._all.values())
 
     @property

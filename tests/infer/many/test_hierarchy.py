@@ -232,7 +232,7 @@ def test_a_normal_population_has_no_odd_tails_and_the_same_spreads_by_t_distribu
         assert other.median == pytest.approx(one.median, abs=one.sd), name
 
 
-def test_result_lies_beside_the_capsules(tmp_path, population):
+def test_result_lies_next_to_the_capsules(tmp_path, population):
     found = hierarchy(population, seed=1)
     found.added_to(population).write(tmp_path / "p.nc")
     again = Population.read(tmp_path / "p.nc")

@@ -1,4 +1,4 @@
-"""Silhouettes with L_a beside them, and models of the other view."""
+"""Silhouettes with L_a, and models of the other view."""
 
 from dataclasses import replace
 
@@ -102,6 +102,6 @@ def test_a_model_of_the_other_view_is_refused(capsule, model):
         identify(seen, model, EXPERIMENT, seed=1, engine="quadrature")
 
 
-def test_a_mid_plane_outline_needs_no_length_beside(capsule):
+def test_a_mid_plane_outline_needs_no_length(capsule):
     assert capsule.length_with_outline == (capsule.axial_length, 0.004)
     assert replace(capsule, outline=replace(capsule.outline, view="mid-plane")).length_with_outline is None

@@ -103,7 +103,7 @@ def test_where_a_capsule_snaps_through_is_enclosed(tmp_path):
     assert status_of(database, 0.03198, 0.9) is status_of(database, 0.03409, 0.9) is Status.DONE
 
 
-def test_where_the_branch_from_rest_is_lost_the_walk_goes_on_with_parachutes(tmp_path):
+def test_where_the_branch_from_rest_is_lost_the_sweep_goes_on_with_parachutes(tmp_path):
     journal = tmp_path / "journal"
     simulator = AnalyticSimulator(snap=0.031, jumps=False, journal=str(journal))
     database = build_database(simulator, CASES[8:16], out=tmp_path / "a.nc", scheduler=HERE)
@@ -131,7 +131,7 @@ def test_where_a_capsule_from_rest_leaves_a_stable_branch_its_cases_are_replaced
     np.testing.assert_array_equal(convex, [0.01, 0.02, 0.03, 0.03198])
 
 
-def test_downward_failures_end_the_column_with_a_reason(tmp_path):
+def test_downward_failures_end_the_sweep_with_a_reason(tmp_path):
     cases = [(ca, 0.9) for ca in (0.005, 0.01, 0.015, 0.02, 0.03, 0.05)]
     database = build_database(AnalyticSimulator(lowest=0.025), cases, out=tmp_path / "a.nc", scheduler=HERE)
     assert list(database["status"]) == ["NOT_TRIED"] * 2 + ["NOT_CONVERGED"] * 2 + ["DONE"] * 2

@@ -47,7 +47,7 @@ def test_error_is_the_rms_of_relative_differences():
     assert [case["velocity_ratio"] for case in error["cases"]] == pytest.approx([0.01, 0.0])
 
 
-def test_build_keeps_the_error_beside_a_finer_mesh_and_does_not_compute_it_twice(tmp_path):
+def test_build_keeps_the_error_relative_to_a_finer_mesh_and_does_not_compute_it_twice(tmp_path):
     out, journal = tmp_path / "db.nc", tmp_path / "journal"
     simulator = MeshedSimulator(journal=str(journal))
     first = build_database(simulator, CASES, out=out, scheduler="synchronous", progress=False, compare=16)

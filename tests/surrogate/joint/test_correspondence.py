@@ -76,7 +76,7 @@ def test_base_and_null_slice_correspond_at_equal_ca_but_for_folds():
 
 
 def test_where_only_one_of_them_has_convex_shapes_it_says_where_they_end():
-    """A base that follows the dimpled branch down, beside a null slice that was reached from rest."""
+    """A base that follows the dimpled branch down, compared with a null slice that was reached from rest."""
     base, null = matched(borders(0.0075, 0.0075, 0.15), borders(0.005, 0.015, 0.15))
     np.testing.assert_array_equal(base.capillary_number, null.capillary_number)
     np.testing.assert_array_equal(base.capillary_number[:, 0], [0.005, 0.015, 0.15])

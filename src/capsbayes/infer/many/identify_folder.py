@@ -149,7 +149,7 @@ def identify_folder(
 
 @dataclass(frozen=True)
 class _Pool:
-    """Where tasks are computed."""
+    """Scheduler of the tasks."""
 
     run: Run
     scheduler: str | None

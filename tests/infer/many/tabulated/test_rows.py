@@ -85,7 +85,7 @@ def test_what_it_leans_on_is_what_the_draws_lean_on(pyramid):
         assert rows([one], pyramid).facts["border"][0] == pytest.approx(wanted, abs=0.02)
 
 
-def test_lengths_far_from_every_shape_and_lengths_too_sharp_are_told_apart(pyramid):
+def test_lengths_far_from_every_shape_and_lengths_too_sharp_are_distinguished(pyramid):
     far = Measurement(2.14, 0.01, 5e-3, 5e-5, axial_length=1.2, axial_length_error=0.01)
     sharp = Measurement(2.14, 1e-5, 5e-3, 5e-5, axial_length=1.81, axial_length_error=1e-5)
     without_error = PolynomialModel(error=1e-6)
