@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.database import NO_EFFECT, Database
@@ -16,9 +18,6 @@ from capsbayes.show.figures.atlas_plane import cases_figure, heading, of_effect,
 from capsbayes.show.figures.atlas_shapes import shapes_figure
 from capsbayes.show.figures.style import new_figure
 from capsbayes.surrogate import Surrogate
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 
@@ -51,37 +50,22 @@ def atlas(database: Database) -> dict[str, Figure]:
 
 
 def changes(database: Database, value: float, name: str) -> tuple[Floats, Floats, Floats]:
-    """Return the relative change of a quantity from the null value to another, over the cases that both have.
+    """Return Ca, a/l and the relative change of a quantity from the null value to another : (c,) arrays [-].
 
-    Parameters
-    ----------
-    database : Database
-        Of an effect.
-    value : float
-        One of its values.
-    name : str
-        Of the quantity, as ``"axial_extent"``.
-
-    Returns
-    -------
-    capillary_number, size_ratio, change : (c,) arrays [-]
+    The database is that of an effect; the cases are those that both values have.
     """
-    there, null = (database.at_value(each).converged for each in (value, database.null_value))
-    places = [list(zip(cases["capillary_number"], cases["size_ratio"], strict=True)) for cases in (there, null)]
-    before = dict(zip(places[1], null[name], strict=True))
-    both = [row for row, place in enumerate(places[0]) if place in before]
-    change = there[name][both] / np.array([before[places[0][row]] for row in both]) - 1.0
-    return there["capillary_number"][both], there["size_ratio"][both], change
+    case = ["capillary_number", "size_ratio"]
+    there, null = (
+        pd.DataFrame({column: cases[column] for column in (*case, name)})
+        for cases in (database.at_value(each).converged for each in (value, database.null_value))
+    )
+    both = there.merge(null, on=case, suffixes=("", "_null"))
+    change = both[name] / both[f"{name}_null"] - 1.0
+    return both["capillary_number"].to_numpy(), both["size_ratio"].to_numpy(), change.to_numpy()
 
 
 def changes_figure(database: Database) -> Figure:
-    """Draw the changes of L_z, L_a and v_o/U, a row for each value of the effect, a scale for each quantity.
-
-    Parameters
-    ----------
-    database : Database
-        Of an effect.
-    """
+    """Draw the changes of L_z, L_a and v_o/U by an effect, a row for each value, a scale for each quantity."""
     values = [value for value in database.values if value != database.null_value]
     figure = new_figure(9.6, 1.9 + 2.3 * len(values))
     axes = figure.subplots(len(values), len(_QUANTITIES), squeeze=False, sharex=True, sharey=True)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 
 from capsbayes.arrays import Floats
 from capsbayes.show.figures.atlas_plane import BRANCH_STYLES, draw_borders, heading, kinds_of_case, prepare_plane
 from capsbayes.show.figures.style import FILL, PALE, legend_below, new_figure, ratio_label
 from capsbayes.surrogate import Surrogate
 from capsbayes.surrogate.domain import Region
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _LENGTHS = ("axial_extent", "axial_length", "parachute_depth")
 _POINTS = (150, 100)  # of a surface, along sqrt(Ca) and a/l
@@ -43,16 +43,8 @@ def _maps(surrogate: Surrogate, names: tuple[str, ...], height: float) -> Figure
 def map_plot(surrogate: Surrogate, name: str, ax: Axes) -> Axes:
     """Draw one quantity over (Ca, a/l): contours where the surrogate has an answer, cases as dots of the same colours.
 
-    Parameters
-    ----------
-    surrogate : Surrogate
-    name : str
-        A quantity that a prediction and a database have, as ``"velocity_ratio"``.
-    ax : Axes
+    The quantity is one that a prediction and a database have, as ``"velocity_ratio"``.
     """
-    from matplotlib.patheffects import withStroke
-    from matplotlib.ticker import MaxNLocator
-
     prepare_plane(ax, surrogate.database)
     cases = surrogate.database.converged
     levels = MaxNLocator(16, steps=[1, 2, 5, 10]).tick_values(float(cases[name].min()), float(cases[name].max()))

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST_FROM_REST, NO_EFFECT, SNAP_THROUGH, Database
-from capsbayes.show.figures.style import ACCENT, INK, WALL, new_figure, ratio_label
+from capsbayes.show.figures.style import ACCENT, INK, WALL, label_plane, new_figure
 from capsbayes.status import Status
 from capsbayes.surrogate.branches import CONVEX
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _NONE = "#555555"
 _TICKS = (0.003, 0.01, 0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)
@@ -45,19 +43,9 @@ def kinds_of_case(database: Database) -> dict[str, Booleans]:
 
 
 def border_curve(database: Database, *kinds: str) -> tuple[Floats, Floats]:
-    """Return border points of some kinds in rising a/l, with Ca NaN at an a/l without such a point.
+    """Return Ca and a/l of the borders of some kinds at one value of the effect : (k,) arrays [-].
 
-    Parameters
-    ----------
-    database : Database
-        Of one value of the effect.
-    *kinds : str
-        As in ``database["border_kind"]``.
-
-    Returns
-    -------
-    capillary_number, size_ratio : (k,) arrays [-]
-        Of all a/l that have any border.
+    The a/l are all that have any border, rising; Ca is NaN where it is of another kind.
     """
     size, ca = np.round(database["border_size_ratio"], 6), database["border_capillary_number"]
     columns = np.unique(size)
@@ -76,10 +64,7 @@ def prepare_plane(ax: Axes, database: Database) -> Axes:
     first, last = max(low**0.5 - step, 0.0) ** 2, (high**0.5 + step) ** 2
     margin = 0.04 * float(np.ptp(size)) + 1e-3
     ax.set(xlim=(first, last), ylim=(float(size.min()) - margin, float(size.max()) + margin))
-    shown = [tick for tick in _TICKS if first <= tick <= last]
-    ax.set_xticks(shown, [f"{tick:g}" for tick in shown])
-    ax.minorticks_off()
-    ax.set(xlabel=f"{ratio_label('capillary_number')}, square-root scale", ylabel=ratio_label("size_ratio"))
+    label_plane(ax, _TICKS, ", square-root scale")
     return ax
 
 

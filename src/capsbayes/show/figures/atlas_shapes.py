@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans, Floats, Integers
@@ -14,24 +17,15 @@ from capsbayes.show.figures.atlas_plane import BRANCH_STYLES, heading, kinds_of_
 from capsbayes.show.figures.style import FILL, INK, draw_walls, new_figure
 from capsbayes.status import Status
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 _FAINT = "#555555"
 _CA, _SIZES = 6, 5  # columns and rows of the table
 _OUTSIDE = 1.14  # outer face of the walls, over l
 
 
 def table_of_cases(database: Database) -> tuple[Floats, Floats]:
-    """Choose the capillary numbers and size ratios of the table, spread over the cases with a steady state.
+    """Choose Ca (k,) and a/l (m,) of the table, those of steady states nearest to even steps of sqrt(Ca) and of a/l.
 
-    Returns
-    -------
-    capillary_number : (k,) array [-]
-        The nearest to even steps of sqrt(Ca), but for those that are rare compared with others near the same step.
-    size_ratio : (m,) array [-]
-        The nearest to even steps.
+    A Ca that is rare compared with others near the same step is not chosen.
     """
     cases = database.converged
     ca, counts = np.unique(cases["capillary_number"], return_counts=True)
@@ -50,20 +44,9 @@ def _spread(values: Floats, counts: NDArray[Any], steps: int) -> Integers:
 
 
 def cases_of_cell(database: Database, capillary_numbers: Floats, column: int, size_ratio: float) -> Booleans:
-    """Select the cases that a cell of the table shows: those of its a/l at the Ca nearest to that of its column.
+    """Select the cases of one Ca that a cell of the table shows : (c,) array, at most one for each value of an effect.
 
-    Parameters
-    ----------
-    database : Database
-    capillary_numbers : (k,) array [-]
-        Of the table's columns; a case belongs to the column nearest in sqrt(Ca).
-    column : int
-    size_ratio : float [-]
-
-    Returns
-    -------
-    (c,) bool array
-        At most one for each value of an effect, all of one Ca.
+    They are those of its a/l at the Ca nearest, in sqrt(Ca), to that of its column among the capillary numbers (k,).
     """
     ca = database["capillary_number"]
     distance = np.abs(np.sqrt(ca)[:, None] - np.sqrt(capillary_numbers))
@@ -74,8 +57,6 @@ def cases_of_cell(database: Database, capillary_numbers: Floats, column: int, si
 
 def shapes_figure(database: Database) -> Figure:
     """Draw profiles in the plane x = 0 between the walls, lengths over l; those of all values of an effect together."""
-    import matplotlib
-
     ca, sizes = table_of_cases(database)
     values = database.values
     shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(values)))

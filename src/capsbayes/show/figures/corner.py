@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from capsbayes.infer import Marginal, Posterior
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.show.figures.style import ACCENT, INK
 from capsbayes.show.words.rounding import two_digits, unit_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SHOWN = ("surface_shear_modulus", "capsule_radius", "mean_velocity", "capillary_number", "size_ratio")
 

@@ -8,6 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
+from capsbayes.show.figures.style import new_figure
 from capsbayes.surrogate.validation import STRETCH_LIMIT, LeaveOneOut
 
 SYMBOLS = ("Ca", "a/\\ell", "v_o/U")
@@ -17,7 +18,7 @@ LONGEST_EDGE = 0.12  # of either range: longer triangles lie outside the cases
 
 def heat_maps(*studies: LeaveOneOut) -> Figure:
     """Draw a row of three maps (Ca, a/l, v_o/U) for each study, with one colour scale a column."""
-    figure = Figure(figsize=(13.0, 3.9 * len(studies)), layout="constrained")
+    figure = new_figure(13.0, 3.9 * len(studies))
     axes = figure.subplots(len(studies), 3, squeeze=False, sharex=True, sharey=True)
     for column in range(3):
         errors = np.concatenate([study.errors[:, column] for study in studies])

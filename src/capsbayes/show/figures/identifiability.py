@@ -6,16 +6,22 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
+from matplotlib.path import Path
+from matplotlib.patheffects import withStroke
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.parameters import PARAMETERS
-from capsbayes.show.figures.style import ACCENT, new_figure, ratio_label
+from capsbayes.show.figures.style import ACCENT, label_plane, new_figure
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _LEVELS = (
     *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),
@@ -46,12 +52,6 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
 
 
 def _draw(ax: Axes, widths: xr.Dataset, width: Floats, label: str) -> None:
-    from matplotlib.colors import LogNorm
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch, Polygon
-    from matplotlib.path import Path
-    from matplotlib.patheffects import withStroke
-
     ca, size = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy()
     border = _border(widths)
     shown = _levels(np.where(widths["leaning"].to_numpy() <= LEANING_SHARE, width, np.nan))
@@ -87,10 +87,7 @@ def _axes(ax: Axes, border: Floats) -> None:
     low, high = border.min(axis=0), border.max(axis=0)
     margin = 0.03 * (high[1] - low[1])
     ax.set(xlim=(0.93 * low[0], 1.07 * high[0]), ylim=(low[1] - margin, high[1] + margin))
-    ticks = [tick for tick in _TICKS if 0.93 * low[0] <= tick <= 1.07 * high[0]]
-    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    ax.minorticks_off()
-    ax.set(xlabel=ratio_label("capillary_number"), ylabel=ratio_label("size_ratio"))
+    label_plane(ax, _TICKS)
 
 
 def _border(widths: xr.Dataset) -> Floats:
@@ -114,12 +111,7 @@ def _levels(width: Floats) -> list[float]:
 
 def _filled(values: Floats) -> Floats:
     """Values carried on along Ca beyond the border, where the picture is cut."""
-    place = np.arange(values.shape[1])
-    rows = []
-    for row in values:
-        known = np.isfinite(row)
-        rows.append(np.interp(place, place[known], row[known]) if known.any() else row)
-    return np.stack(rows)
+    return pd.DataFrame(values).interpolate(axis=1, limit_direction="both").to_numpy()
 
 
 def _errors(widths: xr.Dataset) -> str:

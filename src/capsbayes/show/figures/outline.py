@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from capsbayes.errors import InputError
 from capsbayes.infer import Posterior
@@ -14,10 +16,6 @@ from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.measured_outline import MID_PLANE
 from capsbayes.show.figures.style import ACCENT, INK, PALE, WALL, closed, draw_walls, framed, new_figure
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 _INSIDE = "#f3f8fb"
 _THICKNESS = 0.14
 _DIMENSION_LINE = 1.36  # height of the arrow of L_z, over l
@@ -25,13 +23,7 @@ _TOP = 1.8  # of the picture, over l
 
 
 def outline_figure(posterior: Posterior, *, width: float = 7.4) -> Figure:
-    """Draw `outline_plot` alone on a figure that fits it.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    width : float [inch]
-    """
+    """Draw `outline_plot` alone on a figure of a width [inch] that fits it."""
     left, right, bottom, top = 0.75, 0.2, 1.0, 0.7
     figure = new_figure(width, width, layout=None)
     ax = outline_plot(posterior, figure.add_axes((0.1, 0.1, 0.8, 0.8)))

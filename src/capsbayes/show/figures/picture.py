@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.infer import Posterior
@@ -13,9 +15,6 @@ from capsbayes.infer.outline.band import band
 from capsbayes.show.figures.style import closed, new_figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from capsbayes.image.detection import Detection
 
 _PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
@@ -26,18 +25,8 @@ _BAR = 0.25  # of the picture's width, at most
 def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:
     """Draw the predicted outline over the picture that the capsule was measured in.
 
-    Walls and capsule are found in the picture again; the predicted nose is laid on the measured nose.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    picture : path
-    width : float [inch]
-
-    Returns
-    -------
-    Figure or None
-        None if no single capsule between two walls is found in the picture, or the model predicts no outlines.
+    Walls and capsule are found in the picture again; the predicted nose is laid on the measured nose. Returns None if
+    no single capsule between two walls is found, or the model predicts no outlines. The width is in inches.
 
     Raises
     ------
@@ -69,12 +58,7 @@ def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 
 
 
 def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
-    """Draw a picture alone, in grey.
-
-    Parameters
-    ----------
-    picture : path
-    width : float [inch]
+    """Draw a picture alone, in grey, at a width in inches.
 
     Raises
     ------
@@ -92,19 +76,9 @@ def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
 
 
 def on_picture(outline: Floats, detection: Detection) -> Floats:
-    """Lay an outline on the capsule that was detected in a picture, nose on nose.
+    """Lay an outline (z, y) on the capsule that was detected in a picture, nose on nose : (p, 2) array [l] to [px].
 
-    Parameters
-    ----------
-    outline : (p, 2) array [l]
-        Columns (z, y), flow towards rising z.
-    detection : Detection
-        With walls, outline and nose.
-
-    Returns
-    -------
-    (p, 2) array [px]
-        Columns (x, y).
+    The detection has walls, outline and nose; the flow is towards rising z.
     """
     walls, nose = detection.walls, detection.nose
     assert walls is not None, "of a capsule that was measured"

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.figures.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, without_l
 from capsbayes.show.words.rounding import with_unit
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, SobolStudy
 
 _QUANTITIES = {"surface_shear_modulus": INK, "capsule_radius": ACCENT}
@@ -29,14 +28,12 @@ def budget_figure(budget: ErrorBudget) -> Figure:
     for shift, (quantity, colour) in zip((-0.5, 0.5), _QUANTITIES.items(), strict=True):
         shares = [100.0 * row.share.get(quantity, np.nan) for row in budget.rows]
         changes = [100.0 * row.change.get(quantity, np.nan) / budget.value[quantity] for row in budget.rows]
-        for ax, lengths in ((left, shares), (right, changes)):
-            bars = ax.barh(
-                places + shift * _HEIGHT, lengths, _HEIGHT, color=colour, label=_budget_label(budget, quantity)
-            )
-            digits = "%.0f" if ax is left else "%+.1f"
-            ax.bar_label(
-                bars, [digits % length if np.isfinite(length) else "" for length in lengths], padding=2, fontsize=8
-            )
+        value = with_unit(quantity, budget.value[quantity])
+        label = f"${PARAMETERS[quantity].latex}$ = {value} ± {100.0 * budget.sd[quantity]:.2g} %"
+        for ax, lengths, digits in ((left, shares, ".0f"), (right, changes, "+.1f")):
+            bars = ax.barh(places + shift * _HEIGHT, lengths, _HEIGHT, color=colour, label=label)
+            words = [f"{length:{digits}}" if np.isfinite(length) else "" for length in lengths]
+            ax.bar_label(bars, words, padding=2, fontsize=8)
     left.set_yticks(places, [_input_label(row) for row in budget.rows])
     left.invert_yaxis()
     for ax in (left, right):
@@ -45,11 +42,6 @@ def budget_figure(budget: ErrorBudget) -> Figure:
     _frame_bars(right, "change with one standard error of the input [%]")
     legend_below(figure, left, 2)
     return figure
-
-
-def _budget_label(budget: ErrorBudget, quantity: str) -> str:
-    value = with_unit(quantity, budget.value[quantity])
-    return f"${PARAMETERS[quantity].latex}$ = {value} ± {100.0 * budget.sd[quantity]:.2g} %"
 
 
 def _input_label(row: BudgetRow) -> str:
@@ -65,14 +57,7 @@ def _frame_bars(ax: Axes, label: str) -> None:
 
 
 def sobol_figure(study: SobolStudy, answers: tuple[str, ...] = ("surface_shear_modulus", "capsule_radius")) -> Figure:
-    """Draw the first-order and total indices of some answers, with their 95 % confidence intervals.
-
-    Parameters
-    ----------
-    study : SobolStudy
-    answers : tuple of str
-        As in `capsbayes.parameters`.
-    """
+    """Draw the first-order and total indices of some answers, with their 95 % confidence intervals."""
     figure = new_figure(4.2 * len(answers) + 1.2, 1.9 + 0.45 * len(study.ranges))
     axes = figure.subplots(1, len(answers), sharey=True, squeeze=False)[0]
     for ax, answer in zip(axes, answers, strict=True):
@@ -111,10 +96,12 @@ def flow_figure(design: FlowDesign) -> Figure:
     width = 100.0 * table["relative"].to_numpy()
     upper.plot(speed, width, color=WALL, linewidth=1.2, label="leans on the border of the database, or too near")
     upper.plot(speed, np.where(allowed, width, np.nan), color=INK, linewidth=2.2, label="may be chosen")
-    lower.plot(speed, 100.0 * table["beyond_margin"].to_numpy(), color=INK, linewidth=1.2, label=_margin(design))
-    lower.plot(
-        speed, 100.0 * table["beyond_limit"].to_numpy(), color=ACCENT, linewidth=1.6, label=f"beyond {_limit(design)}"
-    )
+    limit = "the limit of existence" if design.limit.limit else "the end of the database"
+    for name, colour, line, label in (
+        ("beyond_margin", INK, 1.2, f"nearer to it than {100.0 * design.margin:g} % in Ca"),
+        ("beyond_limit", ACCENT, 1.6, f"beyond {limit}"),
+    ):
+        lower.plot(speed, 100.0 * table[name].to_numpy(), color=colour, linewidth=line, label=label)
     lower.axhline(100.0 * design.risk, color="black", linewidth=0.8, linestyle=":")
     for ax in (upper, lower):
         ax.axvline(velocity.scale * design.limit_velocity, color=ACCENT, linewidth=1.2, linestyle="--")
@@ -137,7 +124,7 @@ def _label_axes(upper: Axes, lower: Axes, design: FlowDesign, width: np.ndarray)
     first = design.points[0]
     per = PARAMETERS["flow_rate"].shown(first.flow_rate) / PARAMETERS["mean_velocity"].shown(first.mean_velocity)
     upper.set_xscale("log")
-    above: Any = upper.secondary_xaxis("top", functions=(_times(per), _times(1.0 / per)))
+    above: Any = upper.secondary_xaxis("top", functions=(partial(np.multiply, per), partial(np.multiply, 1.0 / per)))
     above.set_xlabel(PARAMETERS["flow_rate"].axis_label)
     for axis in (upper.xaxis, above.xaxis):
         axis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -151,15 +138,3 @@ def _label_axes(upper: Axes, lower: Axes, design: FlowDesign, width: np.ndarray)
     lower.set(xlabel=PARAMETERS["mean_velocity"].axis_label, ylabel="capsules [%]", ylim=(-4.0, 104.0))
     for ax in (upper, lower):
         framed(ax, ("right",)).legend(frameon=False, fontsize=9, loc="upper left" if ax is lower else "lower left")
-
-
-def _times(factor: float) -> Callable[[Any], Any]:
-    return lambda values: factor * np.asarray(values)
-
-
-def _limit(design: FlowDesign) -> str:
-    return "the limit of existence" if design.limit.limit else "the end of the database"
-
-
-def _margin(design: FlowDesign) -> str:
-    return f"nearer to it than {100.0 * design.margin:g} % in Ca"

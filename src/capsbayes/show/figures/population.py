@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.modulus_spread import ModulusSpread
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.show.figures.style import ACCENT, INK, PALE, framed, legend_below, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _MOST_BARS = 400  # error bars of more capsules would hide each other
 _MODULUS, _RADIUS = PARAMETERS["surface_shear_modulus"], PARAMETERS["capsule_radius"]
@@ -24,8 +21,6 @@ def modulus_histogram(population: Population, spread: ModulusSpread | None = Non
 
     Capsules whose intervals cannot be used are left out.
     """
-    from matplotlib.ticker import MaxNLocator
-
     figure = new_figure(5.8, 3.6)
     ax = figure.subplots()
     medians = population[f"{_MODULUS.name}_median"][population.usable]
@@ -103,11 +98,9 @@ def _with_errors(population: Population, parameter: Parameter, rows: np.ndarray)
 
 def _log_scale(ax: Axes, axis: str) -> None:
     """A logarithmic scale with plain numbers at its ticks, also where it spans less than a decade."""
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-
-    (ax.set_xscale if axis == "x" else ax.set_yscale)("log")
+    ax.set(**{f"{axis}scale": "log"})
     scale = ax.xaxis if axis == "x" else ax.yaxis
-    low, high = ax.get_xlim() if axis == "x" else ax.get_ylim()
+    low, high = scale.get_view_interval()
     subs = (1.0, 2.0, 5.0) if high > 8.0 * low else tuple(np.arange(1.0, 10.0, 1.0 if high > 2.0 * low else 0.5))
     scale.set_major_locator(LogLocator(subs=subs, numticks=12))
     scale.set_major_formatter(StrMethodFormatter("{x:g}"))

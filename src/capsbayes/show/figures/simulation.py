@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from capsbayes.arrays import Floats
 from capsbayes.physics.surface.facets import facets
 from capsbayes.show.figures.style import ACCENT, FILL, INK, WALL, closed, draw_walls, new_figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from capsbayes.physics.simulation import SteadyState
     from capsbayes.physics.simulation.snapshot import Snapshot
 
@@ -71,8 +72,6 @@ def shape_figure(state: SteadyState) -> Figure:
 
 def transient_figure(snapshots: Sequence[Snapshot]) -> Figure:
     """Draw one view for each snapshot, in two columns."""
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     rows = -(-len(snapshots) // 2)
     figure = new_figure(9.4, 0.4 + 3.6 * rows, layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.08))
     reach = 0.35 + max(float(np.max(np.abs(snapshot.nodes[:, 2]))) for snapshot in snapshots)
@@ -88,17 +87,7 @@ def transient_figure(snapshots: Sequence[Snapshot]) -> Figure:
 
 
 def view_plot(snapshot: Snapshot, ax: Axes, reach: float) -> Axes:
-    """Draw the capsule in a piece of its channel; the flow goes to the right and away from the eye.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    ax : Axes
-    reach : float
-        Half the length of the piece over l.
-    """
-    from matplotlib.collections import PolyCollection
-
+    """Draw the capsule in a piece of its channel of half length `reach` [l]; the flow goes right and away."""
     camera = _camera()
     corners = _draw_channel(ax, _section(snapshot), camera, reach)
     faces, colours = _shaded(snapshot, camera)
@@ -133,8 +122,6 @@ def _section(snapshot: Snapshot) -> Floats:
 
 def _draw_channel(ax: Axes, edge: Floats, camera: Floats, reach: float) -> Floats:
     """Draw the walls behind the capsule and all edges; the points (m, 2) of both ends."""
-    from matplotlib.collections import PolyCollection
-
     ends = [np.column_stack([edge, np.full(len(edge), z)]) @ camera.T for z in (-reach, reach)]
     following = [np.roll(end, -1, axis=0) for end in ends]
     walls = np.stack([ends[0], following[0], following[1], ends[1]], axis=1)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from capsbayes.diagnosis import Comparison, Finding, Study, Verification
 from capsbayes.diagnosis.finding import TRENDS
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.figures.style import ACCENT, INK, PALE, framed, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question
@@ -34,8 +31,6 @@ def candidate_ratios(study: Study) -> Figure:
 
 def moduli(verification: Verification) -> Figure:
     """Draw G_s of each held-out capsule with its error before and after an effect is added, and the medians."""
-    from matplotlib.ticker import MaxNLocator
-
     figure = new_figure(10.0, 3.8)
     ax = figure.subplots()
     order = np.argsort(verification.comparisons[0].modulus)  # NaN last
@@ -58,11 +53,7 @@ def moduli(verification: Verification) -> Figure:
 def trends(compared: Comparison, finding: Finding) -> Figure:
     """Draw the apparent G_s of each capsule against velocity and size: that of a right model depends on neither.
 
-    Parameters
-    ----------
-    compared : Comparison
-    finding : Finding
-        Its slopes are drawn.
+    The slopes are those of the finding.
     """
     figure = new_figure(10.0, 3.8)
     left, right = figure.subplots(1, 2, sharey=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.diagnosis import AlongOutline, Comparison, Finding, Verification
@@ -12,10 +14,6 @@ from capsbayes.diagnosis.regions import REGIONS, region_displacements
 from capsbayes.profile import arc_share
 from capsbayes.show.figures.style import ACCENT, INK, WALL, closed, draw_walls, new_figure
 from capsbayes.show.words.study import deviation_words
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _SEEN = "#222222"
 _COUNT = 3  # capsules that are shown one by one
@@ -26,14 +24,7 @@ _SHARE_TICKS = (0, 25, 50, 75, 100)
 
 
 def outline_finding(along: AlongOutline, finding: Finding) -> Figure:
-    """Draw the mean outline coloured by the mean residual in um and in standard errors, and unrolled.
-
-    Parameters
-    ----------
-    along : AlongOutline
-    finding : Finding
-        Its regions are named.
-    """
+    """Draw the mean outline coloured by the mean residual in um and in standard errors, and unrolled; name regions."""
     figure = new_figure(10.0, 8.2)
     axes = figure.subplot_mosaic([["um", "sigma"], ["unrolled", "unrolled"]], height_ratios=(2.3, 1.0))
     micrometres = 1e6 * along.displacement
@@ -47,9 +38,6 @@ def outline_finding(along: AlongOutline, finding: Finding) -> Figure:
 
 
 def _coloured(ax: Axes, outline: Floats, values: Floats, label: str) -> None:
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import Normalize
-
     ends = outline[:, 0].min() - 0.65, outline[:, 0].max() + 0.65
     draw_walls(ax, ends, 1.1, color="#e2e2e2")
     for side in (-1.0, 1.0):
@@ -120,13 +108,7 @@ def chosen_capsules(verification: Verification) -> tuple[int, ...]:
 
 
 def held_out(verification: Verification) -> Figure:
-    """Draw the outlines of a few held-out capsules, their normal distances, and the mean of the distances of all.
-
-    Parameters
-    ----------
-    verification : Verification
-        Of capsules with outlines.
-    """
+    """Draw the outlines of a few held-out capsules, their normal distances, and the mean of the distances of all."""
     rows = chosen_capsules(verification)
     figure = new_figure(10.0, 8.6)
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(2.3, 1.0))[:, 0]

@@ -5,17 +5,15 @@ from __future__ import annotations
 import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.output_file import write_file
 from capsbayes.parameters import PARAMETERS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 INK, PALE, FILL = "#1f5a7a", "#8fc1dc", "#dcebf3"
 ACCENT, WALL = "#c8552b", "#9a9a9a"
@@ -23,8 +21,6 @@ ACCENT, WALL = "#c8552b", "#9a9a9a"
 
 def new_figure(width: float, height: float, **layout: Any) -> Figure:
     """Return an empty figure of a size in inches; it belongs to no window."""
-    from matplotlib.figure import Figure
-
     return Figure(figsize=(width, height), **({"layout": "constrained"} | layout))
 
 
@@ -43,6 +39,15 @@ def legend_below(figure: Figure, ax: Axes, columns: int, **style: Any) -> None:
 def ratio_label(name: str) -> str:
     """Return the axis label of a ratio."""
     return f"${PARAMETERS[name].latex}$ [-]"
+
+
+def label_plane(ax: Axes, ticks: tuple[float, ...], scale: str = "") -> None:
+    """Label axes of (Ca, a/l), with those of the ticks of Ca that are in sight, and the scale of Ca in words."""
+    first, last = ax.get_xlim()
+    shown = [tick for tick in ticks if first <= tick <= last]
+    ax.set_xticks(shown, [f"{tick:g}" for tick in shown])
+    ax.minorticks_off()
+    ax.set(xlabel=f"{ratio_label('capillary_number')}{scale}", ylabel=ratio_label("size_ratio"))
 
 
 def without_l(name: str) -> str:

@@ -25,18 +25,7 @@ _PIXELS = ("velocity", "velocity-surface", "lengths")  # filled contours and sur
 
 
 def database_page(database: Database, *, source: str = "") -> str:
-    """Return a database as HTML.
-
-    Parameters
-    ----------
-    database : Database
-    source : str
-        Its name, or its file.
-
-    Returns
-    -------
-    str
-        A whole page; its pictures are within it.
+    """Return a database, of which `source` is the name or the file, as a whole page in HTML, its pictures within it.
 
     Raises
     ------

@@ -18,37 +18,16 @@ if TYPE_CHECKING:
 
 
 def page(template: str, **content: Any) -> str:
-    """Fill a template; text among the content is escaped, `Markup` is not.
-
-    Parameters
-    ----------
-    template : str
-        Name of one of the templates, all of which stand on ``page.html``.
-    **content
-        What the template names.
-
-    Returns
-    -------
-    str
-        A whole page.
-    """
+    """Fill one of the templates, all of which stand on ``page.html``; text is escaped, `Markup` is not."""
     return _templates().get_template(template).render(**content) + "\n"
 
 
 def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = False, fit: str = "") -> Markup:
     """Return a figure as an image within the page; the same figure gives the same bytes.
 
-    Parameters
-    ----------
-    figure : Figure
-    alternative : str
-        What it shows, for those who do not see it.
-    caption : str or Markup
-    png : bool
-        As pixels, for what has too many lines; else as SVG.
-    fit : str
-        With ``scroll``, a narrow screen scrolls it instead of making it small; with ``narrow``, a wide one does not
-        make it as wide as the page.
+    The alternative is for those who do not see it. It is an SVG; what has too many lines is better drawn in pixels
+    (`png`). With ``scroll`` in `fit`, a narrow screen scrolls it instead of making it small; with ``narrow``, a wide
+    one does not make it as wide as the page.
     """
     import matplotlib
 

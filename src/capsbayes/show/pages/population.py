@@ -21,22 +21,10 @@ _MANY = 2000  # points beyond which a picture of pixels is smaller
 def population_page(
     population: Population, *, spread: ModulusSpread | None = None, rows: int = MOST_ROWS, source: str = ""
 ) -> str:
-    """Return a population as HTML.
+    """Return a population as a whole page in HTML, its pictures within it.
 
-    Parameters
-    ----------
-    population : Population
-    spread : ModulusSpread, optional
-        Of G_s with the errors removed, drawn over the histogram; by default that of the population.
-    rows : int
-        At most so many capsules in the table.
-    source : str
-        File that holds all of them.
-
-    Returns
-    -------
-    str
-        A whole page; its pictures are within it.
+    Drawn over the histogram is the spread of G_s with the errors removed, by default that of the population; at most
+    `rows` capsules are in the table, and all of them in the file `source`.
     """
     number, used = len(population), int(population.usable.sum())
     stored = population.attributes.get("hierarchy")

@@ -24,21 +24,7 @@ _WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
 
 
 def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, folder: Path | None = None) -> str:
-    """Return a posterior as HTML.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    capsule : path, optional
-        Picture of the capsule; by default that of the measurement, if it is still there.
-    folder : Path, optional
-        Where its files lie, for the picture that was drawn when the capsule was measured.
-
-    Returns
-    -------
-    str
-        A whole page; its pictures are within it.
-    """
+    """Return a posterior as a whole page in HTML, with the pictures of `capsule_pictures` within it."""
     shown = [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN if name in posterior.marginals]
     names = (*SHOWN, *posterior.prior.coordinates)
     caption = "Every pair: contours hold 68 % and 95 % of the probability. Each alone: median and 68 % interval."
@@ -70,21 +56,12 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
 def capsule_pictures(
     posterior: Posterior, capsule: str | Path | None = None, folder: Path | None = None
 ) -> Iterator[Markup]:
-    """Return the pictures of a capsule, as many as there are.
+    """Yield the pictures of a capsule, as many as there are.
 
-    Parameters
-    ----------
-    posterior : Posterior
-    capsule : path, optional
-        Photograph; by default that of the measurement, if it is still there unchanged.
-    folder : Path, optional
-        With the ``overlay.png`` that was drawn when the capsule was measured, if there is one.
+    The photograph is by default that of the measurement, if it is still there unchanged; the folder is that with the
+    ``overlay.png`` that was drawn when the capsule was measured, if there is one.
     """
     yield from _photograph(posterior, capsule, folder)
-    yield from _outline(posterior)
-
-
-def _outline(posterior: Posterior) -> Iterator[Markup]:
     if posterior.outlines is not None:
         caption = "Predicted outline with its 95 % band between the walls of the channel, and the measured lengths."
         alternative = "predicted outline and measured lengths in the channel"

@@ -7,7 +7,7 @@ import pandas as pd
 from capsbayes.parameters import PARAMETERS
 from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, SobolStudy
 from capsbayes.show.tables.table import Symbols, table
-from capsbayes.show.words.rounding import unit_of, with_unit
+from capsbayes.show.words.rounding import stated_in, unit_of, with_unit
 
 _ANSWERS = tuple(PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_radius"))
 _FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
@@ -67,14 +67,9 @@ def _input(row: BudgetRow) -> str:
     """An input with its value and error in the unit people read."""
     if row.setting is None:
         return row.words
-    scale, unit = _scale(row.name, row.setting.unit)
+    scale, unit = stated_in(row.name, row.setting.unit)
     error = f" ± {scale * row.setting.error:.2g}" if row.setting.error else ""
     return f"{PARAMETERS[row.name].symbol} = {scale * row.setting.value:.4g}{error}{unit}"
-
-
-def _scale(name: str, unit: str) -> tuple[float, str]:
-    """Factor and unit in which people read a quantity that is stated in a unit: a length may be over l or in metres."""
-    return {"l": (1.0, " l"), "m": (1e6, " µm")}.get(unit, (PARAMETERS[name].scale, unit_of(PARAMETERS[name])))
 
 
 def _cells(row: BudgetRow, quantity: str) -> list[str]:

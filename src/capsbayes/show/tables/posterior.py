@@ -12,7 +12,7 @@ from capsbayes.infer import Posterior
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.tables.table import Code, Strong, Symbols, table
 from capsbayes.show.words.posterior import input_words
-from capsbayes.show.words.rounding import interval_words, rounded, two_digits, unit_of
+from capsbayes.show.words.rounding import interval_words, rounded, stated_in, two_digits, unit_of
 
 
 def quantity_table(posterior: Posterior) -> pd.DataFrame:
@@ -97,9 +97,7 @@ def origin_table(posterior: Posterior) -> pd.DataFrame:
 
 def _with_error(name: str, stated: dict[str, Any]) -> tuple[str, str]:
     """Value with its error in the unit people read, and the relative error."""
-    shown = PARAMETERS[name]
-    own = shown.scale, unit_of(shown)
-    scale, unit = {"l": (1.0, " l"), "m": (1e6, " µm")}.get(stated["unit"], own)
+    scale, unit = stated_in(name, stated["unit"])
     value, error = scale * stated["value"], scale * (stated["error"] or 0.0)
     if not error:
         return Symbols(f"{value:g}{unit}"), "taken as known"

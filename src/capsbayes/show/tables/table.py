@@ -115,12 +115,7 @@ def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, 
 def html_table(frame: pd.DataFrame, *, sortable: bool = False) -> Markup:
     """Return the table for a page, in a box of its own that scrolls; text is escaped.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Of `table`.
-    sortable : bool
-        Make each heading a button, on which the script of the page sorts the rows.
+    The headings of a sortable one are buttons, on which the script of the page sorts the rows.
     """
     numbers, bars = frame.attrs["numbers"], frame.attrs["bars"]
     most = max(map(abs, bars), default=1.0)

@@ -110,13 +110,7 @@ def _tail_words(name: str, stored: Mapping[str, Any]) -> str:
 
 
 def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
-    """Say how much G_s itself differs from capsule to capsule.
-
-    Parameters
-    ----------
-    stored : mapping or ModulusSpread
-        ``Hierarchy.as_dict()``, whose numbers are those of all its draws, or a spread from elsewhere.
-    """
+    """Say how much G_s differs from capsule to capsule, by ``Hierarchy.as_dict()`` or by a spread from elsewhere."""
     width = "standard deviation of ln G_s"
     if isinstance(stored, ModulusSpread):
         medians, spreads = stored.median, stored.relative

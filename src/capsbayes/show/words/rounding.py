@@ -80,6 +80,17 @@ def with_unit(name: str, value: float, digits: str = ".3g") -> str:
     return f"{parameter.shown(value):{digits}}{unit_of(parameter)}" if math.isfinite(value) else ""
 
 
+def stated_in(name: str, unit: str) -> tuple[float, str]:
+    """Return factor and unit in which people read a quantity stated in a unit: a length may be over l or in metres.
+
+    Examples
+    --------
+    >>> stated_in("axial_extent", "l"), stated_in("half_width", "m")[1]
+    ((1.0, ' l'), ' µm')
+    """
+    return {"l": (1.0, " l"), "m": (1e6, " µm")}.get(unit, (PARAMETERS[name].scale, unit_of(PARAMETERS[name])))
+
+
 def value_words(name: str, marginal: Marginal) -> str:
     """Return a median with its 95 % interval, as in a heading.
 
