@@ -22,14 +22,7 @@ _DARKEST = 0.02  # of the median of the background: below, the ratio to it is me
 def temporal_median(frames: Sequence[Floats]) -> Floats:
     """Return the background of a film: at each pixel the median over the frames, which hides passing capsules.
 
-    Parameters
-    ----------
-    frames : sequence of (rows, columns) arrays
-        At least three, spread over more than the passage of a capsule.
-
-    Returns
-    -------
-    (rows, columns) array
+    There are at least three (rows, columns) arrays, spread over more than the passage of a capsule.
 
     Raises
     ------

@@ -49,20 +49,9 @@ class Blob:
 
 
 def find_blobs(light: Floats, walls: WallLines, noise: float) -> list[Blob]:
-    """Find the dark blobs between the walls.
+    """Find the dark blobs between the walls, from left to right.
 
-    Parameters
-    ----------
-    light : (rows, columns) array
-        Light over that of the empty channel.
-    walls : WallLines
-    noise : float
-        Standard deviation of one pixel of `light`.
-
-    Returns
-    -------
-    list of Blob
-        From left to right.
+    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it.
     """
     dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
     between = _between(walls, (light.shape[0], light.shape[1]))

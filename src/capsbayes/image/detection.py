@@ -137,20 +137,8 @@ class Detection:
 def analyse_blob(light: Floats, noise: float, walls: WallLines, blob: Blob, flow: int = 0) -> Detection:
     """Locate the edge of a blob, its ends and its rear.
 
-    Parameters
-    ----------
-    light : (rows, columns) array
-        Light over that of the empty channel.
-    noise : float
-        Standard deviation of one pixel of `light`.
-    walls : WallLines
-    blob : Blob
-    flow : int
-        1 to the right, -1 to the left, 0 if it follows from the shape.
-
-    Returns
-    -------
-    Detection
+    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it.
+    The flow is 1 to the right, -1 to the left, 0 if it follows from the shape.
     """
     if not blob.status.ok:
         return Detection(blob.status, walls, blob=blob)

@@ -150,10 +150,6 @@ def measurement_of_lengths(
         If given, the lengths become metres; otherwise they are divided by l of the same picture.
     source, sha256
         As in `Measurement`.
-
-    Returns
-    -------
-    Measurement
     """
     file = Path(experiment.source) if experiment.source else None
     if not status.ok:

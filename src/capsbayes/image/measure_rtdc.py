@@ -89,10 +89,6 @@ def measure_rtdc(
     flow : str, optional
         ``"right"`` or ``"left"``, which the file does not hold; by default it follows from the shape.
 
-    Yields
-    ------
-    Event
-
     Raises
     ------
     InputError

@@ -26,14 +26,9 @@ class Drift:
     error: float
 
     @property
-    def significance(self) -> float:
-        """Change over its standard error."""
-        return abs(self.change) / self.error
-
-    @property
     def significant(self) -> bool:
         """True if the change is more than three of its standard errors."""
-        return self.significance > _SIGNIFICANT
+        return abs(self.change) / self.error > _SIGNIFICANT
 
     @property
     def unsteady(self) -> bool:
@@ -70,20 +65,8 @@ def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:
     """Fit a straight line to places, and a parabola for the change of its slope.
 
     The error is that of the scatter about the line, or of the errors of the places if these are larger: in a few
-    frames the scatter may be small by chance.
-
-    Parameters
-    ----------
-    frames : (n,) array
-        Times in frames; at least three.
-    places : (n,) array [px]
-        Along the channel.
-    variance : (n,) array [px^2]
-        Of the error of each place.
-
-    Returns
-    -------
-    Velocity
+    frames the scatter may be small by chance. Times in frames (n,), at least three; places (n,) [px] along the channel,
+    and the variance (n,) [px^2] of the error of each.
     """
     t = frames - frames.mean()
     slope, error, scatter = _last_coefficient(t, places, 1, variance)
@@ -97,17 +80,8 @@ def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:
 def drift(along: Floats, values: Floats, variance: Floats) -> Drift:
     """Return the change of a quantity along the channel.
 
-    Parameters
-    ----------
-    along : (n,) array
-        Place of each value, from upstream to downstream or back; at least three.
-    values : (n,) array
-    variance : (n,) array
-        Of the independent error of each value.
-
-    Returns
-    -------
-    Drift
+    The places `along` (n,), at least three, run from upstream to downstream or back; each value has an independent
+    error of a given variance.
     """
     slope, error, _ = _last_coefficient(along - along.mean(), values, 1, variance)
     scale = float(along[-1] - along[0]) / float(values.mean())

@@ -21,19 +21,10 @@ WALL, OUTLINE, REAR, EXTENT, LENGTH = (200, 120, 0), (0, 0, 220), (0, 150, 255),
 
 
 def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
-    """Draw a detection over its picture, four times as large.
+    """Draw a detection over its picture, four times as large : (4 rows, 4 columns, 3) array, in OpenCV's order.
 
-    Parameters
-    ----------
-    picture : Picture
-    detection : Detection
-        What is missing in it is not drawn.
-
-    Returns
-    -------
-    (4 rows, 4 columns, 3) array of uint8
-        Blue, green, red, as OpenCV writes it. Walls blue, outline red, the rear band orange, L_z violet above the
-        axis, L_a green below. The dark blob of a refused capsule is outlined in orange.
+    Walls are blue, the outline red, the rear band orange, L_z violet above the axis, L_a green below. The dark blob of
+    a refused capsule is outlined in orange. What is missing in the detection is not drawn.
     """
     low, high = float(picture.grey.min()), float(picture.grey.max())
     grey = np.clip(255.0 * (picture.grey - low) / max(high - low, 1e-9), 0, 255).astype(np.uint8)

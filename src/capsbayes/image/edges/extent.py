@@ -36,20 +36,9 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> Fu
     """Return the largest distance of an outline along a direction.
 
     The largest of many uncertain points would lie too far out; the maximum of a quartic through its neighbours does
-    not. The widest neighbourhood is used in which the quartic agrees with the points to within their errors.
-
-    Parameters
-    ----------
-    outline : EdgeOutline
-    direction : (2,) array
-        Unit vector.
-    misfit : float [1/px]
-        Error of the edge's model over the square of the edge's width: the first term that the model lacks is
-        quadratic.
-
-    Returns
-    -------
-    FurthestPoint
+    not. The widest neighbourhood is used in which the quartic agrees with the points to within their errors. The
+    direction is a unit vector (2,), the misfit [1/px] the error of the edge's model over the square of the edge's
+    width: the first term that the model lacks is quadratic.
     """
     reach = outline.points @ direction
     trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))

@@ -61,19 +61,8 @@ def centroid_variance(outline: EdgeOutline, direction: Floats) -> float:
 def integrate_silhouette(outline: EdgeOutline, axis: Floats, across: Floats, misfit: float) -> SilhouetteIntegrals:
     """Return area, perimeter, volume of revolution and stretch ratio of an outline.
 
-    Parameters
-    ----------
-    outline : EdgeOutline
-    axis : (2,) array [px]
-        A point of the axis of revolution.
-    across : (2,) array
-        Unit vector across it.
-    misfit : float [1/px]
-        Error of the edge's model over the square of the edge's width.
-
-    Returns
-    -------
-    SilhouetteIntegrals
+    The axis of revolution is given by a point of it (2,) [px] and the unit vector (2,) across; the misfit [1/px] is the
+    error of the edge's model over the square of the edge's width.
     """
     y = (outline.points - axis) @ across
     step = _steps(outline.points)

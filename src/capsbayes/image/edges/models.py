@@ -85,10 +85,6 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
         Initial guesses.
     used : (n, m) array
         1 for the samples to fit, 0 for the others.
-
-    Returns
-    -------
-    ProfileFit
     """
     count = len(profiles)
     fit = ProfileFit(

@@ -63,21 +63,10 @@ def pixel_noise(light: Floats) -> float:
 
 
 def locate_edge(light: Floats, polygon: Floats, noise: float) -> EdgeOutline | None:
-    """Locate the edge of a capsule, starting from an outline of a pixel's accuracy.
+    """Locate the edge of a capsule, starting from an outline of a pixel's accuracy; None where there is none.
 
-    Parameters
-    ----------
-    light : (rows, columns) array
-        Light over that of the empty channel.
-    polygon : (p, 2) array [px]
-        Initial outline, columns (x, y), clockwise as seen in the picture.
-    noise : float
-        Standard deviation of one pixel of `light`.
-
-    Returns
-    -------
-    EdgeOutline or None
-        None where no edge can be located.
+    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it;
+    the polygon (p, 2) [px] has columns (x, y) and is clockwise as seen in the picture.
     """
     first = np.maximum(np.floor(polygon.min(axis=0)).astype(int) - 2 * _REACH, 0)
     last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH

@@ -76,10 +76,6 @@ def find_rear(
         Standard deviation of the blur across the axis.
     noise : float
         Standard deviation of one pixel of `light`.
-
-    Returns
-    -------
-    RearBand or None
     """
     across = np.array([-inwards[1], inwards[0]])
     breadth = _BREADTH * half_height

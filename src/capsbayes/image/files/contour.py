@@ -48,10 +48,6 @@ class ContourFile:
         unit : str, optional
             ``"px"`` or ``"um"``.
 
-        Returns
-        -------
-        ContourFile
-
         Raises
         ------
         InputError

@@ -39,14 +39,6 @@ class Film:
     def open(cls, path: str | Path) -> Film:
         """Open a film and count its frames.
 
-        Parameters
-        ----------
-        path : path
-
-        Returns
-        -------
-        Film
-
         Raises
         ------
         InputError

@@ -46,14 +46,6 @@ class RtdcFile:
     def open(cls, path: str | Path) -> RtdcFile:
         """Open a file and read all but its pictures.
 
-        Parameters
-        ----------
-        path : path
-
-        Returns
-        -------
-        RtdcFile
-
         Raises
         ------
         InputError
