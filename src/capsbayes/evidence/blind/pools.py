@@ -57,16 +57,7 @@ def simulator_with(effect: TrueEffect, size: float, refinement: int = _REFINEMEN
 def build_pools(
     names: Iterable[tuple[str, float]], folder: str | os.PathLike[str], *, workers: int | None = None
 ) -> dict[tuple[str, float], Database]:
-    """Build the pools that a folder lacks.
-
-    Parameters
-    ----------
-    names : iterable of (str, float)
-        Keys of `POOLS`.
-    folder : path
-    workers : int, optional
-        Of `build_database`.
-    """
+    """Build those of some pools, named by keys of `POOLS`, that a folder lacks, and return all of them."""
     pools = {}
     for effect, size in names:
         path = Path(folder) / f"{pool_name(effect, size)}.nc"

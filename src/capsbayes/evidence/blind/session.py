@@ -68,24 +68,11 @@ class BlindSession:
 def draw_session(
     shapes: Database, effect: TrueEffect, size: float, *, lab: Lab, capsules: int, seed: int, outline: bool = True
 ) -> BlindSession:
-    """Draw a session from stored shapes.
+    """Draw a session of some capsules from stored shapes, measured with their outlines or by the lengths alone.
 
     Capsules are drawn among all pairs of a shape and a flow rate, with the probability density of the lab's population
-    there; the pair determines G_s.
-
-    Parameters
-    ----------
-    shapes : Database
-        Simulated with the effect if it acts on the simulation, else plain.
-    effect : TrueEffect
-    size : float
-        Of the effect, in SI.
-    lab : Lab
-    capsules : int
-        Number of capsules.
-    seed : int
-    outline : bool
-        False to measure lengths alone.
+    there; the pair determines G_s. The shapes were simulated with the effect if it acts on the simulation; its size is
+    in SI.
 
     Raises
     ------
@@ -93,10 +80,8 @@ def draw_session(
         If there are too few shapes for so many capsules.
     """
     rng = np.random.default_rng(seed)
-    converged = shapes.converged
-    pairs = _pairs(converged, effect.lab(lab, size), capsules, rng)
-    drawn = [effect.drawn(_capsule(converged, row, speed, lab), size, lab, seed) for row, speed in pairs]
-    return _measured(drawn, effect, size, lab, seed, outline, rng, shapes.sha256)
+    pairs = _pairs(shapes.converged, effect.lab(lab, size), capsules, rng)
+    return _measured(shapes, pairs, effect, size, lab, seed, outline, rng)
 
 
 def simulate_session(
@@ -111,25 +96,11 @@ def simulate_session(
     refinement: int | None = None,
     workers: int | None = None,
 ) -> BlindSession:
-    """Draw capsules from a lab's population, simulate each at its own Ca and size, and measure them.
+    """Draw some capsules from a lab's population, simulate each at its own Ca and size, and measure them.
 
-    Parameters
-    ----------
-    effect : TrueEffect
-    size : float
-        Of the effect, in SI.
-    lab : Lab
-    capsules : int
-        Number of capsules.
-    seed : int
-    shapes : path
-        Database that keeps the shapes; the same call repeated continues from the shapes that are finished.
-    outline : bool
-        False to measure lengths alone.
-    refinement : int, optional
-        Of the mesh.
-    workers : int, optional
-        Of `build_database`.
+    The database at the path `shapes` keeps the shapes: the same call repeated continues from those that are finished.
+    The size of the effect is in SI; without `outline`, lengths alone are measured; `workers` is that of
+    `build_database`.
 
     Raises
     ------
@@ -141,32 +112,34 @@ def simulate_session(
     ca = capillary_number(viscosity=lab.viscosity, mean_velocity=speed, surface_shear_modulus=modulus)
     cases = list(zip(np.round(np.maximum(ca, _LOWEST), _DIGITS), np.round(size_ratio, _DIGITS), strict=True))
     simulator = simulator_with(effect, size) if refinement is None else simulator_with(effect, size, refinement)
-    converged = build_database(simulator, cases, out=shapes, workers=workers).converged
-    rows = [_row(converged, *case) for case in cases]
+    built = build_database(simulator, cases, out=shapes, workers=workers).converged
+    rows = [_row(built, *case) for case in cases]
     pairs = [(row, float(velocity)) for row, velocity in zip(rows, speed, strict=True) if row is not None][:capsules]
     if len(pairs) < capsules:
         advice = "let them be softer or smaller"
         raise InputError("blind session", "capsules", f"{capsules} with a steady shape", f"{len(pairs)}", advice)
-    drawn = [effect.drawn(_capsule(converged, row, velocity, lab), size, lab, seed) for row, velocity in pairs]
-    return _measured(drawn, effect, size, lab, seed, outline, rng, converged.sha256)
+    return _measured(built, pairs, effect, size, lab, seed, outline, rng)
 
 
 def _measured(
-    capsules: Sequence[Capsule],
+    shapes: Database,
+    pairs: Sequence[tuple[int, float]],
     effect: TrueEffect,
     size: float,
     lab: Lab,
     seed: int,
     outline: bool,
     rng: np.random.Generator,
-    shapes: str,
 ) -> BlindSession:
+    """Return the session of capsules with converged shapes, given by their rows, each at a mean velocity."""
+    converged = shapes.converged
+    capsules = [effect.drawn(_capsule(converged, row, speed, lab), size, lab, seed) for row, speed in pairs]
     measurements = [
         capsule.measured(lab.noise, rng, outline=outline, source=f"capsule {number:03d}")
         for number, capsule in enumerate(capsules, start=1)
     ]
     session = Session(measurements, lab.experiment)
-    return BlindSession(session, effect.name, size, seed, lab, tuple(capsules), shapes)
+    return BlindSession(session, effect.name, size, seed, lab, tuple(capsules), shapes.sha256)
 
 
 def _pairs(shapes: Database, lab: Lab, count: int, rng: np.random.Generator) -> list[tuple[int, float]]:

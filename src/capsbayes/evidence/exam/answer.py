@@ -70,18 +70,7 @@ class Answer:
 
 
 def answer_session(cell: Cell, seed: int, shapes: Database, model: ForwardModel) -> Answer:
-    """Draw one session of a cell and diagnose it.
-
-    Parameters
-    ----------
-    cell : Cell
-    seed : int
-        Of the session and of the diagnosis.
-    shapes : Database
-        The cell's pool.
-    model : forward model
-        Without effects.
-    """
+    """Draw one session of a cell from its pool of shapes, and diagnose it with a model without effects and one seed."""
     begin = time.process_time()
     blind = draw_session(
         shapes, cell.true_effect, cell.size, lab=cell.lab, capsules=cell.capsules, seed=seed, outline=cell.outline

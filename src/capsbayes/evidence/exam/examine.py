@@ -41,19 +41,9 @@ def examine(
 
     The answers of a cell are kept in one file in `out`, a line each, written as soon as it is known, so that the same
     call repeated continues where it ended. A session is diagnosed anew if its cell, the shapes or the model have
-    changed since; an answer of an early version, which does not state them, counts as it is.
-
-    Parameters
-    ----------
-    cells : sequence of Cell
-    pools : path
-        Folder of the databases of shapes, see `build_pools`.
-    out : path
-        Folder of the answers.
-    workers : int, optional
-        Number of worker processes; by default, one for each core.
-    tell : callable
-        Called with a line for each round that begins.
+    changed since; an answer of an early version, which does not state them, counts as it is. `pools` is the folder of
+    the databases of shapes, see `build_pools`; by default there is one worker process for each core; `tell` is called
+    with a line for each round that begins.
     """
     folder = Path(out)
     make_folder(folder)

@@ -50,14 +50,7 @@ class _Count:
 
 
 def exam_page(cells: Sequence[Cell], answers: Answers) -> str:
-    """Return the page as Markdown.
-
-    Parameters
-    ----------
-    cells : sequence of Cell
-    answers : mapping of str to mapping of int to Answer
-        By name of the cell and seed.
-    """
+    """Return the page as Markdown."""
     given = [(cell, pd.DataFrame(list(found.values()))) for cell in cells if (found := answers.get(cell.name))]
     lines = [
         "# The exam of the diagnosis",

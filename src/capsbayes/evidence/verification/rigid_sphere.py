@@ -55,21 +55,10 @@ class RigidMotion(NamedTuple):
 
 
 def rigid_sphere(problem: Problem, size_ratio: float) -> RigidMotion:
-    """Compute the motion of a force-free rigid sphere on the axis.
+    """Compute the motion of a force-free rigid sphere on the axis, in the cross-section of a problem.
 
     The traction f solves v_inf + (single layer) + (walls) = V e_z on the sphere with zero total force; its constant
     normal part, which causes no motion, is set to zero.
-
-    Parameters
-    ----------
-    problem : Problem
-        Its mesh, cross-section and walls are used.
-    size_ratio : float
-        Radius over the half width.
-
-    Returns
-    -------
-    RigidMotion
     """
     mesh, basis, channel = problem.mesh, problem.mesh.basis, problem.channel
     nodes = size_ratio * mesh.nodes

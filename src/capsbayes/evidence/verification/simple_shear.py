@@ -54,18 +54,9 @@ def _deformation(capillary_number: float, time: float, refinement: int) -> Value
 
 
 def taylor_deformation(mesh: OctaSphere, nodes: Floats) -> float:
-    """Compute D = (L - B) / (L + B) of the ellipsoid that has the capsule's inertia.
+    """Compute D = (L - B) / (L + B) of the ellipsoid that has the capsule's inertia, with its axes in the plane x = 0.
 
-    Parameters
-    ----------
-    mesh : OctaSphere
-    nodes : (N, 3) array
-        Positions of the nodes of the deformed mesh, in any unit, the centroid at the origin.
-
-    Returns
-    -------
-    float
-        With L and B the longest and shortest axis in the plane of shear x = 0.
+    The nodes (N, 3) of the deformed mesh are in any unit, the centroid at the origin.
 
     Examples
     --------

@@ -115,13 +115,7 @@ class Results:
 
     @classmethod
     def read(cls, records: Records, topic: str) -> Results:
-        """Read the outcomes of a topic.
-
-        Raises
-        ------
-        InputError
-            If the file holds something else.
-        """
+        """Read the outcomes of a topic; a file that holds something else is an InputError."""
         outcomes = {}
         try:
             for record in records.read():
@@ -157,7 +151,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic.
+    """Topic of verification.
 
     Parameters
     ----------

@@ -69,10 +69,8 @@ def _followed(refinement: int, scheme: Scheme, speed: float) -> Values:
 def _rows(results: Results) -> Iterator[Row]:
     for scheme, bound in ((_IMPLICIT, 5e-4), (_EXPLICIT, 2e-3)):
         for quantity in QUANTITIES:
-            end, words = (
-                Reference(results.value(_NEWTON, quantity), _NEWTON),
-                f"{scheme}: {SYMBOLS[quantity]} at the end",
-            )
+            end = Reference(results.value(_NEWTON, quantity), _NEWTON)
+            words = f"{scheme}: {SYMBOLS[quantity]} at the end"
             yield Row(words, results.value(scheme, quantity), end, Target("relative", bound))
     for when in (0.2, 0.6, _SETTLED):
         for quantity in QUANTITIES:

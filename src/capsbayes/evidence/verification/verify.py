@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -24,48 +24,27 @@ def verify(
     only: str | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> dict[str, list[Row]]:
-    """Compute the missing items of topics, and write the page of all known outcomes.
+    """Compute the missing items of topics, or of one of them, write the page, and return the rows of each topic.
 
-    Each outcome is stored in ``results.jsonl`` at once. The page is written
-    anew after each topic that was computed.
-
-    Parameters
-    ----------
-    topics : sequence of Topic
-    out : Path
-        Folder of the results, the page and its pictures; it is made if it does not exist.
-    only : str, optional
-        Name of the only topic to compute.
-    tell : callable
-        Called with a line for each item that begins.
-
-    Returns
-    -------
-    dict of str to list of Row
-        The rows of each topic.
+    Each outcome is stored at once in ``results.jsonl`` of the folder `out`, which is made if it does not exist; the
+    page of all known outcomes is written anew after each topic that was computed. `tell` is called with a line for
+    each item that begins.
 
     Raises
     ------
     InputError
         If there is no such topic, the folder cannot be written, or ``results.jsonl`` holds something else.
     """
-    chosen = _chosen(topics, only)
+    by_name = {topic.name: topic for topic in topics}
+    if only is not None and only not in by_name:
+        raise InputError("verify", "only", f"one of {', '.join(by_name)}", repr(only))
     records = Records(out / "results.jsonl")
     make_folder(out)
     with only_run(out), keeping(records.path):
-        for topic in chosen:
+        for topic in topics if only is None else [by_name[only]]:
             _compute(topic, records, tell)
             write_page(topics, records, out)
     return {topic.name: list(topic.rows(Results.read(records, topic.name))) for topic in topics}
-
-
-def _chosen(topics: Iterable[Topic], only: str | None) -> list[Topic]:
-    by_name = {topic.name: topic for topic in topics}
-    if only is None:
-        return list(by_name.values())
-    if only not in by_name:
-        raise InputError("verify", "only", f"one of {', '.join(by_name)}", repr(only))
-    return [by_name[only]]
 
 
 def _compute(topic: Topic, records: Records, tell: Callable[[str], None]) -> None:
