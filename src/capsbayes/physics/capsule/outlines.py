@@ -18,16 +18,7 @@ _DIRECTIONS = 721
 def profile(mesh: OctaSphere, nodes: Floats) -> Profile:
     """Return the outline in the plane x = 0, on the curved edges of the elements there.
 
-    Parameters
-    ----------
-    mesh : OctaSphere
-    nodes : (N, 3) array
-        Positions of the nodes of the deformed mesh.
-
-    Returns
-    -------
-    Profile
-        In the units of `nodes`.
+    It is in the unit of the nodes (N, 3) of the deformed mesh.
     """
     meridian = np.flatnonzero((np.abs(mesh.nodes[:, 0]) < 1e-12) & (mesh.nodes[:, 1] > -1e-12))
     meridian = meridian[np.argsort(-mesh.nodes[meridian, 2])]  # corner, midside, corner, ... from nose to rear
@@ -43,18 +34,7 @@ def silhouette(mesh: OctaSphere, nodes: Floats) -> Profile:
     """Return the outer outline of the shape seen along x: the farthest point in every direction from its middle.
 
     The rear rim lies further back along the diagonals of the cross-section than in the plane x = 0, so the silhouette
-    is longer than the profile and hides a concave rear.
-
-    Parameters
-    ----------
-    mesh : OctaSphere
-    nodes : (N, 3) array
-        Positions of the nodes of the deformed mesh.
-
-    Returns
-    -------
-    Profile
-        In the units of `nodes`.
+    is longer than the profile and hides a concave rear. It is in the unit of the nodes (N, 3) of the deformed mesh.
     """
     starts, ends = _edges(mesh, nodes)
     middle = 0.5 * (np.max(starts[:, 0]) + np.min(starts[:, 0]))

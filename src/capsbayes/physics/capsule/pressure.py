@@ -14,21 +14,11 @@ _FAR = 0.9  # of the half length that is represented
 
 
 def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
-    """Compute the inner pressure and the extra pressure drop, both over mu U / l.
+    """Compute the inner pressure and the extra pressure drop of a steady state, both over mu U / l.
 
     The inner pressure is that of the liquid inside over the pressure that the undisturbed flow would have at the
     centroid, half way between the disturbances far up- and downstream. The extra pressure drop follows from the
     reciprocal theorem with the undisturbed flow, dP+ Q = - int f . v_inf dS.
-
-    Parameters
-    ----------
-    problem : Problem
-    iterate : Iterate
-        A steady state.
-
-    Returns
-    -------
-    inner_pressure, extra_pressure_drop : float
     """
     mesh, channel = problem.mesh, problem.channel
     elastic = problem.membrane(iterate.size_ratio).elasticity(iterate.free)

@@ -19,7 +19,7 @@ from capsbayes.physics.capsule.membrane_load import Enclosure
 from capsbayes.physics.capsule.problem import Iterate, Motion, Problem
 from capsbayes.work import remembered
 
-_REDUCTION = 0.1  # factor by which a step must lower the residual for its derivatives to be kept
+REDUCTION = 0.1  # factor by which a step must lower the residual for its derivatives to be kept
 _DIVERGED = 100.0  # times the smallest residual
 _KEEP_BELOW = 1e-2  # residual above which they are never kept
 
@@ -107,7 +107,7 @@ def steady_state(
             return NewtonResult(iterate, True, size, iteration, tangent)
         if iteration == max_iterations or (patience is not None and iteration >= patience and size > 1e-2):
             break
-        if factor is None or size > _REDUCTION * before:
+        if factor is None or size > REDUCTION * before:
             linearised = linearised or bordered(problem, iterate)
             factor = scipy.linalg.lu_factor(linearised.matrix, overwrite_a=True, check_finite=False)
             tangent = scipy.linalg.lu_solve(factor, -linearised.along_ca, check_finite=False)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -83,7 +84,7 @@ def transient(
     """
     motion = FreeMotion(problem, start)
     explicit = scheme == "explicit"
-    advanced: Stepper = _Midpoint(motion) if explicit else _Rosenbrock(motion)
+    advanced: Stepper = partial(_midpoint, motion) if explicit else _Rosenbrock(motion)
     largest = step or (stable_step(problem, start) if explicit else 0.2)
     time, length, free = 0.0, largest, start.free
     rate = motion.rate(free)
@@ -117,17 +118,12 @@ def _too_far(change: Floats, motion: FreeMotion) -> bool:
     return not motion.problem.mesh.largest(change) < motion.start.size_ratio
 
 
-class _Midpoint:
-    """Explicit midpoint rule."""
-
-    def __init__(self, motion: FreeMotion) -> None:
-        self.motion = motion
-
-    def __call__(self, free: Floats, rate: Rate, length: float) -> tuple[Floats, float]:
-        half = 0.5 * length * rate.change
-        if _too_far(half, self.motion):
-            return half, np.nan
-        return length * self.motion.rate(free + half).change, 0.0
+def _midpoint(motion: FreeMotion, free: Floats, rate: Rate, length: float) -> tuple[Floats, float]:
+    """Take a step by the explicit midpoint rule; its error is not estimated."""
+    half = 0.5 * length * rate.change
+    if _too_far(half, motion):
+        return half, np.nan
+    return length * motion.rate(free + half).change, 0.0
 
 
 class _Rosenbrock:
@@ -166,18 +162,10 @@ def stable_step(problem: Problem, start: Iterate) -> float:
 
 @remembered
 def growth_rates(problem: Problem, iterate: Iterate) -> NDArray[np.complex128]:
-    """Compute the rates [U/l] at which small disturbances of a steady state grow, the fastest first.
+    """Compute the rates (F - c,) [U/l] at which small disturbances of a steady state grow, the fastest first.
 
-    Parameters
-    ----------
-    problem : Problem
-    iterate : Iterate
-        A steady state; it is stable to disturbances of its own symmetry if the first rate has a negative real part.
-
-    Returns
-    -------
-    (F - c,) complex array
-        One for each independent change of shape that keeps volume and centroid.
+    There is one for each independent change of shape that keeps volume and centroid. The state is stable to
+    disturbances of its own symmetry if the first rate has a negative real part.
     """
     motion = FreeMotion(problem, iterate)
     allowed = motion.changes(iterate.free)

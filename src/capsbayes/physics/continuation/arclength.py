@@ -17,13 +17,12 @@ import scipy.linalg
 
 from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.problem import Iterate, Problem
-from capsbayes.physics.capsule.steady_state import NewtonResult, bordered, steady_residual
+from capsbayes.physics.capsule.steady_state import REDUCTION, NewtonResult, bordered, steady_residual
 from capsbayes.work import remembered
 
 _SHAPE_WEIGHT = 60.0  # of the rms displacement over a to log Ca; with 10 the fold of a small dimple is too sharp
 _MAX_ITERATIONS = 8
 _TOLERANCE = 1e-6
-_REDUCTION = 0.1  # factor by which a step must lower the residual for its derivatives to be kept
 _EASY = 5  # iterations up to which the next step is longer
 _SHORTEST, _LONGEST = 1e-3, 2.0
 
@@ -46,21 +45,9 @@ class ArcPoint(NamedTuple):
 
 
 def traced(problem: Problem, start: NewtonResult, *, rising: bool = True, step: float = 0.1) -> Iterator[ArcPoint]:
-    """Trace the branch of `start`, itself first, until no further state is found.
+    """Trace the branch of a converged state, itself first, towards larger Ca if rising, until no further is found.
 
-    Parameters
-    ----------
-    problem : Problem
-    start : NewtonResult
-        A converged state of the same problem.
-    rising : bool
-        True to start towards larger Ca.
-    step : float
-        First length, in units of log Ca or of a sixtieth of a in the rms displacement.
-
-    Yields
-    ------
-    ArcPoint
+    The first length `step` is in units of log Ca, or of a sixtieth of a in the rms displacement.
     """
     sense = 1.0 if rising else -1.0
     scale = _scale(problem, start.iterate)
@@ -163,7 +150,7 @@ def _corrected(problem: Problem, point: ArcPoint, step: float, scale: Floats) ->
         if factor is not None:
             residual = steady_residual(problem, iterate)
             size = float(np.max(np.abs(residual)))
-        if factor is None or size > _REDUCTION * before:
+        if factor is None or size > REDUCTION * before:
             residual, matrix = _extended(problem, iterate, row)
             size = float(np.max(np.abs(residual)))
             if not np.isfinite(size):

@@ -39,6 +39,7 @@ _COARSE = 6
 _AT_ONCE = 0.55  # change of log Ca up to which one step may do
 _LONGEST, _SHORTEST = 0.1, 0.005  # first step in a/l, and the one below which a branch is taken to end
 _EASY = 5  # iterations after which the next step is longer
+_USABLE = (Status.DONE, Status.UNRESOLVED)
 
 
 @dataclass(frozen=True)
@@ -61,38 +62,20 @@ class BranchEnd:
 
 
 def followed(problem: Problem, start: NewtonResult, capillary_number: float, size_ratio: float) -> BranchEnd:
-    """Follow the branch of `start` to another case: a larger size before a larger Ca, a smaller Ca before any size.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : NewtonResult
-        A converged state of the same problem.
-    capillary_number, size_ratio : float
-
-    Returns
-    -------
-    BranchEnd
-    """
+    """Follow the branch of a converged state: to a larger size before a larger Ca, to a smaller Ca before a size."""
     legs = [(_along_size, size_ratio), (_upward, capillary_number)]
     if capillary_number < start.iterate.capillary_number:
         legs = [(_along_ca, capillary_number), (_along_size, size_ratio)]
     end = BranchEnd(start, Status.DONE)
     for follow, target in legs:
         end = follow(problem, end.result, target)
-        if end.status not in (Status.DONE, Status.UNRESOLVED):
+        if end.status not in _USABLE:
             break
     return end
 
 
 def reached_from_rest(problem: Problem, capillary_number: float, size_ratio: float) -> BranchEnd:
-    """Find the steady state that a capsule started from rest reaches.
-
-    Returns
-    -------
-    BranchEnd
-        NOT_CONVERGED where it was not seen to come to rest.
-    """
+    """Find the steady state that a capsule started from rest reaches; NOT_CONVERGED where it did not come to rest."""
     if capillary_number > _ONE_SHAPE:
         end = parachute(problem, capillary_number, size_ratio)
         if end.status is not Status.NOT_CONVERGED:
@@ -104,16 +87,13 @@ def reached_from_rest(problem: Problem, capillary_number: float, size_ratio: flo
         if end.status is Status.DONE and (low or not may_buckle(problem, end.result.iterate)):
             return end
     taken = settled(problem, capillary_number, size_ratio)
-    return BranchEnd(start.result, Status.NOT_CONVERGED) if taken is None else BranchEnd(taken, _resolved(taken))
+    return BranchEnd(start.result, Status.NOT_CONVERGED) if taken is None else _reached(taken)
 
 
 def parachute(problem: Problem, capillary_number: float, size_ratio: float) -> BranchEnd:
     """Find the parachute at one case."""
     start = _first_parachute(problem, size_ratio)
     return _along_ca(problem, start.result, capillary_number) if start.status in _USABLE else start
-
-
-_USABLE = (Status.DONE, Status.UNRESOLVED)
 
 
 @lru_cache(maxsize=64)
@@ -147,14 +127,14 @@ def _grown(problem: Problem, first: Callable[[Problem], NewtonResult], size_rati
     """
     if problem.refinement <= _COARSE:
         result = first(problem)
-        return _along_size(problem, result, size_ratio) if result.converged else BranchEnd(result, Status.NOT_CONVERGED)
-    coarse = replace(problem, refinement=_COARSE)
-    grown = _grown(coarse, first, size_ratio)
-    if grown.status in _USABLE:
-        fine = _prolonged_state(grown.result, coarse, problem)
-        if fine.converged:
-            return BranchEnd(fine, _resolved(fine))
-    result = _prolonged_state(first(coarse), coarse, problem)
+    else:
+        coarse = replace(problem, refinement=_COARSE)
+        grown = _grown(coarse, first, size_ratio)
+        if grown.status in _USABLE:
+            fine = _prolonged_state(grown.result, coarse, problem)
+            if fine.converged:
+                return _reached(fine)
+        result = _prolonged_state(first(coarse), coarse, problem)
     return _along_size(problem, result, size_ratio) if result.converged else BranchEnd(result, Status.NOT_CONVERGED)
 
 
@@ -181,7 +161,7 @@ def _along_size(problem: Problem, start: NewtonResult, size_ratio: float) -> Bra
             step /= 2.0
             if abs(step) < _SHORTEST:
                 return BranchEnd(last, Status.NOT_CONVERGED)
-    return BranchEnd(last, _resolved(last))
+    return _reached(last)
 
 
 def _scaled(iterate: Iterate, size_ratio: float) -> Iterate:
@@ -203,7 +183,7 @@ def _upward(problem: Problem, start: NewtonResult, capillary_number: float) -> B
     trial = _at_once(problem, start, capillary_number) if compressed else None
     if compressed and trial is None:
         return BranchEnd(start, Status.UNSTABLE)
-    end = BranchEnd(trial, _resolved(trial)) if trial is not None else _along_ca(problem, start, capillary_number)
+    end = _reached(trial) if trial is not None else _along_ca(problem, start, capillary_number)
     reached = end.result.iterate
     if end.status is Status.DONE and may_buckle(problem, reached) and not is_stable(problem, reached):
         return BranchEnd(end.result, Status.UNSTABLE)
@@ -221,10 +201,10 @@ def _at_once(problem: Problem, start: NewtonResult, capillary_number: float) -> 
 def _along_ca(problem: Problem, start: NewtonResult, capillary_number: float) -> BranchEnd:
     """Follow a branch at constant a/l: by one step along the tangent, or by tracing it."""
     if capillary_number == start.iterate.capillary_number:
-        return BranchEnd(start, _resolved(start))
+        return _reached(start)
     trial = _at_once(problem, start, capillary_number)
     if trial is not None:
-        return BranchEnd(trial, _resolved(trial))
+        return _reached(trial)
     rising = capillary_number > start.iterate.capillary_number
     before: ArcPoint | None = None
     for point in traced(problem, start, rising=rising):
@@ -235,9 +215,7 @@ def _along_ca(problem: Problem, start: NewtonResult, capillary_number: float) ->
         if (here.capillary_number >= capillary_number) == rising:
             assert before is not None, "the first point is the start, short of the target"
             trial = _near(problem, interpolated(before, point, capillary_number), 0.02)
-            return (
-                BranchEnd(point.result, Status.NOT_CONVERGED) if trial is None else BranchEnd(trial, _resolved(trial))
-            )
+            return BranchEnd(point.result, Status.NOT_CONVERGED) if trial is None else _reached(trial)
         if abs(here.slack) > SLACK_LIMIT:
             return BranchEnd(point.result, Status.UNRESOLVED, here.capillary_number)
         before = point
@@ -263,5 +241,7 @@ def _displacement(problem: Problem, first: Iterate, second: Iterate) -> float:
     return float(np.linalg.norm(first.free - second.free)) / (np.sqrt(coordinates) * first.size_ratio)
 
 
-def _resolved(result: NewtonResult) -> Status:
-    return Status.DONE if abs(result.iterate.slack) < SLACK_LIMIT else Status.UNRESOLVED
+def _reached(result: NewtonResult) -> BranchEnd:
+    """Return the end of a branch at the case asked for, if the mesh resolves it."""
+    resolved = abs(result.iterate.slack) < SLACK_LIMIT
+    return BranchEnd(result, Status.DONE if resolved else Status.UNRESOLVED)

@@ -72,13 +72,7 @@ def wrinkling_rate(problem: Problem, iterate: Iterate) -> float:
 
 
 def settled(problem: Problem, capillary_number: float, size_ratio: float) -> NewtonResult | None:
-    """Find the stable steady state to which a capsule settles from rest.
-
-    Returns
-    -------
-    NewtonResult or None
-        None if it did not settle.
-    """
+    """Find the stable steady state to which a capsule settles from rest; None if it does not."""
     here = problem.at_rest_in_channel(capillary_number, size_ratio)
     free, patience = here.free, 0
     for step in range(_STEPS):

@@ -7,6 +7,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -23,10 +24,10 @@ from capsbayes.physics.databases.grid import Case
 from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error
 from capsbayes.physics.databases.outcome import Outcome, count_ended
 from capsbayes.physics.databases.sweep import CaseRunner, SteadySimulator, Sweep, sweep
-from capsbayes.physics.databases.variation import null_value, simulators_at
 from capsbayes.work import Store, only_run, progress_bar, run_tasks
 
 _logger = logging.getLogger(__name__)
+_FEWEST_VALUES = 3  # if one is held out, two still define a slope
 
 
 def build_database(
@@ -90,13 +91,13 @@ def build_database(
         If ``<out>.parts`` was made with other settings.
     """
     ordered, folder = _checked_cases(cases), Path(f"{os.fspath(out)}.parts")
-    varied = {0.0: simulator} if effect is None else simulators_at(simulator, effect, values)
+    varied = {0.0: simulator} if effect is None else _simulators_at(simulator, effect, values)
     with only_run(Path(out)), keeping(folder):
         if effect is None:
             attributes = pedigree(simulator.settings)
             stores = [Store.open(folder, simulator.settings)]
         else:
-            attributes = pedigree(simulator.settings, effect, null_value(simulator, effect))
+            attributes = pedigree(simulator.settings, effect, _null_value(simulator, effect))
             stores = [Store.open(folder / f"{effect}-{value!r}", changed.settings) for value, changed in varied.items()]
         tasks = [_sweep_tasks(*of_value, ordered) for of_value in zip(varied.values(), stores, strict=True)]
         sweeps = iter(_run_sweeps(list(chain(*tasks)), stores, ordered, scheduler, workers, progress=progress))
@@ -178,3 +179,40 @@ def _run_again(simulator: SteadySimulator, store: Store, outcome: Outcome) -> Ou
     """Run the case of `outcome` with another simulator, started from its steady state."""
     with threadpool_limits(limits=1):
         return CaseRunner(simulator, store, outcome.size_ratio).run(outcome.capillary_number, outcome)
+
+
+def _null_value(simulator: Any, effect: str) -> float:
+    """Return the simulator's own value of a parameter, the null value of the effect.
+
+    Raises
+    ------
+    InputError
+        If there is no such parameter.
+    """
+    known = _parameters(simulator) | _parameters(getattr(simulator, "law", None))
+    if effect not in known:
+        raise InputError("build", "effect", f"one of {', '.join(known)}", repr(effect))
+    return known[effect]
+
+
+def _simulators_at(simulator: Any, effect: str, values: Iterable[float]) -> dict[float, Any]:
+    """Return the simulator at each value of a parameter, in rising order.
+
+    Raises
+    ------
+    InputError
+        If there is no such parameter, or the values are too few or lack the null value.
+    """
+    null, ordered = _null_value(simulator, effect), sorted({float(value) for value in values})
+    if len(ordered) < _FEWEST_VALUES or null not in ordered:
+        expected = f"at least {_FEWEST_VALUES} values of {effect}, the simulator's own {null:g} among them"
+        raise InputError("build", "values", expected, ", ".join(f"{value:g}" for value in ordered) or "none")
+    if effect in _parameters(simulator):
+        return {value: replace(simulator, **{effect: value}) for value in ordered}
+    return {value: replace(simulator, law=replace(simulator.law, **{effect: value})) for value in ordered}
+
+
+def _parameters(owner: Any) -> dict[str, float]:
+    """Return the fields of a dataclass that are numbers, but not whole ones."""
+    values = {field.name: getattr(owner, field.name) for field in fields(owner)} if is_dataclass(owner) else {}
+    return {name: value for name, value in values.items() if isinstance(value, float)}

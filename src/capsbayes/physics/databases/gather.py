@@ -61,16 +61,7 @@ def gathered(
 
 
 def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: float = 0.0) -> dict[str, Any]:
-    """Return the attributes of a database made with these settings, by this version, now.
-
-    Parameters
-    ----------
-    settings : mapping
-        Those of the simulator, at the null value of the effect.
-    effect : str
-        Name of the parameter that varies.
-    null_value : float
-    """
+    """Return the attributes of a database made now by this version, with the simulator's settings at the null value."""
     law, cross_section = settings["law"], _shown_cross_section(settings)
     channel = f"a channel of {cross_section} cross-section"
     varied = "" if effect == NO_EFFECT else f", over {effect.replace('_', ' ')}"

@@ -22,12 +22,7 @@ _OF_EFFECTS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.115, 0.13)
 
 
 def default_grid() -> Cases:
-    """Return cases (Ca, a/l) with a/l from 0.70 to 1.15 by 0.025 and Ca from 0.003 to 0.15.
-
-    Returns
-    -------
-    list of (float, float)
-        Capillary number and size ratio, sorted by size ratio.
+    """Return cases (Ca, a/l) with a/l from 0.70 to 1.15 by 0.025 and Ca from 0.003 to 0.15, sorted by a/l.
 
     Examples
     --------
@@ -63,16 +58,7 @@ def _grid(capillary_numbers: tuple[float, ...], first: float, step: float, count
 
 
 def read_cases(path: str | os.PathLike[str]) -> Cases:
-    """Read the cases of a CSV file with the columns ``capillary_number`` and ``size_ratio``.
-
-    Parameters
-    ----------
-    path : path
-        The file; other columns are ignored.
-
-    Returns
-    -------
-    list of (float, float)
+    """Read the cases of a CSV file with the columns ``capillary_number`` and ``size_ratio``; others are ignored.
 
     Raises
     ------

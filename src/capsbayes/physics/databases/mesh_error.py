@@ -16,18 +16,7 @@ _PLACES = ((0.1, 0.3), (0.3, 0.8), (0.5, 0.5), (0.7, 0.2), (0.9, 0.7))
 
 
 def chosen_cases(sweeps: Sequence[Sequence[Outcome]]) -> list[Outcome]:
-    """Choose five converged cases spread over the sweeps.
-
-    Parameters
-    ----------
-    sweeps : sequence of sequences of Outcome
-        The cases of each size ratio, both in rising order.
-
-    Returns
-    -------
-    list of Outcome
-        Fewer if there are not enough sweeps.
-    """
+    """Choose five converged cases spread over sweeps of rising size and Ca, fewer if there are not enough sweeps."""
     converged = [[outcome for outcome in sweep if outcome.done] for sweep in sweeps]
     filled = [sweep for sweep in converged if sweep]
     chosen = {}
@@ -41,16 +30,7 @@ def chosen_cases(sweeps: Sequence[Sequence[Outcome]]) -> list[Outcome]:
 def mesh_error(refinement: int, coarse: Sequence[Outcome], fine: Sequence[Outcome]) -> str:
     """Return relative differences from a finer mesh as JSON: rms over the cases of each quantity, and every case's.
 
-    Parameters
-    ----------
-    refinement : int
-        Refinement of the finer mesh.
-    coarse, fine : sequences of Outcome
-        The same cases on both meshes.
-
-    Returns
-    -------
-    str
+    The refinement is that of the finer mesh; both sequences have the same cases.
     """
     rows = [
         {"capillary_number": ours.capillary_number, "size_ratio": ours.size_ratio}

@@ -70,13 +70,7 @@ class Outcome:
     ) -> Outcome | None:
         """Return the outcome of a case that has ended before from this start, else None.
 
-        Parameters
-        ----------
-        store : Store
-        capillary_number, size_ratio, start
-            As of the outcome.
-        rebuild : callable
-            Makes a steady state from the values of its fields.
+        `rebuild` makes a steady state from the values of its fields.
 
         Raises
         ------

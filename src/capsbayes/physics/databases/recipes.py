@@ -116,17 +116,10 @@ def build_shipped(
     workers: int | None = None,
     progress: bool = True,
 ) -> Database:
-    """Build a database that comes with the library.
+    """Build a database that comes with the library; scheduler, workers and progress are those of `build_database`.
 
-    Parameters
-    ----------
-    name : str
-    out : path
-    full : bool
-        Keep the nodes of the membrane and outlines in double precision; the shipped databases are compact, see
-        `Database.compact`.
-    scheduler, workers, progress
-        Of `build_database`.
+    A full one keeps the nodes of the membrane and outlines in double precision; the shipped databases are compact, see
+    `Database.compact`.
     """
     recipe = recipe_named(name)
     return build_database(

@@ -112,14 +112,7 @@ class CaseRunner:
 
 
 def sweep(runner: CaseRunner, capillary_numbers: list[float]) -> Sweep:
-    """Run every case of one size ratio, and some more at the ends of its branches.
-
-    Parameters
-    ----------
-    runner : CaseRunner
-    capillary_numbers : list of float
-        Those asked for [-].
-    """
+    """Run the cases of one size ratio at the capillary numbers asked for, and some more at the ends of its branches."""
     ordered = sorted(capillary_numbers)
     first = _first_converged(runner, ordered)
     borders: list[Border] = []

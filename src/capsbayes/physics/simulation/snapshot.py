@@ -47,26 +47,9 @@ def taken_from(start: Shape, problem: Problem, capillary_number: float, size_rat
 def snapshots(
     problem: Problem, settings: Mapping[str, Any], start: Iterate, times: Sequence[float], scheme: Scheme, threads: int
 ) -> Iterator[Snapshot]:
-    """Follow a capsule in time.
+    """Follow a capsule in time by a scheme of `transient`: yield it at each of the times U t / l, until it is steady.
 
-    Parameters
-    ----------
-    problem : Problem
-    settings : mapping
-        The simulator's settings.
-    start : Iterate
-        The capsule at time 0.
-    times : sequence of float
-        U t / l.
-    scheme : str
-        See `transient`.
-    threads : int
-        Threads of the linear algebra.
-
-    Yields
-    ------
-    Snapshot
-        At each of the `times`, until the capsule is steady.
+    `settings` are the simulator's; `threads` is the number of threads of the linear algebra.
     """
     instants = transient(problem, start, times, scheme=scheme)
     while True:

@@ -19,15 +19,7 @@ def _along(radius: float, spacing: float, outwards: float) -> tuple[Floats, Floa
 
 
 def rounded_outline(radius: float, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-    """Return the eighth 0 <= y <= x of the outline; see :meth:`Channel.outline`.
-
-    Parameters
-    ----------
-    radius : float
-        Radius of the corners; 1 for the circle.
-    spacing, outwards : float
-        Distance between the points, and their distance from the wall.
-    """
+    """Return the eighth 0 <= y <= x of the outline; see :meth:`Channel.outline`. A circle has corners of radius 1."""
     points, _, step = _along(radius, spacing, outwards)
     return points, np.full(len(points), step)
 

@@ -9,7 +9,7 @@ capsule's frame, so the system is factorised once per cross-section.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import scipy.linalg
@@ -157,7 +157,6 @@ def _of_rings(points: Floats) -> tuple[Integers, sp.bsr_matrix]:
 
 
 _MIRROR = np.array([1.0, 1.0, -1.0])
-_OPERATORS: dict[tuple[Channel, WallDiscretisation], WallOperator] = {}
 
 
 def _mirrored_columns(matrix: Floats) -> Floats:
@@ -165,9 +164,7 @@ def _mirrored_columns(matrix: Floats) -> Floats:
     return matrix * np.tile(_MIRROR, matrix.shape[1] // 3)
 
 
+@cache
 def wall_operator(channel: Channel, walls: WallDiscretisation) -> WallOperator:
     """Return the operator of a channel; the same object for the same arguments."""
-    key = (channel, walls)
-    if key not in _OPERATORS:
-        _OPERATORS[key] = WallOperator(channel, walls)
-    return _OPERATORS[key]
+    return WallOperator(channel, walls)

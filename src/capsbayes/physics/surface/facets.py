@@ -9,20 +9,9 @@ from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradie
 
 
 def facets(elements: Integers, nodes: Floats, parts: int = 6) -> tuple[Floats, Floats]:
-    """Divide each quadratic element into ``parts**2`` flat triangles.
+    """Divide each quadratic element (e, 6) into ``parts**2`` flat triangles.
 
-    Parameters
-    ----------
-    elements : (e, 6) int array
-    nodes : (N, 3) array
-    parts : int
-        Of an edge of an element.
-
-    Returns
-    -------
-    corners : (t, 3, 3) array
-    normals : (t, 3) array
-        Outward unit normals of the smooth surface.
+    Returns their corners (t, 3, 3), and the outward unit normals (t, 3) of the smooth surface.
     """
     grid, triangles = subdivision(parts)
     shapes = p2(grid)

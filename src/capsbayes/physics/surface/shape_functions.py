@@ -17,34 +17,14 @@ CORNERS = LOCAL_NODES[:3]
 
 
 def p2(points: Floats) -> Floats:
-    """Compute the shape functions.
-
-    Parameters
-    ----------
-    points : (..., 2) array [-]
-        Positions on the unit triangle.
-
-    Returns
-    -------
-    (..., 6) array [-]
-    """
+    """Compute the shape functions at positions (..., 2) on the unit triangle : (..., 6) array [-]."""
     s, t = points[..., 0], points[..., 1]
     r = 1.0 - s - t
     return np.stack([r * (2 * r - 1), s * (2 * s - 1), t * (2 * t - 1), 4 * r * s, 4 * s * t, 4 * t * r], axis=-1)
 
 
 def p2_gradient(points: Floats) -> Floats:
-    """Compute the derivatives of the shape functions along both local coordinates.
-
-    Parameters
-    ----------
-    points : (..., 2) array [-]
-        Positions on the unit triangle.
-
-    Returns
-    -------
-    (..., 6, 2) array [-]
-    """
+    """Compute the derivatives of the shape functions along both local coordinates : (..., 6, 2) array [-]."""
     s, t = points[..., 0], points[..., 1]
     r = 1.0 - s - t
     zero = np.zeros_like(s)

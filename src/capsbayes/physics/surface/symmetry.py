@@ -37,11 +37,7 @@ class Symmetry:
         return self.name  # one object in every process, so that what is cached by it is found
 
     def orbits(self, points: Floats) -> tuple[Integers, Integers, Integers]:
-        """Find the orbits of points that the group maps onto themselves as a set.
-
-        Parameters
-        ----------
-        points : (p, 3) array
+        """Find the orbits of points (p, 3) that the group maps onto themselves as a set.
 
         Returns
         -------
