@@ -116,17 +116,12 @@ class Comparison:
     def edges(self) -> Mapping[int, tuple[Floats, Footing]]:
         """Measured points (m, 2) [l] shifted and turned onto the predicted outline, and their feet on it, by row.
 
-        Return the residuals due to displaced regions, for capsules that have an outline and a best shape.
+        There are those of the capsules that have an outline and a best shape.
         """
-        measured = {
-            row: measurement.outline
-            for row, measurement in enumerate(self.session.measurements)
-            if self.fits.settled[row]
-        }
         return {
-            row: aligned_with(outline.points, self.outlines[row])
-            for row, outline in measured.items()
-            if outline is not None
+            row: aligned_with(measurement.outline.points, self.outlines[row])
+            for row, measurement in enumerate(self.session.measurements)
+            if self.fits.settled[row] and measurement.outline is not None
         }
 
     @property
@@ -150,21 +145,10 @@ class Comparison:
         return AlongOutline(middle, self._metres * distances.mean(axis=0), self._metres * error)
 
     def trend_line(self, slope: Deviation, places: Floats, at: Floats) -> Floats:
-        """Return G_s along a slope of ln G_s through the weighted middle of the capsules.
+        """Return G_s along a trend of ln G_s with a quantity, through the weighted middle of the capsules.
 
-        Parameters
-        ----------
-        slope : Deviation
-            Trend of ln G_s with a quantity.
-        places : (m,) array
-            That quantity for each settled capsule.
-        at : (k,) array
-            Its values along the line.
-
-        Returns
-        -------
-        (3, k) array [N/m]
-            The line, and the line with the slope less and plus its standard error.
+        The quantity has values `places` (m,) for the settled capsules and `at` (k,) along the line. Returned are the
+        line, and the line with the slope less and plus its standard error : (3, k) array [N/m].
         """
         settled = self.fits.settled
         weight = 1.0 / self.fits.covariance[settled, 0, 0]

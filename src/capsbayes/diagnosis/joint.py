@@ -41,27 +41,10 @@ def score_jointly(
     alone: Fits,
     measured: Measured,
 ) -> tuple[Scores, Scores]:
-    """Score two effects jointly.
+    """Score two effects jointly on a model without either; each is maximised over the size of the other.
 
-    Parameters
-    ----------
-    model : forward model
-        Without either.
-    first : Scores
-        Of one effect alone.
-    second : Scores
-        Of the other, with the first at its size.
-    session : Session
-    white : Whitening
-    alone : Fits
-        Of the model with the first alone at its size: what the second is measured against.
-    measured : mapping of str to (float, float)
-        Sizes of effects as measured apart from the capsules, and their standard errors.
-
-    Returns
-    -------
-    first, second : Scores
-        Each maximised over the size of the other.
+    The first was scored alone, the second with the first at its size. `alone` are the fits of the model with the first
+    alone at its size: what the second is measured against.
     """
     pair = _Pair(model, (first, second), session, white, alone, measured)
     top = pair.climbed()

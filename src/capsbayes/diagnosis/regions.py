@@ -24,17 +24,7 @@ _DISPLACED = 0.02  # standard deviation of each region's displacement, over l
 
 
 def region_displacements(outline: Floats) -> Floats:
-    """Return bumps of height one at each of the `REGIONS`.
-
-    Parameters
-    ----------
-    outline : (p, 2) array
-        Closed, from the nose, columns (z, y).
-
-    Returns
-    -------
-    (5, p) array
-    """
+    """Return bumps of height one at each of the `REGIONS` of a closed outline (p, 2) from the nose : (5, p) array."""
     lengths = edge_lengths(outline)
     arc = np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / lengths.sum()
     upper = outline[:, 1] > 0.0

@@ -72,18 +72,9 @@ class Step:
 
 
 def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mapping[str, Trial]]:
-    """Try every effect, and every second one together with the likeliest if deviations remain.
+    """Try every effect, and every second one together with the likeliest if deviations remain; `fits` are the model's.
 
-    Parameters
-    ----------
-    search : Search
-    fits : Fits
-        Of the model.
-
-    Returns
-    -------
-    steps, explained, trials
-        The steps, whether no deviation remains after the last, and the trials of each effect alone.
+    Returns the steps, whether no deviation remains after the last, and the trials of each effect alone.
     """
     trials = search.trials(search.model, fits, search.candidates)
     first, explained = search.judged(_refined(trials), dict.fromkeys(search.candidates, search.model), {})
@@ -173,13 +164,10 @@ class Search:
         others = [other for other in self.candidates if other not in (used, name)]
         pairs = {used: second.best, **self._scored_with(second.best, others)[1]}
         best = max(pairs, key=lambda candidate: float(pairs[candidate].total.max()))
-        alike = [
-            candidate for candidate in pairs if candidate != best and _alike_with_others(pairs[best], pairs[candidate])
-        ]
-        return {
-            candidate: pairs[candidate]
-            for candidate in (best, *sorted(alike, key=lambda candidate: -float(pairs[candidate].total.max())))
+        alike = {
+            name: score for name, score in pairs.items() if name != best and _alike_with_others(pairs[best], score)
         }
+        return {best: pairs[best]} | dict(sorted(alike.items(), key=lambda pair: -float(pair[1].total.max())))
 
     def _scored_with(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
         """Score effects together with a known one; the few likeliest are scored jointly with it.
@@ -244,12 +232,7 @@ def _alike_with_others(best: Scores, other: Scores) -> bool:
 def indistinguishable(lag: float, lags: Floats) -> bool:
     """Tell whether an effect lags behind another in log likelihood by no more than a few capsules decide.
 
-    Parameters
-    ----------
-    lag : float
-        Of all that was measured.
-    lags : (n,) array
-        Of each capsule.
+    The lag is that of all that was measured, the lags (n,) those of each capsule.
     """
     return lag < max(LEAST_RATIO, _APART * float(np.sqrt(np.sum(lags**2))))
 
@@ -258,19 +241,8 @@ def evidences(scores: Mapping[str, Scores], finding: Finding) -> dict[str, float
     """Return the log evidence of each effect, of `NOTHING` and of `UNKNOWN`, relative to that of `NOTHING`.
 
     With equal prior probabilities, the odds of two explanations are the ratio of their evidences: of the likelihoods
-    averaged over the prior of the size of an effect, or over the displacements of the regions for an unknown one.
-
-    Parameters
-    ----------
-    scores : mapping of str to Scores
-        Of every candidate added to the same model.
-    finding : Finding
-        With that model.
-
-    Returns
-    -------
-    dict
-        The likeliest first.
+    averaged over the prior of the size of an effect, or over the displacements of the regions for an unknown one. All
+    candidates are added to the same model, with which the finding was made; the likeliest comes first.
     """
     log_evidence = {name: score.evidence for name, score in scores.items()}
     log_evidence |= {NOTHING: 0.0, UNKNOWN: finding.displacements.evidence}

@@ -17,15 +17,8 @@ if TYPE_CHECKING:
 def summary(study: Study) -> dict[str, Any]:
     """Return the results of a diagnosis, ready for JSON.
 
-    Parameters
-    ----------
-    study : Study
-
-    Returns
-    -------
-    dict
-        Lengths in metres, moduli in N/m, flow rates in m^3/s, effects in the unit of their parameter; None where there
-        is no number.
+    Lengths are in metres, moduli in N/m, flow rates in m^3/s, effects in the unit of their parameter; None stands where
+    there is no number.
     """
     model = study.tested_model
     return {

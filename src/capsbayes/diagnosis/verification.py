@@ -126,18 +126,8 @@ def verified(
 
     Of the effects that the first half did not distinguish, those stay in question that leave no deviation here and that
     both halves together do not distinguish. Ratios use one covariance for all models; the remaining deviations use that
-    of the model with the effects. Of two effects, the first is returned at its size jointly with the second.
-
-    Parameters
-    ----------
-    model : forward model
-    steps : tuple of Step
-        Of the first half.
-    confirm : Session
-    seed : int
-    measured : mapping of str to (float, float)
-    first_p_value : float
-        P-value of the disagreement that the first half shows.
+    of the model with the effects. Of two effects, the first is returned at its size jointly with the second. The steps
+    are those of the first half, which shows a disagreement of `first_p_value`.
     """
     white = whitening(model, confirm)
     *before, last = (step for step in steps if step.in_question)
