@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from capsbayes.physics.surface import C_INF_V, D4, octasphere
-from capsbayes.physics.surface.prolongation import prolonged
+from capsbayes.physics.surface.octasphere import prolonged
 
 
 @pytest.mark.parametrize(("refinement", "unknowns"), [(6, 235), (8, 409), (12, 901)])

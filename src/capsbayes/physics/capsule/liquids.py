@@ -8,8 +8,6 @@ their motion (Pozrikidis 1992, doi 10.1017/CBO9780511624124). Vectors are free c
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import scipy.sparse as sp
 
 from capsbayes.arrays import Floats
@@ -18,17 +16,6 @@ from capsbayes.physics.stokes.single_layer import SingleLayer
 from capsbayes.physics.stokes.stokeslet import images_gradient
 from capsbayes.physics.stokes.walls import WallDiscretisation, wall_operator
 from capsbayes.physics.surface.octasphere import OctaSphere
-
-
-class Response(NamedTuple):
-    """Velocity (F,) of the membrane over U, and its derivatives (F, F).
-
-    `along_density` is the derivative along the density, `along_shape` that along the shape at constant density.
-    """
-
-    velocity: Floats
-    along_density: Floats
-    along_shape: Floats
 
 
 def membrane_velocity(
@@ -63,8 +50,11 @@ def membrane_velocity(
 
 def membrane_response(
     flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Floats, density: Floats
-) -> Response:
-    """Compute the velocity of the membrane with its exact derivatives; parameters as of `membrane_velocity`."""
+) -> tuple[Floats, Floats, Floats]:
+    """Compute the velocity (F,) of the membrane and its exact derivatives (F, F); parameters as of `membrane_velocity`.
+
+    The derivatives are that along the density, and that along the shape at constant density.
+    """
     basis, nodes = mesh.basis, mesh.expanded(free)
     targets, wedge_density = nodes[mesh.wedge], basis @ density
     layer = SingleLayer(mesh, radius, nodes, mesh.expanded(density))
@@ -85,7 +75,7 @@ def membrane_response(
         along_shape += response @ (basis.T @ far.source_slope.T).T
         along_target += images_gradient(targets, operator.sources, flow.symmetry.operations, strengths)
     moved = (basis.T @ sp.block_diag(along_target, format="csr") @ basis).toarray()
-    return Response(basis.T @ velocity, along_density, along_shape + moved)
+    return basis.T @ velocity, along_density, along_shape + moved
 
 
 def _both_reduced(mesh: OctaSphere, matrix: Floats) -> Floats:

@@ -122,11 +122,12 @@ class Problem:
         membrane = self.membrane(iterate.size_ratio)
         elastic = membrane.elasticity(iterate.free)
         density = self.density(iterate, elastic.gradient)
-        response = membrane_response(self.flow, self.walls, self.mesh, iterate.size_ratio, iterate.free, density)
+        velocity, along_density, along_shape = membrane_response(
+            self.flow, self.walls, self.mesh, iterate.size_ratio, iterate.free, density
+        )
         compliance = membrane.mass_solve(elastic.tangent) / iterate.capillary_number
-        along_ca = -response.along_density @ density / iterate.capillary_number
-        slopes = Slopes(response.along_shape - response.along_density @ compliance, along_ca)
-        return self._motion(iterate, response.velocity, density), slopes
+        along_ca = -along_density @ density / iterate.capillary_number
+        return self._motion(iterate, velocity, density), Slopes(along_shape - along_density @ compliance, along_ca)
 
     def _motion(self, iterate: Iterate, velocity: Floats, density: Floats) -> Motion:
         mesh = self.mesh

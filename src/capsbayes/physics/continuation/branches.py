@@ -25,7 +25,7 @@ from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import NewtonResult, bordered, steady_residual, steady_state
 from capsbayes.physics.continuation.arclength import ArcPoint, fold, interpolated, traced
 from capsbayes.physics.continuation.settling import is_stable, may_buckle, settled
-from capsbayes.physics.surface.prolongation import prolonged
+from capsbayes.physics.surface.octasphere import prolonged
 from capsbayes.status import Status
 
 SLACK_LIMIT = 5e-4

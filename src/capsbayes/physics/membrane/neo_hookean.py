@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,15 +31,8 @@ class NeoHookean(MembraneLaw):
     Barthes-Biesel, Diaz & Dhenin, J. Fluid Mech. 460 (2002) 211-222.
     """
 
-    @property
-    def name(self) -> str:
-        """Name stored in databases."""
-        return "neo-Hookean"
-
-    @property
-    def area_dilation_modulus(self) -> float:
-        """Area dilation modulus K_s / G_s [-]."""
-        return 3.0
+    name: ClassVar[str] = "neo-Hookean"
+    area_dilation_modulus: ClassVar[float] = 3.0
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import starmap
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,6 +42,7 @@ class StrainHardening(MembraneLaw):
     """
 
     strain_hardening: float = 0.0
+    area_dilation_modulus: ClassVar[float] = 3.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.strain_hardening <= 1.0:
@@ -53,11 +55,6 @@ class StrainHardening(MembraneLaw):
             return _RUBBER.name
         share = np.format_float_positional(self.strain_hardening, trim="-")
         return f"{_RUBBER.name} with strain hardening h = {share}"
-
-    @property
-    def area_dilation_modulus(self) -> float:
-        """Area dilation modulus K_s / G_s [-]."""
-        return 3.0
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""

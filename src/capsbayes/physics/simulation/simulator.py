@@ -22,7 +22,7 @@ from capsbayes.physics.simulation.shape import Shape
 from capsbayes.physics.simulation.snapshot import Snapshot, snapshots, taken_from
 from capsbayes.physics.stokes.cross_sections import cross_section_named
 from capsbayes.physics.stokes.walls import WallDiscretisation
-from capsbayes.physics.surface.prolongation import prolonged
+from capsbayes.physics.surface.octasphere import prolonged
 from capsbayes.status import Status
 
 Start: TypeAlias = "SteadyState | Literal['rest', 'parachute']"
@@ -226,13 +226,12 @@ class Simulator:
             raise InputError("Simulator.run", "start", "'rest', 'parachute' or a SteadyState", repr(start))
         with threadpool_limits(limits=threads):
             problem = self.problem
-            if not isinstance(start, str):
-                first = self._as_start(problem, start)
-                if first.converged:
-                    end = followed(problem, first, capillary_number, size_ratio)
-                    return self.state(problem, end, capillary_number, size_ratio)
-            find = parachute if start == "parachute" else reached_from_rest
-            end = find(problem, capillary_number, size_ratio)
+            first = None if isinstance(start, str) else self._as_start(problem, start)
+            if first is not None and first.converged:
+                end = followed(problem, first, capillary_number, size_ratio)
+            else:
+                find = parachute if start == "parachute" else reached_from_rest
+                end = find(problem, capillary_number, size_ratio)
             return self.state(problem, end, capillary_number, size_ratio)
 
     def restored(self, values: Mapping[str, Any]) -> SteadyState:

@@ -15,7 +15,7 @@ from capsbayes.output_file import write_file
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.transient import Scheme, transient
 from capsbayes.physics.simulation.shape import Shape
-from capsbayes.physics.surface.prolongation import prolonged
+from capsbayes.physics.surface.octasphere import prolonged
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,19 +8,12 @@ direction of view.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.physics.surface.symmetry import Symmetry
-
-
-class WallPoints(NamedTuple):
-    """Points (p, 3), one of each orbit of the cross-section's symmetry, and the wall area (p,) each stands for."""
-
-    points: Floats
-    areas: Floats
 
 
 class Flow(ABC):
@@ -60,8 +53,13 @@ class Channel(Flow):
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         """Return points (p, 2) `spacing` apart that fill the widened cross-section, and the area (p,) of each."""
 
-    def wall_points(self, axial: Floats, steps: Floats, cap_spacing: float, *, offset: float, end: float) -> WallPoints:
+    def wall_points(
+        self, axial: Floats, steps: Floats, cap_spacing: float, *, offset: float, end: float
+    ) -> tuple[Floats, Floats]:
         """Return points on the downstream half of the cross-section's wall and on its end cap, moved outwards.
+
+        There is one point (p, 3) of each orbit of the cross-section's symmetry; returned is also the wall area (p,)
+        that each stands for.
 
         Parameters
         ----------
@@ -83,7 +81,7 @@ class Channel(Flow):
         cap, cap_areas = self.filling(cap_spacing, offset * cap_spacing)
         points.append(_at(cap, end + offset * cap_spacing))
         areas.append(cap_areas)
-        return WallPoints(np.concatenate(points), np.concatenate(areas))
+        return np.concatenate(points), np.concatenate(areas)
 
 
 def _at(points: Floats, z: float) -> Floats:

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from capsbayes.arrays import Floats
-from capsbayes.physics.stokes.channel import Flow
+from capsbayes.physics.stokes.channel import Flow, unidirectional
 from capsbayes.physics.surface.symmetry import C2H, Symmetry
 
 
@@ -30,7 +30,5 @@ class ShearFlow(Flow):
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
         """Compute the flow; see :meth:`Flow.undisturbed`."""
-        velocity, gradient = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
-        velocity[:, 2] = points[:, 1]
-        gradient[:, 2, 1] = 1.0
-        return velocity, gradient
+        y = points[:, 1]
+        return unidirectional(y, np.zeros_like(y), np.ones_like(y))

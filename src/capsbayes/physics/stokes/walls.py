@@ -89,7 +89,7 @@ class WallOperator:
         axial, steps = _axial(
             walls.spacing, walls.far_spacing, walls.near, walls.end + walls.offset * walls.far_spacing
         )
-        sources = channel.wall_points(axial, steps, walls.far_spacing, offset=walls.offset, end=walls.end).points
+        sources, _ = channel.wall_points(axial, steps, walls.far_spacing, offset=walls.offset, end=walls.end)
         finer = walls.oversampling**0.5
         spacing, far_spacing = walls.spacing / finer, walls.far_spacing / finer
         axial, steps = _axial(spacing, far_spacing, walls.near, walls.end)

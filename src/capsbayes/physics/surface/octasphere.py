@@ -1,4 +1,4 @@
-"""P2 mesh of the unit sphere with the symmetry of a channel.
+"""P2 mesh of the unit sphere with the symmetry of a channel, and prolongation from one mesh to another.
 
 The sphere is an octahedron with poles on the z axis; corner ring i of an octant lies
 at the polar angle proportional to i and has i equal steps in azimuth, so that
@@ -13,10 +13,12 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, RBFInterpolator
 
 from capsbayes.arrays import Floats, Integers
 from capsbayes.physics.surface.symmetry import D4, Symmetry
+
+_NEIGHBOURS = 80  # of a node, from which a field is prolonged
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,3 +172,15 @@ def octasphere(refinement: int, symmetry: Symmetry = D4) -> OctaSphere:
     elements = inverse.ravel()[np.concatenate(all_triangles)]
     wedge, wedge_of, operation = symmetry.orbits(nodes)
     return OctaSphere(refinement, symmetry, nodes, elements, wedge, wedge_of, symmetry.operations[operation])
+
+
+def prolonged(free: Floats, coarse: OctaSphere, fine: OctaSphere) -> Floats:
+    """Return the free coordinates on `fine` of the symmetric field with free coordinates `free` on `coarse`.
+
+    The field is interpolated smoothly: the kinks of P2 interpolation at the coarse elements' edges would strain
+    the fine ones by more than Newton's iteration recovers from.
+    """
+    if coarse is fine:
+        return free
+    field = RBFInterpolator(coarse.nodes, coarse.expanded(free), kernel="cubic", degree=1, neighbors=_NEIGHBOURS)
+    return fine.reduced(field(fine.nodes[fine.wedge]))
