@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from capsbayes.arrays import Floats
 from capsbayes.diagnosis.finding import Deviation
@@ -16,9 +16,6 @@ from capsbayes.diagnosis.session import Session
 from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.infer.outline.normal_distance import Footing
 from capsbayes.model import ForwardModel
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +60,6 @@ class Comparison:
         Columns: ``surface_shear_modulus`` and ``surface_shear_modulus_error`` [N/m], NaN where the model has no such
         shape, ``size_ratio``, ``capsule_velocity`` [m/s], ``flow_rate`` [m^3/s].
         """
-        import pandas as pd
-
         columns = {
             "surface_shear_modulus": self.modulus,
             "surface_shear_modulus_error": self.modulus_error,

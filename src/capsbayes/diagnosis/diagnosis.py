@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from capsbayes.diagnosis.comparison import Comparison
@@ -29,8 +30,6 @@ from capsbayes.model import ForwardModel
 from capsbayes.readable import Readable
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from capsbayes.infer.many import Population
 
 Checked = Callable[[tuple[Step, ...]], tuple[tuple[Step, ...], Verification]]
@@ -133,8 +132,6 @@ class Study(Readable):
         and its 68 % interval ``low``, ``high`` [``unit``], ``surface_shear_modulus`` (median of the capsules [N/m]),
         ``may_explain``, ``changes``, ``separated_by``.
         """
-        import pandas as pd
-
         rows = {
             name: {
                 "effect": scores.effect.name,

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from scipy.stats import beta, binom, norm
 
 from capsbayes.arrays import Floats, Integers
@@ -28,9 +28,6 @@ from capsbayes.diagnosis.regions import REGIONS, Displaced, Displacements, displ
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.model import ForwardModel
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
@@ -95,8 +92,6 @@ class Finding:
 
     def table(self) -> pd.DataFrame:
         """Return a row for each deviation: ``size`` and ``error`` [``unit``], ``sigma``, ``p_value``."""
-        import pandas as pd
-
         columns = ("size", "error", "unit", "sigma", "p_value")
         rows = {deviation.name: [getattr(deviation, column) for column in columns] for deviation in self.deviations}
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 import capsbayes
 from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.diagnosis import Study, Verification
 from capsbayes.diagnosis.finding import Finding
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def summary(study: Study) -> dict[str, Any]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.stats import norm
 
 from capsbayes.arrays import Floats
@@ -18,9 +19,6 @@ from capsbayes.diagnosis.search import LEAST_RATIO, LEFT, Step, indistinguishabl
 from capsbayes.diagnosis.session import Session
 from capsbayes.effect import Effect
 from capsbayes.model import ForwardModel
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _VERIFIED = 1.64  # standard errors that a right model exceeds once in twenty
 _WORTH_A_LOOK = 0.5  # p-value of a deviation remaining in the first half, up to which it is tested on the second
@@ -79,8 +77,6 @@ class Verification:
         Columns: ``gap`` [m], ``noise_over_stated``, ``p_value``, ``surface_shear_modulus`` (median of the capsules
         [N/m]), ``log_likelihood_ratio`` per capsule and its ``log_likelihood_ratio_error``.
         """
-        import pandas as pd
-
         findings = {"before": self.before, "after": self.after}
         ratios = {"before": (0.0, 0.0), "after": (self.log_likelihood_ratio, self.error)}
         rows = {

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import h5netcdf
+import xarray as xr
 
 from capsbayes.database import Database
 from capsbayes.diagnosis import Study
@@ -16,9 +18,6 @@ from capsbayes.show.pages.database import database_page
 from capsbayes.show.pages.population import MOST_ROWS, population_page
 from capsbayes.show.pages.posterior import posterior_page
 from capsbayes.show.pages.study import study_page
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Result = Posterior | Population | Study | Database
 
@@ -83,8 +82,6 @@ def report_page(
             return study_page(result)
         case Population():
             return population_page(result, spread=spread, rows=rows, source=source)
-    import xarray as xr
-
     if isinstance(result, xr.Dataset):
         population = Population.of_dataset(result, source or "population")
         return population_page(population, spread=spread, rows=rows, source=source)
@@ -122,9 +119,6 @@ def opened(result: str | Path) -> tuple[Result, str]:
 
 def _read(path: Path) -> Result:
     """Read a file as what its dimensions and groups say it is."""
-    import h5netcdf
-    import xarray as xr
-
     try:
         with h5netcdf.File(path, "r") as file:
             groups, dimensions = set(file.groups), set(file.dimensions)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from capsbayes.evidence.verification.quantities import fitted_rate, label_refinements, on_mesh
 from capsbayes.evidence.verification.references import FRICTION, MODULI, UNDISTURBED
@@ -19,9 +19,6 @@ from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
 from capsbayes.physics.stokes.single_layer import SingleLayer
 from capsbayes.physics.surface import octasphere
 from capsbayes.testing import check_law
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _CLASSICAL: dict[str, Channel] = {"square": SquareChannel(), "circular": CircularChannel()}
 _RADII = (0.01, 0.05, 0.1, 0.2)

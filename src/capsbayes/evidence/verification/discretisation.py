@@ -6,9 +6,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from capsbayes.evidence.verification.quantities import (
     QUANTITIES,
@@ -24,9 +24,6 @@ from capsbayes.evidence.verification.quantities import (
 from capsbayes.evidence.verification.topic import Reference, Results, Row, Target, Topic, Values
 from capsbayes.physics.simulation.simulator import Simulator
 from capsbayes.physics.stokes.walls import WallDiscretisation
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _CASE, _NEIGHBOUR = (0.05, 0.9), (0.04, 0.9)
 

@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 import capsbayes
 from capsbayes.evidence.markdown import table_lines
 from capsbayes.evidence.verification.topic import Results, Row, Topic, Verdict
@@ -87,8 +89,6 @@ def _draw(topic: Topic, results: Results, out: Path) -> bool:
     """Write the topic's picture if it has one and every item has ended."""
     if topic.picture is None or topic.missing(results):
         return False
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     topic.picture(results, figure)
     write_figure(figure, out / f"{topic.name}.png", dpi=120)

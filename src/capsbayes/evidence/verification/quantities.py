@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.optimize
+from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from capsbayes.errors import CapsbayesError
@@ -15,9 +16,6 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.simulation.simulator import Simulator, SteadyState
 from capsbayes.status import Status
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 SYMBOLS = {name: PARAMETERS[name].symbol for name in QUANTITIES}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from capsbayes.evidence.verification.references import RIGID_SPHERE
 from capsbayes.evidence.verification.topic import Results, Row, Target, Topic, Values
@@ -15,9 +16,6 @@ from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.stokes.cross_sections import cross_section_named
 from capsbayes.physics.stokes.single_layer import SingleLayer
 from capsbayes.physics.stokes.walls import wall_operator
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _SIZES = (0.3, 0.5, 0.7, 0.8, 0.85, 0.9)
 _WORDS = {"velocity_ratio": "V/U", "extra_pressure_drop": "dP+ [mu U/l]"}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.evidence.verification.references import SHEAR, SHEAR_SLOPE
@@ -18,9 +18,6 @@ from capsbayes.physics.stokes.shear import ShearFlow
 from capsbayes.physics.surface.octasphere import OctaSphere
 from capsbayes.physics.surface.quadrature import dunavant
 from capsbayes.physics.surface.shape_functions import p2, p2_gradient
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _SMALL, _TIME = 0.01, 8.0
 _BENDING, _CODES_DIFFER = 2e-4, 0.08

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.work import Records
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Values: TypeAlias = Mapping[str, float | list[float]]
 """Result of an item: named numbers, or series of them."""

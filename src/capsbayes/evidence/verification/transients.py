@@ -5,18 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from capsbayes.evidence.verification.quantities import QUANTITIES, SYMBOLS, numbers, steady
 from capsbayes.evidence.verification.topic import Reference, Results, Row, Target, Topic, Values
 from capsbayes.physics.capsule.outlines import profile
 from capsbayes.physics.capsule.transient import STEADY, Scheme, transient
 from capsbayes.physics.simulation.simulator import Simulator
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _CASE, _NEIGHBOUR = (0.12, 0.9), (0.11, 0.9)
 _SETTLED = 2.4  # U t/l by which the paper finds the capsule steady

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -19,9 +20,6 @@ from capsbayes.arrays import Floats
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.figures.style import ACCENT, label_plane, new_figure
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _LEVELS = (
     *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from capsbayes.parameters import PARAMETERS
+from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, SobolStudy
 from capsbayes.show.figures.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, without_l
 from capsbayes.show.words.rounding import with_unit
-
-if TYPE_CHECKING:
-    from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, SobolStudy
 
 _QUANTITIES = {"surface_shear_modulus": INK, "capsule_radius": ACCENT}
 _HEIGHT = 0.36  # of a bar

@@ -6,15 +6,14 @@ import base64
 import functools
 import io
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from capsbayes.show.pages import citation
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def page(template: str, **content: Any) -> str:
@@ -29,8 +28,6 @@ def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = 
     (`png`). With ``scroll`` in `fit`, a narrow screen scrolls it instead of making it small; with ``narrow``, a wide
     one does not make it as wide as the page.
     """
-    import matplotlib
-
     if png:
         pixels = io.BytesIO()
         figure.savefig(pixels, format="png", dpi=160, metadata={"Software": None})
