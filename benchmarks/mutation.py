@@ -1,7 +1,7 @@
 """Do the tests notice a mistake? Change one operator, number or sign of a module at a time and run its tests.
 
 Run ``python benchmarks/mutation.py [--only laws] [--most 40] [--out mutation.json]``. Each mutant is tested in a copy
-the tree; the first failing test kills it. What is done is kept in the file given by ``--out``, and a second run
+of the tree; the first failing test kills it. What is done is kept in the file given by ``--out``, and a second run
 continues. Mutants are drawn evenly from all places of a module, the same ones each time. Those that cannot change a
 result, as the wording of an error or a default that every caller gives, are not excluded: the share that dies is a
 lower bound.
@@ -49,7 +49,7 @@ TARGETS = {
         ("tests/infer/test_likelihood.py", "tests/infer/test_density.py", "tests/infer/outline"),
     ),
     "scoring": Target(
-        ("diagnosis/scoring.py",), ("tests/diagnosis/test_comparison.py", "tests/diagnosis/test_evidence.py")
+        ("diagnosis/scoring.py",), ("tests/diagnosis/test_scoring.py", "tests/diagnosis/test_evidence.py")
     ),
     "edges": Target(
         tuple(f"image/edges/{name}.py" for name in ("extent", "integrals", "models", "rear", "robust")),
