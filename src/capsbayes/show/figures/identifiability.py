@@ -61,8 +61,8 @@ def _draw(ax: Axes, widths: xr.Dataset, width: Floats, label: str) -> None:
     leaning = _filled(widths["leaning"].to_numpy())
     hatch = ax.contourf(ca, size, leaning, levels=[LEANING_SHARE, 1.1], colors="none", hatches=["////"])
     two = _filled(widths["two_shapes"].to_numpy().astype(float))
-    border = ax.contour(ca, size, two, levels=[0.5], colors=ACCENT, linestyles="dotted", linewidths=1.6)
-    for drawn in (areas, lines, hatch, border):
+    snap = ax.contour(ca, size, two, levels=[0.5], colors=ACCENT, linestyles="dotted", linewidths=1.6)
+    for drawn in (areas, lines, hatch, snap):
         drawn.set_clip_path(clip)
     inside = Path(border)
     for text in ax.clabel(lines, fmt=lambda value: f"{value:g} %", fontsize=8):
