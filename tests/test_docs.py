@@ -114,6 +114,8 @@ def contains(out, shown):
     printed = [line.rstrip() for line in out.splitlines()]
     for part in re.split(r"^\.\.\.\n", shown, flags=re.MULTILINE):
         lines = part.rstrip().splitlines()
+        if not lines:  # after dots at the end
+            continue
         begins = [i for i, line in enumerate(printed) if alike(line, lines[0])]
         assert begins, f"not printed: {lines[0]}"
         same(printed[begins[0] : begins[0] + len(lines)], lines)
