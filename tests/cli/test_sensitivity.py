@@ -96,7 +96,7 @@ def test_the_flow_rate_for_expected_capsules(capsule, database, tmp_path):
     expected = ("--shear-modulus", "50 +/- 2 mN/m", "--radius", "22.5 um", "--database", database)
     result = run("flow", *expected, "--like", capsule, "--out", tmp_path / "out", "--simulate", 10)
     assert result.exit_code == 0, result.output
-    for words in ("Best: U =", "uL/min", "10 simulated capsules came out at", "at most 5% was asked for"):
+    for words in ("Best: U =", "µL/min", "10 simulated capsules came out at", "at most 5% was asked for"):
         assert words in said(result)
     assert files(tmp_path / "out") == {"flow.json", "flow.csv", "flow.png"}
     stored = json.loads((tmp_path / "out" / "flow.json").read_text())
@@ -110,12 +110,15 @@ def test_the_flow_rate_for_expected_capsules(capsule, database, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("map", *LAB), "map: errors: expected --like CAPSULE, or --experiment with --extent-error"),
+        (("map", *LAB), "sensitivity: errors: expected --like CAPSULE, or --experiment with --extent-error"),
         (
             ("map", "--like", "CAPSULE", *LAB),
             "--extent-error: expected no such option together with --like, got 0.01",
         ),
-        (("flow", "--shear-modulus", "50", "--radius", "24 um"), "flow: --shear-modulus: expected a text in N/m"),
+        (
+            ("flow", "--shear-modulus", "50", "--radius", "24 um", "--like", "CAPSULE"),
+            "flow: --shear-modulus: expected a text in N/m",
+        ),
         (
             ("flow", "--shear-modulus", "50 mN/m", "--radius", "90 um", "--like", "CAPSULE"),
             "capsule_radius: expected a radius between",

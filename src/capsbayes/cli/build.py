@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import AsJson, Scheduler, Workers, choose, with_simulator
+from capsbayes.cli.options import AsJson, Scheduler, Workers, choose, simulator_of, with_options_of
 from capsbayes.cli.output import print_json
 from capsbayes.errors import InputError
 from capsbayes.status import Status
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from capsbayes.database import Database
 
 
-@with_simulator
+@with_options_of(simulator_of, "simulator")
 def build(
     out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
     simulator: Any,

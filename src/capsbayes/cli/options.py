@@ -15,7 +15,6 @@ from capsbayes.errors import InputError
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.measurement import Measurement
-    from capsbayes.plan import LabErrors
     from capsbayes.quantity import Quantity
     from capsbayes.surrogate import EffectSurrogate, Surrogate
 
@@ -45,14 +44,6 @@ ModelName = Annotated[
         help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, with the experiment's channel.",
     ),
 ]
-
-# the errors of a lab
-Like = Annotated[Path | None, typer.Option(help="TOML file of a capsule that was measured with the same errors.")]
-ExtentError = Annotated[float | None, typer.Option(help="Standard error of L_z, over l.")]
-LengthError = Annotated[
-    float | None, typer.Option(help="Standard error of L_a, over l; omit it where the rear is not seen.")
-]
-VelocityError = Annotated[float | None, typer.Option(help="Standard error of v_o, over v_o.")]
 
 # long work
 Scheduler = Annotated[
@@ -111,24 +102,68 @@ def simulator_of(
     )
 
 
-def with_simulator(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of `simulator_of` in place of its parameter ``simulator``."""
-    settings = inspect.signature(simulator_of, eval_str=True).parameters
-    own = inspect.signature(command, eval_str=True)
-    parameters = [
-        new
-        for name, parameter in own.parameters.items()
-        for new in (settings.values() if name == "simulator" else [parameter])
-    ]
-    ordered = sorted(parameters, key=lambda parameter: parameter.default is not inspect.Parameter.empty)
+def lab_of(
+    like: Annotated[
+        Path | None, typer.Option(help="TOML file of a capsule that was measured with the same errors.")
+    ] = None,
+    experiment: ExperimentFile = None,
+    extent_error: Annotated[float | None, typer.Option(help="Standard error of L_z, over l.")] = None,
+    length_error: Annotated[
+        float | None, typer.Option(help="Standard error of L_a, over l; omit it where the rear is not seen.")
+    ] = None,
+    velocity_error: Annotated[float | None, typer.Option(help="Standard error of v_o, over v_o.")] = None,
+) -> Any:
+    """Return the errors of a lab and its experiment: those of a measured capsule, or those that are stated.
 
-    @functools.wraps(command)
-    def run(**given: Any) -> None:
-        simulator = simulator_of(**{name: given.pop(name) for name in settings})
-        command(simulator=simulator, **given)
+    Raises
+    ------
+    InputError
+        Naming the option that is wrong or missing.
+    """
+    from capsbayes.experiment import Experiment
+    from capsbayes.measurement import Measurement
+    from capsbayes.plan import LabErrors
 
-    run.__signature__ = own.replace(parameters=ordered)  # type: ignore[attr-defined]
-    return run
+    stated = {"--extent-error": extent_error, "--length-error": length_error, "--velocity-error": velocity_error}
+    if like is not None:
+        for option, value in stated.items():
+            if value is not None:
+                raise InputError("sensitivity", option, "no such option together with --like", f"{value:g}")
+        measurement = Measurement.read(like)
+        if measurement.outline is not None:
+            typer.echo(
+                f"The widths are those of the lengths of {like}; its outline would make them narrower.", err=True
+            )
+        return LabErrors.of(measurement), named_experiment(measurement, experiment)
+    if experiment is None or extent_error is None or velocity_error is None:
+        given = ", ".join(name for name, value in stated.items() if value is not None) or "none of them"
+        expected = "--like CAPSULE, or --experiment with --extent-error and --velocity-error"
+        raise InputError("sensitivity", "errors", expected, given if experiment is None else f"--experiment, {given}")
+    return LabErrors(extent_error, velocity_error, length_error), Experiment.read(experiment)
+
+
+def with_options_of(made: Callable[..., Any], name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of a function in place of one parameter, whose value is what the function returns."""
+    options = inspect.signature(made, eval_str=True).parameters
+
+    def decorated(command: Callable[..., None]) -> Callable[..., None]:
+        own = inspect.signature(command, eval_str=True)
+        parameters = [
+            new
+            for parameter in own.parameters.values()
+            for new in (options.values() if parameter.name == name else [parameter])
+        ]
+        ordered = sorted(parameters, key=lambda parameter: parameter.default is not inspect.Parameter.empty)
+
+        @functools.wraps(command)
+        def run(**given: Any) -> None:
+            value = made(**{option: given.pop(option) for option in options})
+            command(**{name: value}, **given)
+
+        run.__signature__ = own.replace(parameters=ordered)  # type: ignore[attr-defined]
+        return run
+
+    return decorated
 
 
 def choose(command: str, option: str, name: str, known: Mapping[str, Any]) -> Any:
@@ -175,34 +210,3 @@ def named_model(database: str | None, cross_section: str, view: str | None = Non
     from capsbayes.surrogate import Surrogate
 
     return Surrogate.open(database or f"{cross_section}-neo-hookean", view=view or MID_PLANE)
-
-
-def read_lab(
-    command: str,
-    like: Path | None,
-    experiment: Path | None,
-    extent_error: float | None,
-    length_error: float | None,
-    velocity_error: float | None,
-) -> tuple[LabErrors, Experiment]:
-    """Return the errors of a lab and its experiment: those of a measured capsule, or those that are stated."""
-    from capsbayes.experiment import Experiment
-    from capsbayes.measurement import Measurement
-    from capsbayes.plan import LabErrors
-
-    stated = {"--extent-error": extent_error, "--length-error": length_error, "--velocity-error": velocity_error}
-    if like is not None:
-        for option, value in stated.items():
-            if value is not None:
-                raise InputError(command, option, "no such option together with --like", f"{value:g}")
-        measurement = Measurement.read(like)
-        if measurement.outline is not None:
-            typer.echo(
-                f"The widths are those of the lengths of {like}; its outline would make them narrower.", err=True
-            )
-        return LabErrors.of(measurement), named_experiment(measurement, experiment)
-    if experiment is None or extent_error is None or velocity_error is None:
-        given = ", ".join(name for name, value in stated.items() if value is not None) or "none of them"
-        expected = "--like CAPSULE, or --experiment with --extent-error and --velocity-error"
-        raise InputError(command, "errors", expected, given if experiment is None else f"--experiment, {given}")
-    return LabErrors(extent_error, velocity_error, length_error), Experiment.read(experiment)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import AsJson, CapillaryNumber, Plot, SizeRatio, with_simulator
+from capsbayes.cli.options import AsJson, CapillaryNumber, Plot, SizeRatio, simulator_of, with_options_of
 from capsbayes.cli.output import check_suffix, print_json
 
 if TYPE_CHECKING:
     from capsbayes.physics.simulation import SteadyState
 
 
-@with_simulator
+@with_options_of(simulator_of, "simulator")
 def simulate(
     capillary_number: CapillaryNumber,
     size_ratio: SizeRatio,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, with_simulator
+from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, simulator_of, with_options_of
 from capsbayes.cli.output import check_suffix, table_file
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from capsbayes.physics.simulation.snapshot import Snapshot
 
 
-@with_simulator
+@with_options_of(simulator_of, "simulator")
 def transient(
     capillary_number: CapillaryNumber,
     size_ratio: SizeRatio,

@@ -65,7 +65,7 @@ class Deviation:
     def __str__(self) -> str:
         """Return the name, the amplitude and its significance."""
         unit = f" {self.unit}" if self.unit else ""
-        words = f"{self.size:+.3g} +/- {self.error:.2g}{unit}, {self.sigma:+.1f} sigma, p-value {self.p_value:.2g}"
+        words = f"{self.size:+.3g} ± {self.error:.2g}{unit}, {self.sigma:+.1f} σ, p-value {self.p_value:.2g}"
         return f"{self.name}: {words}"
 
 

@@ -124,11 +124,11 @@ def _measure_contour(
         pixel_size=None if pixel_size is None else pixel_size_of(pixel_size),
         points=points,
     )
-    typer.echo(f"L_z {pair(1e6 * measured.axial_extent, 1e6 * measured.axial_extent_error, digits=3)} um")
+    typer.echo(f"L_z {pair(1e6 * measured.axial_extent, 1e6 * measured.axial_extent_error, digits=3)} µm")
     if measured.axial_length is None or measured.axial_length_error is None:
         typer.echo("The contour has no concave rear: L_a is at most its length.")
     else:
-        typer.echo(f"L_a {pair(1e6 * measured.axial_length, 1e6 * measured.axial_length_error, digits=3)} um")
+        typer.echo(f"L_a {pair(1e6 * measured.axial_length, 1e6 * measured.axial_length_error, digits=3)} µm")
     if out is not None:
         measured.write(out / "measurement.toml")
     typer.echo(f"Status: {measured.status}")

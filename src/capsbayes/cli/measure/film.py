@@ -108,14 +108,14 @@ def _print(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
 def _cells(row: pd.Series) -> list[str]:
     """Return the lengths, the velocity and their changes of one capsule as text."""
     lengths = [
-        f"{row[f'{name}_over_l']:.4f} +/- {row[f'{name}_error_over_l']:.4f}" if row[f"{name}_over_l"] > 0.0 else ""
+        f"{row[f'{name}_over_l']:.4f} ± {row[f'{name}_error_over_l']:.4f}" if row[f"{name}_over_l"] > 0.0 else ""
         for name in ("axial_extent", "axial_length")
     ]
     if row["axial_length_bound_over_l"] > 0.0:
         lengths[1] = f"at most {row['axial_length_bound_over_l']:.4f}"
     speed, error = 1e3 * row["velocity_m_s"], 1e3 * row["velocity_error_m_s"]
     digits = max(0, 1 - math.floor(math.log10(error))) if error > 0.0 else 0
-    velocity = f"{speed:.{digits}f} +/- {error:.{digits}f}" if error > 0.0 else ""
+    velocity = f"{speed:.{digits}f} ± {error:.{digits}f}" if error > 0.0 else ""
     changes = []
     for name in ("L_z", "L_a", "v_o"):
         change, error = row[f"{name}_change"], row[f"{name}_change_error"]

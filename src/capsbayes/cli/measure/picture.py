@@ -114,7 +114,7 @@ def _significant(value: float, error: float) -> str:
 
 def pair(value: float, error: float, *, digits: int = 2) -> str:
     """Return a value with its standard error, as text."""
-    return f"{value:.{digits}f} +/- {error:.{digits}f}"
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def write_detection(out: Path, picture: Picture, detection: Detection, measured: Measurement) -> None:

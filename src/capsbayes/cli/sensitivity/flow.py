@@ -3,37 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import (
-    AsJson,
-    ExperimentFile,
-    ExtentError,
-    LengthError,
-    Like,
-    ModelName,
-    Seed,
-    VelocityError,
-    named_model,
-    read_lab,
-)
+from capsbayes.cli.options import AsJson, ModelName, Seed, lab_of, named_model, with_options_of
 from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words, table_file
 
 if TYPE_CHECKING:
     from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths
 
 
+@with_options_of(lab_of, "lab")
 def flow(
     shear_modulus: Annotated[str, typer.Option(help='Expected G_s, as "50 mN/m" or "50 +/- 10 mN/m".')],
     radius: Annotated[str, typer.Option(help='Expected a, as "24 um" or "24 +/- 1 um".')],
+    lab: Any,
     out: Annotated[Path | None, typer.Option(help="Folder for flow.json, flow.csv, flow.png.")] = None,
-    like: Like = None,
-    experiment: ExperimentFile = None,
-    extent_error: ExtentError = None,
-    length_error: LengthError = None,
-    velocity_error: VelocityError = None,
     database: ModelName = None,
     margin: Annotated[
         float, typer.Option(min=0.0, max=0.99, help="Share of the limiting Ca by which to stay below it.")
@@ -60,12 +46,12 @@ def flow(
     check_folder("--out", out)
     modulus = Quantity.of_text(shear_modulus, "surface_shear_modulus", where="flow", key="--shear-modulus")
     size = Quantity.of_text(radius, "capsule_radius", where="flow", key="--radius")
-    errors, known = read_lab("flow", like, experiment, extent_error, length_error, velocity_error)
-    lab = (modulus, size, known, errors, named_model(database, known.cross_section))
-    design = flow_design(*lab, seed=seed, margin=margin, risk=risk, progress=tracked)
+    errors, known = lab
+    expected = (modulus, size, known, errors, named_model(database, known.cross_section))
+    design = flow_design(*expected, seed=seed, margin=margin, risk=risk, progress=tracked)
     tried = None
     if simulate and design.best is not None:
-        tried = simulated_widths(*lab, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)
+        tried = simulated_widths(*expected, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)
     result = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
     files: dict[str, Writer] = {
         "flow.json": json_file(result),
@@ -92,7 +78,7 @@ def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:
     lines = [limit] if design.best is None else _best_lines(design, design.best, limit)
     if tried is not None:
         lines.append(
-            f"{len(tried.relative)} simulated capsules came out at +/- {tried.mean:.1%} (standard error "
+            f"{len(tried.relative)} simulated capsules came out at ± {tried.mean:.1%} (standard error "
             f"{tried.standard_error:.1%}), {tried.within.mean():.0%} of them within their 68 % interval."
         )
     return lines
@@ -101,8 +87,8 @@ def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:
 def _best_lines(design: FlowDesign, best: FlowPoint, limit: str) -> list[str]:
     low, high = (1e3 * speed for speed in design.good or (best.mean_velocity, best.mean_velocity))
     lines = [
-        f"Best: U = {1e3 * best.mean_velocity:.3g} mm/s, Q = {6e10 * best.flow_rate:.3g} uL/min, G_s to +/- "
-        f"{best.relative:.1%} (half of the 68 % interval over the median), a to +/- {best.relative_radius:.1%}.",
+        f"Best: U = {1e3 * best.mean_velocity:.3g} mm/s, Q = {6e10 * best.flow_rate:.3g} µL/min, G_s to ± "
+        f"{best.relative:.1%} (half of the 68 % interval over the median), a to ± {best.relative_radius:.1%}.",
         limit,
         f"At the best flow rate Ca exceeds {1.0 - design.margin:.0%} of this limit with a probability of "
         f"{best.beyond_margin:.1%}; at most {design.risk:.0%} was asked for.",

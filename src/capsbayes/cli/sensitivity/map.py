@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import (
-    AsJson,
-    ExperimentFile,
-    ExtentError,
-    LengthError,
-    Like,
-    ModelName,
-    VelocityError,
-    named_model,
-    read_lab,
-)
+from capsbayes.cli.options import AsJson, ModelName, lab_of, named_model, with_options_of
 from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words
 from capsbayes.output_file import write_dataset
 
@@ -29,13 +19,10 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+@with_options_of(lab_of, "lab")
 def identifiability(
+    lab: Any,
     out: Annotated[Path | None, typer.Option(help="Folder for map.nc, map.json, map.png, map-radius.png.")] = None,
-    like: Like = None,
-    experiment: ExperimentFile = None,
-    extent_error: ExtentError = None,
-    length_error: LengthError = None,
-    velocity_error: VelocityError = None,
     database: ModelName = None,
     points: Annotated[tuple[int, int], typer.Option(help="Points along log Ca and along a/l.")] = (28, 20),
     noises: Annotated[int, typer.Option(min=0, help="Measurements that each width is averaged over.")] = 13,
@@ -50,7 +37,7 @@ def identifiability(
     from capsbayes.work.progress import tracked
 
     check_folder("--out", out)
-    errors, known = read_lab("map", like, experiment, extent_error, length_error, velocity_error)
+    errors, known = lab
     model = named_model(database, known.cross_section)
     found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)
     short = _short(found)
@@ -108,8 +95,8 @@ def _lines(short: dict[str, Any]) -> list[str]:
         "With these errors G_s cannot be measured anywhere on the map."
         if best is None
         else (
-            f"G_s is measured best at Ca = {best['capillary_number']:.3g}, a/l = {best['size_ratio']:.3g}: to +/- "
-            f"{best['width_of_surface_shear_modulus']:.1%}, and a to +/- {best['width_of_capsule_radius']:.1%} "
+            f"G_s is measured best at Ca = {best['capillary_number']:.3g}, a/l = {best['size_ratio']:.3g}: to ± "
+            f"{best['width_of_surface_shear_modulus']:.1%}, and a to ± {best['width_of_capsule_radius']:.1%} "
             "(half of the 68 % interval over the median)."
         )
     )
