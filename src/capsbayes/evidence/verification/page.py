@@ -29,8 +29,8 @@ def write_page(topics: Sequence[Topic], records: Records, out: Path) -> None:
         "",
         "`capsbayes verify` compares the simulator with closed forms, published numbers and other methods, and",
         "writes this page. The references are listed in `capsbayes.evidence.verification.references`; our numbers",
-        f"were computed by capsbayes {capsbayes.__version__} and are kept in [results.jsonl](results.jsonl). Differences in per",
-        "cent are relative. Times are seconds of one processor core.",
+        f"were computed by capsbayes {capsbayes.__version__} and are kept in [results.jsonl](results.jsonl).",
+        "Differences in per cent are relative. Times are seconds of one processor core.",
         "",
         *_summary(known),
     ]
