@@ -25,9 +25,9 @@ def python(*arguments, **how):
     )
 
 
-def capsbayes(*arguments, **how):
-    """Start a command."""
-    return python("-c", "from capsbayes.cli import main; main()", *arguments, **how)
+def capsbayes(*arguments, program="from capsbayes.cli import main; main()", **how):
+    """Start a command, perhaps by a program that prepares it."""
+    return python("-c", program, *arguments, **how)
 
 
 def wait_until(holds, process=None):

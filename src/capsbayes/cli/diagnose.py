@@ -39,13 +39,15 @@ def diagnose(
 ) -> None:
     """Find where capsules disagree with the model, name what would explain it, and test that on held-out capsules.
 
+    With --out, a run that was interrupted goes on where it was when it is started again.
+
     Exit status: 0 whatever the verdict, 2 on bad input.
     """
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
     from capsbayes.show import study_page
     from capsbayes.show.terminal import study_parts
-    from capsbayes.work.progress import progress_bar
+    from capsbayes.work import progress_bar, resumable
 
     check_folder("--out", out)
     session = Session.read(capsules, experiment)
@@ -53,7 +55,7 @@ def diagnose(
     effects = _effects(candidates, cross_section)
     elsewhere = _measured(measured or [], effects)
     model = named_model(database, cross_section, _view(session))
-    with progress_bar(None, "reading") as update:
+    with resumable(out), progress_bar(None, "reading") as update:
         study = diagnosed(
             session,
             model,

@@ -67,6 +67,7 @@ def identify(
     from capsbayes.measurement import Measurement
     from capsbayes.show.terminal import posterior_parts
     from capsbayes.show.words.posterior import status_words
+    from capsbayes.work import resumable
 
     check_folder("--out", out)
     if capsule.suffix.lower() in PICTURES:
@@ -85,7 +86,8 @@ def identify(
     model = named_model(
         database, known.cross_section, None if measurement.outline is None else measurement.outline.view
     )
-    posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
+    with resumable(out):
+        posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
     model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
     conclude(
         posterior.as_dict(),

@@ -24,6 +24,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.infer.verdict import leaning
 from capsbayes.model import ForwardModel
 from capsbayes.plan.lab_errors import LabErrors
+from capsbayes.work import step_of
 
 NOISES = 13
 """Number of measurements that a width is averaged over."""
@@ -101,6 +102,11 @@ class WidthPredictor:
 
     def at(self, capillary_number: float, size_ratio: float) -> Width:
         """Predict the width at one point; all NaN outside the model's domain."""
+        lab = self.model, self.experiment, self.errors, self.engine.prior, self.modulus, self.lattice
+        place = capillary_number, size_ratio
+        return step_of(Width, ("width", *lab, *place), lambda: self._at(*place))
+
+    def _at(self, capillary_number: float, size_ratio: float) -> Width:
         theta = {"capillary_number": np.array([capillary_number]), "size_ratio": np.array([size_ratio])}
         there = self.model(theta)
         if not there.inside[0]:

@@ -4,7 +4,7 @@ from capsbayes.work.digest import digest_of
 from capsbayes.work.lock import only_run
 from capsbayes.work.progress import progress_bar, tracked
 from capsbayes.work.records import Records
-from capsbayes.work.steps import remembered, steps_kept
+from capsbayes.work.steps import remembered, resumable, step_of, steps_kept
 from capsbayes.work.store import Store
 from capsbayes.work.workers import run_tasks
 
@@ -15,7 +15,9 @@ __all__ = [
     "only_run",
     "progress_bar",
     "remembered",
+    "resumable",
     "run_tasks",
+    "step_of",
     "steps_kept",
     "tracked",
 ]

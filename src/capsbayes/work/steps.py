@@ -9,16 +9,21 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from capsbayes import __version__
 from capsbayes.errors import InputError
+from capsbayes.interruption import keeping
+from capsbayes.output_file import make_folder
 from capsbayes.work.digest import digest_of
+from capsbayes.work.lock import only_run
 from capsbayes.work.store import Store
 
-_SHORT = 0.1  # s of work that are not worth a file
+_SHORT = 0.02  # s of work that are not worth a file
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -50,6 +55,35 @@ def steps_kept(store: Store, part: str) -> Iterator[None]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+@contextlib.contextmanager
+def resumable(out: Path | None) -> Iterator[None]:
+    """Keep the steps of a computation in the folder of its results, so that it goes on when it is started again.
+
+    Parameters
+    ----------
+    out : Path or None
+        The folder, which no other run may write meanwhile; None if the results are not kept.
+
+    Raises
+    ------
+    InputError
+        If another run writes there, or nothing can be written.
+    """
+    if out is None:
+        yield
+        return
+    missing = not out.exists()
+    make_folder(out)
+    try:
+        with only_run(out), keeping(out), steps_kept(Store(out, digest_of(__version__)), "unfinished"):
+            yield
+    except Exception:
+        if missing:
+            with contextlib.suppress(OSError):
+                out.rmdir()
+        raise
+
+
 def remembered(function: Callable[P, T]) -> Callable[P, T]:
     """Let a slow function find its result again while `steps_kept`; elsewhere it is called as it is.
 
@@ -59,22 +93,30 @@ def remembered(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def find(*arguments: P.args, **options: P.kwargs) -> T:
-        store = _current.get()
-        if store is None:
+        if _current.get() is None:
             return function(*arguments, **options)
-        name = digest_of(function.__qualname__, arguments, options)[:24]
-        kept = store.load(name)
-        if kept is not None:
-            result: T = _built(get_type_hints(function)["return"], kept, "result")
-            return result
-        begin = time.monotonic()
-        computed = function(*arguments, **options)
-        if time.monotonic() - begin > _SHORT:
-            with contextlib.suppress(InputError):  # on a full disk the part goes on; its own end is what fails
-                store.save(name, dict(_flat(computed, "result")))
-        return computed
+        kind = get_type_hints(function)["return"]
+        return step_of(kind, (function.__qualname__, arguments, options), lambda: function(*arguments, **options))
 
     return find
+
+
+def step_of(kind: type[T], key: tuple[Any, ...], compute: Callable[[], T]) -> T:
+    """Compute a step, or find its result of this type by the content of a key while `steps_kept`."""
+    store = _current.get()
+    if store is None:
+        return compute()
+    name = digest_of(key)[:24]
+    kept = store.load(name)
+    if kept is not None:
+        found: T = _built(kind, kept, "result")
+        return found
+    begin = time.monotonic()
+    computed = compute()
+    if time.monotonic() - begin > _SHORT:
+        with contextlib.suppress(InputError):  # on a full disk the part goes on; its own end is what fails
+            store.save(name, dict(_flat(computed, "result")))
+    return computed
 
 
 def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:

@@ -41,14 +41,15 @@ def flow(
     from capsbayes.quantity import Quantity
     from capsbayes.show import flow_figure
     from capsbayes.show.tables.plan import flow_table
-    from capsbayes.work.progress import tracked
+    from capsbayes.work import resumable, tracked
 
     check_folder("--out", out)
     modulus = Quantity.of_text(shear_modulus, "surface_shear_modulus", where="flow", key="--shear-modulus")
     size = Quantity.of_text(radius, "capsule_radius", where="flow", key="--radius")
     errors, known = lab
     expected = (modulus, size, known, errors, named_model(database, known.cross_section))
-    design = flow_design(*expected, seed=seed, margin=margin, risk=risk, progress=tracked)
+    with resumable(out):
+        design = flow_design(*expected, seed=seed, margin=margin, risk=risk, progress=tracked)
     tried = None
     if simulate and design.best is not None:
         tried = simulated_widths(*expected, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)

@@ -34,12 +34,13 @@ def identifiability(
     """
     from capsbayes.plan import identifiability_map
     from capsbayes.show import identifiability_figure
-    from capsbayes.work.progress import tracked
+    from capsbayes.work import resumable, tracked
 
     check_folder("--out", out)
     errors, known = lab
     model = named_model(database, known.cross_section)
-    found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)
+    with resumable(out):
+        found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)
     short = _short(found)
     files: dict[str, Writer] = {
         "map.nc": lambda path: write_dataset(path, found),

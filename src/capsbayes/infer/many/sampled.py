@@ -17,7 +17,7 @@ from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import StoredTask, hash_of
 from capsbayes.infer.posterior_file import work_of
 from capsbayes.measurement import Measurement
-from capsbayes.work import digest_of
+from capsbayes.work import Store, digest_of, steps_kept
 
 _AGREES = 0.1  # standard deviation
 
@@ -89,7 +89,8 @@ class CheckTask(StoredTask):
     def __call__(self, run: Run) -> None:
         """Sample the capsule and keep the differences."""
         experiment = run.experiment_of(self.measurement)
-        sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=run.prior)
+        with steps_kept(self.store, self.name):
+            sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=run.prior)
         differences = np.zeros((len(QUANTITIES), 3))
         for number, name in enumerate(QUANTITIES):
             other = np.array(list(sampled.marginals[name].as_dict().values()))
@@ -147,5 +148,6 @@ class ChainTask:
     def __call__(self, run: Run) -> None:
         """Sample and write."""
         experiment = run.experiment_of(self.measurement)
-        posterior = identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior)
+        with steps_kept(Store(self.file.parent, self.digest), self.file.stem):
+            posterior = identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior)
         posterior.write(self.file, work=self.digest)

@@ -15,15 +15,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.sampling.convergence import autocorrelation_time, chain_gates
 from capsbayes.infer.sampling.initial_points import starting_points
 from capsbayes.infer.sampling.log_density import LogDensity
+from capsbayes.work.steps import step_of
 
 
 @dataclass(frozen=True)
@@ -124,15 +126,14 @@ def sampled(
     effort = effort or Effort()
     root = np.random.SeedSequence(seed)
     starts = starting_points(log_density, effort.ensembles, effort.walkers, np.random.default_rng(root.spawn(1)[0]))
-    log_density.not_a_number = 0  # initial points are searched everywhere; only points that walkers visit count
-    states = [int(word) for word in root.generate_state(effort.ensembles)]
-    samplers = [_sampler(log_density, start, state) for start, state in zip(starts, states, strict=True)]
+    seeds = [int(word) for word in root.generate_state(effort.ensembles)]
+    ensembles = [[_begun(log_density, *pair)] for pair in zip(starts, seeds, strict=True)]
     ahead, todo, doublings = 0, effort.steps, 0
     while True:
-        for sampler, start in zip(samplers, starts, strict=True):
-            sampler.run_mcmc(start if ahead == 0 else None, todo, skip_initial_state_check=True)
+        for stretches in ensembles:
+            stretches.append(_continued(log_density, stretches[0], stretches[-1], todo))
         ahead += todo
-        chains = _gathered(samplers, log_density)
+        chains = _gathered(ensembles, log_density.names)
         if ahead >= effort.budget:
             return chains
         growth = effort.extension
@@ -143,24 +144,63 @@ def sampled(
         todo = min(math.ceil(growth * ahead), effort.budget - ahead)
 
 
-def _sampler(log_density: LogDensity, start: Floats, seed: int) -> Any:
-    import emcee
+class _Stretch(NamedTuple):
+    """Some steps of an ensemble.
 
-    moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]
-    sampler = emcee.EnsembleSampler(*start.shape, log_density, moves=moves, vectorize=True)
-    sampler.random_state = np.random.RandomState(seed).get_state()
-    return sampler
+    Parameters
+    ----------
+    chain : (steps, walkers, d) array
+    log_density : (steps, walkers) array
+    random : (624,) array
+        State of the random numbers at the end, with the next three.
+    position, has_gauss : int
+    cached_gauss : float
+    wrong : int
+        Points that were visited whose density is not a number.
+    """
+
+    chain: Floats
+    log_density: Floats
+    random: NDArray[np.uint32]
+    position: int
+    has_gauss: int
+    cached_gauss: float
+    wrong: int
 
 
-def _gathered(samplers: list[Any], log_density: LogDensity) -> Chains:
-    """Return the chains of all ensembles without the burn-in, and their gates."""
-    chain = np.stack([sampler.get_chain() for sampler in samplers], axis=1)
+def _begun(log_density: LogDensity, start: Floats, seed: int) -> _Stretch:
+    """Return the points (walkers, d) at which an ensemble starts, as its first step."""
+    return _Stretch(start[None], log_density(start)[None], *np.random.RandomState(seed).get_state()[1:], 0)
+
+
+def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: int) -> _Stretch:
+    """Continue an ensemble; the densities at its first points stand for the posterior among what this depends on."""
+
+    def run() -> _Stretch:
+        import emcee
+
+        moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]
+        sampler = emcee.EnsembleSampler(*last.chain[-1].shape, log_density, moves=moves, vectorize=True)
+        sampler.random_state = ("MT19937", *last[2:6])
+        before = log_density.not_a_number
+        state = emcee.State(last.chain[-1], log_prob=last.log_density[-1])
+        sampler.run_mcmc(state, todo, skip_initial_state_check=True)
+        wrong = log_density.not_a_number - before
+        return _Stretch(sampler.get_chain(), sampler.get_log_prob(), *sampler.random_state[1:], wrong)
+
+    return step_of(_Stretch, ("ensemble", first, last.chain[-1], last[2:6], todo), run)
+
+
+def _gathered(ensembles: list[list[_Stretch]], names: tuple[str, ...]) -> Chains:
+    """Return the chains of all ensembles without the first points and the burn-in, and their gates."""
+    chain = np.stack([np.concatenate([each.chain for each in stretches[1:]]) for stretches in ensembles], axis=1)
     steps, _, _, dimensions = chain.shape
     flat = chain[steps // 4 :].reshape(steps - steps // 4, -1, dimensions)
     time = max(autocorrelation_time(flat[..., k]) for k in range(dimensions))
     burn_in = min(math.ceil(6.0 * time), steps // 2)
-    density = np.stack([sampler.get_log_prob() for sampler in samplers], axis=1)[burn_in:]
+    each_density = [np.concatenate([each.log_density for each in stretches[1:]]) for stretches in ensembles]
+    density = np.stack(each_density, axis=1)
     kept = chain[burn_in:]
-    wrong = log_density.not_a_number
+    wrong = sum(each.wrong for stretches in ensembles for each in stretches)
     gates = [*chain_gates(kept), Gate("densities that are not a number", wrong, most=0)]
-    return Chains(log_density.names, kept, density, time, burn_in, steps - burn_in, gates)
+    return Chains(names, kept, density[burn_in:], time, burn_in, steps - burn_in, gates)
