@@ -48,17 +48,37 @@ def interruptible() -> Iterator[None]:
     before = {number: signal.signal(number, stop) for number in heeded}
     try:
         yield
+    except Exception as error:
+        raise_interruption(error)
+        raise
     finally:
         if not first:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
 
+def raise_interruption(error: BaseException) -> None:
+    """Raise the interruption that an error hides, if any.
+
+    Compiled code that is interrupted when it returns ends with a SystemError whose cause is the interruption. Whoever
+    catches all errors asks here first.
+    """
+    hidden: BaseException | None = error
+    while hidden is not None:
+        if isinstance(hidden, (Interrupted, KeyboardInterrupt)):
+            raise hidden from None
+        hidden = hidden.__cause__ or hidden.__context__
+
+
 @contextlib.contextmanager
 def keeping(place: Path) -> Iterator[None]:
     """Note at an interruption where finished work is kept."""
     try:
-        yield
+        try:
+            yield
+        except Exception as error:
+            raise_interruption(error)
+            raise
     except (Interrupted, KeyboardInterrupt) as error:
         error.add_note(f"finished work is kept in {place}")
         raise

@@ -4,7 +4,12 @@ import os
 import signal
 
 import pytest
+from analytic_simulator import AnalyticSimulator
 from processes import members, python, wait_until
+
+from capsbayes.interruption import Interrupted, keeping
+from capsbayes.physics.databases.sweep import CaseRunner
+from capsbayes.work import Store
 
 HANGS = """
 import ctypes, sys
@@ -47,6 +52,21 @@ def test_workers_that_hang_end_with_the_command(tmp_path, number, everyone, stat
     if number != signal.SIGKILL:
         kept = "finished work is kept in kept.parts"
         assert said == f"capsbayes: interrupted; {kept}; to go on: capsbayes {tmp_path}\n"
+
+
+@pytest.mark.parametrize("interruption", [Interrupted(signal.SIGTERM), KeyboardInterrupt()])
+def test_an_interruption_that_compiled_code_turned_into_an_error_is_one(tmp_path, interruption):
+    """As numba's dispatcher does; a case must not be stored as failed for it, nor its steps be removed."""
+
+    class Stopped(AnalyticSimulator):
+        def run(self, **case):
+            raise SystemError("returned a result with an exception set") from interruption
+
+    store = Store.open(tmp_path / "parts", {})
+    with pytest.raises(type(interruption)) as raised, keeping(store.folder):
+        CaseRunner(Stopped(), store, 0.9).run(0.05, "rest")
+    assert raised.value.__notes__ == [f"finished work is kept in {store.folder}"]
+    assert not list(store.names())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

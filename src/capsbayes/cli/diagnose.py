@@ -55,22 +55,23 @@ def diagnose(
     effects = _effects(candidates, cross_section)
     elsewhere = _measured(measured or [], effects)
     model = named_model(database, cross_section, _view(session))
-    with resumable(out), progress_bar(None, "reading") as update:
-        study = diagnosed(
-            session,
-            model,
-            seed=seed,
-            candidates=effects,
-            level=level,
-            measured=elsewhere,
-            progress=lambda step, done, steps: update(done, step, steps),
-        )
-    result = summary(study)
-    files: dict[str, Writer] = {
-        "study.html": lambda path: write_file(path, study_page(study)),
-        "study.json": json_file(result),
-    }
-    conclude(result, lambda: list(study_parts(study)), files, out=out, as_json=as_json)
+    with resumable(out):
+        with progress_bar(None, "reading") as update:
+            study = diagnosed(
+                session,
+                model,
+                seed=seed,
+                candidates=effects,
+                level=level,
+                measured=elsewhere,
+                progress=lambda step, done, steps: update(done, step, steps),
+            )
+        result = summary(study)
+        files: dict[str, Writer] = {
+            "study.html": lambda path: write_file(path, study_page(study)),
+            "study.json": json_file(result),
+        }
+        conclude(result, lambda: list(study_parts(study)), files, out=out, as_json=as_json)
 
 
 def _view(session: Session) -> str:

@@ -88,16 +88,16 @@ def identify(
     )
     with resumable(out):
         posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
-    model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
-    conclude(
-        posterior.as_dict(),
-        lambda: [*posterior_parts(posterior), model_line],
-        _files(posterior),
-        out=out,
-        as_json=as_json,
-        status=posterior.status,
-        status_words=status_words(posterior),
-    )
+        model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
+        conclude(
+            posterior.as_dict(),
+            lambda: [*posterior_parts(posterior), model_line],
+            _files(posterior),
+            out=out,
+            as_json=as_json,
+            status=posterior.status,
+            status_words=status_words(posterior),
+        )
 
 
 def _coordinates(priors: list[str]) -> dict[str, str]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
-from capsbayes.interruption import keeping
+from capsbayes.interruption import keeping, raise_interruption
 from capsbayes.output_file import make_folder
 from capsbayes.work.digest import digest_of
 from capsbayes.work.lock import only_run
@@ -43,11 +43,13 @@ def steps_kept(store: Store, part: str) -> Iterator[None]:
     """
     folder = store.folder / f"{part}.steps"
     token = _current.set(Store(folder, store.fingerprint))
-    finished = True
+    finished = False
     try:
         yield
-    except BaseException as error:
-        finished = isinstance(error, Exception)  # else it was interrupted
+        finished = True
+    except Exception as error:
+        raise_interruption(error)
+        finished = True
         raise
     finally:
         _current.reset(token)

@@ -50,24 +50,24 @@ def flow(
     expected = (modulus, size, known, errors, named_model(database, known.cross_section))
     with resumable(out):
         design = flow_design(*expected, seed=seed, margin=margin, risk=risk, progress=tracked)
-    tried = None
-    if simulate and design.best is not None:
-        tried = simulated_widths(*expected, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)
-    result = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
-    files: dict[str, Writer] = {
-        "flow.json": json_file(result),
-        "flow.csv": table_file(design.table(), index=False),
-        "flow.png": figure_file(lambda: flow_figure(design)),
-    }
-    model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
-    conclude(
-        result,
-        lambda: [flow_table(design), *_lines(design, tried), model_line],
-        files,
-        out=out,
-        as_json=as_json,
-        status=design.status,
-    )
+        tried = None
+        if simulate and design.best is not None:
+            tried = simulated_widths(*expected, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)
+        result = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
+        files: dict[str, Writer] = {
+            "flow.json": json_file(result),
+            "flow.csv": table_file(design.table(), index=False),
+            "flow.png": figure_file(lambda: flow_figure(design)),
+        }
+        model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
+        conclude(
+            result,
+            lambda: [flow_table(design), *_lines(design, tried), model_line],
+            files,
+            out=out,
+            as_json=as_json,
+            status=design.status,
+        )
 
 
 def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:

@@ -41,15 +41,15 @@ def identifiability(
     model = named_model(database, known.cross_section)
     with resumable(out):
         found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)
-    short = _short(found)
-    files: dict[str, Writer] = {
-        "map.nc": lambda path: write_dataset(path, found),
-        "map.json": json_file(short),
-        "map.png": figure_file(lambda: identifiability_figure(found)),
-        "map-radius.png": figure_file(lambda: identifiability_figure(found, "capsule_radius")),
-    }
-    model_line = model_words(short["model"], short["model_sha256"])
-    conclude(short, lambda: [*_lines(short), model_line], files, out=out, as_json=as_json)
+        short = _short(found)
+        files: dict[str, Writer] = {
+            "map.nc": lambda path: write_dataset(path, found),
+            "map.json": json_file(short),
+            "map.png": figure_file(lambda: identifiability_figure(found)),
+            "map-radius.png": figure_file(lambda: identifiability_figure(found, "capsule_radius")),
+        }
+        model_line = model_words(short["model"], short["model_sha256"])
+        conclude(short, lambda: [*_lines(short), model_line], files, out=out, as_json=as_json)
 
 
 def _short(found: xr.Dataset) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from capsbayes.infer.many.tabulated.mixture import mixture
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.outline.misfit import outline_misfit
 from capsbayes.infer.verdict import leanings, shares_by_kind, verdict
+from capsbayes.interruption import raise_interruption
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS
 from capsbayes.status import Status
@@ -42,6 +43,7 @@ def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run
         rows.status[row] = (Status.NO_SHAPE if isinstance(error, NoShapeError) else Status.UNUSABLE).name
         rows.reason[row] = str(error)
     except Exception as error:  # a batch does not stop for one capsule
+        raise_interruption(error)
         rows.status[row], rows.reason[row] = Status.RAISED.name, f"{type(error).__name__}: {error}"
 
 

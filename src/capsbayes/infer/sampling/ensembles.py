@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,7 +170,9 @@ class _Stretch(NamedTuple):
 
 def _begun(log_density: LogDensity, start: Floats, seed: int) -> _Stretch:
     """Return the points (walkers, d) at which an ensemble starts, as its first step."""
-    return _Stretch(start[None], log_density(start)[None], *np.random.RandomState(seed).get_state()[1:], 0)
+    state: Any = np.random.RandomState(seed).get_state()
+    random: tuple[NDArray[np.uint32], int, int, float] = state[1:]
+    return _Stretch(start[None], log_density(start)[None], *random, 0)
 
 
 def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: int) -> _Stretch:
@@ -186,7 +188,8 @@ def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: i
         state = emcee.State(last.chain[-1], log_prob=last.log_density[-1])
         sampler.run_mcmc(state, todo, skip_initial_state_check=True)
         wrong = log_density.not_a_number - before
-        return _Stretch(sampler.get_chain(), sampler.get_log_prob(), *sampler.random_state[1:], wrong)
+        random: tuple[NDArray[np.uint32], int, int, float] = sampler.random_state[1:]
+        return _Stretch(sampler.get_chain(), sampler.get_log_prob(), *random, wrong)
 
     return step_of(_Stretch, ("ensemble", first, last.chain[-1], last[2:6], todo), run)
 

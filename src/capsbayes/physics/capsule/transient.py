@@ -22,11 +22,20 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError
 from capsbayes.physics.capsule.free_motion import FreeMotion, Rate
 from capsbayes.physics.capsule.problem import Iterate, Problem
-from capsbayes.work import remembered
+from capsbayes.work import remembered, step_of
 
 Scheme = Literal["semi-implicit", "explicit"]
-Stepper = Callable[[Floats, Rate, float], tuple[Floats, float]]
-"""From a shape, its rate and the length of a step to the change of shape and the step's error over l."""
+
+
+class _Change(NamedTuple):
+    """Change of shape (F,) in a step, and the step's error over l."""
+
+    shape: Floats
+    error: float
+
+
+Stepper = Callable[[Floats, Rate, float], _Change]
+"""From a shape, its rate and the length of a step to the change."""
 
 STEADY = 1e-4
 """Speed of the fastest node over U, relative to the centroid, below which a capsule is steady."""
@@ -87,7 +96,7 @@ def transient(
     advanced: Stepper = partial(_midpoint, motion) if explicit else _Rosenbrock(motion)
     largest = step or (stable_step(problem, start) if explicit else 0.2)
     time, length, free = 0.0, largest, start.free
-    rate = motion.rate(free)
+    rate = _rate(motion, free)
     for target in times:
         while time < target and not rate.speed < steady:
             taken = float((target - time) / np.ceil((target - time) / length - 1e-9))
@@ -97,13 +106,17 @@ def transient(
             length = min(largest, taken * _factor(error, tolerance))
             if error <= 2.0 * tolerance:
                 free = motion.held(free + change, rate.across)
-                time, rate = (target if taken >= target - time else time + taken), motion.rate(free)
+                time, rate = (target if taken >= target - time else time + taken), _rate(motion, free)
             elif length < _SHORTEST:
                 raise CapsbayesError(f"transient: no step is short enough at U t/l = {time:.4g}; refine the mesh")
         iterate = replace(start, free=free, velocity=rate.velocity, slack=rate.slack)
         yield Instant(time, iterate, rate.speed)
         if rate.speed < steady:
             return
+
+
+def _rate(motion: FreeMotion, free: Floats) -> Rate:
+    return step_of(Rate, ("rate", motion.problem, motion.start, free), lambda: motion.rate(free))
 
 
 def _factor(error: float, tolerance: float) -> float:
@@ -118,12 +131,12 @@ def _too_far(change: Floats, motion: FreeMotion) -> bool:
     return not motion.problem.mesh.largest(change) < motion.start.size_ratio
 
 
-def _midpoint(motion: FreeMotion, free: Floats, rate: Rate, length: float) -> tuple[Floats, float]:
-    """Take a step by the explicit midpoint rule; its error is not estimated."""
+def _midpoint(motion: FreeMotion, free: Floats, rate: Rate, length: float) -> _Change:
+    """Advance by the explicit midpoint rule."""
     half = 0.5 * length * rate.change
     if _too_far(half, motion):
-        return half, np.nan
-    return length * motion.rate(free + half).change, 0.0
+        return _Change(half, np.nan)
+    return _Change(length * motion.rate(free + half).change, 0.0)
 
 
 class _Rosenbrock:
@@ -132,19 +145,27 @@ class _Rosenbrock:
     def __init__(self, motion: FreeMotion) -> None:
         self.motion = motion
         self.reference: Floats | None = None
-        self.jacobian = np.empty(0)
+        self.jacobian: Floats | None = None
 
-    def __call__(self, free: Floats, rate: Rate, length: float) -> tuple[Floats, float]:
+    def __call__(self, free: Floats, rate: Rate, length: float) -> _Change:
+        mesh, start = self.motion.problem.mesh, self.motion.start
+        if self.reference is None or mesh.largest(free - self.reference) > _MOVED * start.size_ratio:
+            self.reference, self.jacobian = free, None
+        reference = self.reference
+        key = "Rosenbrock", self.motion.problem, start, reference, free, length
+        return step_of(_Change, key, lambda: self._computed(reference, free, rate, length))
+
+    def _computed(self, reference: Floats, free: Floats, rate: Rate, length: float) -> _Change:
         mesh = self.motion.problem.mesh
-        if self.reference is None or mesh.largest(free - self.reference) > _MOVED * self.motion.start.size_ratio:
-            self.reference, self.jacobian = free, self.motion.linearised(free)[1]
+        if self.jacobian is None:
+            self.jacobian = self.motion.linearised(reference)[1]
         factor = scipy.linalg.lu_factor(np.eye(len(free)) - _GAMMA * length * self.jacobian)
         first = length * scipy.linalg.lu_solve(factor, rate.change)
         if _too_far(first, self.motion):
-            return first, np.nan
+            return _Change(first, np.nan)
         ahead = length * self.motion.rate(free + first).change
         second = scipy.linalg.lu_solve(factor, ahead - 2.0 * first)
-        return 1.5 * first + 0.5 * second, 0.5 * mesh.largest(first + second)
+        return _Change(1.5 * first + 0.5 * second, 0.5 * mesh.largest(first + second))
 
 
 def stable_step(problem: Problem, start: Iterate) -> float:

@@ -17,6 +17,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST_FROM_REST, SNAP_THROUGH
+from capsbayes.interruption import raise_interruption
 from capsbayes.physics.continuation.settling import SHALLOW
 from capsbayes.physics.databases.outcome import Outcome, name_of, variables_of
 from capsbayes.status import Status
@@ -106,6 +107,7 @@ class CaseRunner:
             kept = state if state.status is Status.DONE else None
             outcome = Outcome(*case, state.status, variables_of(state), kept)
         except Exception as error:  # the other cases go on; this one keeps the reason
+            raise_interruption(error)
             outcome = Outcome(*case, Status.RAISED, message=f"{type(error).__name__}: {error}")
         outcome.save(self.store)
         return outcome
