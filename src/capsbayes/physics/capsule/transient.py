@@ -132,7 +132,7 @@ def _too_far(change: Floats, motion: FreeMotion) -> bool:
 
 
 def _midpoint(motion: FreeMotion, free: Floats, rate: Rate, length: float) -> _Change:
-    """Advance by the explicit midpoint rule."""
+    """Take a step by the explicit midpoint rule; its error is not estimated."""
     half = 0.5 * length * rate.change
     if _too_far(half, motion):
         return _Change(half, np.nan)
