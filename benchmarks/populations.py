@@ -37,7 +37,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from drawn_populations import EXPERIMENT, TRUTH, drawn_population, measured
 
 from capsbayes.infer.many import Population, hierarchy, identify_folder
-from capsbayes.infer.many.selection import kept_rows
+from capsbayes.infer.many.distribution.selection import kept_rows
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.surrogate import Surrogate
 

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from capsbayes.infer import Posterior, Prior
     from capsbayes.infer.identify import identify
     from capsbayes.infer.many import Hierarchy, Population
-    from capsbayes.infer.many.hierarchy import hierarchy
+    from capsbayes.infer.many.distribution.hierarchy import hierarchy
     from capsbayes.infer.many.identify_folder import identify_folder
     from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
     from capsbayes.measurement import Measurement

@@ -11,7 +11,7 @@ from capsbayes.infer import Prior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.capsule_rows import CapsuleRows
-from capsbayes.infer.many.selection import limit_of
+from capsbayes.infer.many.distribution.selection import limit_of
 from capsbayes.infer.many.tabulated.rows import lengths_rows
 from capsbayes.measurements.table import NUMBERS
 from capsbayes.quantity import Quantity

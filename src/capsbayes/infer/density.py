@@ -22,12 +22,11 @@ import numpy as np
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
-from capsbayes.infer.coordinate import Coordinate
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.outline.table import AnyOutline
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.prior import Coordinate, Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity

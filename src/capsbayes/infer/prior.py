@@ -1,4 +1,4 @@
-"""Prior distributions, stated on physical quantities.
+"""Prior distributions, stated on physical quantities, and the further coordinate of a model with its prior.
 
 G_s is log-uniform and a uniform by default, each over a range the user can
 change; the mean velocity U of the flow is log-uniform without limits. They
@@ -27,14 +27,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.input_file import InputFile
+from capsbayes.model import ForwardModel
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity
 
+_LEAST_COVERED = 0.8  # of the mass of the prior of a coordinate by the range of the model
 _RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
 _LIMITED = ("surface_shear_modulus", "capsule_radius")
 _MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e-6, 1e-3, "m")
@@ -170,3 +177,86 @@ def _range(where: str, key: str, stated: object) -> Quantity:
     if not low.value < high.value:
         raise InputError(where, f"prior.{key}", "low < high", f"{stated['low']!r}, {stated['high']!r}")
     return _RANGES[stated["distribution"]](low.value, high.value, PARAMETERS[key].si)
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinate:
+    """A coordinate and its prior, cut to the range of the model.
+
+    Parameters
+    ----------
+    name : str
+        As in `capsbayes.parameters`.
+    distribution : Quantity
+        Before the cut.
+    low, high : float
+        Range of the model.
+
+    Examples
+    --------
+    >>> alpha = Coordinate("pre_inflation", Quantity.uniform(0.0, 0.1), 0.0, 0.1)
+    >>> alpha.values([0.25, 0.5]).round(6).tolist(), alpha.log_density(0.2).item()
+    ([0.025, 0.05], -inf)
+    """
+
+    name: str
+    distribution: Quantity
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, model: ForwardModel, prior: Prior) -> Coordinate | None:
+        """Return the coordinate of a model, None if it has none; its prior is by default uniform over the whole range.
+
+        Raises
+        ------
+        InputError
+            If the prior is of a name that is no coordinate of the model or reaches far beyond the range of the model,
+            or if the model has several further coordinates.
+        """
+        check_coordinates(model, prior)
+        names = tuple(model.coordinates)
+        if len(names) > 1:
+            advice = "fix the others: model.fixed(name=value)"
+            raise InputError("identify", "model", "one further coordinate at most", ", ".join(names), advice)
+        if not names:
+            return None
+        name = names[0]
+        low, high, _ = model.coordinates[name]
+        if name not in prior.coordinates:
+            return cls(name, Quantity.uniform(low, high), low, high)
+        made = cls(name, prior.coordinates[name], low, high)
+        if made.covered < _LEAST_COVERED:
+            expected = f"a distribution within the range of the model, {low:g} to {high:g}"
+            raise InputError("prior", name, expected, f"one with {made.covered:.0%} of its mass there")
+        return made
+
+    @cached_property
+    def covered(self) -> float:
+        """Probability of the range under the distribution."""
+        return float(self.distribution.cdf(self.high) - self.distribution.cdf(self.low))
+
+    def values(self, shares: ArrayLike) -> Floats:
+        """Return the values below which given shares of the prior lie."""
+        shares = self.distribution.cdf(self.low) + np.asarray(shares) * self.covered
+        return np.clip(self.distribution.ppf(shares), self.low, self.high)
+
+    def log_density(self, values: ArrayLike) -> Floats:
+        """Return the log of the prior density, -inf beyond the range."""
+        values = np.asarray(values, dtype=np.float64)
+        within = (values >= self.low) & (values <= self.high)
+        return np.where(within, self.distribution.logpdf(values) - np.log(self.covered), -np.inf)
+
+
+def check_coordinates(model: ForwardModel, prior: Prior) -> None:
+    """Refuse a prior of a name that is no coordinate of the model, naming those that are.
+
+    Raises
+    ------
+    InputError
+    """
+    names = tuple(model.coordinates)
+    for other in prior.coordinates:
+        if other not in names:
+            known = f"a coordinate of {model.name}" + (f" ({', '.join(names)})" if names else "")
+            raise InputError("prior", other, known, f"a model of ({', '.join(('Ca', 'a/l', *names))})")

@@ -21,7 +21,6 @@ from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.coordinate import Coordinate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
@@ -29,7 +28,7 @@ from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.outline.table import AnyOutline
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.prior import Coordinate, Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 

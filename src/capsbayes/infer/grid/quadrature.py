@@ -17,7 +17,6 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.coordinate import check_coordinates
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
 from capsbayes.infer.grid.posterior import GridPosterior
@@ -26,7 +25,7 @@ from capsbayes.infer.kernel import feature_in_cells, sd_in_cells
 from capsbayes.infer.log_grid import resampled
 from capsbayes.infer.outline.likelihood import outline_likelihood
 from capsbayes.infer.outline.table import AnyOutline
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.prior import Prior, check_coordinates
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 

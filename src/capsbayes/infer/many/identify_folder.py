@@ -18,16 +18,15 @@ from numpy.typing import NDArray
 from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.coordinate import check_coordinates
 from capsbayes.infer.many.capsule_rows import CapsuleRows
+from capsbayes.infer.many.distribution.selection import limit_of
 from capsbayes.infer.many.listing import Listed, common_experiment, listed
 from capsbayes.infer.many.population import STATISTICS, Population
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.sampled import ChainTask, CheckTask, Compared, compared, drawn_rows
-from capsbayes.infer.many.selection import limit_of
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import RowsTask, StoredTask
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.prior import Prior, check_coordinates
 from capsbayes.interruption import keeping
 from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.model import ForwardModel

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from capsbayes.infer.many import Population
-from capsbayes.infer.many.modulus_spread import ModulusSpread
+from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.show.figures.style import ACCENT, INK, PALE, framed, legend_below, new_figure
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from capsbayes.infer.many import Population
-from capsbayes.infer.many.modulus_spread import ModulusSpread
+from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
 from capsbayes.show.figures.population import modulus_against_radius, modulus_histogram
 from capsbayes.show.pages.page import page, picture
 from capsbayes.show.tables.population import capsule_table, hierarchy_table, origin_table, status_table, summary_table

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from capsbayes.infer.many import Population
-from capsbayes.infer.many.modulus_spread import ModulusSpread
-from capsbayes.infer.many.tails import NORMAL
+from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
+from capsbayes.infer.many.distribution.tails import NORMAL
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import decimals, per_cent, together, unit_of
 

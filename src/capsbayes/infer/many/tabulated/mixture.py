@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 
@@ -62,3 +63,15 @@ def mixture(weights: Floats, x: Floats, y: Floats, into: Floats) -> None:
             component[5] -= component[2] * component[2]
             component[1] += mx
             component[2] += my
+
+
+def merged(components: NDArray[np.float32], neighbours: int) -> NDArray[np.float32]:
+    """Merge neighbouring components, whose weight, mean and covariance stay : (n, c, 6) -> (n, c / k, 6) array."""
+    parts = components.reshape(len(components), -1, neighbours, len(NUMBERS)).astype(np.float64)
+    weight = parts[..., 0].sum(axis=2)
+    shares = parts[..., 0] / np.where(weight > 0.0, weight, 1.0)[..., None]
+    x, y, xx, xy, yy = (np.sum(shares * parts[..., k], axis=2) for k in range(1, len(NUMBERS)))
+    dx, dy = parts[..., 1] - x[..., None], parts[..., 2] - y[..., None]
+    between = (np.sum(shares * product, axis=2) for product in (dx * dx, dx * dy, dy * dy))
+    seconds = [within + extra for within, extra in zip((xx, xy, yy), between, strict=True)]
+    return np.stack([weight, x, y, *seconds], axis=2).astype(np.float32)

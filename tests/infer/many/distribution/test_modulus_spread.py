@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import norm
 
 from capsbayes.errors import InputError
-from capsbayes.infer.many.modulus_spread import ModulusSpread
+from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
 
 
 def test_numbers_are_a_normal_distribution_without_a_band():

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from capsbayes.arrays import Floats, Integers
 
@@ -21,7 +21,7 @@ TAILS = (NORMAL, STUDENT)
 NODES = 5
 _BEYOND = 1e-3  # probability of w beyond the nodes, on either side
 _LOWEST, _HIGHEST = np.log([0.5, 500.0])  # log freedom
-_SHAPE, _RATE = 2.0, 0.1  # of the gamma prior of the freedom, M. A. Juarez and M. F. J. Steel (2010)
+_USUAL, _FACTOR = 5.0, 1.0  # median of the log-normal prior of the freedom, and standard deviation of its logarithm
 _ONE_SD = 0.6826894921370859  # probability of a normal variable within one standard deviation
 _HALVINGS = 40
 
@@ -85,5 +85,5 @@ def half_width_of(variance: Floats, weight: Floats) -> Floats:
 
 def log_prior_of_freedom(log_freedom: Floats) -> Floats:
     """Return the log prior density of the logarithm of the freedom; very low beyond 0.5 and 500."""
-    values = stats.gamma.logpdf(np.exp(log_freedom), _SHAPE, scale=1.0 / _RATE) + log_freedom
+    values = -0.5 * ((log_freedom - np.log(_USUAL)) / _FACTOR) ** 2
     return np.where((log_freedom > _LOWEST) & (log_freedom < _HIGHEST), values, -1e10)

@@ -20,13 +20,14 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.log_grid import LogGrid
-from capsbayes.infer.many.importance import drawn, mode
-from capsbayes.infer.many.log_posterior import FREEDOMS, LogPosterior
+from capsbayes.infer.many.distribution.importance import drawn, mode
+from capsbayes.infer.many.distribution.log_posterior import FREEDOMS, LogPosterior
+from capsbayes.infer.many.distribution.predictive import tail_p_values
+from capsbayes.infer.many.distribution.selection import Selection, kept_rows, limit_of
+from capsbayes.infer.many.distribution.tails import NORMAL, TAILS, half_width_of
 from capsbayes.infer.many.population import Population
-from capsbayes.infer.many.predictive import tail_p_values
-from capsbayes.infer.many.selection import Selection, kept_rows, limit_of
+from capsbayes.infer.many.tabulated.mixture import merged
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
-from capsbayes.infer.many.tails import NORMAL, TAILS, half_width_of
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS as QUANTITIES
@@ -40,6 +41,7 @@ PREFIX = "population_"
 _UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
 _STORED = 500
 _HEAVY_TAILS, _LIGHT_TAILS = 0.02, 0.995  # p-values; light ones, which two groups have, hardly concern the spread
+_MERGED = 3  # neighbouring components of a capsule, where the sum goes over the parts of t distributions too
 _LEAST = 1e-6  # share in the sample, below which the number of the others is not known
 _TAKING_PART = [status.name for status in Status if status.ok or status.name.startswith("LEANS")]
 
@@ -201,7 +203,7 @@ def hierarchy(
     Notes
     -----
     Priors: flat in the means of log G_s and log a, half-normal of scale 1 in both spreads, normal of scale 5 in the
-    slope, gamma of shape 2 and rate 0.1 in the freedoms.
+    slope, log-normal of median 5 and scale 1 in the freedoms.
     The posterior is drawn from a t distribution about its mode, the draws weighted by Pareto-smoothed importance
     sampling (https://doi.org/10.48550/arXiv.1507.02646), whose diagnostic is among the gates.
     """
@@ -229,6 +231,8 @@ def hierarchy(
     components = np.ascontiguousarray(population["likelihood"][kept])
     components[:, :, 1] += np.float32(np.log(viscosity.value))
     components[:, :, 2] += np.float32(np.log(half_width.value))
+    if tails != NORMAL:
+        components = merged(components, _MERGED)
     rng = np.random.default_rng([seed, 3])
     log_posterior = LogPosterior(components, selection if existence else _without_limit(selection), tails)
     place = mode(log_posterior)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from capsbayes.arrays import Floats
-from capsbayes.infer.many.log_posterior import LogPosterior
+from capsbayes.infer.many.distribution.log_posterior import LogPosterior
 
 _DRAWS, _MOST = 500, 2000  # of the posterior; of the capsules
 _ROUNDS = 60  # of replicates drawn again because they would not be in the sample

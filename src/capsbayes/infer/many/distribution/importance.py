@@ -9,8 +9,8 @@ from scipy import optimize, stats
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.many.log_posterior import SLOPES, LogPosterior
-from capsbayes.infer.many.tails import NORMAL
+from capsbayes.infer.many.distribution.log_posterior import SLOPES, LogPosterior
+from capsbayes.infer.many.distribution.tails import NORMAL
 
 _DRAWS, _KEPT, _FEWEST_DRAWS = 4000, 4000, 800
 _DRAWS_OF_TAILS = 1000  # each costs twenty-five times as much

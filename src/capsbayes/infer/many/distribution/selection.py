@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.infer.kernel import compiled
+from capsbayes.infer.many.distribution.tails import ScaleMixture
 from capsbayes.infer.many.population import Population
 from capsbayes.infer.many.tabulated.pyramid import COLUMNS, Pyramid
-from capsbayes.infer.many.tails import ScaleMixture
 from capsbayes.model import ForwardModel
 
 _COLUMNS = 64  # of a/l
@@ -145,7 +145,7 @@ class Selection:
         Parameters
         ----------
         parameters : (d, p) array
-            Populations, as of `capsbayes.infer.many.log_posterior`.
+            Populations, as of `capsbayes.infer.many.distribution.log_posterior`.
         modulus, radius : ScaleMixture
             Their tails.
 

@@ -10,10 +10,10 @@ from scipy import stats
 
 from capsbayes.errors import InputError
 from capsbayes.infer.many import Population, hierarchy
-from capsbayes.infer.many.log_posterior import LogPosterior, log_likelihood
-from capsbayes.infer.many.selection import Selection, kept_rows, limit_of
+from capsbayes.infer.many.distribution.log_posterior import LogPosterior, log_likelihood
+from capsbayes.infer.many.distribution.selection import Selection, kept_rows, limit_of
+from capsbayes.infer.many.distribution.tails import ScaleMixture, half_width_of
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
-from capsbayes.infer.many.tails import ScaleMixture, half_width_of
 from capsbayes.quantity import Quantity
 from capsbayes.show.words.population import caveats
 from capsbayes.surrogate import Surrogate

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.kernel import compiled
-from capsbayes.infer.many.selection import Selection
-from capsbayes.infer.many.tails import NODES, NORMAL, ScaleMixture, log_prior_of_freedom
+from capsbayes.infer.many.distribution.selection import Selection
+from capsbayes.infer.many.distribution.tails import NODES, NORMAL, ScaleMixture, log_prior_of_freedom
 
 PARAMETERS = ("log_modulus", "log_radius", "log_spread", "log_radius_spread", "slope")
 """Means of log G_s and log a, logarithms of the standard deviations of log G_s at given size and of log a, and the
@@ -44,7 +44,7 @@ class LogPosterior:
         Likelihood of each capsule in (log G_s, log a).
     selection : Selection, optional
     tails : str
-        One of `capsbayes.infer.many.tails.TAILS`.
+        One of `capsbayes.infer.many.distribution.tails.TAILS`.
     """
 
     components: NDArray[np.float32]
