@@ -191,13 +191,14 @@ TABLE = (
     "axial_extent_over_l,axial_extent_error_over_l,capsule_velocity_m_per_s,capsule_velocity_error_m_per_s\n"
     "2.1,0.01,0.005,0.00005\n"
 )
+WITHOUT_EXTENT = TABLE.replace("axial_extent_over_l,", "").replace("2.1,", "")
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (("axial_extent_over_l", "axial_extent"), "set.csv: axial_extent: expected one of the columns axial_extent_ov"),
-        (("axial_extent_over_l,", ""), "set.csv: axial_extent_over_l: expected a column of this name, got only"),
+        ((TABLE, WITHOUT_EXTENT), "set.csv: axial_extent_over_l: expected a column of this name, got only"),
         (("2.1,", "long,"), "capsule 1: axial_extent_over_l: expected a number, got 'long'"),
         (("2.1,", "-2.1,"), "capsule 1: axial_extent: expected a positive finite number, got -2.1"),
         (("2.1,0.01,0.005,0.00005\n", ""), "set.csv: expected at least one capsule, got none"),

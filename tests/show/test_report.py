@@ -36,6 +36,6 @@ def test_what_has_no_page_is_said(tmp_path):
     with pytest.raises(InputError, match="expected a posterior, a population or a database, or a study, got int"):
         cb.write_report(3, tmp_path / "page.html")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(InputError, match="expected a file that can be written"):
+    with pytest.raises(InputError, match="expected the name of a file to write, got a folder"):
         cb.write_report(population(), tmp_path / "folder")
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]

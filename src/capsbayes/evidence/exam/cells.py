@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from scipy.stats import norm
 
 from capsbayes.effect import Effect, Kind, Theta
 from capsbayes.effects import catalogue
@@ -17,6 +16,7 @@ from capsbayes.evidence.blind.pools import POOLS
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 _CAPSULES = 40
 _NULLS = {
@@ -59,7 +59,7 @@ class Decoy:
     circumstances: ClassVar[tuple[str, ...]] = ()
     changes: ClassVar[str] = "Edges are displaced by a random pattern."
     separated_by: ClassVar[str] = "None: it is not in the channel."
-    prior: ClassVar[Any] = norm(0.0, 0.02)
+    prior: ClassVar[Quantity] = Quantity(0.0, 0.02, low=-np.inf)
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Displace the edges that a model predicts, and with them the ends of its lengths."""
