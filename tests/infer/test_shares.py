@@ -9,7 +9,7 @@ from capsbayes.quantity import Quantity
 
 def shares_of(model, experiment, seen):
     quadrature = Quadrature(model, experiment)
-    return variance_shares(quadrature, seen, quadrature(seen))
+    return variance_shares(quadrature, seen, quadrature(seen), "surface_shear_modulus")["surface_shear_modulus"]
 
 
 def test_shares_add_up_and_are_those_of_error_propagation(model, experiment, capsule):

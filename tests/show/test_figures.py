@@ -8,7 +8,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
 from capsbayes.infer.deterministic import DeterministicAnswer
-from capsbayes.infer.outline.band import band
+from capsbayes.infer.outline.misfit import band
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.show import corner_plot, outline_figure, outline_plot

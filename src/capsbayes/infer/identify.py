@@ -112,7 +112,7 @@ def identify(
             seed=seed,
             gates=(*gates, *([] if fit is None else [fit])),
             agreement=agreed,
-            shares=variance_shares(quadrature, measurement, grid),
+            shares=variance_shares(quadrature, measurement, grid, "surface_shear_modulus")["surface_shear_modulus"],
             deterministic=deterministic_answer(measurement, model, grid.density.inputs),
             leaning=leans,
             outlines=drawn_outlines(model, draws, _OUTLINES)[1],

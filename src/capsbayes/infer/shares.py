@@ -13,7 +13,7 @@ and to the curvature of the model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 from capsbayes.infer.grid.mixed import ExactEngine, MixedPosterior
@@ -24,16 +24,8 @@ REST = "prior and curvature"
 QUANTITIES = ("surface_shear_modulus", "capsule_radius")
 
 
-def variance_shares(engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior) -> dict[str, float]:
-    """Return the share of the variance of log G_s due to each input: see `shares_of_each`."""
-    return shares_of_each(engine, measurement, posterior, ("surface_shear_modulus",))["surface_shear_modulus"]
-
-
-def shares_of_each(
-    engine: ExactEngine,
-    measurement: Measurement,
-    posterior: ExactPosterior,
-    quantities: Sequence[str] = QUANTITIES,
+def variance_shares(
+    engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, *quantities: str
 ) -> dict[str, dict[str, float]]:
     """Return the share of the variance of the logarithm of each quantity due to each input.
 
@@ -43,8 +35,8 @@ def shares_of_each(
     measurement : Measurement
     posterior : ExactPosterior
         Of that measurement.
-    quantities : sequence of str
-        ``"surface_shear_modulus"``, ``"capsule_radius"``, or both.
+    *quantities : str
+        Of `QUANTITIES`.
 
     Returns
     -------

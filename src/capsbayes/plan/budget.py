@@ -13,7 +13,7 @@ from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.infer.grid.mixed import exact_engine
 from capsbayes.infer.posterior import Posterior
-from capsbayes.infer.shares import QUANTITIES, REST, shares_of_each
+from capsbayes.infer.shares import QUANTITIES, REST, variance_shares
 from capsbayes.measured_outline import MID_PLANE
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -163,7 +163,7 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
     with threadpool_limits(limits=1):
         engine = exact_engine(forward, posterior.experiment, posterior.prior)
         grid = engine(seen, inputs=inputs)
-        shares = shares_of_each(engine, seen, grid)
+        shares = variance_shares(engine, seen, grid, *QUANTITIES)
         settings = settings_of(seen, inputs)
         log_slopes_of = {name: log_slopes(engine, seen, grid, setting) for name, setting in settings.items()}
         centre = {name: grid.marginal(name).median for name in QUANTITIES}

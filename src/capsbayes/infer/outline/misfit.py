@@ -1,4 +1,4 @@
-"""Goodness of fit of the outline: does any shape of a posterior fit it within its stated errors?"""
+"""Outlines of a posterior: their band, and whether any of them fits the measured one within its stated errors."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from capsbayes.infer.outline.likelihood import aligned_with, outline_likelihood
 from capsbayes.measured_outline import MeasuredOutline
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import COORDINATES
+from capsbayes.profile import vertex_normals
 
 _LARGEST = 4.0  # per degree of freedom: errors twice as large as stated
 _TRIED = 50  # draws
@@ -51,3 +52,22 @@ def outline_misfit(measured: MeasuredOutline, model: ForwardModel, draws: Mappin
     square = float(np.sum(likelihood.whitened(outlines[best : best + 1]) ** 2))
     freedom = max(len(measured.points) - _FITTED, 1)
     return Gate("squared misfit of the outline over its freedom", square / freedom, most=_LARGEST)
+
+
+def band(outlines: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the mean outline and the 2.5 % and 97.5 % quantiles of the distance from it along its normal.
+
+    Parameters
+    ----------
+    outlines : (d, p, 2) array
+        Corresponding points, columns (z, y), counter-clockwise.
+
+    Returns
+    -------
+    middle, inner, outer : (p, 2) arrays
+    """
+    middle = outlines.mean(axis=0)
+    normal = vertex_normals(middle)
+    distance = np.einsum("dpk,pk->dp", outlines - middle, normal)
+    low, high = np.quantile(distance, [0.025, 0.975], axis=0)
+    return middle, middle + low[:, None] * normal, middle + high[:, None] * normal

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.infer import Posterior
-from capsbayes.infer.outline.band import band
+from capsbayes.infer.outline.misfit import band
 from capsbayes.show.figures.style import closed, new_figure
 
 if TYPE_CHECKING:
