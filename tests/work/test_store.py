@@ -25,6 +25,8 @@ def store(tmp_path, **settings):
 
 def test_a_part_comes_back_to_the_last_bit(tmp_path):
     store(tmp_path).save("case", VALUES)
+    assert store(tmp_path).holds("case")
+    assert not store(tmp_path).holds("other")
     again = store(tmp_path).load("case")
     assert again.keys() == VALUES.keys()
     for name, value in VALUES.items():
@@ -49,6 +51,7 @@ def test_a_damaged_part_counts_as_absent(tmp_path, place):
             kept.load("case")
     else:
         assert kept.load("case") is None
+        assert not kept.holds("case")
 
 
 def test_a_part_of_an_earlier_version_is_refused_and_not_run(tmp_path):

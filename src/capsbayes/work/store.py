@@ -98,6 +98,16 @@ class Store:
         """Remove a part, if it is there."""
         self.path(name).unlink(missing_ok=True)
 
+    def holds(self, name: str) -> bool:
+        """Return True if a part is there and whole.
+
+        Raises
+        ------
+        DatabaseError
+            As of `load`.
+        """
+        return self._payload(name) is not None
+
     def load(self, name: str) -> dict[str, Any] | None:
         """Read a part.
 
@@ -111,6 +121,16 @@ class Store:
         DatabaseError
             If it was made with other settings, or by a version that wrote another format.
         """
+        payload = self._payload(name)
+        if payload is None:
+            return None
+        with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
+            values = dict(arrays)
+        text: dict[str, Any] = json.loads(values.pop(_JSON).tobytes())
+        return values | text
+
+    def _payload(self, name: str) -> bytes | None:
+        """Return the content of a part, None if it is missing or damaged."""
         path = self.path(name)
         try:
             header, _, payload = path.read_bytes().partition(b"\n")
@@ -124,10 +144,7 @@ class Store:
             return None
         if fingerprint != self.fingerprint:
             raise DatabaseError(f"{path} was made with other settings; remove it, or build under another name")
-        with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
-            values = dict(arrays)
-        text: dict[str, Any] = json.loads(values.pop(_JSON).tobytes())
-        return values | text
+        return payload
 
 
 def _check_settings(file: Path, asked: str) -> None:

@@ -157,12 +157,14 @@ class _Pool:
 
     def finish(self, tasks: Sequence[StoredTask | ChainTask], what: str) -> None:
         """Run the tasks that are not done; again those still missing if a worker was killed."""
-        files = [task.file for task in tasks]
+        names = {task.file.name for task in tasks}
 
-        def count() -> tuple[int, str]:
-            return sum(file.exists() for file in files), what
+        def count() -> tuple[int, str]:  # by one look into their folder: there may be a hundred thousand files
+            folder = tasks[0].file.parent if tasks else None
+            there = os.listdir(folder) if folder is not None and folder.exists() else ()
+            return len(names.intersection(there)), what
 
-        with progress_bar(len(files), what, show=self.progress, count=count):
+        with progress_bar(len(names), what, show=self.progress, count=count):
             for attempt in range(_ATTEMPTS):
                 missing = [task for task in tasks if not task.done]
                 try:

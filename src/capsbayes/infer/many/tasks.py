@@ -66,7 +66,7 @@ class StoredTask(abc.ABC):
     @property
     def done(self) -> bool:
         """True if the part is there and whole."""
-        return self.store.load(self.name) is not None
+        return self.store.holds(self.name)
 
 
 class RowsTask(StoredTask):
