@@ -273,8 +273,8 @@ def share_between(grid: LogGrid, low: float, high: float) -> float:
 def _moments_on_grid(start: float, step: float, masses: Floats) -> tuple[float, float]:
     """Return mean and variance of log x at the points of a grid."""
     logs = start + step * np.arange(len(masses))
-    mean = np.dot(masses, logs)
-    return mean, np.dot(masses, (logs - mean) ** 2)
+    mean = np.sum(masses * logs)  # not a product of vectors, whose digits depend on the BLAS kernel
+    return mean, np.sum(masses * (logs - mean) ** 2)
 
 
 @compiled

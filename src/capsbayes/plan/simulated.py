@@ -15,7 +15,7 @@ from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
 from capsbayes.model import ForwardModel
 from capsbayes.plan.expectation import Draws, Expectation
-from capsbayes.plan.lab_errors import LabErrors
+from capsbayes.plan.lab_errors import LabErrors, root_of
 from capsbayes.plan.widths import check_model, width_of
 from capsbayes.quantity import Given
 
@@ -141,8 +141,8 @@ def _lengths(
     there = model({"capillary_number": capsule.capillary_number(mean_velocity), "size_ratio": capsule.size_ratio})
     if not there.inside[0]:
         return None
-    extent, length, ratio = rng.multivariate_normal(there.values[0], there.covariance[0])
+    extent, length, ratio = there.values[0, :3] + root_of(there.covariance[0]) @ rng.standard_normal(3)
     seen = np.array([extent, length]) * (1.0 if errors.over_half_width else capsule.half_width[0])
     noise = errors.covariance
-    seen[: len(noise)] += rng.multivariate_normal(np.zeros(len(noise)), noise)
+    seen[: len(noise)] += root_of(noise) @ rng.standard_normal(len(noise))
     return seen, float(ratio * mean_velocity * (1.0 + errors.capsule_velocity * rng.standard_normal()))

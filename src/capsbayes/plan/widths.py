@@ -23,7 +23,7 @@ from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.verdict import leaning
 from capsbayes.model import ForwardModel
-from capsbayes.plan.lab_errors import LabErrors
+from capsbayes.plan.lab_errors import LabErrors, root_of
 from capsbayes.work import step_of
 
 NOISES = 13
@@ -138,8 +138,8 @@ class WidthPredictor:
         stated = self.errors.covariance
         seen[: len(stated), : len(stated)] = stated
         if self.errors.over_half_width:
-            return mean, _root(own + seen)
-        return mean * width.value, _root(own * width.value**2 + seen + width.error**2 * np.outer(mean, mean))
+            return mean, root_of(own + seen)
+        return mean * width.value, root_of(own * width.value**2 + seen + width.error**2 * np.outer(mean, mean))
 
     def _noisy(self, lengths: Floats, velocity: float) -> list[GridPosterior]:
         found = (self._posterior(pair, velocity) for pair in lengths)
@@ -191,9 +191,3 @@ def check_model(model: ForwardModel, experiment: Experiment) -> None:
         advice = f"fix it: model.fixed({name}=value)"
         raise InputError("sensitivity", "model", "a model of (Ca, a/l)", f"one of {name} too", advice)
     model.check_cross_section(experiment)
-
-
-def _root(covariance: Floats) -> Floats:
-    """Return a square root : (k, k) array."""
-    values, axes = np.linalg.eigh(covariance)
-    return axes * np.sqrt(np.maximum(values, 0.0))

@@ -96,12 +96,12 @@ class DiffuseApproximation:
 
     def __call__(self, queries: Floats) -> Floats:
         """Return the values at the queries : (n, 2) -> (n, q) array."""
-        return np.asarray(self._shapes(queries, slopes=False)[0] @ self.values)
+        return np.asarray(_weighted(self._shapes(queries, slopes=False)[0], self.values))
 
     def with_gradient(self, queries: Floats) -> tuple[Floats, Floats]:
         """Return the values (n, q) and gradients (n, q, 2) at the queries (n, 2)."""
         share, slope = self._shapes(queries, slopes=True)
-        return share @ self.values, np.stack([along @ self.values for along in slope], axis=-1)
+        return _weighted(share, self.values), np.stack([_weighted(along, self.values) for along in slope], axis=-1)
 
     def shape_functions(self, queries: Floats) -> Floats:
         """Return the weight of each node in the value at each query : (n, 2) -> (n, m) array, rows of sum one."""
@@ -269,3 +269,16 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
     for i in range(len(a)):
         total += a[i] * b[i]
     return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weighted(shares, values):  # type: ignore[no-untyped-def]
+    """Return the sums (n, q) of values (m, q) with few shares (n, m); digits of BLAS depend on kernel and threads."""
+    sums = np.zeros((len(shares), values.shape[1]))
+    for n in range(len(shares)):
+        for i in range(len(values)):
+            share = shares[n, i]
+            if share != 0.0:
+                for k in range(values.shape[1]):
+                    sums[n, k] += share * values[i, k]
+    return sums

@@ -80,9 +80,16 @@ def _power_that_keeps(values: Floats, count: int) -> float:
 
 
 def _jittered(points: Floats, rng: np.random.Generator, factor: float) -> Floats:
-    """Move points by a share of their own spread, so that no two coincide."""
-    spread = np.linalg.cholesky(np.cov(points.T) + 1e-18 * np.eye(points.shape[1]))
-    return points + factor * rng.standard_normal(points.shape) @ spread.T
+    """Move points by a share of their own spread, so that no two coincide.
+
+    The points are rounded to a millionth of the spread: walkers amplify a difference in the last digit until their
+    chains have nothing in common, and that digit depends on the processor.
+    """
+    away = points - points.mean(axis=0)
+    spread = np.linalg.cholesky(np.einsum("ni,nj->ij", away, away) / (len(points) - 1) + 1e-18 * np.eye(away.shape[1]))
+    moved = points + factor * np.einsum("nj,ij->ni", rng.standard_normal(points.shape), spread)
+    grain = 2.0 ** np.floor(np.log2(1e-6 * np.sqrt(np.sum(spread**2, axis=1))))
+    return np.asarray(grain * np.round(moved / grain))
 
 
 def _finite(log_density: LogDensity, points: Floats, shape: tuple[int, int], rng: np.random.Generator) -> Floats:
