@@ -76,11 +76,11 @@ def edge_errors(points: Floats, noise: Noise, rng: np.random.Generator) -> Float
     same = np.eye(len(points))
     smooth = np.exp(-apart / noise.correlation_length) if noise.correlation_length else same
     smooth = smooth + _LEAST_INDEPENDENT * same
-    values, vectors = np.linalg.eigh(smooth)
     size = noise.understated * noise.scale
     if noise.freedom is not None:
         size *= np.sqrt((noise.freedom - 2.0) / rng.chisquare(noise.freedom))
-    return np.asarray(size * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))))
+    # along the Cholesky factor: the signs of eigenvectors depend on the processor
+    return np.asarray(size * (np.linalg.cholesky(smooth) @ rng.standard_normal(len(smooth))))
 
 
 def _lengths(seen: Profile, edge: Floats, errors: Floats) -> tuple[float, float]:

@@ -16,7 +16,8 @@ _DRAWS, _KEPT, _FEWEST_DRAWS = 4000, 4000, 800
 _DRAWS_OF_TAILS = 1000  # each costs twenty-five times as much
 _BUDGET = 1e9  # Gaussians that are evaluated for the draws: some ten seconds
 _STEP = 1e-3  # of the parameters, for derivatives
-_TOLERANCE, _POLISHED = 1e-18, 12  # of the log density still to be gained at the mode: 1e-9 of its widths; steps at most
+_TOLERANCE = 1e-18  # of the log density, still to be gained at the mode: 1e-9 of its widths
+_POLISHED = 12  # steps at most that refine it
 _ROUNDS = 4
 _FREEDOM = 8  # of the t distribution that is drawn from
 _LEAST_ESS, _MOST_PARETO = 400.0, 0.7
@@ -82,7 +83,7 @@ def mode(log_posterior: LogPosterior, start: Floats | None = None) -> tuple[Floa
         if -slope @ step < _TOLERANCE:
             break
         found = found + step
-    return found, np.linalg.inv(curvature(found))
+    return found, np.asarray(np.linalg.inv(curvature(found)))
 
 
 def _smoothed(log_weights: Floats) -> tuple[Floats, float]:

@@ -1,0 +1,59 @@
+"""The tests on other versions of Python, and with the lowest versions of what the package needs.
+
+``nox`` runs the whole suite on every version of Python that is installed, and with the lowest versions that
+``pyproject.toml`` allows. ``nox -s smoke smoke_lowest`` runs the tests of the basic types and of many capsules there.
+What follows ``--`` goes to pytest.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import nox
+
+PYTHONS = ("3.11", "3.12", "3.13")
+LOWEST = "--resolution=lowest-direct"
+SMOKE = (
+    "-m",
+    "not slow",
+    "tests/test_package.py",
+    "tests/test_measurement.py",
+    "tests/test_quantity.py",
+    "tests/infer/many",
+)
+
+nox.options.default_venv_backend = "uv"
+nox.options.error_on_missing_interpreters = False
+nox.options.sessions = ["tests", "lowest"]
+versions = sorted(Path.home().glob(".pyenv/versions/3.*/bin"))  # where pyenv keeps interpreters, off the path
+os.environ["PATH"] = os.pathsep.join([os.environ["PATH"], *map(str, versions)])
+
+
+def _tested(session: nox.Session, *options: str, tests: tuple[str, ...] = ()) -> None:
+    session.install(*options, ".[test]")
+    session.run("python", "-m", "pytest", *tests, *session.posargs)
+
+
+@nox.session(python=PYTHONS)
+def tests(session: nox.Session) -> None:
+    """Run the whole suite."""
+    _tested(session)
+
+
+@nox.session(python=PYTHONS[0])
+def lowest(session: nox.Session) -> None:
+    """Run the whole suite with the lowest versions of what the package needs."""
+    _tested(session, LOWEST)
+
+
+@nox.session(python=PYTHONS[1:])
+def smoke(session: nox.Session) -> None:
+    """Import the package and run the tests of the basic types, with the newest versions of what it needs."""
+    _tested(session, tests=SMOKE)
+
+
+@nox.session(python=PYTHONS[0])
+def smoke_lowest(session: nox.Session) -> None:
+    """Run the same with the lowest versions."""
+    _tested(session, LOWEST, tests=SMOKE)
