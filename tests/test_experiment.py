@@ -53,7 +53,7 @@ def test_the_rate_of_films_may_be_stated(tmp_path):
         (("0.85", "nan"), "viscosity: expected a positive finite number"),
         (
             ("viscosity", "viscocity"),
-            "viscocity: expected one of cross_section, half_width, viscosity, frame_rate, got an unknown key",
+            "viscocity: expected one of cross_section, half_width, viscosity, frame_rate, density, got an unknown key",
         ),
         (('viscosity = "0.85 Pa s"', ""), "viscosity: expected a value, got nothing"),
         (('"0.85 Pa s"', "0.85"), "viscosity: expected a text in Pa s"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,11 @@ from capsbayes.output_file import write_file
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 
-CROSS_SECTIONS = ("square", "circular")
+WATER = Quantity(998.0, unit="kg/m^3")
+"""Density of a suspending liquid for which none is stated."""
+
+AREAS = {"square": 4.0, "circular": math.pi}
+"""Areas of the cross-sections over l^2."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,6 +39,8 @@ class Experiment(Readable):
         Viscosity of the suspending liquid, mu.
     frame_rate : Quantity, optional [1/s]
         Pictures per second of films.
+    density : Quantity [kg/m^3]
+        Of the suspending liquid; by default that of water at 20 C. Only the Reynolds number is computed from it.
     source : str
         File the experiment was read from, empty if none.
     sha256 : str
@@ -59,13 +66,14 @@ class Experiment(Readable):
     source: str = ""
     sha256: str = ""
     frame_rate: Given | None = None
+    density: Given = WATER
 
     def __post_init__(self) -> None:
         where = self.source or "experiment"
-        if self.cross_section not in CROSS_SECTIONS:
-            expected = " or ".join(f'"{name}"' for name in CROSS_SECTIONS)
+        if self.cross_section not in AREAS:
+            expected = " or ".join(f'"{name}"' for name in AREAS)
             raise InputError(where, "cross_section", expected, repr(self.cross_section))
-        for key in ("half_width", "viscosity", "frame_rate"):
+        for key in ("half_width", "viscosity", "frame_rate", "density"):
             if key != "frame_rate" or self.frame_rate is not None:
                 object.__setattr__(self, key, Quantity.of(getattr(self, key), key, where=where))
 
@@ -77,7 +85,7 @@ class Experiment(Readable):
         ----------
         path : path
             File with the keys ``cross_section`` (``section`` in older files), ``half_width`` and ``viscosity``, and
-            optionally ``frame_rate``; the last three are texts that `Quantity.read` reads.
+            optionally ``frame_rate`` and ``density``; the last four are texts that `Quantity.read` reads.
 
         Returns
         -------
@@ -91,14 +99,20 @@ class Experiment(Readable):
         file = InputFile.read(path)
         table = file.table(
             required={"cross_section": unread, **{key: quantity(key) for key in ("half_width", "viscosity")}},
-            optional={"frame_rate": quantity("frame_rate")},
+            optional={key: quantity(key) for key in ("frame_rate", "density")},
             renamed={"section": "cross_section"},
         )
         return cls(**table, source=str(path), sha256=file.sha256)
 
+    def reynolds_number(self, mean_velocity: ArrayLike) -> Floats:
+        """Return rho U l / mu at a mean velocity of the undisturbed flow [m/s]."""
+        return self.density.mean * np.asarray(mean_velocity) * self.half_width.mean / self.viscosity.mean
+
     def described(self) -> dict[str, str]:
         """Return channel and liquid in the units that people read."""
         stated = {key: getattr(self, key) for key in ("half_width", "viscosity", "frame_rate")}
+        if self.density != WATER:
+            stated["density"] = self.density
         found = {
             "cross_section": self.cross_section,
             **{key: value.shown(key) for key, value in stated.items() if value is not None},
@@ -124,6 +138,8 @@ class Experiment(Readable):
         ]
         if self.frame_rate is not None:
             lines.append(f'frame_rate = "{_text(self.frame_rate, "frame_rate")}"')
+        if self.density != WATER:
+            lines.append(f'density = "{_text(self.density, "density")}"')
         write_file(path, "\n".join(lines) + "\n")
 
 

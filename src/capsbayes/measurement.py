@@ -58,8 +58,9 @@ class Measurement(Readable):
         How the measurement ended; the numbers are NaN unless it is ``DONE``.
     axial_length_bound : float, optional
         Upper limit of a missing L_a: the length of the silhouette with two standard errors.
-    flow_rate : float, optional
-        Flow rate of the pump [m^3/s]. Nothing is inferred from it: a study shows capsules of one flow rate together.
+    flow_rate, flow_rate_error : float, optional
+        Flow rate of the pump [m^3/s] and its standard error, zero if it is taken as known: a second source of the mean
+        velocity U, which is the flow rate over the area of the cross-section.
     conditions : mapping of str to float
         ``half_width`` and ``viscosity`` of this capsule of a set, in SI, if they differ from those of the experiment. A
         measurement file states them by the experiment that it names.
@@ -96,6 +97,7 @@ class Measurement(Readable):
     status: Status = Status.DONE
     axial_length_bound: float | None = None
     flow_rate: Given | None = None
+    flow_rate_error: float | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -109,7 +111,12 @@ class Measurement(Readable):
         for key in ("axial_extent", "capsule_velocity", "axial_length"):
             self._check_pair(where, key)
         if self.flow_rate is not None:
-            object.__setattr__(self, "flow_rate", Quantity.of(self.flow_rate, "flow_rate", where=where).value)
+            rate = Quantity.of(self.flow_rate, "flow_rate", where=where)
+            error = rate.error or self.flow_rate_error or 0.0
+            if not 0.0 <= error < np.inf:
+                raise InputError(where, "flow_rate_error", "a number that is not negative", repr(error))
+            object.__setattr__(self, "flow_rate", rate.value)
+            object.__setattr__(self, "flow_rate_error", error)
         bound = self.axial_length_bound
         if bound is not None and not (isinstance(bound, (int, float)) and np.isfinite(bound) and bound > 0.0):
             raise InputError(where, "axial_length_bound", "a positive finite number", repr(bound))
@@ -181,6 +188,10 @@ class Measurement(Readable):
             required=("measurement",),
             optional={"experiment": file_name("experiment.toml"), "prior": unread, "outline": unread},
         )
+        stated = file.content.get("measurement")
+        if isinstance(stated, dict) and "flow_rate" in stated and "capsule_velocity" not in stated:
+            advice = 'state v_o loosely where it was not measured: it is 1 to 1.5 times Q/A, as "6.0 +/- 0.9 mm/s"'
+            raise InputError(str(path), "measurement.capsule_velocity", "a velocity", "a flow rate alone", advice)
         table = file.table(
             "measurement",
             required={"axial_extent": _measured("", "m"), "capsule_velocity": _measured("m/s")},
@@ -230,7 +241,8 @@ class Measurement(Readable):
             lines.append(f"axial_length_bound = {float(self.axial_length_bound)!r}")
         lines.append(f'capsule_velocity = "{_pair(self.capsule_velocity, self.capsule_velocity_error)} m/s"')
         if self.flow_rate is not None:
-            lines.append(f'flow_rate = "{float(self.flow_rate)!r} m^3/s"')
+            error = f" +/- {float(self.flow_rate_error)!r}" if self.flow_rate_error else ""
+            lines.append(f'flow_rate = "{float(self.flow_rate)!r}{error} m^3/s"')
         with together():
             if self.outline is not None:
                 lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
@@ -244,7 +256,7 @@ class Measurement(Readable):
                 unit = "m/s" if key == "capsule_velocity" else "" if self.over_half_width else "m"
                 found[key] = Quantity(getattr(self, key), getattr(self, f"{key}_error"), unit).shown(key)
         if self.flow_rate is not None:
-            found["flow_rate"] = Quantity(self.flow_rate, unit="m^3/s").shown("flow_rate")
+            found["flow_rate"] = Quantity(self.flow_rate, self.flow_rate_error or 0.0, "m^3/s").shown("flow_rate")
         if self.outline is not None:
             found["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
         return found | ({"source": self.source} if self.source else {})

@@ -208,6 +208,16 @@ class ForwardModel(ABC):
         del theta
         return None
 
+    def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
+        """Return the area of the cross-section over that of the square or circle of the same half width : (n,) array.
+
+        Only ``section_aspect`` and ``corner_radius`` change it.
+        """
+        aspect, radius = (
+            np.asarray(theta.get(name, null)) for name, null in (("section_aspect", 1.0), ("corner_radius", 0.0))
+        )
+        return np.broadcast_to(aspect - (1.0 - np.pi / 4.0) * radius**2, np.shape(theta["capillary_number"]))
+
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return by kind (`TWO_SHAPES`, `WRINKLES`) whether a caveat concerns each point of a batch : (n,) arrays."""
         del theta
@@ -237,6 +247,10 @@ class _Derived(ForwardModel):
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return those of the model."""
         return self.model.caveats(theta)
+
+    def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
+        """Return that of the model."""
+        return self.model.relative_area(theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,6 +370,10 @@ class FixedParameters(_Derived):
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return those of the model."""
         return self.model.caveats(self._completed(theta))
+
+    def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
+        """Return that of the model."""
+        return self.model.relative_area(self._completed(theta))
 
     def _completed(self, theta: Mapping[str, Any]) -> dict[str, Any]:
         count = np.shape(theta["capillary_number"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
-SI_UNITS = ("", "m", "Pa s", "m/s", "N/m", "m^3/s", "1/s", "s", "s/m")
+SI_UNITS = ("", "m", "Pa s", "m/s", "N/m", "m^3/s", "1/s", "s", "s/m", "kg/m^3")
 """Units in which numbers are held at the public doors, with that of a ratio; others are scales of the flow problem."""
 
 
@@ -87,6 +87,7 @@ _TABLE = (
     _ratio("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "radius of the corners of the cross-section"),
     _ratio("section_aspect", "b/l", r"b/\ell", "depth of the channel along the direction of view over the width seen"),
     Parameter("viscosity", "mu", r"\mu", "Pa s", "Pa s", 1.0, "viscosity of the suspending liquid"),
+    Parameter("density", "rho", r"\rho", "kg/m^3", "kg/m^3", 1.0, "density of the suspending liquid"),
     Parameter("mean_velocity", "U", "U", "m/s", "mm/s", 1e3, "mean velocity of the undisturbed flow"),
     Parameter("flow_rate", "Q", "Q", "m^3/s", "µL/min", 6e10, "volume of the liquid that flows through in a time"),
     Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
@@ -165,6 +166,7 @@ STATED: Mapping[str, Stated] = MappingProxyType(
         "capsule_radius": Stated("25 um", 1e-8, 0.1),
         "half_width": Stated("25.0 +/- 0.2 um", 1e-7, 0.1),
         "viscosity": Stated("0.85 +/- 0.02 Pa s", 1e-6, 1e3),
+        "density": Stated("998 kg/m^3", 1e2, 3e4),
         "flow_rate": Stated("0.60 uL/min", 1e-18, 1e-3),
         "capsule_velocity": Stated("5.00 +/- 0.05 mm/s", 1e-9, 2.0),
         "axial_extent": Stated("2.14 +/- 0.01", 1e-2, 20.0),

@@ -72,7 +72,7 @@ class Quantity:
     def __post_init__(self) -> None:
         if self.error < 0.0:
             raise InputError("quantity", "error", "a standard error that is not negative", f"{self.error:g}")
-        if self.shape in ("uniform", "log-uniform"):
+        if self.is_range:
             least = 0.0 if self.shape == "log-uniform" else -math.inf
             if not least < self.low < self.high < math.inf:
                 expected = "0 < low < high" if self.shape == "log-uniform" else "low < high"
@@ -92,6 +92,14 @@ class Quantity:
             mean = (high - low) / decades
             error = math.sqrt(max(0.5 * (high**2 - low**2) / decades - mean**2, 0.0))
         return cls(mean, error, unit, "log-uniform", low, high)
+
+    @classmethod
+    def log_normal(cls, mean: float, error: float, unit: str = "") -> Quantity:
+        """Return a quantity whose logarithm is normal, by its own mean and standard deviation."""
+        import scipy.stats  # half a second to import
+
+        variance = math.log1p((error / mean) ** 2)
+        return _of_frozen(scipy.stats.lognorm(math.sqrt(variance), scale=mean * math.exp(-0.5 * variance)), unit)
 
     @classmethod
     def of(
@@ -167,7 +175,8 @@ class Quantity:
         ----------
         text : object
             Value of a key; only text can be read. ``"0.85 Pa s"`` is known; ``"0.85 +/- 0.02 Pa s"`` is normal, cut
-            at zero unless signed; ``"0.80 .. 0.90 Pa s"`` is uniform, ``"log-uniform 1 .. 100 mN/m"`` log-uniform.
+            at zero unless signed; ``"0.80 .. 0.90 Pa s"`` is uniform, ``"log-uniform 1 .. 100 mN/m"`` log-uniform,
+            ``"log-normal 50 +/- 10 mN/m"`` log-normal with this mean and standard deviation.
         where, key : str
             File and key, for the message.
         units : sequence of str
@@ -196,12 +205,18 @@ class Quantity:
         if not (math.isfinite(found.first) and (signed or found.first > 0.0)):
             raise InputError(where, key, f"a {'' if signed else 'positive '}finite number, {wanted}", repr(text))
         if found.is_range:
-            if not found.first < found.second < math.inf or (found.is_log_uniform and found.first <= 0.0):
+            if not found.first < found.second < math.inf or (found.shape and found.first <= 0.0):
                 raise InputError(where, key, "low < high", repr(text))
-            return (cls.log_uniform if found.is_log_uniform else cls.uniform)(found.first, found.second, found.unit)
-        if found.is_log_uniform or not (math.isfinite(found.second) and found.second >= 0.0):
-            expected = "a range after log-uniform" if found.is_log_uniform else f"a finite error, {wanted}"
+            if found.shape == "log-normal":
+                raise InputError(where, key, "a mean and an error after log-normal", repr(text))
+            return (cls.log_uniform if found.shape else cls.uniform)(found.first, found.second, found.unit)
+        if found.shape == "log-uniform" or not (math.isfinite(found.second) and found.second >= 0.0):
+            expected = "a range after log-uniform" if found.shape else f"a finite error, {wanted}"
             raise InputError(where, key, expected, repr(text))
+        if found.shape:
+            if not (found.first > 0.0 and found.second > 0.0):
+                raise InputError(where, key, "a positive mean and error after log-normal", repr(text))
+            return cls.log_normal(found.first, found.second, found.unit)
         return cls(found.first, found.second, found.unit, low=-math.inf if signed else 0.0)
 
     @property
@@ -243,7 +258,7 @@ class Quantity:
     @property
     def parameters(self) -> tuple[float, float]:
         """Limits of a range; value and error of any other quantity."""
-        return (self.low, self.high) if self.shape in ("uniform", "log-uniform") else (self.value, self.error)
+        return (self.low, self.high) if self.is_range else (self.value, self.error)
 
     @property
     def power(self) -> int:
@@ -268,12 +283,30 @@ class Quantity:
         if self.shape == "normal":  # scipy's cut normal takes a hundred times as long
             norm = math.log(self.error * math.sqrt(2.0 * math.pi)) + log_ndtr((self.value - self.low) / self.error)
             return self.log_shape(values) - norm
-        if self.shape in ("uniform", "log-uniform"):
+        if self.is_range:
             within = (values >= self.low) & (values <= self.high)
             if self.power:
                 return np.where(within, -math.log(self.high - self.low), -np.inf)
             return np.where(within, -np.log(np.where(within, values, 1.0) * math.log(self.high / self.low)), -np.inf)
         return np.asarray(self.distribution.logpdf(values), dtype=np.float64)
+
+    @property
+    def is_range(self) -> bool:
+        """True for a uniform or log-uniform range, whose density is a power of x between two limits."""
+        return self.shape in ("uniform", "log-uniform")
+
+    @property
+    def is_log_normal(self) -> bool:
+        """True for a log-normal distribution that begins at zero."""
+        return self.shape == "lognorm" and self.arguments[-2] == 0.0
+
+    def log_weight(self, values: ArrayLike) -> Floats:
+        """Return the log of the density of log x over x^`power`: that of a range is 0 within it, -inf beyond."""
+        values = np.asarray(values, dtype=np.float64)
+        if self.is_range:
+            return np.where((values >= self.low) & (values <= self.high), 0.0, -np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.logpdf(values) + np.log(values)
 
     def log_shape(self, values: ArrayLike) -> Floats:
         """Return the log of the density up to a constant, which a normal distribution omits; faster than `logpdf`."""
@@ -384,13 +417,18 @@ class Quantity:
         if self.unit == "m" and known.unit == "l":
             scale, unit = 1e6, "µm"
         first, second = (scale * number for number in self.parameters)
-        if self.shape in ("uniform", "log-uniform"):
+        if self.family is not None:
+            kind = "log-normal" if self.is_log_normal else self.shape
+            return f"{kind}, {first:.4g} +/- {second:.2g} {unit}"
+        if self.is_range:
             return f"{'' if self.power else 'log-uniform '}{first:.4g} .. {second:.4g} {unit}"
         return f"{first:.4g} {'' if self.known else f'+/- {second:.2g} '}{unit}"
 
     def __str__(self) -> str:
         if self.shape == "normal":
             number = repr(float(self.value)) + (f" +/- {float(self.error)!r}" if self.error else "")
+        elif self.is_log_normal:
+            number = f"log-normal {float(self.value)!r} +/- {float(self.error)!r}"
         elif self.family is None:
             start = "log-uniform " if self.shape == "log-uniform" else ""
             number = f"{start}{float(self.low)!r} .. {float(self.high)!r}"

@@ -60,6 +60,18 @@ class Status(enum.Enum):
         "The outline fits no shape of the model: even the best one is off by more than twice the stated errors; "
         "do not use the intervals."
     )
+    LENGTHS_MISFIT = (
+        "The measurement and the posterior contradict each other: no shape that the priors allow has these lengths at "
+        "this velocity; check the priors and the units, and do not use the intervals."
+    )
+    FLOW_CONFLICT = (
+        "The flow rate over the area of the cross-section and the velocity of the capsule contradict each other: check "
+        "both, their units, and that the half width is half of the full width; do not use the intervals."
+    )
+    INERTIA = (
+        "The Reynolds number is above one, where inertia is no longer small, and the model has none: slow the flow, or "
+        "use the intervals with care."
+    )
     UNUSABLE = "The numbers given for this capsule cannot be used; see its reason."
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
     # studies of sensitivity

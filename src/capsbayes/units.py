@@ -38,7 +38,7 @@ percent = 0.01 = %
 # Nothing of a text is evaluated: numbers are matched by these patterns, and a unit is names with one-digit powers.
 _NUMBER = r"[-+]?(?:(?:\d+(?:\.(?!\.)\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
 _TEXT = re.compile(
-    rf"(?P<shape>log-uniform\s+)?(?P<first>{_NUMBER})"
+    rf"(?:(?P<shape>log-uniform|log-normal)\s+)?(?P<first>{_NUMBER})"
     rf"(?:\s*(?P<between>\+/-|±|\.\.)\s*(?P<second>{_NUMBER})|\((?P<digits>\d+)\))?\s*(?P<unit>.*)"
 )
 _PARENTHESES = re.compile(r"\(([^()]*)\)(.*)")
@@ -56,15 +56,15 @@ class ParsedText(NamedTuple):
         SI unit.
     is_range : bool
         True for two limits.
-    is_log_uniform : bool
-        True after the word log-uniform.
+    shape : str
+        The word before the numbers, log-uniform or log-normal; empty if there is none.
     """
 
     first: float
     second: float
     unit: str
     is_range: bool
-    is_log_uniform: bool
+    shape: str
 
 
 def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str) -> ParsedText:
@@ -91,7 +91,7 @@ def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str
     if found["digits"]:  # 50.0(5) is 50.0 +/- 0.5
         numbers = numbers[0], float(found["digits"]) * 10.0 ** int(Decimal(found["first"]).as_tuple().exponent)
     unit, numbers = _converted(numbers, found["unit"], units, text, where, key, wanted)
-    return ParsedText(*numbers, unit, found["between"] == "..", bool(found["shape"]))
+    return ParsedText(*numbers, unit, found["between"] == "..", found["shape"] or "")
 
 
 @functools.cache

@@ -1,4 +1,6 @@
 import itertools
+import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +9,7 @@ from density_of_all_inputs import log_jacobian, log_prior
 from scipy import stats
 
 from capsbayes.errors import InputError
+from capsbayes.infer import Quadrature
 from capsbayes.infer.prior import Coordinate, Prior, coordinate_prior
 from capsbayes.model import CoordinateRange
 from capsbayes.quantity import Quantity
@@ -104,7 +107,7 @@ def test_ranges_are_read_from_the_file_of_the_capsule(tmp_path):
     ("line", "message"),
     [
         ('radius = "1 um"', "prior.radius: expected one of surface_shear_modulus, capsule_radius"),
-        ('capsule_radius = "1 um"', "prior.capsule_radius: expected { distribution"),
+        ('capsule_radius = "1 um"', "prior.capsule_radius: expected a distribution"),
         ('capsule_radius = { distribution = "normal", low = "1 um", high = "2 um" }', "capsule_radius.distribution"),
         ('capsule_radius = { distribution = "uniform", low = "1 Pa", high = "2 um" }', "prior.capsule_radius.low"),
         ('capsule_radius = { distribution = "uniform", low = "3 um", high = "2 um" }', "expected low < high"),
@@ -138,9 +141,77 @@ def test_ranges_are_given_as_text(tmp_path, stated, shape):
     assert Prior.read(path).surface_shear_modulus == found
 
 
-def test_a_prior_of_another_shape_is_refused():
-    with pytest.raises(InputError, match="surface_shear_modulus: expected a uniform or log-uniform range"):
-        Prior(surface_shear_modulus="50 +/- 10 mN/m")
+def test_a_known_number_is_no_prior():
+    with pytest.raises(InputError, match="surface_shear_modulus: expected a distribution"):
+        Prior(surface_shear_modulus="50 mN/m")
+
+
+STATED = {
+    "normal": "50 +/- 10 mN/m",
+    "log-normal": "log-normal 50 +/- 10 mN/m",
+    "uniform": "20 .. 80 mN/m",
+    "log-uniform": "log-uniform 20 .. 80 mN/m",
+    "frozen": stats.gamma(25.0, scale=2e-3),
+}
+
+
+@pytest.mark.parametrize("stated", STATED.values(), ids=STATED)
+def test_any_prior_of_the_modulus_weighs_the_posterior_without_it(model, experiment, capsule, stated):
+    """Second route: draws under a flat prior of log G_s, weighted by the density of log G_s."""
+    loose = replace(capsule, axial_extent_error=0.03, axial_length_error=0.03)
+    draws = Quadrature(model, experiment)(loose).drawn(np.random.default_rng(1), 200_000)
+    prior = Prior(surface_shear_modulus=stated)
+    posterior = Quadrature(model, experiment, prior)(loose)
+    weights = prior.surface_shear_modulus.pdf(draws["surface_shear_modulus"]) * draws["surface_shear_modulus"]
+    for name in ("surface_shear_modulus", "capsule_radius", "mean_velocity", "capillary_number"):
+        logs = np.log(draws[name])
+        mean = np.average(logs, weights=weights)
+        sd = np.sqrt(np.average((logs - mean) ** 2, weights=weights))
+        marginal = posterior.log_marginal(name)
+        assert (marginal.mean, marginal.sd) == pytest.approx((mean, sd), abs=0.03 * sd), name
+
+
+def test_a_prior_of_the_radius_weighs_the_posterior_without_it(model, experiment, capsule):
+    draws = Quadrature(model, experiment)(capsule).drawn(np.random.default_rng(1), 200_000)
+    posterior = Quadrature(model, experiment, Prior(capsule_radius="24.2 +/- 0.2 um"))(capsule)
+    radii = draws["capsule_radius"]
+    weights = stats.norm.pdf(radii, 24.2e-6, 0.2e-6)
+    mean = np.average(radii, weights=weights)
+    sd = np.sqrt(np.average((radii - mean) ** 2, weights=weights))
+    marginal = posterior.marginal("capsule_radius")
+    assert (marginal.mean, marginal.sd) == pytest.approx((mean, sd), abs=0.03 * sd)
+
+
+@pytest.mark.parametrize("stated", STATED.values(), ids=STATED)
+def test_a_prior_is_read_back_from_its_record(stated):
+    prior = Prior(surface_shear_modulus=stated)
+    again = Prior.of_record(json.loads(json.dumps(prior.described())), {})
+    values = np.array([0.02, 0.05, 0.07])
+    np.testing.assert_allclose(
+        again.surface_shear_modulus.logpdf(values), prior.surface_shear_modulus.logpdf(values), rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("prior", "words"),
+    [
+        (Prior(surface_shear_modulus="1 .. 2 mN/m"), "2 mN/m as the upper end of its prior"),
+        (Prior(surface_shear_modulus="1 .. 2 N/m"), "1000 mN/m as the lower end of its prior"),
+        (Prior(capsule_radius="1 .. 2 um"), "2 µm as the upper end of its prior"),
+    ],
+)
+def test_the_refusal_of_a_prior_that_holds_no_shape_names_its_bound(model, experiment, capsule, prior, words):
+    with pytest.raises(InputError, match=words):
+        Quadrature(model, experiment, prior)(capsule)
+
+
+def test_a_capsule_of_one_and_a_half_millimetres_is_refused_by_the_bound_of_its_radius(model, experiment, capsule):
+    wide = replace(experiment, half_width="1.6 mm")
+    with pytest.raises(InputError, match=r"prior.capsule_radius: .* 1000 µm as the upper end of its prior"):
+        Quadrature(model, wide)(capsule)
+    assert (
+        Quadrature(model, wide, Prior(capsule_radius="0.1 .. 5 mm"))(capsule).marginal("capsule_radius").median > 1e-3
+    )
 
 
 MODEL = SimpleNamespace(name="square with pre_inflation", coordinates={"pre_inflation": CoordinateRange(0.0, 0.1, 0.0)})
@@ -201,7 +272,7 @@ def test_a_prior_in_text_form(text, median, spread):
 @pytest.mark.parametrize("text", ["", "0.03", "0.1..0", "0.03 +/- 0", "0 to 0.1", "0 .. much", 0.03])
 def test_a_text_that_is_none_is_refused(text):
     with pytest.raises(InputError, match=r'capsule\.toml: prior: bending: expected a range as "0 \.\. 0\.1" or'):
-        Prior().with_coordinates({"bending": text}, where="capsule.toml: prior")
+        Prior().with_texts({"bending": text}, where="capsule.toml: prior")
 
 
 def test_priors_of_coordinates_are_read_from_the_file_of_the_capsule(tmp_path):
@@ -209,7 +280,7 @@ def test_priors_of_coordinates_are_read_from_the_file_of_the_capsule(tmp_path):
     path.write_text('[prior]\npre_inflation = "0.02 +/- 0.01"\n')
     prior = Prior.read(path)
     assert prior.coordinates["pre_inflation"].mean == pytest.approx(0.02)
-    assert prior.with_coordinates({"pre_inflation": "0..0.05"}).coordinates["pre_inflation"].mean == 0.025
+    assert prior.with_texts({"pre_inflation": "0..0.05"}).coordinates["pre_inflation"].mean == 0.025
     path.write_text('[prior]\npre_inflaton = "0.02 +/- 0.01"\n')
     with pytest.raises(InputError, match=r"prior\.pre_inflaton: expected one of .*pre_inflation.* an unknown key"):
         Prior.read(path)

@@ -9,7 +9,9 @@ import numpy as np
 from scipy import stats
 from scipy.special import ndtri
 
+from capsbayes.experiment import AREAS
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -19,12 +21,16 @@ class SimulatedCapsule:
     seen: Measurement
     surface_shear_modulus: float
     capsule_radius: float
+    mean_velocity: float
 
 
-def simulated_capsules(model, experiment, count, rng, *, errors=(0.01, 0.01), speed_error=0.01) -> Iterator:
+def simulated_capsules(
+    model, experiment, count, rng, *, errors=(0.01, 0.01), speed_error=0.01, rate_error=None
+) -> Iterator:
     """Draw capsules from the default prior within the model's domain and measure them.
 
-    The model is wrong by as much as it says it is: its own error is drawn too.
+    The flow rate is measured if it has an error. The model is wrong by as much as it says it is: its own error is drawn
+    too.
     """
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
     while count > 0:
@@ -33,13 +39,14 @@ def simulated_capsules(model, experiment, count, rng, *, errors=(0.01, 0.01), sp
             continue
         prediction = model({"capillary_number": np.array([ca]), "size_ratio": np.array([size])})
         extent, length, ratio = rng.multivariate_normal(prediction.values[0], prediction.covariance[0])
-        capsule = measured_capsule(experiment, (extent, length, ratio), (ca, size), rng, errors, speed_error)
+        shape = extent, length, ratio
+        capsule = measured_capsule(experiment, shape, (ca, size), rng, errors, speed_error, rate_error)
         if capsule is not None:
             count -= 1
             yield capsule
 
 
-def measured_capsule(experiment, shape, theta, rng, errors, speed_error) -> SimulatedCapsule | None:
+def measured_capsule(experiment, shape, theta, rng, errors, speed_error, rate_error=None) -> SimulatedCapsule | None:
     """Measure a capsule of given true shape (L_z, L_a, v_o/U); None where noise makes L_a > L_z."""
     viscosity, width = float(experiment.viscosity.distribution.rvs(random_state=rng)), _half_width(experiment, rng)
     velocity = np.exp(rng.uniform(np.log(1e-3), np.log(20e-3)))
@@ -47,6 +54,10 @@ def measured_capsule(experiment, shape, theta, rng, errors, speed_error) -> Simu
     seen = rng.normal(shape[:2], errors)
     if seen[1] > seen[0]:
         return None
+    rate = None
+    if rate_error is not None:
+        truth = AREAS[experiment.cross_section] * width**2 * flow
+        rate = Quantity(rng.normal(truth, rate_error * truth), rate_error * truth)
     return SimulatedCapsule(
         Measurement(
             axial_extent=seen[0],
@@ -55,7 +66,9 @@ def measured_capsule(experiment, shape, theta, rng, errors, speed_error) -> Simu
             axial_length_error=errors[1],
             capsule_velocity=rng.normal(velocity, speed_error * velocity),
             capsule_velocity_error=speed_error * velocity,
+            flow_rate=rate,
         ),
+        mean_velocity=flow,
         surface_shear_modulus=viscosity * flow / theta[0],
         capsule_radius=width * theta[1],
     )

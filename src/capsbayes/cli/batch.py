@@ -13,11 +13,13 @@ from capsbayes.cli.options import (
     ExperimentFile,
     Flow,
     ModelName,
+    Priors,
     Scheduler,
     Seed,
     Velocity,
     Workers,
     named_model,
+    prior_texts,
     speed_of,
 )
 from capsbayes.cli.output import check_suffix, model_words, print_json
@@ -39,6 +41,7 @@ def batch(
     out: Annotated[Path, typer.Option(help="NetCDF file to write; a .csv of the same name is written next to it.")],
     experiment: ExperimentFile = None,
     database: ModelName = None,
+    prior: Priors = None,
     velocity: Velocity = None,
     background: Background = None,
     flow: Flow = None,
@@ -60,6 +63,7 @@ def batch(
     """
     from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
+    from capsbayes.infer import Prior
     from capsbayes.infer.many import identify_folder
     from capsbayes.infer.many.listing import cross_section_and_view
 
@@ -72,6 +76,7 @@ def batch(
         known,
         out=out,
         seed=seed,
+        prior=Prior().with_texts(prior_texts(prior), where="--prior"),
         capsule_velocity=None if velocity is None else speed_of(velocity),
         background=background,
         flow=flow,

@@ -14,10 +14,12 @@ from capsbayes.cli.options import (
     ExperimentFile,
     Flow,
     ModelName,
+    Priors,
     Seed,
     Velocity,
     named_experiment,
     named_model,
+    prior_texts,
     speed_of,
 )
 from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words
@@ -43,13 +45,7 @@ def identify(
     ] = None,
     experiment: ExperimentFile = None,
     database: ModelName = None,
-    prior: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Prior of the further coordinate of the database, as pre_inflation='0 .. 0.1' (uniform) or "
-            "pre_inflation='0.03 +/- 0.01'; default: uniform over the database."
-        ),
-    ] = None,
+    prior: Priors = None,
     velocity: Velocity = None,
     background: Background = None,
     flow: Flow = None,
@@ -81,7 +77,7 @@ def identify(
             if given is not None:
                 raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule))
         measurement, written = Measurement.read(capsule), Prior.read(capsule)
-    believed = written.with_coordinates(_coordinates(prior or []), where="--prior")
+    believed = written.with_texts(prior_texts(prior), where="--prior")
     known = named_experiment(measurement, experiment)
     model = named_model(
         database, known.cross_section, None if measurement.outline is None else measurement.outline.view
@@ -98,19 +94,6 @@ def identify(
             status=posterior.status,
             status_words=status_words(posterior),
         )
-
-
-def _coordinates(priors: list[str]) -> dict[str, str]:
-    """Return the name and the text of each option ``--prior NAME=TEXT``."""
-    from capsbayes.parameters import COORDINATES
-
-    texts = {}
-    for prior in priors:
-        name, equals, text = prior.partition("=")
-        if name not in COORDINATES or not equals:
-            raise InputError("--prior", "", f"NAME=TEXT with one of the names {', '.join(COORDINATES)}", repr(prior))
-        texts[name] = text
-    return texts
 
 
 def _files(posterior: Posterior) -> dict[str, Writer]:

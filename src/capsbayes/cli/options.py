@@ -45,6 +45,16 @@ ModelName = Annotated[
     ),
 ]
 
+Priors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--prior",
+        help="Prior, as surface_shear_modulus='50 +/- 10 mN/m' (or '20 .. 80 mN/m', 'log-uniform 1 .. 1000 mN/m', "
+        "'log-normal 50 +/- 10 mN/m'), capsule_radius='20 .. 30 um', or of a further coordinate of the database, as "
+        "pre_inflation='0 .. 0.1'; may be given several times.",
+    ),
+]
+
 # long work
 Scheduler = Annotated[
     str | None,
@@ -190,6 +200,19 @@ def _with_error(option: str, text: str | None, unit: str, example: str) -> Quant
     if read.error == 0.0:
         raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
     return read
+
+
+def prior_texts(priors: list[str] | None) -> dict[str, str]:
+    """Return the name and the text of each option ``--prior NAME=TEXT``."""
+    from capsbayes.parameters import COORDINATES
+
+    texts, names = {}, ("surface_shear_modulus", "capsule_radius", *COORDINATES)
+    for prior in priors or []:
+        name, equals, text = prior.partition("=")
+        if name not in names or not equals:
+            raise InputError("--prior", "", f"NAME=TEXT with one of the names {', '.join(names)}", repr(prior))
+        texts[name] = text
+    return texts
 
 
 def named_experiment(measurement: Measurement, experiment: Path | None) -> Experiment:

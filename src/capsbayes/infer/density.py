@@ -10,21 +10,27 @@ p(log G_s) ~ G_s^g, p(log a) ~ a^k inside their ranges, everything factors:
 
 so the inputs integrate to the probability that G_s and a lie in their ranges,
 a function of one number each, whatever the distributions of the inputs are.
+
+A flow rate Q ties v_o, l and v_o/U together: Q r / (A v_o) = 1 with the area A of the cross-section. With log-normal
+v_o, l and Q this is one more Gaussian factor in log r, and the inputs given the shape stay log-normal: `kernel.Flow`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from scipy.special import logsumexp
 
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
 from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.kernel import Flow, flow_mismatch, given_flow
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
-from capsbayes.infer.log_grid import LogGrid
+from capsbayes.infer.log_grid import LogGrid, resampled, scaled
 from capsbayes.infer.outline.table import AnyOutline
 from capsbayes.infer.prior import Coordinate, Prior
 from capsbayes.measurement import Measurement
@@ -32,6 +38,11 @@ from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
 
 _ROUNDS = 13  # rounds of redrawing inputs outside the prior ranges; each round draws twice as many
+_MOST_TRIES = 5e5  # in one round; what is left then is drawn from the cells of a grid
+_CELLS_PER_SD, _NEGLIGIBLE, _AT_ONCE = 8.0, 1e-14, 20_000  # of that grid; draws
+_SPACING = 0.005  # of the logs at which the density of a prior that is no range is tabulated
+
+_Scaled = tuple[Quantity, LogGrid, Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +68,7 @@ class PosteriorDensity:
     error_scale: float = 1.0
     coordinate: Coordinate | None = None
     outline: AnyOutline | None = None
+    _tables: dict[Quantity, tuple[Floats, Floats]] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
     def of(
@@ -95,6 +107,8 @@ class PosteriorDensity:
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
         if outline and self.outline is not None:
             points = points._replace(outline=self.outline.at(model, theta))
+        if self.flow_rate is not None:
+            points = points._replace(log_area=np.log(model.relative_area(theta)))
         return points
 
     @property
@@ -122,6 +136,23 @@ class PosteriorDensity:
         return LogGrid.of(self.inputs.half_width, self.prior.capsule_radius.power)
 
     @cached_property
+    def flow_rate(self) -> LogGrid | None:
+        """Q, if it is given."""
+        return None if self.inputs.flow_rate is None else LogGrid.of(self.inputs.flow_rate, -1)
+
+    def flow(self, half_width: Floats | None, model: ModelAtPoints | None = None) -> Flow | None:
+        """Return the second source of U, if there is one; the half width is given where it is a dimension."""
+        if self.flow_rate is None:
+            return None
+        offset: Any = self.flow_rate.mean - self.capsule_velocity.mean - np.log(self.inputs.area)
+        if model is not None and model.log_area is not None:
+            offset = offset - model.log_area
+        if half_width is not None:
+            return Flow(offset - 2.0 * np.log(half_width), self.capsule_velocity.variance, 0.0, self.flow_rate.variance)
+        variances = self.capsule_velocity.variance, self.half_width.variance, self.flow_rate.variance
+        return Flow(offset - 2.0 * self.half_width.mean, *variances)
+
+    @cached_property
     def force_scale(self) -> LogGrid:
         """Product mu v_o [N/m]."""
         return self.viscosity.times(self.capsule_velocity)
@@ -147,6 +178,11 @@ class PosteriorDensity:
         log_density = model.outline
         if log_density is None:
             log_density = self.likelihood.log_density(model, self.width_at(half_width))
+        flow = self.flow(half_width, model)
+        if flow is not None:
+            mean, variance = self.velocity_ratio(model, half_width)
+            mismatch, total = flow_mismatch(_log(mean), np.maximum(variance, 0.0) / mean**2, flow)
+            log_density = log_density - 0.5 * (mismatch**2 / total + np.log(total))
         if self.prior.surface_shear_modulus.power:
             log_density = log_density - log_ca - _log(model.velocity_ratio)
         if self.prior.capsule_radius.power != 1:
@@ -158,16 +194,41 @@ class PosteriorDensity:
     ) -> Floats | float:
         """Return the log probability that G_s and a lie within their prior ranges, given (log Ca, a/l).
 
-        Return 0.0 if they certainly do at every point.
+        Return 0.0 if they certainly do at every point. Of a prior that is no range, it is the log of its mean density.
         """
-        divisor = log_ca + _log(model.velocity_ratio)
-        share = _within(self.prior.surface_shear_modulus, self.force_scale, -divisor)
+        modulus, radius = self._scaled_factors(model, log_ca, size, half_width)
         if half_width is None:
-            share = share + _within(self.prior.capsule_radius, self.half_width, np.log(size))
-        else:
-            radius, limits = size * half_width, self.prior.capsule_radius
-            share = share + np.where((radius >= limits.low) & (radius <= limits.high), 0.0, -np.inf)
-        return share
+            return self._log_mean_weight(*modulus) + self._log_mean_weight(*radius)
+        return self._log_mean_weight(*modulus) + self.prior.capsule_radius.log_weight(size * half_width)
+
+    def _log_mean_weight(self, prior: Quantity, factor: LogGrid, logs: Floats) -> Floats | float:
+        """Return the log of the mean `Quantity.log_weight` of exp(logs) times an independent factor; 0.0 if it is one.
+
+        That of a prior that is no range is tabulated as far as it has been asked for.
+        """
+        if prior.is_range:
+            return _within(prior, factor, logs)
+        tried, means = self._tables.get(prior, (np.array([np.inf, -np.inf]), np.empty(0)))
+        least, most = np.nanmin(logs), np.nanmax(logs)
+        if not tried[0] <= least <= most <= tried[-1]:
+            tried = np.arange(min(least, tried[0]) - 0.5, max(most, tried[-1]) + 0.5, _SPACING)
+            cells, masses = _cells(factor)
+            means = logsumexp(prior.log_weight(np.exp(tried[:, None] + cells)) + masses, axis=1)
+            self._tables[prior] = tried, means
+        return np.interp(logs, tried, means)
+
+    def _scaled_factors(
+        self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None
+    ) -> tuple[_Scaled, _Scaled]:
+        """Return prior, factor of the inputs and log of the factor of the shape, of G_s and of a."""
+        of_modulus, of_radius = -(log_ca + _log(model.velocity_ratio)), np.log(size)
+        force, width, flow = self.force_scale, self.half_width, self.flow(half_width, model)
+        if flow is not None:
+            changes, variances = given_flow(_log(model.velocity_ratio), 0.0, flow)
+            of_modulus, of_radius = of_modulus + changes[0], of_radius + changes[1]
+            force = self.viscosity.times(scaled(LogGrid.normal(variances[0]), self.capsule_velocity.mean))
+            width = scaled(LogGrid.normal(variances[1]), self.half_width.mean)
+        return (self.prior.surface_shear_modulus, force, of_modulus), (self.prior.capsule_radius, width, of_radius)
 
     def velocity_ratio(self, model: ModelAtPoints, half_width: Floats | None) -> tuple[Floats, Floats]:
         """Return mean and variance of the true v_o/U, which the lengths correct and the outline does not : arrays."""
@@ -203,28 +264,74 @@ class PosteriorDensity:
         if width is None:
             free["half_width"] = self.half_width
         draws |= {name: masses.drawn(rng, count) for name, masses in free.items()}
-        out = np.flatnonzero(~self._in_range(draws, model))
+        unconditioned = draws["velocity_ratio"]
+        draws = self._given_flow(rng, draws, model, width)
+        out = np.flatnonzero(~self._in_range(draws, model.velocity_ratio))
         for tries in 2 ** np.arange(_ROUNDS):
-            if not out.size:
+            if not out.size or out.size * tries > _MOST_TRIES:
                 break
             row = np.repeat(out, tries)
-            again = {name: masses.drawn(rng, row.size) for name, masses in free.items()}
-            good = np.flatnonzero(
-                self._in_range({name: values[row] for name, values in draws.items()} | again, model.taken(row))
-            )
-            found, first = np.unique(row[good], return_index=True)
-            for name, values in again.items():
-                draws[name][found] = values[good[first]]
-            out = np.setdiff1d(out, found)
+            again = {name: draws[name][row] for name in ("capillary_number", "size_ratio", "half_width")}
+            again |= {"velocity_ratio": unconditioned[row]}
+            again |= {name: masses.drawn(rng, row.size) for name, masses in free.items()}
+            if self.flow_rate is not None:
+                again = self._given_flow(rng, again, model.taken(row), None if width is None else width[row])
+            good = np.flatnonzero(self._in_range(again, model.velocity_ratio[row]))
+            first = np.flatnonzero(np.diff(row[good], prepend=-1))  # the rows are in order
+            found = row[good[first]]
+            for name in (*free, "velocity_ratio"):
+                draws[name][found] = again[name][good[first]]
+            out = out[~np.isin(out, found, assume_unique=True)]
+        self._weigh(rng, draws, model, width, out)
         return _derived(draws) | {
             "stretch_ratio": model.stretch_ratio,
             "axial_extent": model.extent,
             "axial_length": model.length,
         }
 
-    def _in_range(self, draws: Mapping[str, Floats], model: ModelAtPoints) -> Booleans:
+    def _given_flow(
+        self, rng: np.random.Generator, draws: Mapping[str, Floats], model: ModelAtPoints, width: Floats | None
+    ) -> dict[str, Floats]:
+        """Return draws of the inputs moved to where they agree with a draw of the flow rate (Matheron's rule)."""
+        flow, made = self.flow(width, model), dict(draws)
+        if flow is None or self.flow_rate is None:
+            return made
+        mean, variance = self.velocity_ratio(model, width)
+        variance = np.maximum(variance, 0.0) / mean**2
+        total = flow_mismatch(np.log(mean), variance, flow)[1]
+        rate = self.flow_rate.drawn(rng, len(mean))
+        area = self.inputs.area * np.exp(0.0 if model.log_area is None else model.log_area) * made["half_width"] ** 2
+        pull = np.log(rate * made["velocity_ratio"] / (area * made["capsule_velocity"])) / total
+        made["velocity_ratio"] = made["velocity_ratio"] * np.exp(-variance * pull)
+        made["capsule_velocity"] = made["capsule_velocity"] * np.exp(flow.velocity * pull)
+        if width is None:
+            made["half_width"] = made["half_width"] * np.exp(2.0 * flow.half_width * pull)
+        return made
+
+    def _weigh(
+        self,
+        rng: np.random.Generator,
+        draws: dict[str, Floats],
+        model: ModelAtPoints,
+        width: Floats | None,
+        out: Integers,
+    ) -> None:
+        """Move the inputs of draws to where the priors of G_s and a hold them: all if they are no ranges, else some."""
+        both = self._scaled_factors(model, np.log(draws["capillary_number"]), draws["size_ratio"], width)
+        mu, velocity = self.viscosity.variance, self.capsule_velocity.variance
+        share = mu / (mu + velocity) if mu else 0.0
+        kinds = ({"viscosity": share, "capsule_velocity": 1.0 - share}, {"half_width": 1.0} if width is None else {})
+        for (prior, factor, logs), shares in zip(both, kinds, strict=True):
+            rows = out if prior.is_range else np.arange(len(logs))
+            if len(factor.masses) > 1 and rows.size and shares:
+                now = np.log(np.prod([draws[name][rows] for name in shares], axis=0))
+                change = _drawn_within(rng, prior, factor, logs[rows]) - now
+                for name, part in shares.items():
+                    draws[name][rows] *= np.exp(part * change)
+
+    def _in_range(self, draws: Mapping[str, Floats], velocity_ratio: Floats) -> Booleans:
         """Return where G_s, by the mean v_o/U as in the prior, and a are within their ranges : (n,) bool array."""
-        at_mean = _derived({**draws, "velocity_ratio": model.velocity_ratio})
+        at_mean = _derived({**draws, "velocity_ratio": velocity_ratio})
         modulus, radius = at_mean["surface_shear_modulus"], at_mean["capsule_radius"]
         g, a = self.prior.surface_shear_modulus, self.prior.capsule_radius
         return (modulus >= g.low) & (modulus <= g.high) & (radius >= a.low) & (radius <= a.high)
@@ -243,6 +350,33 @@ def _log(values: Floats) -> Floats:
     """Return the logarithm, NaN where a model predicts a number that is not positive."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.log(values)
+
+
+def _cells(factor: LogGrid) -> tuple[Floats, Floats]:
+    """Return the logs of a factor at the cells of a coarser grid that carry it, and the logs of their probabilities."""
+    coarse = resampled(factor, max(factor.step, np.sqrt(factor.variance) / _CELLS_PER_SD))
+    kept = coarse.masses > _NEGLIGIBLE * coarse.masses.max()
+    return coarse.logs[kept], np.log(coarse.masses[kept])
+
+
+def _drawn_within(rng: np.random.Generator, prior: Quantity, factor: LogGrid, logs: Floats) -> Floats:
+    """Return draws of the log of a factor, by its own probability times the weight of exp(logs) times the factor."""
+    cells, masses = _cells(factor)
+    tried = np.arange(logs.min() + cells[0] - _SPACING, logs.max() + cells[-1] + 2.0 * _SPACING, _SPACING)
+    table = np.maximum(prior.log_weight(np.exp(tried)), -1e300)
+    drawn = np.empty(len(logs))
+    for first in range(0, len(logs), _AT_ONCE):
+        rows = slice(first, first + _AT_ONCE)
+        there = logs[rows, None] + cells
+        weights = (prior.log_weight(np.exp(there)) if prior.is_range else np.interp(there, tried, table)) + masses
+        weights -= np.maximum(weights.max(axis=1, keepdims=True), -1e300)
+        below = np.cumsum(np.exp(weights), axis=1)
+        below[below[:, -1] == 0.0] = 1.0  # the prior holds none of the cells: any, moved to its end below
+        index = (below < rng.uniform(0.0, below[:, -1])[:, None]).sum(axis=1)
+        drawn[rows] = cells[index] + (cells[1] - cells[0]) * rng.uniform(-0.5, 0.5, len(index))
+    if prior.is_range:  # the last cell may lie across an end
+        drawn = np.clip(drawn, np.log(prior.low) - logs, np.log(prior.high) - logs)
+    return drawn
 
 
 def _within(limits: Quantity, factor: LogGrid, logs: Floats) -> Floats | float:

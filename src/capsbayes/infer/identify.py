@@ -17,6 +17,7 @@ from capsbayes.infer.deterministic import deterministic_answer
 from capsbayes.infer.grid.mixed import exact_engine
 from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.misfit import Misfit, inertia, misfits_of, p_values
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
 from capsbayes.infer.outline.misfit import drawn_outlines, outline_misfit
 from capsbayes.infer.outline.table import TabulatedOutline
@@ -29,6 +30,7 @@ from capsbayes.infer.shares import variance_shares
 from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
+from capsbayes.status import Status
 
 ENGINES = ("emcee", "quadrature")
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
@@ -61,7 +63,8 @@ def identify(
     experiment : Experiment
         Channel and liquid.
     engine : str
-        ``"emcee"``, checked by quadrature, or ``"quadrature"`` alone.
+        ``"emcee"``, checked by quadrature, or ``"quadrature"`` alone, which also takes over where the measurement and
+        the posterior contradict each other.
     seed : int
         Of all randomness; stored in the result.
     prior : Prior, optional
@@ -90,13 +93,18 @@ def identify(
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
         quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
+        misfits = misfits_of(predicted := p_values(quadrature, measurement, grid))
+        if not all(misfit.gate.passed for misfit in misfits):
+            engine = "quadrature"  # nobody may use these intervals: the time of chains is saved
         run = _sampled if engine == "emcee" else _gridded
         draws, ensemble, gates, agreed = run(grid, seed, effort)
         reported = _reported(grid)
         exact = {name: grid.marginal(name) for name in reported}
         marginals = {name: Marginal.of_draws(draws[name]) for name in reported} if agreed else exact
         leans = leanings(draws, model, quadrature.prior)
-        fit = None if measurement.outline is None else outline_misfit(measurement.outline, model, draws)
+        if measurement.outline is not None:
+            misfits.insert(0, Misfit(outline_misfit(measurement.outline, model, draws), Status.OUTLINE_MISFIT))
+        misfits.append(inertia(experiment.reynolds_number(marginals["mean_velocity"].median)))
         return Posterior(
             draws=draws,
             ensemble=ensemble,
@@ -110,13 +118,14 @@ def identify(
             model_sha256=model.sha256,
             engine=engine,
             seed=seed,
-            gates=(*gates, *([] if fit is None else [fit])),
+            gates=(*gates, *(misfit.gate for misfit in misfits)),
             agreement=agreed,
             shares=variance_shares(quadrature, measurement, grid, "surface_shear_modulus")["surface_shear_modulus"],
             deterministic=deterministic_answer(measurement, model, grid.density.inputs),
             leaning=leans,
             outlines=drawn_outlines(model, draws, _OUTLINES)[1],
-            status=verdict(gates, agreed, leans, fit),
+            status=verdict(gates, agreed, leans, misfits),
+            p_values=predicted,
         )
 
 

@@ -1,4 +1,4 @@
-"""Inputs with an error other than the lengths: viscosity, half width and velocity of the capsule."""
+"""Inputs with an error other than the lengths: viscosity, half width, velocity of the capsule and flow rate."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import AREAS, Experiment
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 
 LOOSEST_VELOCITY = 0.25
-"""Largest relative standard error of a velocity: beyond it the flow could be arbitrarily slow."""
+"""Largest relative standard error of a velocity or flow rate: beyond it the flow could be arbitrarily slow."""
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Inputs of one capsule other than its lengths."""
+    """Inputs of one capsule other than its lengths; `area` is that of the cross-section over l^2."""
 
     viscosity: Quantity
     half_width: Quantity
     capsule_velocity: Quantity
+    flow_rate: Quantity | None = None
+    area: float = 4.0
 
     @classmethod
     def of(cls, measurement: Measurement, experiment: Experiment) -> Inputs:
@@ -31,22 +33,25 @@ class Inputs:
     @classmethod
     def of_experiment(cls, experiment: Experiment) -> Inputs:
         """Return the inputs that many capsules share, with NaN as the velocity."""
-        return cls(experiment.viscosity, experiment.half_width, Quantity(np.nan, unit="m/s"))
+        velocity = Quantity(np.nan, unit="m/s")
+        return cls(experiment.viscosity, experiment.half_width, velocity, area=AREAS[experiment.cross_section])
 
     def with_velocity_of(self, measurement: Measurement) -> Inputs:
-        """Return the same viscosity and half width with the velocity of a capsule.
+        """Return the same viscosity and half width with the velocity of a capsule and the flow rate.
 
         Raises
         ------
         InputError
-            If the measurement failed, or its velocity is less certain than `LOOSEST_VELOCITY`.
+            If the measurement failed, or velocity or flow rate are less certain than `LOOSEST_VELOCITY`.
         """
         if not measurement.status.ok:
             where = measurement.source or "measurement"
             raise InputError(where, "status", "a measurement that ended as it should", str(measurement.status))
-        if measurement.capsule_velocity_error > LOOSEST_VELOCITY * measurement.capsule_velocity:
-            where, share = measurement.source or "measurement", LOOSEST_VELOCITY
-            got = f"{measurement.capsule_velocity_error / measurement.capsule_velocity:.0%}"
-            raise InputError(where, "capsule_velocity", f"a standard error below {share:.0%} of the velocity", got)
         velocity = Quantity(measurement.capsule_velocity, measurement.capsule_velocity_error, "m/s")
-        return replace(self, capsule_velocity=velocity)
+        rate = measurement.flow_rate and Quantity(measurement.flow_rate, measurement.flow_rate_error or 0.0, "m^3/s")
+        for key, seen in (("capsule_velocity", velocity), ("flow_rate", rate)):
+            if seen is not None and seen.error > LOOSEST_VELOCITY * seen.value:
+                where, what = measurement.source or "measurement", key.rpartition("_")[2]
+                expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {what}"
+                raise InputError(where, key, expected, f"{seen.error / seen.value:.0%}")
+        return replace(self, capsule_velocity=velocity, flow_rate=rate)

@@ -5,7 +5,9 @@ The lengths (L_z, L_a) are Gaussian: L_z with the variance ``zz``, and L_a given
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -68,6 +70,81 @@ def velocity_ratio(
         mean += shared / left * rest
         variance -= shared * shared / left
     return mean, variance
+
+
+class Flow(NamedTuple):
+    """Second source of the mean velocity, the flow rate over the area of the cross-section: U = Q / (A/l^2 l^2).
+
+    All quantities are log-normal here, so that everything stays Gaussian in the logarithms.
+
+    Parameters
+    ----------
+    offset : float
+        Log of Q / (A v_o), by the means of the logarithms: minus log(v_o/U) if both agree; NaN without a flow rate.
+    velocity, half_width, rate : float
+        Variances of log v_o, of log l (zero where l is known or a dimension of its own) and of log Q.
+    """
+
+    offset: float
+    velocity: float
+    half_width: float
+    rate: float
+
+
+@compiled
+def flow_mismatch(log_ratio, variance, flow):  # type: ignore[no-untyped-def]
+    """Return log of Q r / (A v_o), which is zero where both sources of U agree, and its variance.
+
+    Parameters
+    ----------
+    log_ratio, variance : float or array
+        Log of r = v_o/U of the model, and its variance.
+    flow : Flow
+    """
+    return flow.offset + log_ratio, flow.velocity + 4.0 * flow.half_width + flow.rate + variance
+
+
+@compiled
+def given_flow(log_ratio, variance, flow):  # type: ignore[no-untyped-def]
+    """Return the changes of log U, log l, log v_o and log(v_o/U) by the flow rate, and their variances given it.
+
+    Parameters
+    ----------
+    log_ratio, variance, flow
+        As of `flow_mismatch`; log U without the flow rate is log v_o - log_ratio.
+
+    Returns
+    -------
+    changes, variances : tuples of four
+    """
+    mismatch, total = flow_mismatch(log_ratio, variance, flow)
+    own, width = flow.velocity + variance, flow.half_width
+    pull = mismatch / total
+    changes = own * pull, 2.0 * width * pull, flow.velocity * pull, -variance * pull
+    return changes, (
+        own * (1.0 - own / total),
+        width * (1.0 - 4.0 * width / total),
+        flow.velocity * (1.0 - flow.velocity / total),
+        variance * (1.0 - variance / total),
+    )
+
+
+@compiled
+def p_value(weights: Floats, scores: Floats) -> float:
+    """Return the two-sided p-value of a number whose distribution is a mixture of normal ones.
+
+    Parameters
+    ----------
+    weights : (n,) array
+        Of any sum.
+    scores : (n,) array
+        Distance from each mean in standard deviations of each.
+    """
+    below, above = 0.0, 0.0
+    for k in range(len(scores)):
+        below += weights[k] * math.erfc(-scores[k] / math.sqrt(2.0))
+        above += weights[k] * math.erfc(scores[k] / math.sqrt(2.0))
+    return min(below, above) / weights.sum()
 
 
 @compiled

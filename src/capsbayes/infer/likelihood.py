@@ -31,6 +31,8 @@ class ModelAtPoints(NamedTuple):
         The same with v_o/U.
     stretch_ratio : array
         Lambda.
+    log_area : array or None
+        Log of the area of the cross-section over that of the plain one, where a flow rate is given.
     outline : array or None
         Log density of the measured outline given the model's, where there is one.
     """
@@ -46,6 +48,7 @@ class ModelAtPoints(NamedTuple):
     rr: Floats
     stretch_ratio: Floats
     outline: Floats | None = None
+    log_area: Floats | None = None
 
     @classmethod
     def of(cls, prediction: Prediction, *, error_scale: float = 1.0) -> ModelAtPoints:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,6 +75,8 @@ class Posterior:
     status : Status
     version : str
         Of capsbayes, when it was identified.
+    p_values : mapping of float
+        Predictive p-values of what was measured, see `capsbayes.infer.misfit`.
     """
 
     draws: Mapping[str, Floats]
@@ -97,6 +99,7 @@ class Posterior:
     outlines: Floats | None
     status: Status
     version: str = __version__
+    p_values: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
@@ -154,6 +157,8 @@ class Posterior:
             "deterministic": None if self.deterministic is None else self.deterministic.as_dict(),
             "variance_of_log_surface_shear_modulus": dict(self.shares),
             "share_next_to_border": dict(self.leaning),
+            "p_values": dict(self.p_values),
+            "reynolds_number": float(self.experiment.reynolds_number(self.marginals["mean_velocity"].median)),
             "gates": [gate.as_dict() for gate in self.gates],
             "inputs": self._inputs(),
             "prior": self._priors(),
@@ -177,6 +182,7 @@ class Posterior:
             "axial_extent": (seen.axial_extent, seen.axial_extent_error, lengths),
             "axial_length": (seen.axial_length, seen.axial_length_error, lengths),
             "capsule_velocity": (seen.capsule_velocity, seen.capsule_velocity_error, "m/s"),
+            "flow_rate": (seen.flow_rate, seen.flow_rate_error, "m^3/s"),
             "half_width": (self.inputs.half_width.value, self.inputs.half_width.error, "m"),
             "viscosity": (self.inputs.viscosity.value, self.inputs.viscosity.error, "Pa s"),
         }
@@ -211,7 +217,7 @@ class Posterior:
             name: stated for name, stated in self._inputs().items() if isinstance(stated, dict) and "value" in stated
         }
         seen = {name: stated for name, stated in inputs.items() if stated["value"] is not None}
-        measured = ("axial_extent", "axial_length", "capsule_velocity")
+        measured = ("axial_extent", "axial_length", "capsule_velocity", "flow_rate")
         groups["observed_data"] = xr.Dataset(
             {name: ((), seen[name]["value"], {"units": seen[name]["unit"]}) for name in measured if name in seen}
         )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import WATER, Experiment
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
@@ -38,6 +38,7 @@ _MEASURED = (
     "sha256",
     "axial_length_bound",
     "flow_rate",
+    "flow_rate_error",
 )
 _MARGINAL = tuple(field.name for field in fields(Marginal))
 
@@ -61,6 +62,7 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
             "viscosity": known.viscosity.as_record(),
             "source": known.source,
             "sha256": known.sha256,
+            "density": known.density.as_record(),
             "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
@@ -138,6 +140,7 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
         "outlines": None if outlines is None else outlines[0],
         "status": Status[attributes["status"]],
         "version": str(attributes["version"]),
+        "p_values": tables.get("p_values", {}),
     }
 
 
@@ -180,4 +183,5 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
         source=table["source"],
         sha256=table["sha256"],
         frame_rate=None if rate is None else Quantity(**rate),
+        density=Quantity.of_record(table["density"], "kg/m^3") if "density" in table else WATER,
     )

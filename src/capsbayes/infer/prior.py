@@ -1,7 +1,7 @@
 """Prior distributions, stated on physical quantities, and the further coordinate of a model with its prior.
 
-G_s is log-uniform and a uniform by default, each over a range the user can
-change; the mean velocity U of the flow is log-uniform without limits. They
+G_s is log-uniform and a uniform by default, each over a range; the user can give
+any distribution. The mean velocity U of the flow is log-uniform without limits. They
 are independent of each other, of the inputs (viscosity, half width) and of a
 further coordinate of the model, which has any distribution and does not
 change what follows.
@@ -51,15 +51,15 @@ _MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e
 class Prior:
     """Independent priors of the shear modulus, of the radius and of a further coordinate of the model.
 
-    Each may be given in any form that `Quantity.of` reads, as ``"log-uniform 1 .. 1000 mN/m"``.
+    Each may be given in any form that `Quantity.of` reads: ``"log-uniform 1 .. 1000 mN/m"``, ``"20 .. 80 mN/m"``,
+    ``"50 +/- 10 mN/m"``, ``"log-normal 50 +/- 10 mN/m"`` or a frozen distribution of scipy.stats.
 
     Parameters
     ----------
     surface_shear_modulus : Quantity [N/m]
-        A uniform or log-uniform range. Default: log-uniform from 0.1 mN/m to 10 N/m, which
-        contains the known microcapsules with two decades to spare.
+        Default: log-uniform from 0.1 mN/m to 10 N/m, which contains the known microcapsules with two decades to spare.
     capsule_radius : Quantity [m]
-        A uniform or log-uniform range. Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
+        Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
     coordinates : mapping of str to Quantity
         Of the further coordinate of the model, as ``{"pre_inflation": "0 .. 0.1"}``. Default: uniform over the range
         of the model.
@@ -67,7 +67,7 @@ class Prior:
     Raises
     ------
     InputError
-        If G_s or a has another distribution, or a limit that is not positive.
+        If G_s or a is a known number, or a limit is not positive.
 
     Examples
     --------
@@ -82,19 +82,30 @@ class Prior:
     def __post_init__(self) -> None:
         for name in _LIMITED:
             stated = Quantity.of(getattr(self, name), name, where="prior")
-            if stated.shape not in _RANGES or stated.low <= 0.0:
-                raise InputError("prior", name, "a uniform or log-uniform range with 0 < low < high", str(stated))
+            if stated.known or (stated.is_range and stated.low <= 0.0):
+                expected = 'a distribution, as "low .. high" with 0 < low < high, or "mean +/- error"'
+                raise InputError("prior", name, expected, str(stated))
             object.__setattr__(self, name, stated)
         read = {name: _coordinate(quantity, "prior", name) for name, quantity in self.coordinates.items()}
         object.__setattr__(self, "coordinates", read)
 
-    @classmethod
-    def read(cls, path: str | Path) -> Prior:
-        """Read the table ``[prior]`` of a measurement's file; what it does not state keeps its default.
+    @property
+    def both(self) -> tuple[Quantity, Quantity]:
+        """Priors of G_s and a."""
+        return self.surface_shear_modulus, self.capsule_radius
 
-        The keys of G_s and a hold ``{ distribution = "log-uniform", low = "1 mN/m", high = "1 N/m" }``, or the same as
-        a text, ``"log-uniform 1 .. 1000 mN/m"``; that of a further coordinate of the model a text, see
-        `coordinate_prior`.
+    @property
+    def is_general(self) -> bool:
+        """True unless G_s and a have ranges, whose densities are powers between two limits."""
+        return not all(prior.is_range for prior in self.both)
+
+    @classmethod
+    def read(cls, path: str | Path, default: Prior | None = None) -> Prior:
+        """Read the table ``[prior]`` of a measurement's file; what it does not state is that of the default.
+
+        The keys of G_s and a hold a text that `Quantity.read` reads, as ``"50 +/- 10 mN/m"``, or a table
+        ``{ distribution = "log-uniform", low = "1 mN/m", high = "1 N/m" }``; that of a further coordinate of the model
+        a text, see `coordinate_prior`.
 
         Raises
         ------
@@ -103,30 +114,39 @@ class Prior:
         """
         file = InputFile.read(path)
         stated, where = file.table("prior", optional=(*_LIMITED, *COORDINATES)), str(path)
-        ranges: dict[str, Any] = {key: _range(where, key, value) for key, value in stated.items() if key in _LIMITED}
+        ranges: dict[str, Any] = {
+            key: _distribution(where, f"prior.{key}", value) for key, value in stated.items() if key in _LIMITED
+        }
         texts = {key: value for key, value in stated.items() if key in COORDINATES}
-        return cls(**ranges).with_coordinates(texts, where=f"{where}: prior")
+        return replace(default or cls(), **ranges).with_texts(texts, where=f"{where}: prior")
 
-    def with_coordinates(self, texts: Mapping[str, object], *, where: str = "prior") -> Prior:
-        """Return the same with priors of further coordinates of the model in text form, see `coordinate_prior`."""
-        read = {name: coordinate_prior(text, where=where, key=name) for name, text in texts.items()}
-        return replace(self, coordinates={**self.coordinates, **read})
+    def with_texts(self, texts: Mapping[str, object], *, where: str = "prior") -> Prior:
+        """Return the same with other priors in text form: of G_s and a, and of coordinates, see `coordinate_prior`."""
+        own = {name: _distribution(where, name, texts[name]) for name in _LIMITED if name in texts}
+        read = {name: coordinate_prior(texts[name], where=where, key=name) for name in texts if name not in own}
+        return replace(self, **own, coordinates={**self.coordinates, **read})
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Return the ranges of G_s and a in SI, for reports and files."""
-        ranges = {name: getattr(self, name) for name in _LIMITED}
-        return {
-            name: {"distribution": quantity.shape, "low": quantity.low, "high": quantity.high, "unit": quantity.unit}
-            for name, quantity in ranges.items()
-        }
+        """Return the priors of G_s and a in SI, for reports and files."""
+        found: dict[str, dict[str, Any]] = {}
+        for name, known in zip(_LIMITED, self.both, strict=True):
+            found[name] = {"distribution": known.shape, "low": known.low, "high": known.high, "unit": known.unit}
+            if not known.is_range:
+                found[name] |= {"mean": known.mean, "sd": known.sd, "record": known.as_record()}
+        return found
 
     @classmethod
     def of_record(cls, described: Mapping[str, Mapping[str, Any]], coordinates: Mapping[str, Any]) -> Prior:
-        """Return the prior with the ranges that `described` gave, and with records of the coordinates' quantities."""
-        ranges = {name: _RANGES[described[name]["distribution"]](described[name]["low"], described[name]["high"])
-                  for name in _LIMITED}  # fmt: skip
+        """Return the prior that `described` gave, with records of the coordinates' quantities."""
+        stated = [described[name] for name in _LIMITED]
+        modulus, radius = (
+            Quantity.of_record(table["record"], table["unit"])
+            if "record" in table
+            else _RANGES[table["distribution"]](table["low"], table["high"])
+            for table in stated
+        )
         known = {name: Quantity.of_record(record) for name, record in coordinates.items()}
-        return cls(ranges["surface_shear_modulus"], ranges["capsule_radius"], known)
+        return cls(modulus, radius, known)
 
 
 def coordinate_prior(text: object, *, where: str, key: str) -> Quantity:
@@ -163,20 +183,24 @@ def _coordinate(given: Given, where: str, key: str) -> Quantity:
     return read
 
 
-def _range(where: str, key: str, stated: object) -> Quantity:
-    """Return the range of a table of a file, or of a text."""
-    if isinstance(stated, str) and (".." in stated or not stated.strip()):
-        return Quantity.of_text(stated, key, where=where, key=f"prior.{key}")
-    example = STATED[key].example
+def _distribution(where: str, key: str, stated: object) -> Quantity:
+    """Return the prior of G_s or a from a text, or from a table of a file that states a range."""
+    name = key.rpartition(".")[2]
+    if isinstance(stated, str):
+        read = Quantity.of_text(stated, name, where=where, key=key)
+        if read.known:
+            raise InputError(where, key, 'a distribution, as "low .. high" or "mean +/- error"', repr(stated))
+        return read
+    example = STATED[name].example
     if not isinstance(stated, Mapping) or set(stated) != {"distribution", "low", "high"}:
         wanted = f'{{ distribution = "log-uniform", low = "{example}", high = "{example}" }} or a text "low .. high"'
-        raise InputError(where, f"prior.{key}", wanted, repr(stated))
+        raise InputError(where, key, wanted, repr(stated))
     if stated["distribution"] not in _RANGES:
-        raise InputError(where, f"prior.{key}.distribution", " or ".join(_RANGES), repr(stated["distribution"]))
-    low, high = (Quantity.of_text(stated[end], key, where=where, key=f"prior.{key}.{end}") for end in ("low", "high"))
+        raise InputError(where, f"{key}.distribution", " or ".join(_RANGES), repr(stated["distribution"]))
+    low, high = (Quantity.of_text(stated[end], name, where=where, key=f"{key}.{end}") for end in ("low", "high"))
     if not low.value < high.value:
-        raise InputError(where, f"prior.{key}", "low < high", f"{stated['low']!r}, {stated['high']!r}")
-    return _RANGES[stated["distribution"]](low.value, high.value, PARAMETERS[key].si)
+        raise InputError(where, key, "low < high", f"{stated['low']!r}, {stated['high']!r}")
+    return _RANGES[stated["distribution"]](low.value, high.value, PARAMETERS[name].si)
 
 
 @dataclass(frozen=True, eq=False)

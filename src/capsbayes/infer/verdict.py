@@ -9,6 +9,7 @@ import numpy as np
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.kernel import border_steps
+from capsbayes.infer.misfit import Misfit
 from capsbayes.infer.prior import Prior
 from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
 from capsbayes.status import Status
@@ -82,19 +83,20 @@ def _given(logs: Floats, held: Sequence[Floats]) -> Floats:
 
 
 def verdict(
-    gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str, float], fit: Gate | None = None
+    gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str, float], misfits: Sequence[Misfit] = ()
 ) -> Status:
     """Return the status of a posterior: first what makes the intervals wrong, then what makes them those of a border.
 
-    `fit` is the gate on the misfit of the outline, where one was measured.
+    `misfits` are the gates on the measurement, the gravest first.
     """
+    failed = next((misfit.status for misfit in misfits if not misfit.gate.passed), None)
+    if failed not in (None, Status.INERTIA):
+        return failed
     if not all(gate.passed for gate in gates):
         return Status.NOT_MIXED if agreed is not None else Status.GRID_TOO_COARSE
     if agreed is not None and not agreed.passed:
         return Status.ENGINES_DISAGREE
-    if fit is not None and not fit.passed:
-        return Status.OUTLINE_MISFIT
-    return leaning_status(shares_by_kind(leans))
+    return failed or leaning_status(shares_by_kind(leans))
 
 
 def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, float, float, float]:

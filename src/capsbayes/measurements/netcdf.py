@@ -20,8 +20,9 @@ from capsbayes.parameters import PARAMETERS
 # numbers over the capsules
 _NEEDED = ("axial_extent", "axial_extent_error", "capsule_velocity", "capsule_velocity_error")
 _LENGTH = ("axial_length", "axial_length_error")
+_RATE = ("flow_rate", "flow_rate_error")
 _NOISE = {"noise_scale": "l", "noise_correlation": "l", "noise_white": "1"}
-_UNITS = {name: PARAMETERS[name.removesuffix("_error")].unit for name in (*_NEEDED, *_LENGTH, "flow_rate", *CONDITIONS)}
+_UNITS = {name: PARAMETERS[name.removesuffix("_error")].unit for name in (*_NEEDED, *_LENGTH, *_RATE, *CONDITIONS)}
 _OUTLINE = ("capsule", "point", "axis")
 
 
@@ -34,7 +35,7 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
         With the variables ``outline`` (capsule, point, axis) [l], columns (z, y), filled up with NaN behind a short
         one; over the capsules ``axial_extent``, ``axial_extent_error`` [l], ``capsule_velocity``,
         ``capsule_velocity_error`` [m/s], ``noise_scale``, ``noise_correlation`` [l] as of `OutlineNoise`; optionally
-        ``noise_white``, ``axial_length``, ``axial_length_error`` [l], ``flow_rate`` [m^3/s] where it is known,
+        ``noise_white``, ``axial_length``, ``axial_length_error`` [l], ``flow_rate`` and ``flow_rate_error`` [m^3/s],
         ``half_width`` [m] and ``viscosity`` [Pa s] where they are not those of the experiment (else NaN), and ``name``.
         A variable's attribute ``units``, if it has one, must be the unit here. The attribute ``view`` says
         what all outlines show, ``"mid-plane"`` by default.
@@ -80,7 +81,7 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     numbers = {name: [getattr(seen, name) for seen in measurements] for name in (*_NEEDED, *_LENGTH)}
     numbers |= dict(zip(_NOISE, noise.T, strict=True))
     own = {name: [seen.conditions.get(name, np.nan) for seen in measurements] for name in CONDITIONS}
-    own |= {"flow_rate": [seen.flow_rate or np.nan for seen in measurements]}
+    own |= {name: [getattr(seen, name) or np.nan for seen in measurements] for name in _RATE}
     numbers |= {name: values for name, values in own.items() if np.isfinite(values).any()}
     units = _UNITS | _NOISE
     variables = {name: ("capsule", np.array(values, float), {"units": units[name]}) for name, values in numbers.items()}
@@ -127,7 +128,7 @@ def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
     capsule = dataset.isel(capsule=row)
     label = str(capsule["name"].item()) if "name" in capsule.variables else str(row + 1)
     where = f"{path}: capsule {label}"
-    numbers = {name: float(capsule[name]) for name in (*_NEEDED, *_LENGTH, "flow_rate") if name in capsule.variables}
+    numbers = {name: float(capsule[name]) for name in (*_NEEDED, *_LENGTH, *_RATE) if name in capsule.variables}
     seen = {name: value for name, value in numbers.items() if name in _NEEDED or np.isfinite(value)}
     points = np.asarray(capsule["outline"].values, np.float64)
     view = check_view(capsule.attrs.get("view", MID_PLANE), str(path), "view")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -47,6 +47,7 @@ _HEADERS: dict[str, dict[str, float]] = {
     "axial_length_error": {"axial_length_error_over_l": 1.0},
     "length_correlation": {"length_correlation": 1.0},
     "flow_rate": {"flow_rate_m3_per_s": 1.0, "flow_rate_ul_per_min": 1e-9 / 60.0},
+    "flow_rate_error": {"flow_rate_error_m3_per_s": 1.0, "flow_rate_error_ul_per_min": 1e-9 / 60.0},
     "half_width": {"half_width_m": 1.0, "half_width_um": 1e-6},
     "viscosity": {"viscosity_pa_s": 1.0, "viscosity_mpa_s": 1e-3},
 }
@@ -54,6 +55,7 @@ NUMBERS = tuple(_HEADERS)
 """Numbers that a row may hold: lengths over l, the others in SI."""
 
 _NEEDED = NUMBERS[:4]
+_PRIORS = {name: f"{name}_prior" for name in ("surface_shear_modulus", "capsule_radius")}
 _NAMES = ("name", "capsule")
 _IGNORED = ("status", "frames")
 
@@ -71,6 +73,8 @@ class MeasuredLengths:
         Why a row cannot be used, empty if it can; ``"status: NAME"`` for the status of a failed measurement.
     source, sha256 : str
         The file and its fingerprint.
+    priors : mapping of (n,) array of str
+        Of G_s and a, in text form, where capsules have their own; empty where not.
     """
 
     numbers: Mapping[str, Floats]
@@ -78,6 +82,7 @@ class MeasuredLengths:
     refusals: Strings
     source: str = ""
     sha256: str = ""
+    priors: Mapping[str, Strings] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -92,9 +97,11 @@ class MeasuredLengths:
             Table with the columns ``axial_extent_over_l``, ``axial_extent_error_over_l``, ``capsule_velocity_m_per_s``
             and ``capsule_velocity_error_m_per_s`` (or both ``..._mm_per_s``); optionally ``axial_length_over_l`` and
             ``axial_length_error_over_l``, whose cells may be empty where the rear is hidden, ``length_correlation``,
-            ``flow_rate_ul_per_min`` (or ``_m3_per_s``), ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or
+            ``flow_rate_ul_per_min`` (or ``_m3_per_s``) and ``flow_rate_error_ul_per_min``,
+            ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or
             ``_mpa_s``) where they are not those of the experiment, ``name``, and ``status``, which is DONE for a
-            capsule to be used.
+            capsule to be used. ``surface_shear_modulus_prior`` and ``capsule_radius_prior`` hold texts as
+            ``"50 +/- 10 mN/m"`` that replace the prior of the run.
 
         Raises
         ------
@@ -140,7 +147,9 @@ class MeasuredLengths:
         label = next((header for header in _NAMES if header in frame), None)
         if label is not None:
             names = np.where(frame[label].isna(), names, frame[label].astype(str).map(plain_cell))
-        read = cls(numbers, names.astype(np.str_), refusals.astype(np.str_), source, sha256)
+        texts = {name: frame[header].fillna("").astype(str) for name, header in _PRIORS.items() if header in frame}
+        priors = {name: values.str.strip().to_numpy(dtype=np.str_) for name, values in texts.items()}
+        read = cls(numbers, names.astype(np.str_), refusals.astype(np.str_), source, sha256, priors)
         return read._checked()
 
     def _checked(self) -> MeasuredLengths:
@@ -151,7 +160,8 @@ class MeasuredLengths:
             if name == "length_correlation":
                 continue
             given = ~np.isnan(length if name == "axial_length_error" else numbers[name]) | (name in _NEEDED)
-            wrong = given & ~(np.isfinite(numbers[name]) & (numbers[name] > 0.0))
+            least = -np.finfo(float).tiny if name == "flow_rate_error" else 0.0  # a flow rate may be known
+            wrong = given & ~(np.isfinite(numbers[name]) & (numbers[name] > least))
             checked = checked.refused(wrong, name, "a positive finite number")
             if name in STATED:
                 (_, least, most), unit = STATED[name], PARAMETERS[name].unit
@@ -182,7 +192,12 @@ class MeasuredLengths:
     def taken(self, rows: slice | NDArray[np.intp]) -> MeasuredLengths:
         """Return some of the rows."""
         numbers = {name: values[rows] for name, values in self.numbers.items()}
-        return replace(self, numbers=numbers, names=self.names[rows], refusals=self.refusals[rows])
+        priors = {name: texts[rows] for name, texts in self.priors.items()}
+        return replace(self, numbers=numbers, names=self.names[rows], refusals=self.refusals[rows], priors=priors)
+
+    def prior_texts(self, row: int) -> dict[str, str]:
+        """Return the priors of G_s and a that a row states, by name."""
+        return {name: str(texts[row]) for name, texts in self.priors.items() if texts[row]}
 
     def measurement(self, row: int) -> Measurement:
         """Return one row as a measurement.
@@ -210,6 +225,11 @@ class MeasuredLengths:
         error_a = np.nan_to_num(self.numbers["axial_length_error"])
         cross = np.nan_to_num(self.numbers["length_correlation"]) * error_z * error_a
         return np.stack((extent, self.numbers["axial_length"], error_z**2, cross, error_a**2), axis=1)
+
+    @property
+    def rates(self) -> Floats:
+        """Flow rate (NaN where it is unknown) and its standard error : (n, 2) array [m^3/s]."""
+        return np.stack([self.numbers["flow_rate"], np.nan_to_num(self.numbers["flow_rate_error"])], axis=1)
 
     @property
     def velocities(self) -> Floats:
@@ -288,7 +308,7 @@ def _frame(path: Path) -> pd.DataFrame:
 
 def _check_columns(source: str, columns: list[str]) -> None:
     """Refuse a table with an unknown column, or without one that is needed."""
-    known = [header for headers in _HEADERS.values() for header in headers] + [*_NAMES, *_IGNORED]
+    known = [header for headers in _HEADERS.values() for header in headers] + [*_PRIORS.values(), *_NAMES, *_IGNORED]
     for column in columns:
         if column not in known:
             raise InputError(source, column, f"one of the columns {', '.join(known)}", "an unknown column")

@@ -97,7 +97,8 @@ class WidthPredictor:
         self.model, self.errors, self.experiment = model, errors, experiment
         self.engine = Quadrature(model, experiment, prior)
         within = self.engine.prior.surface_shear_modulus
-        self.modulus = surface_shear_modulus or float(np.sqrt(within.low * within.high))
+        middle = np.sqrt(within.low * within.high) if within.is_range else within.ppf(0.5)
+        self.modulus = surface_shear_modulus or float(middle)
         self.lattice = noise_lattice(noises)
 
     def at(self, capillary_number: float, size_ratio: float) -> Width:

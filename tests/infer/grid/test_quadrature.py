@@ -149,7 +149,9 @@ def test_a_shape_that_no_case_has_is_refused_with_the_nearest(model, experiment,
 
 def test_a_prior_that_excludes_every_shape_is_refused(model, experiment, capsule):
     prior = Prior(capsule_radius=Quantity.uniform(1e-3, 2e-3))
-    with pytest.raises(InputError, match=r"expected ranges that contain G_s and a of some shape .*; check the units"):
+    with pytest.raises(
+        InputError, match=r"expected a from .* got 1000 µm as the lower end of its prior; check the units"
+    ):
         Quadrature(model, experiment, prior)(capsule)
 
 

@@ -16,6 +16,7 @@ from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Nodes, Window
+from capsbayes.infer.kernel import given_flow
 from capsbayes.infer.log_grid import LogGrid, laid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
@@ -69,7 +70,7 @@ class ExactPosterior(abc.ABC):
 
     @cached_property
     def _many_draws(self) -> dict[str, Floats]:
-        return self.drawn(np.random.default_rng(0), _DRAWS)
+        return self.drawn(np.random.default_rng(0), _DRAWS // 5 if self.density.prior.is_general else _DRAWS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,9 @@ class GridPosterior(ExactPosterior):
 
     @cached_property
     def cut(self) -> bool:
-        """True if a prior range of G_s or a cuts off part of the posterior."""
+        """True if a prior range of G_s or a cuts off part of the posterior, or a prior is no range."""
+        if self.density.prior.is_general:
+            return True
         share = np.broadcast_to(self.share, self.free.shape)[self.free > _NEGLIGIBLE * self.free.max()]
         return bool(share.min() < 1.0 - 1e-6)
 
@@ -191,6 +194,8 @@ class GridPosterior(ExactPosterior):
         density = self.density
         if name in self._node_logs:
             return self._binned(*self._node_logs[name])
+        if density.flow_rate is not None and name != "viscosity":
+            return self._given_flow(name)
         if name in ("viscosity", "capsule_velocity"):
             return getattr(density, name)
         if name in ("half_width", "capsule_radius"):
@@ -206,6 +211,28 @@ class GridPosterior(ExactPosterior):
             divided = self._binned(-log_ca - log_ratio, du).times(LogGrid.normal(variance))
             return divided.times(density.force_scale)
         raise KeyError(name)
+
+    def _given_flow(self, name: str) -> LogGrid:
+        """Return the distribution of a quantity that the flow rate changes."""
+        density, (_, nodes, width) = self.density, self._kept
+        log_ratio, variance = self._ratio
+        flow = density.flow(width, nodes.model)
+        assert flow is not None
+        (flow_change, width_change, speed_change, ratio_change), variances = given_flow(log_ratio, variance, flow)
+        log_speed = np.full(len(log_ratio), density.capsule_velocity.mean)
+        log_width = np.full(len(log_ratio), density.half_width.mean) if width is None else np.log(width)
+        (log_ca, du), (log_size, ds) = (self._node_logs[key] for key in ("capillary_number", "size_ratio"))
+        log_flow = log_speed - log_ratio + flow_change
+        logs, least, spread = {
+            "mean_velocity": (log_flow, 0.0, variances[0]),
+            "surface_shear_modulus": (log_flow - log_ca, du, variances[0]),
+            "half_width": (log_width + width_change, 0.0, variances[1]),
+            "capsule_radius": (log_width + width_change + log_size, ds if width is None else 0.0, variances[1]),
+            "capsule_velocity": (log_speed + speed_change, 0.0, variances[2]),
+            "velocity_ratio": (log_ratio + ratio_change, 0.0, variances[3]),
+        }[name]
+        found = self._binned(logs, least).times(LogGrid.normal(float(spread)))
+        return found.times(density.viscosity) if name == "surface_shear_modulus" else found
 
     def _length(self, name: str) -> LogGrid:
         width = self._kept[2]

@@ -28,6 +28,7 @@ from capsbayes.infer.outline.table import AnyOutline
 from capsbayes.infer.prior import Prior, check_coordinates
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS
 
 Resolution = tuple[list[Gate], list[Gate]]  # along log Ca, along a/l
 
@@ -159,9 +160,7 @@ class Quadrature:
         args = (nodes.model, nodes.log_ca, nodes.size)
         log_density = (rough.log_density(*args) + rough.log_share(*args)).reshape(self.table.window.shape)
         if not np.isfinite(np.nanmax(log_density)):
-            expected = "ranges that contain G_s and a of some shape with these lengths"
-            advice = "check the units of half width, viscosity and velocity, or widen the ranges"
-            raise InputError(measurement.source or "prior", "prior", expected, "ranges that contain none", advice)
+            raise _no_shape_in(self.prior, rough, nodes, measurement.source or "prior")
         likely = log_density > np.nanmax(log_density) - COARSE_DROP
         return self.table.window.around(likely, (_FIRST, _FIRST), self.table.window)
 
@@ -187,6 +186,31 @@ class Quadrature:
             share,
             (),
         )
+
+
+def _no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> InputError:
+    """Return the refusal of a prior that holds no shape with the measured lengths; it names the bound in the way."""
+    lengths = density.likelihood.log_density(nodes.model)
+    likely = lengths > np.nanmax(lengths) - COARSE_DROP
+    inputs, ratio = density.inputs, nodes.model.velocity_ratio[likely]
+    force = inputs.viscosity.value * inputs.capsule_velocity.value
+    found = {
+        "surface_shear_modulus": force / (np.exp(nodes.log_ca[likely]) * ratio),
+        "capsule_radius": inputs.half_width.value * nodes.size[likely],
+    }
+    advice = "check the units of half width, viscosity and velocity, or widen the prior"
+    for (name, values), limits in zip(found.items(), prior.both, strict=True):
+        known = PARAMETERS[name]
+        low, high, first, last = map(known.shown, (limits.low, limits.high, values.min(), values.max()))
+        for end, bound, beyond in (("lower", low, last < low), ("upper", high, first > high)):
+            if beyond:
+                expected = (
+                    f"{known.symbol} from {first:.4g} to {last:.4g} {known.shown_unit}, as shapes of these lengths have"
+                )
+                got = f"{bound:.4g} {known.shown_unit} as the {end} end of its prior"
+                return InputError(where, f"prior.{name}", expected, got, advice)
+    expected = "ranges that contain G_s and a of some shape with these lengths"
+    return InputError(where, "prior", expected, "ranges that contain none", advice)
 
 
 def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:

@@ -13,6 +13,7 @@ from capsbayes.arrays import Floats
 from capsbayes.infer.many.tabulated.mixture import COMPONENTS
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
+from capsbayes.infer.misfit import PREDICTED
 
 Strings = NDArray[Any]  # of str, or of objects that are
 
@@ -38,6 +39,9 @@ class CapsuleRows:
         Of the lengths from those of the likeliest shape, in standard errors.
     leaning : (n, 4) array
         Shares of the posterior, of `LEANINGS`.
+    p_values : (n, 4) array
+        Of `capsbayes.infer.misfit.PREDICTED`, NaN where one was not measured.
+    reynolds_number : (n,) array
     components : (n, c, 6) array
         Likelihood of (log(G_s / mu), log(a / l)) as a mixture of Gaussians.
     """
@@ -52,6 +56,8 @@ class CapsuleRows:
     summaries: Floats
     distance: Floats
     leaning: Floats
+    p_values: Floats
+    reynolds_number: Floats
     components: NDArray[np.float32]
 
     def __len__(self) -> int:
@@ -73,6 +79,8 @@ class CapsuleRows:
             np.full((count, len(QUANTITIES), 7), np.nan),
             np.full(count, np.nan),
             np.full((count, len(LEANINGS)), np.nan),
+            np.full((count, len(PREDICTED)), np.nan),
+            np.full(count, np.nan),
             np.zeros((count, COMPONENTS, len(OF_COMPONENTS)), np.float32),
         )
 

@@ -14,11 +14,13 @@ from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.mixture import mixture
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
+from capsbayes.infer.misfit import PREDICTED, Misfit, inertia, misfits_of, p_values
 from capsbayes.infer.outline.misfit import outline_misfit
 from capsbayes.infer.verdict import leanings, shares_by_kind, verdict
 from capsbayes.interruption import raise_interruption
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 _SHARED = ("viscosity", "half_width")
@@ -58,12 +60,17 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
         rows.summaries[row, number] = list(posterior.marginal(name).as_dict().values())
     leans = leanings(draws, run.model, engine.prior)
     rows.leaning[row] = shares_by_kind(leans)
-    fit = None if measurement.outline is None else outline_misfit(measurement.outline, run.model, draws)
-    rows.status[row] = verdict(posterior.gates, None, leans, fit).name
+    found = p_values(engine, measurement, posterior)
+    rows.p_values[row] = [found.get(name, np.nan) for name in PREDICTED]
+    misfits = misfits_of(found)
+    if measurement.outline is not None:
+        misfits.insert(0, Misfit(outline_misfit(measurement.outline, run.model, draws), Status.OUTLINE_MISFIT))
+    misfits.append(inertia(own.reynolds_number(posterior.marginal("mean_velocity").median)))
+    rows.reynolds_number[row] = misfits[-1].gate.value
+    rows.status[row] = verdict(posterior.gates, None, leans, misfits).name
     # the likelihood: the posterior without the priors of G_s and a
     moduli, radii = np.log(draws["surface_shear_modulus"]), np.log(draws["capsule_radius"])
-    powers = run.prior.surface_shear_modulus.power, run.prior.capsule_radius.power
-    flat = np.exp(-powers[0] * (moduli - moduli.max()) - powers[1] * (radii - radii.min()))
+    flat = np.exp(-_log_prior(run.prior.surface_shear_modulus, moduli) - _log_prior(run.prior.capsule_radius, radii))
     into = np.empty(rows.components.shape[1:])
     logs = np.log([draws[name] for name in _SHARED])
     # a capsule's own viscosity and half width, over those of all, are not among what all share
@@ -71,6 +78,12 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
     shift = [np.log(_centre(own, name) / _centre(of_all, name)) for name in _SHARED]
     mixture(flat, moduli - logs[0] + shift[0], radii - logs[1] + shift[1], into)
     rows.components[row] = into
+
+
+def _log_prior(prior: Quantity, logs: Floats) -> Floats:
+    """Return the log density of log x, zero where it is highest; a draw beyond a range counts as within it."""
+    density = prior.power * logs if prior.is_range else prior.log_weight(np.exp(logs))
+    return density - density.max()
 
 
 def _centre(experiment: Experiment, name: str) -> float:

@@ -139,7 +139,10 @@ def identify_folder(
         if chains is not None:
             Path(chains).mkdir(parents=True, exist_ok=True)
             usable = {int(row): str(population["name"][row]) for row in _with_result(population)}
-            drawn = [ChainTask.of(found.measurement(row), Path(chains), row, name, run) for row, name in usable.items()]
+            drawn = [
+                ChainTask.of(found.measurement(row), found.prior(row), Path(chains), row, name, run)
+                for row, name in usable.items()
+            ]
             pool.finish(drawn, "chains")
         if not (isinstance(given, Path) and given.is_dir()):
             shutil.rmtree(parts)
@@ -218,7 +221,8 @@ def _checked(
     summaries = np.stack([population[name][rows] for name in names], axis=1).reshape(len(rows), len(QUANTITIES), -1)
     seed = int(population.dataset.attrs["seed"])
     tasks = [
-        CheckTask(store, found.measurement(int(row)), of_row, seed) for row, of_row in zip(rows, summaries, strict=True)
+        CheckTask(store, found.measurement(row), of_row, seed, found.prior(row))
+        for row, of_row in zip(map(int, rows), summaries, strict=True)
     ]
     pool.finish(tasks, "capsules sampled")
     return compared([task.differences for task in tasks if task.differences is not None])

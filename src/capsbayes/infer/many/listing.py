@@ -17,7 +17,9 @@ from capsbayes.infer.many.tasks import (
     RowsTask,
     TableTask,
     measured_file,
+    prior_of_file,
 )
+from capsbayes.infer.prior import Prior
 from capsbayes.input_file import PICTURES, InputFile
 from capsbayes.measured_outline import MID_PLANE, SILHOUETTE, check_view
 from capsbayes.measurement import Measurement
@@ -43,10 +45,13 @@ class Listed:
         In the order of the rows.
     measurement : callable
         From the number of a row to what was measured.
+    prior : callable
+        From the number of a row to its prior.
     """
 
     tasks: list[RowsTask]
     measurement: Callable[[int], Measurement]
+    prior: Callable[[int], Prior]
 
 
 def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
@@ -74,7 +79,11 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
         if not files:
             expected = f"a folder with measurement files (.toml) or pictures ({', '.join(PICTURES)})"
             raise InputError(str(source), "", expected, "a folder without any")
-        return Listed([FileTask(store, file) for file in files], lambda row: measured_file(files[row], run))
+        return Listed(
+            [FileTask(store, file) for file in files],
+            lambda row: measured_file(files[row], run),
+            lambda row: prior_of_file(files[row], run.prior),
+        )
     if source.suffix not in (".csv", ".parquet", ".nc"):
         expected = "a folder, a .csv, .parquet or .nc file"
         raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
@@ -88,7 +97,7 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
     ]
     if found.left_out:
         tasks.append(OutlinesTask(store, (), found.left_out))
-    return Listed(tasks, lambda row: seen[row])
+    return Listed(tasks, lambda row: seen[row], lambda row: run.prior)
 
 
 def _check_experiment(run: Run, source: str) -> None:
@@ -98,15 +107,15 @@ def _check_experiment(run: Run, source: str) -> None:
 
 
 def _table(measured: MeasuredLengths, run: Run, store: Store) -> Listed:
-    """List the rows of a table; a velocity that is hardly known is refused."""
-    velocity, error = measured.velocities.T
-    expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the velocity"
-    measured = measured.refused(error > LOOSEST_VELOCITY * velocity, "capsule_velocity_error", expected)
-    rows = _EXACT_ROWS if run.model.coordinates else ROWS
+    """List the rows of a table; a velocity or flow rate that is hardly known is refused."""
+    for name, (value, error) in (("capsule_velocity", measured.velocities.T), ("flow_rate", measured.rates.T)):
+        expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {name.rpartition('_')[2]}"
+        measured = measured.refused(error > LOOSEST_VELOCITY * value, f"{name}_error", expected)
+    rows = _EXACT_ROWS if run.model.coordinates or run.prior.is_general else ROWS
     tasks: list[RowsTask] = [
         TableTask(store, measured.taken(slice(first, first + rows))) for first in range(0, len(measured), rows)
     ]
-    return Listed(tasks, measured.measurement)
+    return Listed(tasks, measured.measurement, lambda row: run.prior.with_texts(measured.prior_texts(row)))
 
 
 def capsule_files(folder: Path) -> list[Path]:

@@ -19,6 +19,7 @@ from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.misfit import PREDICTED
 from capsbayes.measurements.netcdf import opened
 from capsbayes.measurements.table import NUMBERS
 from capsbayes.output_file import write_dataset, write_file
@@ -97,6 +98,10 @@ class Population(Readable):
         for number, name in enumerate(LEANINGS):
             about = {"units": "1", "long_name": f"share of the posterior that leans on: {name.replace('_', ' ')}"}
             variables[f"leaning_{name}"] = (along, rows.leaning[:, number], about)
+        for number, name in enumerate(PREDICTED):
+            about = {"units": "1", "long_name": f"predictive p-value of the {PARAMETERS[name].meaning}"}
+            variables[f"p_value_{name}"] = (along, rows.p_values[:, number], about)
+        variables["reynolds_number"] = (along, rows.reynolds_number, {"units": "1", "long_name": "rho U l / mu"})
         about = {"units": "1", "long_name": "likelihood of (log(G_s / mu), log(a / l)), a mixture of Gaussians"}
         variables["likelihood"] = (("capsule", "component", "number"), rows.components, about)
         coordinates: dict[str, Any] = {"number": list(OF_COMPONENTS)}

@@ -16,6 +16,7 @@ from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import StoredTask, hash_of
 from capsbayes.infer.posterior_file import work_of
+from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.work import Store, digest_of, steps_kept
 
@@ -70,11 +71,13 @@ class CheckTask(StoredTask):
     summaries : (7, 7) array
         Of its row.
     seed : int
+    prior : Prior
     """
 
     measurement: Measurement
     summaries: Floats
     seed: int
+    prior: Prior
 
     def _name(self) -> str:
         contents = str(self.seed), self.measurement.source, digest_of(self.measurement), self.summaries.tobytes()
@@ -90,7 +93,7 @@ class CheckTask(StoredTask):
         """Sample the capsule and keep the differences."""
         experiment = run.experiment_of(self.measurement)
         with steps_kept(self.store, self.name):
-            sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=run.prior)
+            sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=self.prior)
         differences = np.zeros((len(QUANTITIES), 3))
         for number, name in enumerate(QUANTITIES):
             other = np.array(list(sampled.marginals[name].as_dict().values()))
@@ -123,6 +126,7 @@ class ChainTask:
     Parameters
     ----------
     measurement : Measurement
+    prior : Prior
     file : Path
         Where the posterior goes, as `capsbayes identify` writes it.
     digest : str
@@ -130,15 +134,17 @@ class ChainTask:
     """
 
     measurement: Measurement
+    prior: Prior
     file: Path
     digest: str
 
     @classmethod
-    def of(cls, measurement: Measurement, folder: Path, row: int, name: str, run: Run) -> ChainTask:
+    def of(cls, measurement: Measurement, prior: Prior, folder: Path, row: int, name: str, run: Run) -> ChainTask:
         """Return the task of one row, whose file is named by number and name."""
         experiment = run.experiment_of(measurement)
-        digest = digest_of(run.fingerprint, measurement.source, measurement, experiment)
-        return cls(measurement, folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc", digest)
+        digest = digest_of(run.fingerprint, measurement.source, measurement, experiment, prior)
+        file = folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc"
+        return cls(measurement, prior, file, digest)
 
     @property
     def done(self) -> bool:
@@ -149,5 +155,5 @@ class ChainTask:
         """Sample and write."""
         experiment = run.experiment_of(self.measurement)
         with steps_kept(Store(self.file.parent, self.digest), self.file.stem):
-            posterior = identify(self.measurement, run.model, experiment, seed=run.seed, prior=run.prior)
+            posterior = identify(self.measurement, run.model, experiment, seed=run.seed, prior=self.prior)
         posterior.write(self.file, work=self.digest)

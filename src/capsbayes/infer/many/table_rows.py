@@ -10,13 +10,16 @@ from capsbayes.infer.grid.quadrature import FARTHEST
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.run import Run
+from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tabulated.rows import lengths_rows
 from capsbayes.infer.many.tabulated.search import FAR, FOUND
+from capsbayes.infer.misfit import PREDICTED, inertia, misfits_of
 from capsbayes.infer.verdict import leaning_status
 from capsbayes.measurement import CONDITIONS
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
 
+_MEDIAN = 2  # of the statistics of a `Marginal`
 _ALL_WITHIN = 1.0 - 1e-6  # share of a posterior within the prior ranges, below which the exact engine takes over
 
 
@@ -28,7 +31,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     rows = CapsuleRows.empty(measured.names.astype(object), source, np.full(count, measured.sha256, object), numbers)
     usable = np.flatnonzero(measured.refusals == "")
     _refuse(rows, measured)
-    if run.model.coordinates:  # one lattice cannot represent it
+    if run.model.coordinates or run.prior.is_general:  # beyond the compiled rows
         return rows, usable.tolist()
     shifts = np.stack([_own(measured, name, experiment) for name in reversed(CONDITIONS)], axis=1)
     found = lengths_rows(
@@ -37,6 +40,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
         Inputs.of_experiment(experiment),
         run.prior,
         run.pyramid,
+        rates=measured.rates[usable],
         shifts=shifts[usable],
     )
     facts = found.facts
@@ -46,13 +50,25 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     rows.leaning[usable] = np.stack(
         [facts["border"], 1.0 - np.minimum(facts["within"], 1.0), facts["two_shapes"], facts["wrinkles"]], axis=1
     )
-    rows.status[usable] = [leaning_status(rows.leaning[row]).name for row in usable]
+    rows.p_values[usable] = np.stack([facts[name] for name in PREDICTED], axis=1)
+    velocity = rows.summaries[usable, QUANTITIES.index("mean_velocity"), _MEDIAN]
+    viscosity, half_width = np.exp(shifts[usable]).T
+    rows.reynolds_number[usable] = experiment.reynolds_number(velocity) * half_width / viscosity
+    rows.status[usable] = [_status(rows, row).name for row in usable]
     far = usable[facts["end"] == FAR]
     rows.status[far] = Status.NO_SHAPE.name
     rows.reason[far] = [f"{rows.distance[row]:.1f} standard errors away, {FARTHEST:g} at most" for row in far]
     rows.leaning[far] = np.nan
     resolved = (facts["end"] == FOUND) & (facts["within"] >= _ALL_WITHIN)
-    return rows, usable[~resolved & (facts["end"] != FAR)].tolist()
+    own = np.array([bool(measured.prior_texts(row)) for row in usable.tolist()], dtype=bool)
+    return rows, usable[(~resolved & (facts["end"] != FAR)) | own].tolist()
+
+
+def _status(rows: CapsuleRows, row: int) -> Status:
+    """Return the status of a row that the lattices resolve."""
+    misfits = [*misfits_of(dict(zip(PREDICTED, rows.p_values[row], strict=True))), inertia(rows.reynolds_number[row])]
+    failed = (misfit.status for misfit in misfits if not misfit.gate.passed)
+    return next(failed, None) or leaning_status(rows.leaning[row])
 
 
 def _refuse(rows: CapsuleRows, measured: MeasuredLengths) -> None:

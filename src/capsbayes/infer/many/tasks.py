@@ -10,7 +10,7 @@ import abc
 import hashlib
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -24,6 +24,7 @@ from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.table_rows import rows_of_table
+from capsbayes.infer.prior import Prior
 from capsbayes.input_file import PICTURES, InputFile
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
@@ -138,7 +139,8 @@ class TableTask(RowsTask):
 
     def _name(self) -> str:
         numbers = (np.ascontiguousarray(self.measured.numbers[name]).tobytes() for name in NUMBERS)
-        return f"rows-{hash_of(self.store, *numbers, *self.measured.names, *self.measured.refusals)}"
+        texts = (self.measured.names, self.measured.refusals, *self.measured.priors.values())
+        return f"rows-{hash_of(self.store, *numbers, *(text for column in texts for text in column))}"
 
     def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
         """Compute the rows that the table of the model resolves."""
@@ -146,8 +148,14 @@ class TableTask(RowsTask):
         return rows_of_table(self.measured, run, run.experiment)
 
     def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
-        """Compute a row by the exact engine."""
-        fill_exactly(rows, row, self.measured.measurement(row), run)
+        """Compute a row by the exact engine, with the prior that it states."""
+        texts, where = self.measured.prior_texts(row), f"{self.measured.source}: capsule {self.measured.names[row]}"
+        try:
+            own = replace(run, prior=run.prior.with_texts(texts, where=where)) if texts else run
+        except InputError as error:
+            rows.status[row], rows.reason[row] = Status.UNUSABLE.name, str(error)
+            return
+        fill_exactly(rows, row, self.measured.measurement(row), own)
 
     @property
     def rows(self) -> CapsuleRows | None:
@@ -188,7 +196,7 @@ class FileTask(RowsTask):
             measurement = measured_file(self.measured, run)
             rows.sha256[row], rows.numbers[row] = measurement.sha256, numbers_of(measurement)
             if measurement.status.ok:
-                fill_exactly(rows, row, measurement, run)
+                fill_exactly(rows, row, measurement, replace(run, prior=prior_of_file(self.measured, run.prior)))
             else:
                 rows.status[row] = measurement.status.name
         except CapsbayesError as error:
@@ -268,6 +276,11 @@ def _content(file: Path) -> bytes:
             return hashlib.file_digest(opened, "sha256").digest()
     except OSError:
         return b""
+
+
+def prior_of_file(file: Path, default: Prior) -> Prior:
+    """Return the prior that a measurement file states, with the default for what it does not state."""
+    return default if file.suffix.lower() in PICTURES else Prior.read(file, default)
 
 
 def measured_file(file: Path, run: Run) -> Measurement:

@@ -10,7 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from capsbayes.arrays import Floats, Integers
-from capsbayes.infer.kernel import NUDGE, border_steps, compiled, velocity_ratio
+from capsbayes.infer.kernel import (
+    NUDGE,
+    Flow,
+    border_steps,
+    compiled,
+    flow_mismatch,
+    given_flow,
+    p_value,
+    velocity_ratio,
+)
 from capsbayes.infer.log_grid import (
     LogGrid,
     inverse,
@@ -24,21 +33,24 @@ from capsbayes.infer.log_grid import (
 )
 from capsbayes.infer.many.tabulated.mixture import mixture
 from capsbayes.infer.many.tabulated.search import FOUND, Seen, descend, differences, finer_than_tabulated, look_up
+from capsbayes.infer.misfit import PREDICTED
 from capsbayes.infer.posterior import REPORTED
 
 QUANTITIES = REPORTED
 """Quantities that are summarised, in this order."""
 
-FACTS = ("end", "level", "distance", "log_evidence", "border", "two_shapes", "wrinkles", "within")
+FACTS = ("end", "level", "distance", "log_evidence", "border", "two_shapes", "wrinkles", "within", *PREDICTED)
 """Further numbers of each row: end of the search, number of the lattice, distance of the lengths from those of the
 likeliest shape in standard deviations, log evidence, shares of the posterior next to the border of the model and at the
-caveats of the model, and the probability that G_s and a lie well within the ranges of their prior."""
+caveats of the model, the probability that G_s and a lie well within the ranges of their prior, and the p-values of what
+was measured, as those of `capsbayes.infer.misfit`."""
 
 _NEGLIGIBLE, _MOVED = 1e-7, 1e-6  # of the largest probability
+_P_VALUES = FACTS.index(PREDICTED[0])
 
 
 class Shared(NamedTuple):
-    """Shared by all capsules: distributions of mu [Pa s] and l [m], limits of the priors of log G_s and log a."""
+    """Shared by all capsules: distributions of mu [Pa s] and l [m], limits and powers of the priors, log of A/l^2."""
 
     viscosity: LogGrid
     half_width: LogGrid
@@ -48,12 +60,14 @@ class Shared(NamedTuple):
     radius_high: float
     modulus_power: float
     radius_power: float
+    log_area: float
 
 
 @compiled
 def fill_rows(
     lengths: Floats,
     velocities: Floats,
+    rates: Floats,
     shifts: Floats,
     shared: Shared,
     levels: tuple[Floats, ...],
@@ -71,6 +85,8 @@ def fill_rows(
         L_z, L_a (NaN where missing), and the covariance zz, za, aa.
     velocities : (n, 2) array [m/s]
         v_o and its standard error.
+    rates : (n, 2) array [m^3/s]
+        Flow rate (NaN where it is unknown) and its standard error.
     shifts : (n, 2) array
         Logarithms of mu and l of each capsule over those that are shared.
     shared : Shared
@@ -78,16 +94,21 @@ def fill_rows(
         Of a `Pyramid`.
     summaries : (n, 7, 7) array
         Filled with mean, sd, median and ends of the intervals of `QUANTITIES`, SI.
-    facts : (n, 8) array
+    facts : (n, 12) array
         Filled with `FACTS`.
     components : (n, k, 6) array
         Filled with the likelihood of (log(G_s / mu), log(a / l)), laid out by `mixture`.
     """
     for n in range(len(lengths)):
         z, a, zz, za, aa = lengths[n]
-        seen = Seen(z, a, zz, za, aa, shared.modulus_power, shared.radius_power)
-        end, level, distance, scale, evidence, row, column, weights = descend(seen, levels, low, step)
         summaries[n], facts[n], components[n] = np.nan, 0.0, 0.0
+        facts[n, _P_VALUES:] = np.nan
+        flow = Flow(np.nan, 0.0, 0.0, 0.0)
+        if not np.isnan(rates[n, 0]):
+            flow = _flow(velocities[n], rates[n], shifts[n], shared)
+            facts[n, _P_VALUES + 3] = _p_value_of_flow(lengths[n], flow, shared, levels, low, step)
+        seen = Seen(z, a, zz, za, aa, shared.modulus_power, shared.radius_power, flow)
+        end, level, distance, scale, evidence, row, column, weights = descend(seen, levels, low, step)
         facts[n, 0], facts[n, 1], facts[n, 2] = end, level, distance
         if end == FOUND:
             kept = weights > _NEGLIGIBLE * weights.max()
@@ -133,10 +154,13 @@ def _fill_row(
     log_ca = low[0] + cell[0] * (row + 0.5)
     log_size = np.log(low[1] + cell[1] * (np.arange(columns) + 0.5))[column]
     log_stretch, log_ratio = np.empty(len(row)), np.empty(len(row))
+    off_extent, off_length = np.empty(len(row)), np.empty(len(row))
     room = np.empty(lattice.shape[2])
     variance = 0.0
     for k in range(len(row)):
         node = look_up(lattice, row[k], column[k], finer, room)
+        off_extent[k] = (seen.extent - node[0]) / np.sqrt(seen.zz + node[3])
+        off_length[k] = (seen.length - node[1]) / np.sqrt(seen.aa + node[5])
         mean, left = velocity_ratio(*differences(seen, node), node[2], node[6], node[7], node[8])
         log_ratio[k], log_stretch[k] = np.log(mean), node[9]
         variance += weights[k] * max(left, 0.0) / mean**2
@@ -148,18 +172,40 @@ def _fill_row(
 
     log_modulus = -log_ca - log_ratio
     by_size = laid(log_size, weights, cell[1] / low[1])
-    softness = laid(log_modulus, weights, cell[0])
-    by_ratio = laid(log_ratio, weights, 0.0)
-    speed = positive_normal(velocity[0], velocity[1], shared.modulus_power - 1.0, softness.step)
-    factor = lognormal(variance, softness.step)
-    modulus = scaled(product(product(product(softness, factor), speed), shared.viscosity), shift[0])
-    radius = scaled(product(by_size, shared.half_width), shift[1])
-    ratio = product(by_ratio, lognormal(variance, by_ratio.step))
-    slowness = inverse(ratio)
-    speed = positive_normal(velocity[0], velocity[1], shared.modulus_power - 1.0, slowness.step)
+    log_speed, spread = 0.0, 0.0
+    if np.isnan(seen.flow.offset):
+        softness = laid(log_modulus, weights, cell[0])
+        by_ratio = laid(log_ratio, weights, 0.0)
+        speed = positive_normal(velocity[0], velocity[1], shared.modulus_power - 1.0, softness.step)
+        factor = lognormal(variance, softness.step)
+        modulus = scaled(product(product(product(softness, factor), speed), shared.viscosity), shift[0])
+        radius = scaled(product(by_size, shared.half_width), shift[1])
+        ratio = product(by_ratio, lognormal(variance, by_ratio.step))
+        slowness = inverse(ratio)
+        speed = positive_normal(velocity[0], velocity[1], shared.modulus_power - 1.0, slowness.step)
+        flow = product(slowness, speed)
+    else:
+        speed = _speed(velocity, shared)
+        changes, variances = given_flow(log_ratio, variance, seen.flow)
+        log_modulus += changes[0]
+        log_speed, spread = speed.mean, variances[0]
+        of_size = laid(log_size + shared.half_width.mean + shift[1] + changes[1], weights, cell[1] / low[1])
+        radius = product(of_size, lognormal(variances[1], of_size.step))
+        by_ratio = laid(log_ratio + changes[3], weights, 0.0)
+        ratio = product(by_ratio, lognormal(variances[3], by_ratio.step))
+        by_flow = laid(log_speed - log_ratio + changes[0], weights, 0.0)
+        flow = product(by_flow, lognormal(spread, by_flow.step))
+        softness = laid(log_modulus, weights, cell[0])
+        factor = lognormal(spread, softness.step)
+        modulus = scaled(product(product(softness, factor), shared.viscosity), log_speed + shift[0])
+        speed = scaled(lognormal(variances[2], np.sqrt(variances[2]) / 4.0), log_speed + np.sum(weights * changes[2]))
+    facts[_P_VALUES] = p_value(weights, off_extent)
+    facts[_P_VALUES + 1] = p_value(weights, off_length)
+    speeds = np.exp(speed.start + speed.step * np.arange(len(speed.masses)))
+    facts[_P_VALUES + 2] = p_value(speed.masses, (velocity[0] - speeds) / velocity[1])
     summarise(modulus, summary[0])
     summarise(radius, summary[1])
-    summarise(product(slowness, speed), summary[2])
+    summarise(flow, summary[2])
     summarise(laid(log_ca, weights, cell[0]), summary[3])
     summarise(by_size, summary[4])
     summarise(ratio, summary[5])
@@ -168,7 +214,14 @@ def _fill_row(
         _well_within(modulus, shared.modulus_low, shared.modulus_high),
         _well_within(radius, shared.radius_low, shared.radius_high),
     )
-    _fill_components(seen, velocity, variance, weights, log_modulus + shift[0], log_size + shift[1], components)
+    if np.isnan(seen.flow.offset):
+        speed = positive_normal(velocity[0], velocity[1], -1.0, 1.0)
+        log_speed, spread = speed.mean, speed.variance + variance
+    x, y = log_modulus + log_speed + shift[0], log_size + shift[1]
+    # the likelihood: the posterior without the priors of G_s and a
+    flat = weights * np.exp(-seen.radius_power * y - seen.modulus_power * (x - np.max(x)))
+    mixture(flat, x, y, components)
+    components[:, 3] += spread
 
 
 @compiled
@@ -210,13 +263,36 @@ def _well_within(grid: LogGrid, low: float, high: float) -> float:
 
 
 @compiled
-def _fill_components(
-    seen: Seen, velocity: Floats, variance: float, weights: Floats, x: Floats, y: Floats, components: Floats
-) -> None:
-    """Fill in the likelihood: the posterior without the priors of G_s and a."""
-    flat = weights * np.exp(-seen.radius_power * y - seen.modulus_power * (x - np.max(x)))
-    mixture(flat, x, y, components)
-    speed = positive_normal(velocity[0], velocity[1], -1.0, 1.0)
-    for component in components:
-        component[1] += speed.mean
-        component[3] += speed.variance + variance
+def _speed(velocity: Floats, shared: Shared) -> LogGrid:
+    """Return v_o, weighted as in the factored posterior."""
+    return positive_normal(velocity[0], velocity[1], shared.modulus_power - 1.0, 1.0)
+
+
+@compiled
+def _flow(velocity: Floats, rate: Floats, shift: Floats, shared: Shared) -> Flow:
+    """Return the second source of U of one capsule."""
+    speed, pumped, width = _speed(velocity, shared), positive_normal(rate[0], rate[1], -1.0, 1.0), shared.half_width
+    offset = pumped.mean - shared.log_area - 2.0 * (width.mean + shift[1]) - speed.mean
+    return Flow(offset, speed.variance, width.variance, pumped.variance)
+
+
+@compiled
+def _p_value_of_flow(
+    lengths: Floats, flow: Flow, shared: Shared, levels: tuple[Floats, ...], low: Floats, step: Floats
+) -> float:
+    """Return the p-value of the flow rate, predicted without it; NaN where no shape is near."""
+    z, a, zz, za, aa = lengths
+    seen = Seen(z, a, zz, za, aa, shared.modulus_power, shared.radius_power, Flow(np.nan, 0.0, 0.0, 0.0))
+    end, level, _, _, _, row, column, weights = descend(seen, levels, low, step)
+    if end != FOUND:
+        return np.nan
+    lattice, finer = levels[min(level, len(levels) - 1)], finer_than_tabulated(levels, level)
+    room, log_ratio, variance = np.empty(lattice.shape[2]), np.empty(len(row)), 0.0
+    for k in range(len(row)):
+        node = look_up(lattice, row[k], column[k], finer, room)
+        mean, left = velocity_ratio(*differences(seen, node), node[2], node[6], node[7], node[8])
+        log_ratio[k] = np.log(mean)
+        variance += weights[k] * max(left, 0.0) / mean**2
+    middle = np.sum(weights * log_ratio)
+    mismatch, total = flow_mismatch(middle, variance + np.sum(weights * (log_ratio - middle) ** 2), flow)
+    return p_value(np.ones(1), np.array([mismatch / np.sqrt(total)]))

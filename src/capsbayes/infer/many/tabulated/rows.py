@@ -42,6 +42,7 @@ def lengths_rows(
     prior: Prior,
     pyramid: Pyramid,
     *,
+    rates: Floats | None = None,
     shifts: Floats | None = None,
 ) -> Rows:
     """Identify capsules, all under one experiment.
@@ -57,6 +58,8 @@ def lengths_rows(
     prior : Prior
     pyramid : Pyramid
         Of the model.
+    rates : (n, 2) array, optional [m^3/s]
+        Flow rate (NaN where it is unknown) and its standard error.
     shifts : (n, 2) array, optional
         Logarithms of the viscosity and of the half width of each capsule over those of the inputs.
     """
@@ -70,11 +73,13 @@ def lengths_rows(
         radius_high=float(np.log(radius.high)),
         modulus_power=float(modulus.power),
         radius_power=float(radius.power),
+        log_area=float(np.log(inputs.area * pyramid.model.relative_area({"capillary_number": 1.0}))),
     )
     count = len(lengths)
     shifts = np.zeros((count, 2)) if shifts is None else shifts
+    rates = np.full((count, 2), np.nan) if rates is None else rates
     summaries, facts = np.empty((count, len(QUANTITIES), 7)), np.empty((count, len(FACTS)))
     components = np.empty((count, COMPONENTS, len(NUMBERS)))
     into = summaries, facts, components
-    fill_rows(lengths, velocities, shifts, shared, pyramid.levels, pyramid.low, pyramid.step, *into)
+    fill_rows(lengths, velocities, rates, shifts, shared, pyramid.levels, pyramid.low, pyramid.step, *into)
     return Rows(summaries, dict(zip(FACTS, facts.T, strict=True)), components)

@@ -15,7 +15,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats, Integers
 from capsbayes.infer.grid.quadrature import AT_BORDER, COARSE_DROP, DROP, FARTHEST
-from capsbayes.infer.kernel import compiled, feature_in_cells, misfit, sd_in_cells
+from capsbayes.infer.kernel import Flow, compiled, feature_in_cells, flow_mismatch, misfit, sd_in_cells, velocity_ratio
 
 FOUND, FAR, UNRESOLVED = 0, 1, 2
 """Ends of a search: resolved; no shape of the model near; not resolved on the finest lattice."""
@@ -28,7 +28,7 @@ _INTERPOLATED = 3  # levels below the finest lattice, each twice as fine as the 
 
 
 class Seen(NamedTuple):
-    """Lengths of one capsule over l, their covariance, and the powers of the prior of G_s and of a.
+    """Lengths of one capsule over l, their covariance, the powers of the prior of G_s and of a, and the flow rate.
 
     The length on the axis is NaN where it is missing.
     """
@@ -40,6 +40,7 @@ class Seen(NamedTuple):
     aa: float
     modulus_power: float
     radius_power: float
+    flow: Flow
 
 
 @compiled
@@ -63,6 +64,10 @@ def _log_density(seen: Seen, node: Floats, log_ca: float, size: float, farthest:
         log_density -= seen.modulus_power * (log_ca + np.log(node[2]))
     if seen.radius_power != 1.0:
         log_density += (seen.radius_power - 1.0) * np.log(size)
+    if not np.isnan(seen.flow.offset):
+        mean, left = velocity_ratio(*differences(seen, node), node[2], node[6], node[7], node[8])
+        mismatch, total = flow_mismatch(np.log(mean), max(left, 0.0) / mean**2, seen.flow)
+        log_density -= 0.5 * (mismatch * mismatch / total + np.log(total))
     return log_density, square
 
 

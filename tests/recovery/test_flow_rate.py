@@ -1,0 +1,117 @@
+"""A flow rate as second source of the mean velocity: intervals cover, false alarms are rare, conflicts are found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from polynomial_model import PolynomialDomain, PolynomialModel
+from scipy import stats
+from simulated_capsules import mistakes, simulated_capsules
+
+from capsbayes.experiment import Experiment, mean_velocity
+from capsbayes.infer import Quadrature
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.many.tabulated.pyramid import Pyramid
+from capsbayes.infer.many.tabulated.rows import lengths_rows
+from capsbayes.infer.misfit import LEVELS, PREDICTED, p_values
+from capsbayes.infer.prior import Prior
+from capsbayes.quantity import Quantity
+
+EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))
+MODEL = PolynomialModel(domain=PolynomialDomain(lowest=0.02))
+TRUTHS = ("surface_shear_modulus", "capsule_radius", "mean_velocity")
+ERRORS = {"speed_error": 0.03, "rate_error": 0.02}
+
+
+@pytest.fixture(scope="module")
+def capsules():
+    return list(simulated_capsules(MODEL, EXPERIMENT, 600, np.random.default_rng(7), **ERRORS))
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_intervals_with_a_flow_rate_cover_as_often_as_they_say(capsules, name):
+    engine = Quadrature(MODEL, EXPERIMENT)
+    ranks = [engine(capsule.seen).probability_below(name, getattr(capsule, name)) for capsule in capsules]
+    assert mistakes(np.array(ranks)) == []
+
+
+def test_the_p_value_of_the_flow_rate_is_uniform_and_those_of_used_numbers_fail_more_rarely(capsules):
+    engine = Quadrature(MODEL, EXPERIMENT)
+    found = [p_values(engine, capsule.seen, engine(capsule.seen)) for capsule in capsules[:300]]
+    values = {name: np.array([of_one[name] for of_one in found]) for name in PREDICTED}
+    assert stats.kstest(values["flow_rate"], "uniform").pvalue > 1e-3
+    for name in PREDICTED[:3]:
+        assert np.count_nonzero(values[name] < LEVELS[name]) <= stats.binom.ppf(0.999, 300, LEVELS[name]), name
+
+
+def of_table(measurements, pyramid, prior=None):
+    lengths = [[m.axial_extent, m.axial_length, *m.covariance[np.triu_indices(2)]] for m in measurements]
+    velocities = [[m.capsule_velocity, m.capsule_velocity_error] for m in measurements]
+    rates = [[m.flow_rate, m.flow_rate_error] for m in measurements]
+    inputs = Inputs.of_experiment(EXPERIMENT)
+    return lengths_rows(*map(np.array, (lengths, velocities)), inputs, prior or Prior(), pyramid, rates=np.array(rates))
+
+
+@pytest.fixture(scope="module")
+def pyramid():
+    return Pyramid.of(MODEL)
+
+
+def test_rows_of_a_table_are_those_of_the_exact_engine(capsules, pyramid):
+    seen = [capsule.seen for capsule in capsules[:40]]
+    found, engine = of_table(seen, pyramid), Quadrature(MODEL, EXPERIMENT)
+    for row, measurement in enumerate(seen):
+        posterior = engine(measurement)
+        expected = p_values(engine, measurement, posterior)
+        for column, name in enumerate(("surface_shear_modulus", "capsule_radius", "mean_velocity")):
+            marginal = posterior.marginal(name)
+            assert found.summaries[row, column, 2] == pytest.approx(marginal.median, abs=0.03 * marginal.sd)
+            assert found.summaries[row, column, 1] == pytest.approx(marginal.sd, rel=0.03)
+        for name in PREDICTED:
+            assert found.facts[name][row] == pytest.approx(expected[name], abs=0.05)
+
+
+@pytest.mark.slow
+def test_false_alarms_and_conflicts_of_twenty_thousand_rows(pyramid):
+    """The figures of docs/method.md."""
+    capsules = list(simulated_capsules(MODEL, EXPERIMENT, 20_000, np.random.default_rng(11), **ERRORS))
+    seen = [capsule.seen for capsule in capsules]
+    found = of_table(seen, pyramid).facts
+    for name in PREDICTED:
+        flagged = int(np.count_nonzero(found[name] < LEVELS[name]))
+        low, high = stats.binom.interval(0.999, len(seen), LEVELS[name])
+        print(f"{name}: {flagged} of {len(seen)} flagged, nominal {low:.0f} to {high:.0f}")
+        assert flagged <= high
+        assert flagged >= low or name != "flow_rate"
+    some = seen[:1000]
+    for factor in (0.5, 0.8, 1.2, 2.0, 10.0):
+        wrong = [replace(m, flow_rate=Quantity(factor * m.flow_rate, factor * m.flow_rate_error)) for m in some]
+        flagged = np.mean(of_table(wrong, pyramid).facts["flow_rate"] < LEVELS["flow_rate"])
+        print(f"flow rate times {factor:g}: {flagged:.3f} flagged")
+        assert flagged > (0.99 if abs(np.log(factor)) > 0.5 else 0.5)
+
+
+@pytest.mark.parametrize("over_half_width", [True, False])
+def test_the_posterior_is_that_without_the_flow_rate_weighted_by_its_likelihood(capsules, over_half_width):
+    """Second route, without the approximation that inputs are log-normal."""
+    measurement, rng, count = capsules[0].seen, np.random.default_rng(5), 200_000
+    if not over_half_width:
+        scale = EXPERIMENT.half_width.value
+        names = ("axial_extent", "axial_extent_error", "axial_length", "axial_length_error")
+        inside = {name: scale * getattr(measurement, name) for name in names}
+        measurement = replace(measurement, **inside, over_half_width=False)
+    posterior = Quadrature(MODEL, EXPERIMENT)(replace(measurement, flow_rate=None))
+    nodes = posterior.drawn(rng, count)  # all but the flow rate
+    flow = mean_velocity(capsule_velocity=nodes["capsule_velocity"], velocity_ratio=nodes["velocity_ratio"])
+    rate = 4.0 * nodes["half_width"] ** 2 * flow
+    weights = stats.norm.pdf(measurement.flow_rate, rate, measurement.flow_rate_error)
+    exact = Quadrature(MODEL, EXPERIMENT)(measurement)
+    for name in (*TRUTHS, "half_width", "capsule_velocity", "velocity_ratio", "size_ratio"):
+        logs = np.log(nodes[name])
+        mean = np.average(logs, weights=weights)
+        sd = np.sqrt(np.average((logs - mean) ** 2, weights=weights))
+        marginal = exact.log_marginal(name)
+        assert marginal.mean == pytest.approx(mean, abs=0.05 * sd), name
+        assert marginal.sd == pytest.approx(sd, rel=0.04), name
+        drawn = np.log(exact.drawn(rng, 100_000)[name])
+        assert (drawn.mean(), drawn.std()) == pytest.approx((mean, sd), abs=0.05 * sd), name
