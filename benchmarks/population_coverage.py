@@ -76,11 +76,13 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     known = json.loads(STORED.read_text()) if STORED.exists() else {}
+    known = {row: known[row] for row in ROWS if row in known}
     with ProcessPoolExecutor(given.workers) as pool:
         for name in given.only:
             sessions = list(pool.map(partial(session, name), range(given.sessions)))
             known[name] = {key: sum(counts[key] for counts in sessions) for key in sessions[0]}
-            STORED.write_text(json.dumps({row: known[row] for row in ROWS if row in known}, indent=1) + "\n")
+            known = {row: known[row] for row in ROWS if row in known}
+            STORED.write_text(json.dumps(known, indent=1) + "\n")
             print(table({name: known[name]}), flush=True)
     before, after = MARKS
     page = PAGE.read_text()

@@ -51,8 +51,11 @@ def tail_p_values(log_posterior: LogPosterior, parameters: Floats, rng: np.rando
             break
         again = ~selection.holds(drawn[d, n, 0], drawn[d, n, 1], n, rng)
         d, n = d[again], n[again]
-    errors = np.linalg.cholesky(own) @ rng.standard_normal((*drawn.shape, 1))
-    sizes = [_kurtoses(values, own, parameters) for values in (places[None], drawn + errors[..., 0])]
+    first, second = rng.standard_normal((2, *drawn.shape[:2]))
+    along = np.sqrt(own[:, 0, 0])
+    across = own[:, 0, 1] / along
+    noise = np.stack([along * first, across * first + np.sqrt(own[:, 1, 1] - across**2) * second], axis=-1)
+    sizes = [_kurtoses(values, own, parameters) for values in (places[None], drawn + noise)]
     exceeding = np.sum(sizes[1] >= sizes[0], axis=1)
     return {name: (1.0 + float(count)) / (1.0 + _DRAWS) for name, count in zip(RESIDUALS, exceeding, strict=True)}
 

@@ -167,7 +167,7 @@ class Selection:
     def log_probability(self, parameters: Floats, modulus: ScaleMixture, radius: ScaleMixture) -> Floats:
         """Return the log probability that all capsules are in the sample, for some populations : (d,) array."""
         kept, _, number = self.shares(parameters, modulus, radius)
-        return np.asarray(np.log(np.maximum(kept, _LEAST_SHARE)) @ number)
+        return np.asarray(np.sum(np.log(np.maximum(kept, _LEAST_SHARE)) * number, axis=1))
 
     def holds(self, modulus: Floats, radius: Floats, of: Integers, rng: np.random.Generator) -> NDArray[np.bool_]:
         """Return whether capsules in the flows of the sample would be in it : (m,) array.
