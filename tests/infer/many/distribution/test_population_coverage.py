@@ -13,12 +13,12 @@ ROOT = Path(__file__).parents[4]
 
 @pytest.fixture(scope="module")
 def benchmark():
-    spec = importlib.util.spec_from_file_location("coverage", ROOT / "benchmarks" / "population_coverage.py")
+    spec = importlib.util.spec_from_file_location("population_coverage", ROOT / "benchmarks" / "population_coverage.py")
     module = importlib.util.module_from_spec(spec)
-    sys.modules["coverage"] = module  # where dataclasses look for names of types
+    sys.modules["population_coverage"] = module  # where dataclasses look for names of types
     spec.loader.exec_module(module)
     yield module
-    del sys.modules["coverage"]
+    del sys.modules["population_coverage"]
 
 
 @pytest.fixture(scope="module")
