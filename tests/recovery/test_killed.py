@@ -149,7 +149,7 @@ def test_an_exam(tmp_path):
     """The processor time of an answer differs; all else is the same, whatever was done twice."""
     (tmp_path / "pools").mkdir()
     Database.open("square-neo-hookean").write(tmp_path / "pools" / f"{pool_name('none', 0.0)}.nc")
-    command = ("exam", "--pools", "pools", "--only", "halo 5e-07", "--sessions", "2", "--workers", "2", "--out")
+    command = ("exam", "--pools", "pools", "--only", "swelling 2.5", "--sessions", "2", "--workers", "2", "--out")
     longest = finished(*command, "whole", where=tmp_path)
     killed_again_and_again(*command, "killed", where=tmp_path, longest=longest, rng=np.random.default_rng(5))
 
