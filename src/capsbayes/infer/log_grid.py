@@ -74,8 +74,8 @@ class LogGrid(NamedTuple):
         density = quantity.log_shape(np.exp(logs)) + (power + 1.0) * logs  # one power more from dx = x dlog x
         masses = np.exp(density - density.max())
         masses /= masses.sum()
-        mean = float(masses @ logs)
-        return cls(float(logs[0]), step, masses, mean, float(masses @ (logs - mean) ** 2))
+        mean = float(np.sum(masses * logs))
+        return cls(float(logs[0]), step, masses, mean, float(np.sum(masses * (logs - mean) ** 2)))
 
     @classmethod
     def normal(cls, variance: float) -> LogGrid:
@@ -95,8 +95,8 @@ class LogGrid(NamedTuple):
         if len(parts) == 1:
             return parts[0]
         means = np.array([part.mean for part in parts])
-        mean = float(weights @ means)
-        variance = float(weights @ (np.array([part.variance for part in parts]) + (means - mean) ** 2))
+        mean = float(np.sum(weights * means))
+        variance = float(np.sum(weights * (np.array([part.variance for part in parts]) + (means - mean) ** 2)))
         steps = [part.step for part in parts if len(part.masses) > 1]
         logs = np.concatenate([part.logs for part in parts])
         masses = np.concatenate([weight * part.masses for weight, part in zip(weights, parts, strict=True)])

@@ -1,0 +1,63 @@
+"""The same answer under every BLAS kernel and number of threads."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+_SPEC = importlib.util.spec_from_file_location("machines", ROOT / "benchmarks" / "machines.py")
+machines = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(machines)
+
+ROWS = """
+import hashlib, sys, tempfile
+from pathlib import Path
+import capsbayes as cb
+folder = Path(sys.argv[1])
+model, experiment = cb.Surrogate.open("square-neo-hookean"), cb.Experiment.read(folder / "experiment.toml")
+with tempfile.TemporaryDirectory() as place:
+    out = Path(place) / "run.nc"
+    rows = cb.identify_folder(folder / "capsules.csv", model, experiment, out=out, seed=1, check=0.0, workers=1).dataset
+for name in sorted(rows):
+    print(name, hashlib.sha256(repr(rows[name].values.tolist()).encode()).hexdigest())
+"""
+
+
+def test_the_table_of_the_page_is_within_the_limit():
+    rows = [line.strip("| ").split(" | ") for line in machines.PAGE.read_text().splitlines() if line.startswith("| ")]
+    table = {name: (int(numbers), float(size)) for name, numbers, size, *_ in rows[2:]}
+    assert machines.QUICK.keys() <= table.keys() <= machines.COMMANDS.keys()
+    assert all(numbers > 10 and size <= machines.LARGEST for numbers, size in table.values())
+
+
+def test_digits_of_a_batch_are_those_of_any_kernel_and_number_of_threads():
+    environments = machines.Environment("Haswell"), machines.Environment("Sandybridge", 2)
+    printed = [
+        subprocess.run(
+            [sys.executable, "-c", ROWS, str(ROOT / "examples" / "batch")],
+            check=True,
+            capture_output=True,
+            text=True,
+            env=os.environ | environment.variables,
+        ).stdout
+        for environment in environments
+    ]
+    assert printed[0].count("\n") > 50
+    assert printed[0] == printed[1]
+
+
+@pytest.mark.slow
+def test_commands_report_the_same_numbers_under_two_kernels():
+    found = machines.compared(machines.QUICK, (machines.Environment("Haswell"), machines.Environment("Sandybridge", 2)))
+    assert all(row.size <= machines.LARGEST for row in found.values()), found
+
+
+def test_a_difference_is_relative_to_the_number_or_to_the_width_of_its_interval():
+    assert machines._difference("mean", (1.0, 4.0), (3.0, 4.0)) == 0.5
+    assert machines._difference("p_value", (0.0, 0.0), (0.1, 0.0)) == pytest.approx(0.1)
+    assert machines._difference("status", "DONE", "FAR") == float("inf")
+    assert machines._difference("sentence", "G_s = 2.0 mN/m", "G_s = 4.0 mN/m") == 0.5
