@@ -123,6 +123,17 @@ def test_radii_grow_just_enough_to_reach_every_query():
         wide.covering(np.array([[9.0, 9.0]]))
 
 
+def test_radii_grow_until_no_value_is_a_difference_of_large_multiples():
+    """Three rows of nodes hardly determine a cubic across them: its weights grow without bound as they line up."""
+    x, rows = np.linspace(0.0, 1.0, 21), [0.0, 0.5, 1.0]
+    nodes = np.array([(place, row + 1e-6 * (k % 2)) for row in rows for k, place in enumerate(x)] + [(0.5, 2.0)])
+    query = np.array([[0.3, 0.75]])
+    narrow = cubic(nodes, nodes[:, 1:], dilation=1.5).covering(query)
+    assert np.abs(narrow.shape_functions(query)).sum() > 25.0
+    wide = narrow.covering(query, 25.0)
+    assert np.abs(wide.shape_functions(query)).sum() < 25.0
+
+
 def test_too_many_neighbours_are_refused():
     with pytest.raises(ValueError, match="fewer than the 4 nodes"):
         cubic(np.eye(4)[:, :2], np.zeros((4, 1)), neighbours=4)

@@ -29,6 +29,7 @@ from capsbayes.surrogate.table import HermiteTable, hermite
 COLUMNS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 CELLS = (160, 120)
 OUTLINES = {MID_PLANE: "profile", SILHOUETTE: "silhouette"}  # variable of the database, by view
+LARGEST_WEIGHTS, SURE_WEIGHTS = 25.0, 5.0  # sums of the sizes of the weights of the cases
 FLOOR = 1e-5  # of each standard deviation: several times the table's own error
 BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases on (in more columns than), degree, k
 
@@ -62,6 +63,7 @@ class BranchSurrogate:
     approximation: DiffuseApproximation = field(init=False, repr=False)
     table: HermiteTable = field(init=False, repr=False)
     lattice_covariance: Floats = field(init=False, repr=False)
+    lattice_jump: Floats = field(init=False, repr=False)
     _outlines: DiffuseApproximation = field(init=False, repr=False)
     _frame: tuple[Any, ...] = field(init=False, repr=False)
 
@@ -70,6 +72,7 @@ class BranchSurrogate:
         lattice, wanted = _lattice(region, self.scaling, self.cells)
         try:
             approximation = approximation_of(self.cases, self.branch, self.scaling).covering(_probes(lattice, wanted))
+            approximation = approximation.covering(_within(lattice, region, self.scaling), LARGEST_WEIGHTS)
         except ValueError as error:
             raise DatabaseError(f"the {self.branch.name} cases cannot be approximated: {error}") from error
         low, high = lattice[0, 0], lattice[-1, -1]
@@ -84,23 +87,26 @@ class BranchSurrogate:
         }
         for name, value in made.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "lattice_covariance", self._covariance(lattice, wanted))
+        object.__setattr__(self, "lattice_jump", self._jumps(lattice, wanted))
+        object.__setattr__(self, "lattice_covariance", self._covariance(lattice, wanted) + self.lattice_jump)
 
     def _covariance(self, lattice: Floats, wanted: Booleans) -> Floats:
-        """Return the own error on the table's lattice: of left-out cases, of the mesh, and in the gap of the branch."""
+        """Return the own error on the table's lattice: of left-out cases and of the mesh."""
         covariance = np.full((*wanted.shape, 3, 3), np.nan)
         covariance[wanted] = self._own_error.covariance(lattice[wanted])
         values = self.table.coefficients[:, :, 0, :3]
         mesh = mesh_error_of(self.cases.dataset.attrs) * values
         covariance[..., range(3), range(3)] += mesh**2 + FLOOR**2
+        return covariance
+
+    def _jumps(self, lattice: Floats, wanted: Booleans) -> Floats:
+        """Return the error in the gap of the branch on the table's lattice, zero elsewhere."""
+        covariance = np.zeros((*wanted.shape, 3, 3))
         if self.rival is not None and self.branch.gap is not None:
             ca, size = self.scaling.from_plane(lattice.reshape(-1, 2)).T.copy()
             in_gap = self.branch.gap.contains(ca, size).reshape(wanted.shape) & wanted
-            points = lattice[in_gap]
-            jump = self.rival(points)[:, :3] - values[in_gap]
-            known = np.isfinite(jump).all(axis=1)
-            jump[~known] = jump[known][np.argmax(np.abs(jump[known, 1]))] if known.any() else 0.0
-            covariance[in_gap] += jump[:, :, None] * jump[:, None, :] / 2  # either branch with the same probability
+            jump = _jump(self.rival, lattice[in_gap], self.table.coefficients[in_gap][:, 0, :3])
+            covariance[in_gap] = jump[:, :, None] * jump[:, None, :] / 2  # either branch with the same probability
         return covariance
 
     def predict(self, ca: Floats, size: Floats, values: Floats, covariance: Floats, inside: Booleans) -> None:
@@ -182,6 +188,28 @@ def _probes(lattice: Floats, wanted: Booleans) -> Floats:
     probes = wanted & ~binary_erosion(wanted)
     probes[::8, ::8] |= wanted[::8, ::8]
     return lattice[probes]
+
+
+def _jump(rival: DiffuseApproximation, points: Floats, values: Floats) -> Floats:
+    """Return the differences (n, 3) of the other branch from given values at points of the gap.
+
+    None is larger in L_a than the largest where the other branch is well determined: elsewhere it is extrapolated.
+    """
+    weights = rival.shape_functions(points)
+    jump: Floats = (weights @ rival.values)[:, :3] - values
+    size, spread = np.nan_to_num(np.abs(jump[:, 1]), nan=np.inf), np.abs(weights).sum(axis=1)
+    sure = np.flatnonzero(spread < SURE_WEIGHTS if (spread < SURE_WEIGHTS).any() else np.isfinite(size))
+    if len(sure):
+        largest = sure[np.argmax(size[sure])]
+        jump[size > size[largest]] = jump[largest]
+    return np.nan_to_num(jump)
+
+
+def _within(lattice: Floats, region: Region, scaling: PlaneScaling) -> Floats:
+    """Return every fourth lattice point in both directions that lies in the region : (n, 2) array."""
+    points = lattice[::4, ::4].reshape(-1, 2)
+    ca, size = scaling.from_plane(points).T.copy()
+    return points[region.contains(ca, size)]
 
 
 @njit(cache=True, nogil=True)

@@ -107,16 +107,25 @@ class DiffuseApproximation:
         """Return the weight of each node in the value at each query : (n, 2) -> (n, m) array, rows of sum one."""
         return self._shapes(queries, slopes=False)[0]
 
-    def covering(self, queries: Floats) -> DiffuseApproximation:
-        """Return itself, or, where nodes are so sparse that a query has no value, one with just large enough radii.
+    def covering(self, queries: Floats, largest_weights: float = np.inf) -> DiffuseApproximation:
+        """Return itself, or, where nodes are too sparse for a query, one with just large enough radii.
+
+        They are too sparse where the local polynomial is not determined. Where it is hardly determined, a value is a
+        difference of large multiples of those at the nodes.
+
+        Parameters
+        ----------
+        queries : (n, 2) array
+        largest_weights : float
+            Limit of the sum of the sizes of the weights: 1.3 in the midst of nodes, up to 5 at a corner.
 
         Raises
         ------
         ValueError
-            When even radii four times as large leave a query without a value.
+            When even radii four times as large do not suffice.
         """
         wider = self
-        while np.isnan(wider(queries)).any():
+        while not np.all(np.abs(wider.shape_functions(queries)).sum(axis=1) < largest_weights):
             wider = replace(wider, dilation=1.1 * wider.dilation, radii=None)
             if wider.dilation > 4 * self.dilation:
                 raise ValueError(f"the {len(self.nodes)} nodes are too few or too unevenly spread")

@@ -64,7 +64,8 @@ def test_the_base_sets_the_borders_at_its_value_and_is_moved_with_the_slices():
     cubics = moving_borders(KNOTS, SLICES, 0, base)
     np.testing.assert_array_equal(cubics[0, 0], base.capillary_number)
     moved = SLICES[1].capillary_number + base.capillary_number - SLICES[0].capillary_number
-    np.testing.assert_allclose(cubics[1, 0], moved, atol=1e-15)
+    np.testing.assert_allclose(cubics[1, 0, ::2], moved[::2], atol=1e-15)
+    np.testing.assert_array_equal(cubics[1, 0, 1], SLICES[1].capillary_number[1])  # it snaps where its own shapes do
 
 
 def test_base_and_null_slice_correspond_at_equal_ca_but_for_folds():
@@ -92,4 +93,4 @@ def test_points_follow_the_borders_and_keep_their_order(there):
 
 def test_points_far_from_borders_that_move_a_little_keep_their_ca():
     assert moved_along(0.5, 0.01, 0.11, 0.015, 0.108) == pytest.approx(0.06, abs=4e-5)
-    assert moved_along(0.05, 0.01, 0.11, 0.015, 0.108) == pytest.approx(0.0183, abs=1e-4)
+    assert moved_along(0.05, 0.01, 0.11, 0.015, 0.108) == pytest.approx(0.0176, abs=1e-4)

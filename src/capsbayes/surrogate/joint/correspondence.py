@@ -98,7 +98,12 @@ def matched(base: Borders, null: Borders) -> tuple[Borders, Borders]:
 
 
 def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Borders) -> Floats:
-    """Return the borders as functions of the effect: those of the base, moved as those of the slices.
+    """Return the borders as functions of the effect.
+
+    The lowest and the highest Ca are those of the base, moved as those of the slices: a limit of existence moves with
+    the mesh at every value of the effect. Where a capsule snaps through depends on the smallest differences, and what
+    the mesh does to it at the null value says nothing of other values: the division is that of the base at the null
+    value, and that of the slice at all others.
 
     Parameters
     ----------
@@ -117,9 +122,10 @@ def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Border
         monotone between the slices.
     """
     borders = np.stack([each.capillary_number for each in slices])
-    cubics = PchipInterpolator(knots, borders).c.transpose(1, 0, 2, 3)[:, ::-1].copy()
-    cubics[:, 0] += base.capillary_number - borders[null]
-    return cubics
+    moved = borders + (base.capillary_number - borders[null])
+    moved[:, 1] = borders[:, 1]
+    moved[null] = base.capillary_number
+    return PchipInterpolator(knots, moved).c.transpose(1, 0, 2, 3)[:, ::-1].copy()
 
 
 def common_folds(slices: list[Borders], base: Borders) -> Booleans:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +13,33 @@ from numpy.typing import ArrayLike
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.model import CoordinateRange, Domain
 from capsbayes.surrogate.joint.kernel import Weighing, covered
+
+
+class Scale(NamedTuple):
+    """Scale on which shapes are smooth functions of an effect.
+
+    Parameters
+    ----------
+    place, value : callable
+        The place of a value there, and the value at a place.
+    approximate : bool
+        Whether it holds only roughly: then what an interpolation over the values themselves differs by is an error.
+    """
+
+    place: Callable[[Floats], Floats]
+    value: Callable[[Floats], Floats]
+    approximate: bool = False
+
+
+LINEAR = Scale(np.asarray, np.asarray)
+SCALES: Mapping[str, Scale] = MappingProxyType(
+    {
+        "hardening": Scale(np.log, np.exp),  # it runs over decades
+        # what is left of a transient decays about as exp(-U t/l)
+        "unsteadiness": Scale(lambda value: np.exp(-1.0 / value), lambda place: -1.0 / np.log(place), approximate=True),
+    }
+)
+"""Scales of the effects that are not linear."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +50,8 @@ class EffectDomain(Domain):
     ----------
     weighing : Weighing
         With the borders that bound the domain.
-    logarithmic : bool
-        Whether the knots of the slices are logarithms of the effect.
+    scale : Scale
+        On which the slices are knots.
     coordinate : str
         Name of the effect's parameter.
     ends : CoordinateRange
@@ -30,14 +59,14 @@ class EffectDomain(Domain):
     """
 
     weighing: Weighing
-    logarithmic: bool
+    scale: Scale
     coordinate: str
     ends: CoordinateRange
 
     def place(self, value: ArrayLike) -> Floats:
         """Return the places of given values among the knots : array, NaN for a value without a logarithm."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.log(value) if self.logarithmic else np.asarray(value, dtype=np.float64)
+            return np.asarray(self.scale.place(np.asarray(value, dtype=np.float64)))
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
         """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
@@ -49,8 +78,8 @@ class EffectDomain(Domain):
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Smallest box around the domains of all slices, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
-        knots = np.exp(self.weighing.knots) if self.logarithmic else self.weighing.knots
-        boxes = [FixedDomain(self, value).bounds for value in knots]
+        with np.errstate(divide="ignore"):
+            boxes = [FixedDomain(self, value).bounds for value in self.scale.value(self.weighing.knots)]
         return (min(box[0][0] for box in boxes), max(box[0][1] for box in boxes)), boxes[0][1]
 
     def at(self, values: Mapping[str, float]) -> Domain:

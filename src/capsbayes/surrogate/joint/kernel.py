@@ -26,7 +26,8 @@ from capsbayes.surrogate.branch_surrogate import bilinear
 from capsbayes.surrogate.joint.correspondence import border, place
 from capsbayes.surrogate.table import hermite
 
-_STEEP = 8  # power of the distance from the opposite border, with which points follow a border
+_STEEP = 8  # power of the distance from the opposite border, with which points follow the upper border
+_STEEP_BELOW = 16  # and the lower one: a division, from which the shape depends less on the distance than from a fold
 _SQUEEZED = 0.9  # share of the range of Ca by which the borders may approach each other
 
 
@@ -41,7 +42,8 @@ class Stack(NamedTuple):
         Number i of lattice points of a table along sqrt(Ca).
     coefficients : (2 k i, j, 4, q) array
         The tables one after the other, branch by branch: selecting one of an array would cost as much as reading it.
-    errors : (2 k i, j, 3, 3) array
+    errors, jumps : (2 k i, j, 3, 3) array
+        Covariances without that in the gap between the branches, and in the gap alone.
     borders : (k, 3, c) array
         Lowest Ca, division, highest Ca in each column.
     known : (2, k, c - 1) bool array
@@ -52,6 +54,7 @@ class Stack(NamedTuple):
     rows: int
     coefficients: Floats
     errors: Floats
+    jumps: Floats
     borders: Floats
     known: Booleans
 
@@ -74,7 +77,7 @@ class Weighing(NamedTuple):
     which : (2, c - 1) int array
         Row of the following arrays to use for each branch between two columns, -1 for none.
     cubics, left_out, ends : (m, k - 1, ...) arrays
-        See `CardinalCubics`.
+        See `CardinalCubics`; the error of the interpolation may have further rows in the second.
     """
 
     knots: Floats
@@ -146,10 +149,11 @@ def moved_along(place, low, high, low_there, high_there):  # type: ignore[no-unt
     """
     width, first, last = high - low, low_there - low, high_there - high
     squeezed = max(first, 0.0) + max(-last, 0.0)
-    if _STEEP * squeezed <= _SQUEEZED * width:
-        return low + place * width + first * _steep(1.0 - place) + last * _steep(place)
+    if _STEEP_BELOW * squeezed <= _SQUEEZED * width:
+        return low + place * width + first * _steep(1.0 - place) ** 2 + last * _steep(place)
     power = max(_SQUEEZED * width / squeezed, 1.0)
-    return low + place * width + first * (1.0 - place) ** power + last * place**power
+    below, above = min(power, _STEEP_BELOW), min(power, _STEEP)
+    return low + place * width + first * (1.0 - place) ** below + last * place**above
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -181,8 +185,8 @@ def _within_base(ca, distance, interval, branch, column, share, weighing, base, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _read(j, branch, column, position, size, stack, value, no_slopes, error):  # type: ignore[no-untyped-def]
-    """Fill in value (q,) and error (3, 3) of surrogate j at the point that corresponds."""
+def _read(j, branch, column, position, size, stack, value, no_slopes, error, jump):  # type: ignore[no-untyped-def]
+    """Fill in value (q,), error (3, 3) and jump (3, 3) of surrogate j at the point that corresponds."""
     frames, rows = stack.frames, stack.rows
     x = (np.sqrt(_there(j, branch, column, position, stack)) / frames[branch, j, 0] - frames[branch, j, 2]) / frames[
         branch, j, 4
@@ -191,6 +195,7 @@ def _read(j, branch, column, position, size, stack, value, no_slopes, error):  #
     x = min(max(x, 0.0), rows - 1.000000001) + rows * (branch * frames.shape[1] + j)  # never in the next table
     hermite(x, y, stack.coefficients, value, no_slopes)
     bilinear(x, y, stack.errors, error)
+    bilinear(x, y, stack.jumps, jump)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -228,12 +233,15 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     the slices with the squares of their weights; that of the interpolation
     between the slices; and the change of the mesh error with the effect, as
     large as that error itself at a distance from the null value of the whole
-    range.
+    range. In the gap between the branches of a slice, each is added the
+    uncertainty of the branch; for the null slice it is that of the base, since the
+    mesh correction is one of a given branch.
     """
     count, null, q = len(weighing.knots), weighing.null, values.shape[1]
     width = weighing.knots[-1] - weighing.knots[0]
     position, own, weights, no_slopes = np.empty(4), np.empty(4), np.empty(count), np.empty((0, 2))
-    of_slices, of_base, of_null, error = np.zeros((count, q)), np.empty(q), np.empty(q), np.empty((3, 3))
+    of_slices, of_base, of_null = np.zeros((count, q)), np.empty(q), np.empty(q)
+    error, jump, of_gap = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(ca)):
         interval, branch, column, row = located(ca[n], size[n], effect[n], weighing, position)
         if row < 0:
@@ -246,23 +254,25 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
         if corrected:
             distance = effect[n] - weighing.knots[interval]
             _within_base(ca[n], distance, interval, branch, column, position[1], weighing, base, own)
-            _read(null, branch, column, own, size[n], stack, of_null, no_slopes, error)
-            _read(0, branch, column, own, size[n], base, of_base, no_slopes, total)
+            _read(null, branch, column, own, size[n], stack, of_null, no_slopes, error, jump)
+            _read(0, branch, column, own, size[n], base, of_base, no_slopes, total, of_gap)
             values[n] = of_base - of_null
         for j in range(count):
-            if weights[j] == 0.0 and left_out[0, j] == 0.0 and left_out[1, j] == 0.0:
+            if weights[j] == 0.0 and not left_out[:, j].any():
                 continue
-            _read(j, branch, column, position, size[n], stack, of_slices[j], no_slopes, error)
+            _read(j, branch, column, position, size[n], stack, of_slices[j], no_slopes, error, jump)
             for k in range(q):
                 values[n, k] += weights[j] * of_slices[j, k]
-            weight = weights[j] - 1.0 if corrected and j == null else weights[j]
+            weight = weights[j]
+            if corrected and j == null:
+                weight, jump[:] = weight - 1.0, of_gap
             for k in range(3):
                 for m in range(3):
-                    total[k, m] += weight**2 * error[k, m]
+                    total[k, m] += weight**2 * error[k, m] + weights[j] ** 2 * jump[k, m]
         first, last = weighing.ends[row, interval]
         bump = 4.0 * (effect[n] - first) * (last - effect[n]) / (last - first) ** 2
-        for side in range(2):
-            _add_missed(bump, left_out[side], of_slices, total)
+        for missed in left_out:
+            _add_missed(bump, missed, of_slices, total)
         if corrected:
             far = (effect[n] - weighing.knots[null]) / width
             for k in range(3):

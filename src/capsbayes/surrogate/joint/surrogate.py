@@ -24,12 +24,11 @@ from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.branch_surrogate import COLUMNS
 from capsbayes.surrogate.joint.cardinal import FEWEST_KNOTS, CardinalCubics
 from capsbayes.surrogate.joint.correspondence import BRANCHES, Borders, common_folds, matched, moving_borders
-from capsbayes.surrogate.joint.domain import EffectDomain
+from capsbayes.surrogate.joint.domain import LINEAR, SCALES, EffectDomain, Scale
 from capsbayes.surrogate.joint.kernel import Stack, Weighing, corresponding, evaluate, located
 from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
 
 SLICE_CELLS = (80, 60)  # a quarter of the memory of the base's tables; reading them takes most of the time
-LOGARITHMIC = ("hardening",)  # shapes are smooth functions of its logarithm: it runs over decades
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +66,18 @@ class EffectSurrogate(ForwardModel):
         columns = _common_columns([*slices, base])
         borders = [Borders.of(surrogate, columns) for surrogate in slices]
         base_borders, borders[null] = matched(Borders.of(base, columns), borders[null])
-        logarithmic = database.effect in LOGARITHMIC
-        knots = np.log(values) if logarithmic else values
+        scale = SCALES.get(database.effect, LINEAR)
+        with np.errstate(divide="ignore"):  # a scale may be a limit at an end
+            knots = scale.place(values)
         moving = moving_borders(knots, borders, null, base_borders)
         folds = common_folds(borders, base_borders)
-        weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(knots, borders))
+        weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(values, borders, scale))
         coordinate = database.effect
         ends = CoordinateRange(float(values[0]), float(values[-1]), database.null_value)
         made = {
             "name": f"{base.name} with {coordinate}",
             "sha256": hashlib.sha256(f"{base.sha256} {database.sha256}".encode()).hexdigest(),
-            "domain": EffectDomain(weighing, logarithmic, coordinate, ends),
+            "domain": EffectDomain(weighing, scale, coordinate, ends),
             "cross_section": base.cross_section,
             "view": base.view,
             "coordinates": {coordinate: ends},
@@ -154,13 +154,16 @@ class EffectSurrogate(ForwardModel):
         return np.concatenate([*modes, bump * left_out @ along[:-2], far * (along[-1] - along[-2])[None]])
 
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
-        """Return the caveats of the two slices next to each point."""
+        """Return the caveats of the two slices next to each point, at the points of these that correspond to it."""
         ca, size, place = self._points(theta)
-        cases = {"capillary_number": ca, "size_ratio": size}
-        each = [surrogate.caveats(cases) for surrogate in self.slices]
-        knots = self.domain.weighing.knots
+        knots, points = self.domain.weighing.knots, np.arange(len(ca))
+        branches, there, _ = self._corresponding(ca, size, place)
+        there[branches < 0] = ca[branches < 0, None]
+        each = [
+            surrogate.caveats({"capillary_number": there[:, j], "size_ratio": size})
+            for j, surrogate in enumerate(self.slices)
+        ]
         below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
-        points = np.arange(len(ca))
         combined = {}
         for kind in sorted({kind for caveats in each for kind in caveats}):
             of_slice = np.stack([caveats.get(kind, np.zeros(len(ca), dtype=np.bool_)) for caveats in each])
@@ -212,8 +215,10 @@ def _common_columns(surrogates: list[PlaneSurrogate]) -> Floats:
     return every[(every >= first - 1e-9) & (every <= last + 1e-9)]
 
 
-def _cardinal(knots: Floats, borders: list[Borders]) -> tuple[Integers, Floats, Floats, Floats]:
+def _cardinal(values: Floats, borders: list[Borders], scale: Scale) -> tuple[Integers, Floats, Floats, Floats]:
     """Return the row of weights of each branch between two columns, and the weights of each set of known slices."""
+    with np.errstate(divide="ignore"):  # a scale may be a limit at an end
+        knots = scale.place(values)
     known = np.stack([each.known for each in borders], axis=-1)  # (branch, column, slice)
     enough = known.sum(axis=-1) >= FEWEST_KNOTS
     sets, which = np.unique(known[enough], axis=0, return_inverse=True)
@@ -223,6 +228,14 @@ def _cardinal(knots: Floats, borders: list[Borders]) -> tuple[Integers, Floats, 
     cubics, left_out, ends = (
         np.stack([getattr(cubics, name) for cubics in cardinal]) for name in ("cubics", "left_out", "ends")
     )
+    if scale.approximate:  # twice the difference: simulated transients differ by up to that
+        middle = (knots[1:] + knots[:-1]) / 2
+        linear = [CardinalCubics(values, some) for some in sets]
+        other = [
+            [2.0 * (plain.weights(scale.value(place)) - curved.weights(place)) for place in middle]
+            for plain, curved in zip(linear, cardinal, strict=True)
+        ]
+        left_out = np.concatenate([left_out, np.nan_to_num(other)[:, :, None]], axis=2)
     return rows, cubics, left_out, ends
 
 
@@ -231,17 +244,19 @@ def _stacked(surrogates: Sequence[PlaneSurrogate], borders: Sequence[Borders]) -
     shape = (len(BRANCHES), len(surrogates))
     frames = np.ones((*shape, 6))
     coefficients = np.full((*shape, *cells, 4, len(COLUMNS)), np.nan)
-    errors = np.full((*shape, *cells, 3, 3), np.nan)
+    errors, jumps = np.full((2, *shape, *cells, 3, 3), np.nan)
     for j, surrogate in enumerate(surrogates):
         for part in surrogate.branches:
             k = BRANCHES.index(part.branch.name)
-            frames[k, j], errors[k, j] = part.frame, part.lattice_covariance
+            frames[k, j], errors[k, j] = part.frame, part.lattice_covariance - part.lattice_jump
+            jumps[k, j] = part.lattice_jump
             coefficients[k, j] = part.table.coefficients
     return Stack(
         frames,
         cells[0],
         coefficients.reshape(-1, *coefficients.shape[3:]),
         errors.reshape(-1, *errors.shape[3:]),
+        jumps.reshape(-1, *jumps.shape[3:]),
         np.stack([each.capillary_number for each in borders]),
         np.stack([each.known for each in borders], axis=1),
     )
