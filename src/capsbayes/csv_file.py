@@ -62,12 +62,7 @@ def read_csv(path: str | Path, noun: str = "table") -> pd.DataFrame:
             if any(line) or len(line) > 1:
                 numbers.append(lines.line_num)
         frame = pd.read_csv(
-            io.StringIO(text, newline=None),
-            skipinitialspace=True,
-            names=names,
-            header=0,
-            index_col=False,
-            float_precision="round_trip",  # the default is off in the last digit
+            io.StringIO(text, newline=None), skipinitialspace=True, names=names, header=0, index_col=False
         )
         return frame.set_axis(pd.Index(numbers, name="line")[: len(frame)])
     except (ValueError, csv.Error) as error:  # pandas and csv have their own
