@@ -15,7 +15,6 @@ EFFECTS = [name for name in SHIPPED if Database.open(name).effect != NO_EFFECT]
 USUAL = 0.01, 1.3
 WIDER = {
     ("square-section-aspect", "section aspect 0.925"): (0.03, 1.3),  # its limit of existence lies among the shapes
-    ("square-unsteadiness", "unsteadiness 1.5"): (0.01, 1.8),  # no slice lies between 1 and 2 l/(U t)
 }
 
 

@@ -86,7 +86,9 @@ RECIPES: dict[str, Recipe] = {
     "square-bending": _effect("bending", 5e-5, 2e-4, 5e-4, 1e-3, 1.7e-3, 3e-3, mesh=_FINE),
     "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
     "square-corner-radius": _effect("corner_radius", 0.0, 0.05, 0.1, 0.15, 0.2),
-    "square-unsteadiness": Recipe(UnsteadySimulator(_COARSE), parachute_grid(), "unsteadiness", (0.0, 0.5, 1.0, 2.0)),
+    "square-unsteadiness": Recipe(
+        UnsteadySimulator(_COARSE), parachute_grid(), "unsteadiness", (0.0, 0.5, 1.0, 1.5, 2.0)
+    ),
     "square-section-aspect": replace(
         _effect("section_aspect", 0.9, 0.95, 1.0, 1.05, 1.1, cross_section="rectangular"), cases=parachute_grid()
     ),
