@@ -104,7 +104,7 @@ def identify(
         leans = leanings(draws, model, quadrature.prior)
         if measurement.outline is not None:
             misfits.insert(0, Misfit(outline_misfit(measurement.outline, model, draws), Status.OUTLINE_MISFIT))
-        misfits.append(inertia(experiment.reynolds_number(marginals["mean_velocity"].median)))
+        misfits.append(inertia(float(experiment.reynolds_number(marginals["mean_velocity"].median))))
         return Posterior(
             draws=draws,
             ensemble=ensemble,

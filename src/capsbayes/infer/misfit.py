@@ -73,7 +73,7 @@ def misfits_of(found: Mapping[str, float]) -> list[Misfit]:
 
 def inertia(reynolds_number: float) -> Misfit:
     """Return the gate on a Reynolds number."""
-    return Misfit(Gate("Reynolds number", float(reynolds_number), most=LARGEST_REYNOLDS_NUMBER), Status.INERTIA)
+    return Misfit(Gate("Reynolds number", reynolds_number, most=LARGEST_REYNOLDS_NUMBER), Status.INERTIA)
 
 
 def _of_lengths(measurement: Measurement, posterior: ExactPosterior, draws: Mapping[str, Floats]) -> dict[str, float]:

@@ -65,7 +65,7 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
     misfits = misfits_of(found)
     if measurement.outline is not None:
         misfits.insert(0, Misfit(outline_misfit(measurement.outline, run.model, draws), Status.OUTLINE_MISFIT))
-    misfits.append(inertia(own.reynolds_number(posterior.marginal("mean_velocity").median)))
+    misfits.append(inertia(float(own.reynolds_number(posterior.marginal("mean_velocity").median))))
     rows.reynolds_number[row] = misfits[-1].gate.value
     rows.status[row] = verdict(posterior.gates, None, leans, misfits).name
     # the likelihood: the posterior without the priors of G_s and a

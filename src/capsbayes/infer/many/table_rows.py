@@ -54,7 +54,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     velocity = rows.summaries[usable, QUANTITIES.index("mean_velocity"), _MEDIAN]
     viscosity, half_width = np.exp(shifts[usable]).T
     rows.reynolds_number[usable] = experiment.reynolds_number(velocity) * half_width / viscosity
-    rows.status[usable] = [_status(rows, row).name for row in usable]
+    rows.status[usable] = [_status(rows, row).name for row in usable.tolist()]
     far = usable[facts["end"] == FAR]
     rows.status[far] = Status.NO_SHAPE.name
     rows.reason[far] = [f"{rows.distance[row]:.1f} standard errors away, {FARTHEST:g} at most" for row in far]

@@ -232,7 +232,7 @@ def _cardinal(values: Floats, borders: list[Borders], scale: Scale) -> tuple[Int
         middle = (knots[1:] + knots[:-1]) / 2
         linear = [CardinalCubics(values, some) for some in sets]
         other = [
-            [2.0 * (plain.weights(scale.value(place)) - curved.weights(place)) for place in middle]
+            [2.0 * (plain.weights(float(scale.value(place))) - curved.weights(place)) for place in middle]
             for plain, curved in zip(linear, cardinal, strict=True)
         ]
         left_out = np.concatenate([left_out, np.nan_to_num(other)[:, :, None]], axis=2)
