@@ -11,6 +11,10 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from capsbayes.numba_folder import provide_numba_folder
+
+provide_numba_folder()
+
 _HOME = {
     "Database": "capsbayes.database",
     "Experiment": "capsbayes.experiment",

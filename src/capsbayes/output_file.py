@@ -122,7 +122,7 @@ def check_replaceable(path: Path) -> None:
     if path.exists() and _identity(path) in guard.inputs:
         raise InputError(str(path), "", "a file to write that is not read as well", "an input", "choose another name")
     if not guard.overwrite and not (path.exists() and is_ours(path)):
-        advice = "choose another name, or use --overwrite (overwrite=True in Python)"
+        advice = "choose another name, or use --overwrite (in Python guarded(overwrite=True))"
         got = "a file that capsbayes did not write, or that was changed since"
         raise InputError(str(path), "", "no file, or a result to replace", got, advice)
 

@@ -9,15 +9,19 @@ from __future__ import annotations
 import importlib
 import shlex
 import sys
-from typing import Annotated, Any
+import warnings
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from capsbayes import __version__
-from capsbayes.errors import CapsbayesError
+from capsbayes.cli.paths import checked
+from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.interruption import Interrupted, interruptible
 
 UsageError: Any = typer.BadParameter.__bases__[0]  # of click, which newer versions of typer carry within themselves
+
+_LONGEST = 1000  # characters of a message
 
 COMMANDS = {
     "Measure and identify": ("measure", "identify", "report"),
@@ -57,27 +61,48 @@ for _group, _names in COMMANDS.items():
         if _name == "sensitivity":
             app.add_typer(_module.app, name=_name, rich_help_panel=_group)
         else:
-            app.command(_name, rich_help_panel=_group)(getattr(_module, _name))
+            app.command(_name, rich_help_panel=_group)(checked(getattr(_module, _name)))
 
 
 def main() -> None:
     """Run the command line; a user's mistake ends as one line and exit status 2, an interruption as one line too."""
     try:
-        with interruptible():
-            sys.exit(app(prog_name="capsbayes", standalone_mode=False) or 0)
+        with interruptible(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", append=True)  # of libraries, next to our one line
+            _check_arguments(sys.argv[1:])
+            status = app(prog_name="capsbayes", standalone_mode=False) or 0
+            sys.stdout.flush()
+        sys.exit(status)
     except Interrupted as error:
         kept = "; ".join(getattr(error, "__notes__", ["nothing is kept"]))
         command = shlex.join(["capsbayes", *sys.argv[1:]])
         typer.echo(f"capsbayes: interrupted; {kept}; to go on: {command}", err=True)
         sys.exit(error.exit_status)
     except CapsbayesError as error:
-        typer.echo(f"capsbayes: {error}", err=True)
-        sys.exit(2)
+        _end("capsbayes", str(error))
+    except OSError as error:
+        _end("capsbayes", f"{error.filename or 'output'}: {error.strerror or error}")
+    except MemoryError:
+        _end("capsbayes", "not enough memory")
     except UsageError as error:
         command = error.ctx.command_path if error.ctx else "capsbayes"
         if error.format_message():  # not where the help was shown for want of a command
-            typer.echo(f"{command}: {error.format_message()} (see {command} --help)", err=True)
+            _end(command, f"{error.format_message()} (see {command} --help)")
         sys.exit(2)
     except typer.Abort:
         typer.echo("capsbayes: interrupted", err=True)
         sys.exit(130)
+
+
+def _check_arguments(arguments: list[str]) -> None:
+    """Refuse an option or argument whose text is empty: an empty path would be the working folder."""
+    for before, argument in zip(["", *arguments], arguments, strict=False):
+        if not argument.strip() or (argument.startswith("--") and argument.endswith("=")):
+            raise InputError(argument.strip("= ") or before or "capsbayes", "", "a value", "an empty text")
+
+
+def _end(command: str, message: str) -> NoReturn:
+    """Print a message as one line without control characters, and exit with status 2."""
+    line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(message.split()))
+    typer.echo(f"{command}: {line if len(line) <= _LONGEST else f'{line[:_LONGEST]} ...'}", err=True)
+    sys.exit(2)

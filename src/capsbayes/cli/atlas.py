@@ -9,12 +9,13 @@ import typer
 
 from capsbayes.cli.options import AsJson, DatabaseName
 from capsbayes.cli.output import print_json
+from capsbayes.cli.paths import Writes
 from capsbayes.output_file import together
 
 
 def atlas(
     database: DatabaseName,
-    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("atlas"),
+    out: Annotated[Path, typer.Option(help="Folder for the pictures."), Writes(within=("*.png",))] = Path("atlas"),
     as_json: AsJson = False,
 ) -> None:
     """Draw what a database covers: its cases and borders, velocities, lengths and shapes."""

@@ -22,7 +22,8 @@ from capsbayes.cli.options import (
     prior_texts,
     speed_of,
 )
-from capsbayes.cli.output import check_suffix, model_words, print_json
+from capsbayes.cli.output import model_words, print_json
+from capsbayes.cli.paths import Reads, Writes
 
 if TYPE_CHECKING:
     from capsbayes.infer.many import Hierarchy, Population
@@ -37,8 +38,13 @@ def batch(
         typer.Argument(
             help="Folder of measurement files and pictures, .csv, .parquet or .nc table of lengths, or .nc of outlines."
         ),
+        Reads(),
     ],
-    out: Annotated[Path, typer.Option(help="NetCDF file to write; a .csv of the same name is written next to it.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="NetCDF file to write; a .csv of the same name is written next to it."),
+        Writes(".nc", beside=("{stem}.csv", "{name}.parts/")),
+    ],
     experiment: ExperimentFile = None,
     database: ModelName = None,
     prior: Priors = None,
@@ -51,7 +57,9 @@ def batch(
     ] = 0.01,
     most_checked: Annotated[int, typer.Option(min=0, help="But no more than these.")] = 100,
     chains: Annotated[
-        Path | None, typer.Option(help="Folder for the draws of every capsule, sampled with emcee: seconds each.")
+        Path | None,
+        typer.Option(help="Folder for the draws of every capsule, sampled with emcee: seconds each."),
+        Writes(),
     ] = None,
     scheduler: Scheduler = None,
     workers: Workers = None,
@@ -67,7 +75,6 @@ def batch(
     from capsbayes.infer.many import identify_folder
     from capsbayes.infer.many.listing import cross_section_and_view
 
-    check_suffix("batch", "--out", out, (".nc",))
     known = None if experiment is None else Experiment.read(experiment)
     cross_section, view = cross_section_and_view(capsules, known)
     population = identify_folder(

@@ -9,6 +9,7 @@ import typer
 
 from capsbayes.cli.options import AsJson, Scheduler, Workers, choose, simulator_of, with_options_of
 from capsbayes.cli.output import print_json
+from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 from capsbayes.status import Status
 
@@ -20,10 +21,14 @@ if TYPE_CHECKING:
 
 @with_options_of(simulator_of, "simulator")
 def build(
-    out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts."),
+        Writes(".nc", beside=("{name}.parts/",)),
+    ],
     simulator: Any,
     cases: Annotated[
-        Path | None, typer.Option(help="CSV file with the columns capillary_number and size_ratio.")
+        Path | None, typer.Option(help="CSV file with the columns capillary_number and size_ratio."), Reads()
     ] = None,
     grid: Annotated[str | None, typer.Option(help="Instead of --cases: 'default', 418 cases.")] = None,
     effect: Annotated[

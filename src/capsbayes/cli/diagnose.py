@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, choose, named_model
-from capsbayes.cli.output import Writer, check_folder, conclude, json_file
+from capsbayes.cli.output import Writer, conclude, json_file
+from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 from capsbayes.output_file import write_file
 
@@ -19,9 +20,15 @@ if TYPE_CHECKING:
 
 def diagnose(
     capsules: Annotated[
-        Path, typer.Argument(help="Folder of measurement files, .csv table of lengths, or .nc file of outlines.")
+        Path,
+        typer.Argument(help="Folder of measurement files, .csv table of lengths, or .nc file of outlines."),
+        Reads(),
     ],
-    out: Annotated[Path | None, typer.Option(help="Folder for study.html and study.json.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for study.html and study.json."),
+        Writes(within=("study.html", "study.json")),
+    ] = None,
     experiment: ExperimentFile = None,
     database: ModelName = None,
     seed: Seed = 1,
@@ -49,7 +56,6 @@ def diagnose(
     from capsbayes.show.terminal import study_parts
     from capsbayes.work import progress_bar, resumable
 
-    check_folder("--out", out)
     session = Session.read(capsules, experiment)
     cross_section = session.experiment.cross_section
     effects = _effects(candidates, cross_section)

@@ -9,13 +9,15 @@ from typing import Annotated
 import typer
 
 from capsbayes.cli.options import Workers
-from capsbayes.cli.output import check_folder
+from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
 
 
 def exam(
-    out: Annotated[Path, typer.Option(help="Folder for the answers and the page exam.md.")],
-    pools: Annotated[Path, typer.Option(help="Folder of the simulated shapes; missing ones are built.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for the answers and the page exam.md."), Writes(within=("exam.md",))
+    ],
+    pools: Annotated[Path, typer.Option(help="Folder of the simulated shapes; missing ones are built."), Writes()],
     only: Annotated[str | None, typer.Option(help="Only cells whose name contains this text.")] = None,
     sessions: Annotated[int | None, typer.Option(min=1, help="Of each cell, at most; all if absent.")] = None,
     workers: Workers = None,
@@ -41,8 +43,6 @@ def exam(
         raise InputError("exam", "--only", f"part of one of {', '.join(cell.name for cell in CELLS)}", repr(only))
     if sessions is not None:
         chosen = [replace(cell, sessions=min(sessions, cell.sessions)) for cell in chosen]
-    check_folder("--out", out)
-    check_folder("--pools", pools)
     console = Console(stderr=True, quiet=not sys.stderr.isatty())
     build_pools(dict.fromkeys(cell.shapes for cell in chosen), pools, workers=workers)
     answers = examine(

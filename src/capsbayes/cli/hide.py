@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import Seed, Workers
-from capsbayes.cli.output import check_folder
+from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
 from capsbayes.output_file import write_file
 
@@ -18,14 +18,18 @@ if TYPE_CHECKING:
 
 def hide(
     effect: Annotated[str, typer.Option(help="True effect, as pre-inflation, halo or none.")],
-    out: Annotated[Path, typer.Option(help="Folder of the set; the truth goes into OUT.truth next to it.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="Folder of the set; the truth goes into OUT.truth next to it."),
+        Writes(beside=("{name}.truth/",)),
+    ],
     effect_size: Annotated[
         str, typer.Option(help="Size of the effect with its unit, as '0.03', '0.4 um' or '300 us'.")
     ] = "0",
-    capsules: Annotated[int, typer.Option(min=1, help="Number of capsules.")] = 40,
+    capsules: Annotated[int, typer.Option(min=1, max=10_000, help="Number of capsules.")] = 40,
     seed: Seed = 1,
     lengths_only: Annotated[bool, typer.Option("--lengths-only", help="Measure lengths alone, no outlines.")] = False,
-    refinement: Annotated[int, typer.Option(min=4, help="Fineness n of the mesh.")] = 12,
+    refinement: Annotated[int, typer.Option(min=4, max=32, help="Fineness n of the mesh.")] = 12,
     workers: Workers = None,
 ) -> None:
     """Simulate a lab's capsules with a true effect, and measure them: a blind set for `diagnose`.
@@ -37,7 +41,7 @@ def hide(
 
     true_effect = true_effect_named(effect)
     value, truth = _size(true_effect, effect_size), out.with_name(f"{out.name}.truth")
-    _check_folders(out, truth)
+    _check_empty(out)
     blind = simulate_session(
         true_effect,
         value,
@@ -64,10 +68,8 @@ def _size(effect: TrueEffect, text: str) -> float:
     return read.value
 
 
-def _check_folders(out: Path, truth: Path) -> None:
+def _check_empty(out: Path) -> None:
     """Refuse a folder that holds something else before any work is done."""
-    for folder in (out, truth):
-        check_folder("--out", folder)
     if out.exists() and any(out.iterdir()):
         raise InputError("--out", "", "an empty folder, or none", f"{out}, which holds files", "name another")
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.measure.picture import measured_picture
+from capsbayes.cli.measure.picture import DETECTED, is_picture, measured_picture
 from capsbayes.cli.options import (
     AsJson,
     Background,
@@ -22,11 +23,17 @@ from capsbayes.cli.options import (
     prior_texts,
     speed_of,
 )
-from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words
+from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
+from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.infer import Posterior
+
+
+def _written(values: Mapping[str, Any]) -> tuple[str, ...]:
+    results = ("posterior.nc", "summary.json", "corner.png", "outline.png")
+    return (*results, *DETECTED) if is_picture(values["capsule"]) else results
 
 
 def identify(
@@ -36,12 +43,14 @@ def identify(
             help="TOML file of the capsule: lengths, velocity, its experiment's file; or a picture (PNG, TIFF, JPEG), "
             "which is measured first."
         ),
+        Reads(),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
             help="Folder for posterior.nc, summary.json, corner.png, outline.png; of a picture, measurement.toml too."
         ),
+        Writes(within=_written),
     ] = None,
     experiment: ExperimentFile = None,
     database: ModelName = None,
@@ -65,8 +74,7 @@ def identify(
     from capsbayes.show.words.posterior import status_words
     from capsbayes.work import resumable
 
-    check_folder("--out", out)
-    if capsule.suffix.lower() in PICTURES:
+    if is_picture(capsule):
         if experiment is None:
             raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
         channel, speed = Experiment.read(experiment), speed_of(velocity)

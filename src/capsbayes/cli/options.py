@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,30 +20,39 @@ if TYPE_CHECKING:
     from capsbayes.surrogate import EffectSurrogate, Surrogate
 
 # results
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers; it is stored in the results.")]
+Seed = Annotated[
+    int, typer.Option(min=0, max=2**63 - 1, help="Seed of the random numbers; it is stored in the results.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 # what is measured, and where
 CapsuleFile = Annotated[
-    Path, typer.Argument(help="TOML file of the capsule: lengths, velocity and the name of its experiment's file.")
+    Path,
+    typer.Argument(help="TOML file of the capsule: lengths, velocity and the name of its experiment's file."),
+    Reads(),
 ]
 ExperimentFile = Annotated[
-    Path | None, typer.Option(help="TOML file of the experiment; default: the file that the measurement names.")
+    Path | None,
+    typer.Option(help="TOML file of the experiment; default: the file that the measurement names."),
+    Reads(),
 ]
 Velocity = Annotated[str | None, typer.Option(help="Velocity of the capsule in a picture, as '6.20 +/- 0.06 mm/s'.")]
-Background = Annotated[Path | None, typer.Option(help="Picture of the empty channel, to go with a picture or a film.")]
+Background = Annotated[
+    Path | None, typer.Option(help="Picture of the empty channel, to go with a picture or a film."), Reads()
+]
 Flow = Annotated[
     str | None, typer.Option(help="Direction of the flow in a picture, right or left; default: found from the shape.")
 ]
 
 # the model
-DatabaseName = Annotated[str, typer.Argument(help="Name of a shipped database, or path of a .nc file.")]
+DatabaseName = Annotated[str, typer.Argument(help="Name of a shipped database, or path of a .nc file."), Reads()]
 ModelName = Annotated[
     str | None,
     typer.Option(
         "--database",
         help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, with the experiment's channel.",
     ),
+    Reads(),
 ]
 
 Priors = Annotated[
@@ -60,12 +70,16 @@ Scheduler = Annotated[
     str | None,
     typer.Option(help="Address of a dask cluster that sees the same files, as tcp://host:port; default: this machine."),
 ]
-Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes on this machine; default: one per core.")]
+Workers = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="Worker processes on this machine; default: one per core.")
+]
 
 # a simulated capsule
 CapillaryNumber = Annotated[float, typer.Option("--ca", help="Capillary number mu U / G_s.")]
 SizeRatio = Annotated[float, typer.Option(help="Size ratio a/l: radius at rest over the half width of the channel.")]
-Plot = Annotated[Path | None, typer.Option(help="Draw the shape in a .png, .pdf or .svg file.")]
+Plot = Annotated[
+    Path | None, typer.Option(help="Draw the shape in a .png, .pdf or .svg file."), Writes(".png", ".pdf", ".svg")
+]
 
 
 def simulator_of(
@@ -114,7 +128,7 @@ def simulator_of(
 
 def lab_of(
     like: Annotated[
-        Path | None, typer.Option(help="TOML file of a capsule that was measured with the same errors.")
+        Path | None, typer.Option(help="TOML file of a capsule that was measured with the same errors."), Reads()
     ] = None,
     experiment: ExperimentFile = None,
     extent_error: Annotated[float | None, typer.Option(help="Standard error of L_z, over l.")] = None,

@@ -1,4 +1,4 @@
-"""Files that commands write, refused before any work is done and written whole or not at all; and what they print."""
+"""What commands print, and the writers of their files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from capsbayes.errors import InputError
 from capsbayes.output_file import together, write_file
 
 if TYPE_CHECKING:
@@ -19,22 +18,6 @@ if TYPE_CHECKING:
     from capsbayes.status import Status
 
 Writer = Callable[[Path], object]
-
-
-def check_folder(option: str, path: Path | None) -> None:
-    """Refuse a folder that cannot be made, because a file has its name."""
-    if path is not None and path.exists() and not path.is_dir():
-        raise InputError(option, "", "a folder", f"the file {path}")
-
-
-def check_suffix(command: str, option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
-    """Refuse a file to write, if one is named, with another ending or in a folder that is not there."""
-    if path is None:
-        return
-    if path.suffix not in suffixes:
-        raise InputError(command, option, f"a file name that ends in {' or '.join(suffixes)}", repr(str(path)))
-    if not path.parent.is_dir():
-        raise InputError(command, option, "a folder that exists", repr(str(path.parent)))
 
 
 def print_json(result: Any) -> None:

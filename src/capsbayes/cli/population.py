@@ -9,6 +9,7 @@ import typer
 
 from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed
 from capsbayes.cli.output import print_json
+from capsbayes.cli.paths import Reads
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,10 +19,18 @@ _ENOUGH = 10  # capsules, for a population to be inferred unasked
 
 
 def population(
-    capsules: Annotated[Path, typer.Argument(help="NetCDF file of capsbayes batch; the result is stored in it too.")],
+    capsules: Annotated[
+        Path,
+        typer.Argument(help="NetCDF file of capsbayes batch; the result is stored in it too."),
+        Reads(updated=True),
+    ],
     least_stretch: Annotated[
         float | None,
-        typer.Option(help="Keep capsules with a larger Lambda only, as the published 1.04, and account for it."),
+        typer.Option(
+            min=1.0,
+            max=10.0,
+            help="Keep capsules with a larger Lambda only, as the published 1.04, and account for it.",
+        ),
     ] = None,
     tails: Annotated[
         str, typer.Option(help="Of the population: normal, or student for t distributions, for a few odd capsules.")

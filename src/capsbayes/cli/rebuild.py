@@ -8,11 +8,16 @@ from typing import Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, Scheduler, Workers
+from capsbayes.cli.paths import Writes
 
 
 def rebuild(
     name: Annotated[str, typer.Argument(help="Name of the database, as square-neo-hookean.")],
-    out: Annotated[Path, typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts."),
+        Writes(".nc", beside=("{name}.parts/",)),
+    ],
     full: Annotated[
         bool, typer.Option("--full", help="Keep the nodes of the membrane and outlines in double precision.")
     ] = False,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
 
@@ -17,11 +18,13 @@ def report(
             help="Folder or posterior.nc of capsbayes identify, .nc file of a population or of a database, or name of "
             "a shipped database."
         ),
+        Reads(),
     ],
-    out: Annotated[Path, typer.Option(help="HTML file to write.")] = Path("report.html"),
+    out: Annotated[Path, typer.Option(help="HTML file to write."), Writes(".html", ".htm")] = Path("report.html"),
     picture: Annotated[
         Path | None,
         typer.Option(help="Of a posterior: picture of the capsule; default: the one it was measured in."),
+        Reads(),
     ] = None,
     rows: Annotated[int, typer.Option(min=1, help="Of a population: most capsules in the table, worst first.")] = 500,
 ) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import AsJson, CapillaryNumber, Plot, SizeRatio, simulator_of, with_options_of
-from capsbayes.cli.output import check_suffix, print_json
+from capsbayes.cli.output import print_json
+from capsbayes.cli.paths import Writes
 
 if TYPE_CHECKING:
     from capsbayes.physics.simulation import SteadyState
@@ -19,7 +20,9 @@ def simulate(
     capillary_number: CapillaryNumber,
     size_ratio: SizeRatio,
     simulator: Any,
-    paraview: Annotated[Path | None, typer.Option(help="Write the membrane to a .vtu file for ParaView.")] = None,
+    paraview: Annotated[
+        Path | None, typer.Option(help="Write the membrane to a .vtu file for ParaView."), Writes(".vtu")
+    ] = None,
     plot: Plot = None,
     as_json: AsJson = False,
 ) -> None:
@@ -29,8 +32,6 @@ def simulate(
     """
     from rich.console import Console
 
-    check_suffix("simulate", "--paraview", paraview, (".vtu",))
-    check_suffix("simulate", "--plot", plot, (".png", ".pdf", ".svg"))
     with Console(stderr=True).status("Following the branch of steady states ..."):
         state: SteadyState = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio)
     if as_json:

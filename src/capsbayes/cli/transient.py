@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, simulator_of, with_options_of
-from capsbayes.cli.output import check_suffix, table_file
+from capsbayes.cli.output import table_file
+from capsbayes.cli.paths import Writes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,17 +26,18 @@ def transient(
     every: Annotated[float, typer.Option(help="Time U dt / l between two rows of the table.")] = 0.2,
     viscosity_ratio: Annotated[float, typer.Option(help="Viscosity inside over that outside: 1.")] = 1.0,
     scheme: Annotated[str, typer.Option(help="Time steps: semi-implicit or explicit.")] = "semi-implicit",
-    table: Annotated[Path | None, typer.Option(help="Write the table, a .csv file.")] = None,
-    paraview: Annotated[Path | None, typer.Option(help="Write the membranes to a .pvd file for ParaView.")] = None,
+    table: Annotated[Path | None, typer.Option(help="Write the table, a .csv file."), Writes(".csv")] = None,
+    paraview: Annotated[
+        Path | None,
+        typer.Option(help="Write the membranes to a .pvd file for ParaView."),
+        Writes(".pvd", beside=("{stem}-*.vtu",)),
+    ] = None,
     plot: Plot = None,
 ) -> None:
     """Follow one capsule from rest and print its lengths and velocity over time.
 
     The run ends before `until` once the capsule is steady. Exit status: 0 done, 2 bad input.
     """
-    check_suffix("transient", "--table", table, (".csv",))
-    check_suffix("transient", "--paraview", paraview, (".pvd",))
-    check_suffix("transient", "--plot", plot, (".png", ".pdf", ".svg"))
     from capsbayes.physics.simulation.snapshot import save_series
     from capsbayes.show.tables.table import print_parts
     from capsbayes.show.tables.table import table as rendered

@@ -11,6 +11,8 @@ import typer
 
 from capsbayes.cli.options import AsJson, DatabaseName
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file
+from capsbayes.cli.paths import Writes
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,7 +24,11 @@ Studies = dict[str, list["LeaveOneOut"]]
 
 def validate(
     database: DatabaseName = "square-neo-hookean",
-    out: Annotated[Path | None, typer.Option(help="Folder for the heat maps and the table.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the heat maps and the table."),
+        Writes(within=("validation.json", "errors-*.png")),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Hold out one case at a time, and identify it from its two lengths."""
@@ -33,6 +39,8 @@ def validate(
     from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
 
     whole = Database.open(database)
+    if whole.effect != "none":
+        raise InputError("validate", "database", "one over Ca and a/l alone", f"one that varies {whole.effect} as well")
     sets = {"all": whole, "even": even_subset(whole)}
     studies: Studies = {}
     with Console(stderr=True).status("Holding out one case at a time ..."):

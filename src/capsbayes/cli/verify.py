@@ -8,9 +8,15 @@ from typing import Annotated
 
 import typer
 
+from capsbayes.cli.paths import Writes
+
 
 def verify(
-    out: Annotated[Path, typer.Option(help="Folder for results.jsonl, verification.md and its pictures.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="Folder for results.jsonl, verification.md and its pictures."),
+        Writes(within=("verification.md", "*.png")),
+    ],
     only: Annotated[str | None, typer.Option(help="Name of the only topic to compute.")] = None,
 ) -> None:
     """Compute every comparison that is not in the folder yet, and write the page.

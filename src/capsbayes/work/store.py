@@ -18,12 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from capsbayes.errors import DatabaseError
+from capsbayes.errors import DatabaseError, InputError
 from capsbayes.output_file import make_folder, unguarded, write_file
 
 _MAGIC, _PICKLED = b"capsbayes part 2", b"capsbayes part 1"
 _SUFFIX = ".part"
 _JSON = "json"
+_SETTINGS = "settings.json"
 
 
 @dataclass(frozen=True)
@@ -56,13 +57,15 @@ class Store:
             If the folder holds parts made with other settings.
         """
         path = Path(folder)
+        check_parts(path)
         make_folder(path)
         text = json.dumps(dict(settings), sort_keys=True, indent=1)
-        file = path / "settings.json"
+        file = path / _SETTINGS
         if file.exists():
             _check_settings(file, text)
         else:
-            write_file(file, text)
+            with unguarded():
+                write_file(file, text)
         return cls(path, hashlib.sha256(text.encode()).hexdigest())
 
     def path(self, name: str) -> Path:
@@ -147,10 +150,27 @@ class Store:
         return payload
 
 
+def check_parts(folder: Path) -> None:
+    """Refuse a folder that holds something else than finished parts.
+
+    Raises
+    ------
+    InputError
+    """
+    expected = "a folder of finished parts, or none"
+    if folder.exists() and not folder.is_dir():
+        raise InputError(str(folder), "", expected, "a file", "choose another output")
+    for path in folder.rglob("*"):
+        if not (path.is_dir() or path.suffix == _SUFFIX or path.name == _SETTINGS or path.name.startswith(".")):
+            raise InputError(str(folder), "", expected, f"one that holds {path.name}", "choose another output")
+
+
 def _check_settings(file: Path, asked: str) -> None:
     try:
-        there, here = json.loads(file.read_text()), json.loads(asked)
-    except ValueError as error:
+        there, here = json.loads(file.read_text(encoding="utf-8")), json.loads(asked)
+        if not isinstance(there, dict):
+            raise ValueError("no object")
+    except (ValueError, RecursionError) as error:
         raise DatabaseError(f"{file} is damaged; remove {file.parent} to start anew") from error
     different = ", ".join(
         f"{key} {there.get(key)!r} there and {here.get(key)!r} asked"

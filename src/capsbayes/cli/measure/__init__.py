@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.measure.picture import measured_picture, pair
+from capsbayes.cli.measure.picture import DETECTED, measured_picture, pair
 from capsbayes.cli.options import Background, Flow, Velocity, pixel_size_of, speed_of
-from capsbayes.cli.output import check_folder
+from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,6 +27,15 @@ _TAKES = {
 }
 
 
+def _written(values: Mapping[str, Any]) -> tuple[str, ...]:
+    of_kind = {
+        "film": ("capsules.csv", *(f"capsule-*/{name}" for name in (*DETECTED, "frames.csv"))),
+        ".rtdc file": ("events.csv", *(f"event-*/{name}" for name in DETECTED)),
+        "contour": DETECTED[-2:],
+    }
+    return of_kind.get(_kind(values["picture"]), DETECTED)
+
+
 def measure(
     picture: Annotated[
         Path,
@@ -33,8 +43,9 @@ def measure(
             help="PNG, TIFF or JPEG of one capsule between the two walls; a film: AVI, MP4, TIFF of several pages, or "
             "a folder of pictures; a contour: CSV or text of points; or an .rtdc file."
         ),
+        Reads(),
     ],
-    experiment: Annotated[Path, typer.Option(help="TOML file of the experiment.")],
+    experiment: Annotated[Path, typer.Option(help="TOML file of the experiment."), Reads()],
     velocity: Velocity = None,
     frame_rate: Annotated[
         str | None, typer.Option(help='Of a film, as "2000 Hz"; default: frame_rate of the experiment.')
@@ -50,14 +61,15 @@ def measure(
         str | None, typer.Option(help="Of a contour of whole pixels: through their centres, or along their borders.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for measurement.toml with its silhouette, outline.csv and overlay.png.")
+        Path | None,
+        typer.Option(help="Folder for measurement.toml with its silhouette, outline.csv and overlay.png."),
+        Writes(within=_written),
     ] = None,
 ) -> None:
     """Measure the capsule in a picture, or all capsules in a film: lengths with their errors."""
     from capsbayes.cli.measure.film import measure_film, measure_rtdc
     from capsbayes.experiment import Experiment
 
-    check_folder("--out", out)
     kind = _kind(picture)
     options = {
         "--velocity": velocity,

@@ -16,7 +16,17 @@ if TYPE_CHECKING:
     from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
 
+DETECTED = ("overlay.png", "outline.csv", "silhouette.csv", "measurement.toml", "measurement.outline.csv")
+"""Files that `write_detection` writes."""
+
 _POWERS = {2: "squared", 3: "cubed"}
+
+
+def is_picture(path: Path) -> bool:
+    """Return True for the name of a picture."""
+    from capsbayes.input_file import PICTURES
+
+    return path.suffix.lower() in PICTURES
 
 
 def measured_picture(

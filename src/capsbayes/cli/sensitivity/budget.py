@@ -8,12 +8,17 @@ from typing import Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
-from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words, table_file
+from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
+from capsbayes.cli.paths import Writes
 
 
 def budget(
     capsule: CapsuleFile,
-    out: Annotated[Path | None, typer.Option(help="Folder for budget.json, budget.csv, budget.png.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for budget.json, budget.csv, budget.png."),
+        Writes(within=("budget.json", "budget.csv", "budget.png")),
+    ] = None,
     experiment: ExperimentFile = None,
     database: ModelName = None,
     seed: Seed = 1,
@@ -31,7 +36,6 @@ def budget(
     from capsbayes.show import budget_figure
     from capsbayes.show.tables.plan import budget_table
 
-    check_folder("--out", out)
     measurement = Measurement.read(capsule)
     known = named_experiment(measurement, experiment)
     model = named_model(

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import AsJson, ModelName, Seed, lab_of, named_model, with_options_of
-from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words, table_file
+from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
+from capsbayes.cli.paths import Writes
 
 if TYPE_CHECKING:
     from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths
@@ -19,7 +20,11 @@ def flow(
     shear_modulus: Annotated[str, typer.Option(help='Expected G_s, as "50 mN/m" or "50 +/- 10 mN/m".')],
     radius: Annotated[str, typer.Option(help='Expected a, as "24 um" or "24 +/- 1 um".')],
     lab: Any,
-    out: Annotated[Path | None, typer.Option(help="Folder for flow.json, flow.csv, flow.png.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for flow.json, flow.csv, flow.png."),
+        Writes(within=("flow.json", "flow.csv", "flow.png")),
+    ] = None,
     database: ModelName = None,
     margin: Annotated[
         float, typer.Option(min=0.0, max=0.99, help="Share of the limiting Ca by which to stay below it.")
@@ -28,7 +33,8 @@ def flow(
         float, typer.Option(min=0.0, max=0.99, help="Probability that a capsule comes nearer to the limit than that.")
     ] = 0.05,
     simulate: Annotated[
-        int, typer.Option(min=0, help="Capsules to simulate at the best flow rate, to try the predicted width.")
+        int,
+        typer.Option(min=0, max=10_000, help="Capsules to simulate at the best flow rate, to try the predicted width."),
     ] = 0,
     seed: Seed = 1,
     as_json: AsJson = False,
@@ -43,7 +49,6 @@ def flow(
     from capsbayes.show.tables.plan import flow_table
     from capsbayes.work import resumable, tracked
 
-    check_folder("--out", out)
     modulus = Quantity.of_text(shear_modulus, "surface_shear_modulus", where="flow", key="--shear-modulus")
     size = Quantity.of_text(radius, "capsule_radius", where="flow", key="--radius")
     errors, known = lab

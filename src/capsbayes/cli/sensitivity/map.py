@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import AsJson, ModelName, lab_of, named_model, with_options_of
-from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words
+from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
+from capsbayes.cli.paths import Writes
+from capsbayes.errors import InputError
 from capsbayes.output_file import write_dataset
 
 if TYPE_CHECKING:
@@ -18,14 +20,20 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+_MOST_POINTS = 200  # along an axis
+
 
 @with_options_of(lab_of, "lab")
 def identifiability(
     lab: Any,
-    out: Annotated[Path | None, typer.Option(help="Folder for map.nc, map.json, map.png, map-radius.png.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for map.nc, map.json, map.png, map-radius.png."),
+        Writes(within=("map.nc", "map.json", "map.png", "map-radius.png")),
+    ] = None,
     database: ModelName = None,
     points: Annotated[tuple[int, int], typer.Option(help="Points along log Ca and along a/l.")] = (28, 20),
-    noises: Annotated[int, typer.Option(min=0, help="Measurements that each width is averaged over.")] = 13,
+    noises: Annotated[int, typer.Option(min=0, max=10_000, help="Measurements that each width is averaged over.")] = 13,
     as_json: AsJson = False,
 ) -> None:
     """Map the relative width of G_s and a that a lab would get with its own errors.
@@ -36,7 +44,8 @@ def identifiability(
     from capsbayes.show import identifiability_figure
     from capsbayes.work import resumable, tracked
 
-    check_folder("--out", out)
+    if not all(2 <= count <= _MOST_POINTS for count in points):
+        raise InputError("map", "--points", f"two numbers from 2 to {_MOST_POINTS}", " ".join(map(str, points)))
     errors, known = lab
     model = named_model(database, known.cross_section)
     with resumable(out):

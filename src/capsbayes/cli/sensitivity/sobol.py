@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
-from capsbayes.cli.output import Writer, check_folder, conclude, figure_file, json_file, model_words
+from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
+from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,8 +27,10 @@ def sobol(
             "axial_extent='2.14 +/- 0.02'; default: mean and error of the capsule and its experiment.",
         ),
     ] = None,
-    samples: Annotated[int, typer.Option(min=8, help="Groups of samples, a power of two.")] = 1024,
-    out: Annotated[Path | None, typer.Option(help="Folder for sobol.json, sobol.png.")] = None,
+    samples: Annotated[int, typer.Option(min=8, max=2**16, help="Groups of samples, a power of two.")] = 1024,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for sobol.json, sobol.png."), Writes(within=("sobol.json", "sobol.png"))
+    ] = None,
     experiment: ExperimentFile = None,
     database: ModelName = None,
     seed: Seed = 1,
@@ -44,7 +47,6 @@ def sobol(
     from capsbayes.show import sobol_figure
     from capsbayes.show.tables.plan import sobol_table
 
-    check_folder("--out", out)
     stated = _stated(ranges or [])
     measurement = Measurement.read(capsule)
     known = named_experiment(measurement, experiment)

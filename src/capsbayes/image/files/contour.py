@@ -15,6 +15,8 @@ from capsbayes.input_file import read_bytes
 UNITS = ("px", "um")
 _HEADINGS = (("px", "x_px", "y_px"), ("um", "x_um", "y_um"), (None, "x", "y"))
 _FEWEST = 16
+_MOST_SIDES = 1000  # compared with each other
+_NEIGHBOURS = 4  # sides that noise may make cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,4 +93,18 @@ def _points(lines: list[str], columns: tuple[int, int], where: str) -> Floats:
         points = points[:-1]
     if len(points) < _FEWEST or not np.isfinite(points).all():
         raise InputError(where, "points", f"at least {_FEWEST} finite points", f"{len(points)} points")
+    if _crosses_itself(points):
+        raise InputError(where, "points", "a contour that does not cross itself", "one that does")
     return points
+
+
+def _crosses_itself(points: Floats) -> bool:
+    """Return True if two sides of a polygon cross that are not close along it; of many points, some are omitted."""
+    starts = points[:: -(-len(points) // _MOST_SIDES)]
+    sides = np.roll(starts, -1, axis=0) - starts
+    apart = starts[None] - starts[:, None]
+    of_start = np.sign(sides[:, None, 0] * apart[:, :, 1] - sides[:, None, 1] * apart[:, :, 0])
+    opposite = of_start * np.roll(of_start, -1, axis=1) < 0.0
+    distance = np.abs(np.subtract.outer(np.arange(len(starts)), np.arange(len(starts))))
+    far = np.minimum(distance, len(starts) - distance) > _NEIGHBOURS
+    return bool((opposite & opposite.T & far).any())

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.image.files.picture import Picture, Pixels, decode, in_rgb_order
+from capsbayes.image.files.picture import Picture, Pixels, check_size, decode, in_rgb_order, quietly
 from capsbayes.input_file import PICTURES
 
 FRAMES = (*PICTURES, ".bmp")
@@ -53,9 +53,11 @@ class Film:
         elif not path.is_file():
             raise InputError(where, "", "a film", "nothing there")
         elif path.suffix.lower() in VIDEOS:
-            video = cv2.VideoCapture(where)
-            count = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+            with quietly():
+                video = cv2.VideoCapture(where)
+                count = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
         else:
+            check_size(path, where)
             count = _pages(path)
         if count < 1:
             raise InputError(where, "", "a film (AVI, MP4, TIFF or a folder)", "a file that cannot be read as one")
@@ -116,11 +118,14 @@ def is_film(path: Path) -> bool:
 
 
 def _read_pages(path: Path, start: int, count: int) -> list[Pixels]:
-    return [in_rgb_order(page) for page in cv2.imreadmulti(str(path), start, count, flags=cv2.IMREAD_UNCHANGED)[1]]
+    with quietly():
+        pages = cv2.imreadmulti(str(path), start, count, flags=cv2.IMREAD_UNCHANGED)[1]
+    return [in_rgb_order(page) for page in pages]
 
 
 def _pages(path: Path) -> int:
-    return cv2.imcount(str(path)) if cv2.haveImageReader(str(path)) else 0
+    with quietly():
+        return cv2.imcount(str(path)) if cv2.haveImageReader(str(path)) else 0
 
 
 def _pictures(folder: Path) -> list[Path]:

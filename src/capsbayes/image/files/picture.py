@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import math
+import os
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +23,7 @@ from capsbayes.input_file import read_bytes
 
 Pixels = NDArray[Any]
 
+_MOST_PIXELS = 2**24
 _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 12, 14 and 16 bits
 _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
@@ -63,6 +70,7 @@ class Picture:
         where, raw = str(path), read_bytes(path, "picture")
         if not raw:
             raise InputError(where, "", "a picture", "an empty file")
+        check_size(raw, where)
         pixels = decode(raw)
         if pixels is None:
             raise InputError(where, "", "a picture (PNG, TIFF or JPEG)", "a file that cannot be read as one")
@@ -111,9 +119,39 @@ class Picture:
         return rows, columns
 
 
+def check_size(file: bytes | Path, where: str) -> None:
+    """Refuse a picture of more pixels than memory and time allow, by the size that its header states."""
+    import PIL.Image
+
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            width, height = PIL.Image.open(BytesIO(file) if isinstance(file, bytes) else file).size
+    except PIL.Image.DecompressionBombError:
+        width = height = math.isqrt(_MOST_PIXELS) + 1
+    except (OSError, ValueError, SyntaxError):  # no picture that Pillow knows; OpenCV decides
+        return
+    if width * height > _MOST_PIXELS:
+        expected = f"a picture of at most {_MOST_PIXELS / 1e6:.0f} million pixels"
+        raise InputError(where, "", expected, f"one of {width} x {height}", "crop it to the channel")
+
+
+@contextlib.contextmanager
+def quietly() -> Iterator[None]:
+    """Keep the messages of OpenCV's libraries, in C, from standard error."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
 def decode(raw: bytes) -> Pixels | None:
     """Return the pixels of an encoded picture, colours in the order red, green, blue; None if it is not a picture."""
-    pixels = cv2.imdecode(np.frombuffer(raw, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
+    with quietly():
+        pixels = cv2.imdecode(np.frombuffer(raw, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
     return None if pixels is None else in_rgb_order(pixels)
 
 

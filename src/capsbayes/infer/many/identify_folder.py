@@ -30,9 +30,10 @@ from capsbayes.infer.prior import Prior, check_coordinates
 from capsbayes.interruption import keeping
 from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.model import ForwardModel
-from capsbayes.output_file import refusing
+from capsbayes.output_file import check_replaceable, guarded, note_input, refusing
 from capsbayes.quantity import Given, Quantity
 from capsbayes.work import Store, only_run, progress_bar, run_tasks
+from capsbayes.work.store import check_parts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,6 +43,7 @@ _logger = logging.getLogger(__name__)
 _ATTEMPTS = 3  # at tasks whose workers are killed
 
 
+@guarded()
 def identify_folder(
     source: str | os.PathLike[str] | pd.DataFrame,
     model: ForwardModel,
@@ -77,7 +79,8 @@ def identify_folder(
     experiment : Experiment, optional
         By default the one that each measurement of a folder names.
     out : path
-        The NetCDF file to write; a ``.csv`` of the same name is written next to it.
+        The NetCDF file to write; a ``.csv`` of the same name is written next to it. Neither replaces `source`, nor a
+        file that was not written here, unless within `capsbayes.output_file.guarded` with ``overwrite=True``.
     seed : int
         Of all randomness; stored in the result.
     prior : Prior, optional
@@ -116,6 +119,7 @@ def identify_folder(
     if experiment is None and isinstance(given, Path):
         experiment = common_experiment(given)
     parts = out.with_name(f"{out.name}.parts")
+    _check_outputs(given, out, parts)
     where = None if background is None else Path(background)
     if capsule_velocity is not None:
         capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="identify_folder")
@@ -147,6 +151,17 @@ def identify_folder(
         if not (isinstance(given, Path) and given.is_dir()):
             shutil.rmtree(parts)
     return population
+
+
+def _check_outputs(given: Path | MeasuredLengths, out: Path, parts: Path) -> None:
+    """Refuse outputs that would replace the source, or a file that was not written here."""
+    if isinstance(given, Path):
+        note_input(given)
+    if out.suffix != ".nc":
+        raise InputError("identify_folder", "out", "a file name that ends in .nc", repr(str(out)))
+    for path in (out, out.with_suffix(".csv")):
+        check_replaceable(path)
+    check_parts(parts)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.interruption import keeping
+from capsbayes.output_file import check_replaceable, guarded
 from capsbayes.physics.databases.gather import gathered, pedigree
 from capsbayes.physics.databases.grid import Case
 from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error
@@ -30,6 +31,7 @@ _logger = logging.getLogger(__name__)
 _FEWEST_VALUES = 3  # if one is held out, two still define a slope
 
 
+@guarded()
 def build_database(
     simulator: SteadySimulator,
     cases: Iterable[Case],
@@ -90,6 +92,7 @@ def build_database(
     DatabaseError
         If ``<out>.parts`` was made with other settings.
     """
+    check_replaceable(Path(out))
     ordered, folder = _checked_cases(cases), Path(f"{os.fspath(out)}.parts")
     varied = {0.0: simulator} if effect is None else _simulators_at(simulator, effect, values)
     with only_run(Path(out)), keeping(folder):

@@ -28,6 +28,9 @@ from capsbayes.status import Status
 Start: TypeAlias = "SteadyState | Literal['rest', 'parachute']"
 
 
+_FINEST = 32  # refinement, whose matrices of 4 n^2 + 2 nodes still fit into the memory of a workstation
+
+
 @dataclass(frozen=True, eq=False)
 class SteadyState(Shape):
     """A capsule that moves without changing its shape. Lengths over l, velocities over U, tensions over G_s.
@@ -158,6 +161,8 @@ class Simulator:
         cross_section_named(self.cross_section, self.corner_radius, self.section_aspect)
         if self.refinement < 4:
             raise InputError("Simulator", "refinement", "at least 4", str(self.refinement))
+        if self.refinement > _FINEST:
+            raise InputError("Simulator", "refinement", f"at most {_FINEST}", str(self.refinement))
         for name in ("bending", "pre_inflation"):
             value = getattr(self, name)
             if not 0 <= value < 1:
@@ -286,7 +291,7 @@ class Simulator:
         _check("transient", "capillary_number", capillary_number, 0.0, 10.0)
         _check("transient", "size_ratio", size_ratio, 0.2, 1.3)
         _check("transient", "until", until, 0.0, 1000.0)
-        _check("transient", "every", every, 0.0, 1000.0)
+        _check("transient", "every", every, 1e-5 * until, 1000.0)
         if scheme not in get_args(Scheme):
             raise InputError("Simulator.transient", "scheme", f"one of {', '.join(get_args(Scheme))}", repr(scheme))
         if viscosity_ratio != 1.0:
