@@ -363,6 +363,8 @@ class Quantity:
         """Refuse what no experiment has: usually a number in another unit than that in which it was read."""
         known, (_, least, most) = PARAMETERS[name], STATED[name]
         if least <= self.value <= most:
+            if self.shape == "normal" and self.error > most:
+                raise InputError(where, key, f"a standard error of at most {most:g} {known.unit}", f"{self.error:g}")
             return
         unit, shown = (self.unit, known.shown_unit) if self.unit else (known.unit, "um")  # a length over l
         shown = shown.replace("µ", "u")  # as it can be typed

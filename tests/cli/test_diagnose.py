@@ -1,6 +1,7 @@
 import json
 
 import pytest
+from command_line import written
 from sessions import drawn_session
 from typer.testing import CliRunner
 
@@ -41,7 +42,7 @@ def test_a_right_model_is_not_accused(lengths, tmp_path):
         "study.html, study.json",
     ):
         assert words in said(result)
-    assert {path.name for path in (tmp_path / "study").iterdir()} == RESULTS
+    assert written(tmp_path / "study") == RESULTS
     stored = json.loads((tmp_path / "study" / "study.json").read_text())
     assert (stored["verdict"], stored["capsules"]) == ("NONE", 24)
     assert set(map(len, stored["files"].values())) == {64}

@@ -8,10 +8,8 @@ import contextlib
 import inspect
 import shutil
 import signal
-import struct
 import sys
 import typing
-import zlib
 from pathlib import Path
 
 import cv2
@@ -20,6 +18,7 @@ import numpy as np
 import pytest
 import typer
 from drawn import drawn
+from png_header import png_of_size
 from results import population, posterior
 from sessions import drawn_session
 
@@ -95,16 +94,6 @@ def replaced(command, option, value):
     else:
         words += [option, value]
     return words
-
-
-def pixels(columns, rows):
-    """Return the header of a PNG file of any size, which holds a single line."""
-
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    head = chunk(b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 0, 0, 0, 0))
-    return b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", zlib.compress(bytes(columns + 1))) + chunk(b"IEND", b"")
 
 
 def short(text):
@@ -275,7 +264,7 @@ KINDS = {
     },
     ".nc": TEXTS | {"cut short": b"\x89HDF\r\n\x1a\n" + bytes(100)},
     ".png": TEXTS
-    | {"cut short": b"\x89PNG\r\n\x1a\n", "one pixel": pixels(1, 1), "16000 x 16000": pixels(16000, 16000)},
+    | {"cut short": b"\x89PNG\r\n\x1a\n", "one pixel": png_of_size(1, 1), "16000 x 16000": png_of_size(16000, 16000)},
 }
 READ = {
     "--background": ".png",

@@ -4,6 +4,7 @@ from pathlib import Path
 import cv2
 import manufactured
 import pytest
+from command_line import written
 from drawn import drawn
 from typer.testing import CliRunner
 
@@ -58,7 +59,7 @@ def test_one_capsule_end_to_end(capsule, database, tmp_path):
     assert "10 of 10 checks of the computation passed" in " ".join(result.output.split())
     assert "Status: Done." in result.output
     out = tmp_path / "result"
-    assert {path.name for path in out.iterdir()} == RESULTS
+    assert written(out) == RESULTS
     summary = json.loads((out / "summary.json").read_text())
     assert (
         summary["quantities"]["capillary_number"]["lower_68"]
@@ -158,7 +159,7 @@ def test_a_picture_is_measured_and_identified_in_one_go(picture):
     )
     assert result.exit_code == 0, result.output
     measured = {"measurement.toml", "measurement.outline.csv", "outline.csv", "silhouette.csv", "overlay.png"}
-    assert {path.name for path in out.iterdir()} == RESULTS | measured
+    assert written(out) == RESULTS | measured
     summary = json.loads((out / "summary.json").read_text())
     ca = summary["quantities"]["capillary_number"]
     assert ca["lower_95"] < 0.08 < ca["upper_95"]

@@ -4,6 +4,7 @@ import manufactured
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import written
 from typer.testing import CliRunner
 
 from capsbayes.cli import app
@@ -43,7 +44,7 @@ def said(result):
 
 
 def files(folder):
-    return {path.name for path in folder.iterdir()}
+    return written(folder)
 
 
 def test_the_budget_of_a_capsule(capsule, database, tmp_path):

@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from capsbayes.cli import main
+from capsbayes.output_file import RECORD
 
 
 def run(monkeypatch, capsys, *arguments):
@@ -14,3 +15,8 @@ def run(monkeypatch, capsys, *arguments):
         main()
     captured = capsys.readouterr()
     return end.value.code, captured.out, captured.err
+
+
+def written(folder):
+    """Names of what is in a folder, without the record of what a command wrote there."""
+    return {path.name for path in folder.iterdir()} - {RECORD}

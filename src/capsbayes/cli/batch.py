@@ -24,6 +24,7 @@ from capsbayes.cli.options import (
 )
 from capsbayes.cli.output import model_words, print_json
 from capsbayes.cli.paths import Reads, Writes
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.infer.many import Hierarchy, Population
@@ -75,6 +76,9 @@ def batch(
     from capsbayes.infer.many import identify_folder
     from capsbayes.infer.many.listing import cross_section_and_view
 
+    for option, given in {"--velocity": velocity, "--background": background, "--flow": flow}.items():
+        if given is not None and not capsules.is_dir():
+            raise InputError("batch", option, "a folder of pictures", str(capsules))
     known = None if experiment is None else Experiment.read(experiment)
     cross_section, view = cross_section_and_view(capsules, known)
     population = identify_folder(

@@ -199,7 +199,8 @@ def choose(command: str, option: str, name: str, known: Mapping[str, Any]) -> An
 
 def speed_of(text: str | None) -> Quantity:
     """Read ``--velocity``, which must have an error."""
-    return _with_error("--velocity", text, "m/s", "6.20 +/- 0.06 mm/s")
+    read = _with_error("--velocity", text, "m/s", "6.20 +/- 0.06 mm/s")
+    return type(read).of(read, "capsule_velocity", where="--velocity", key="")
 
 
 def pixel_size_of(text: str | None) -> Quantity:

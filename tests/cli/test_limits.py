@@ -1,0 +1,96 @@
+"""Full disks, and the time and memory that a refusal takes, in processes of their own."""
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import manufactured
+import pytest
+from png_header import png_of_size
+from results import posterior
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin"
+MAIN = "from capsbayes.cli import main; main()"
+
+
+@pytest.fixture
+def place(tmp_path):
+    for name in ("capsule.toml", "experiment.toml"):
+        shutil.copy(EXAMPLE / name, tmp_path)
+    (tmp_path / "nested.toml").write_text(f"a = {'[' * 5000}{']' * 5000}")
+    (tmp_path / "huge.png").write_bytes(png_of_size(16000, 16000))
+    manufactured.database(8, 6).write(tmp_path / "database.nc")
+    posterior().write(tmp_path / "posterior.nc")
+    return tmp_path
+
+
+def ended(place, words, largest_file):
+    """Run a command under limits: exit status, lines of standard error, processor time [s], memory [bytes]."""
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, 4 * 2**30))
+        if largest_file is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
+
+    with (place / ".err").open("w+b") as err:
+        run = subprocess.Popen(
+            [sys.executable, "-c", MAIN, *words.split()],
+            cwd=place,
+            stdout=subprocess.DEVNULL,
+            stderr=err,
+            preexec_fn=limit,
+        )
+        _, status, used = os.wait4(run.pid, 0)
+        run.returncode = os.waitstatus_to_exitcode(status)
+    lines = (place / ".err").read_text().splitlines()
+    return run.returncode, lines, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "identify capsule.toml --engine quadrature --out made",
+        "report posterior.nc --out made.html",
+        "atlas database.nc --out made",
+    ],
+)
+def test_a_full_disk_ends_in_one_line_and_leaves_nothing(place, words):
+    before = {path.name for path in place.iterdir()} | {".err"}
+    status, lines, _, _ = ended(place, words, 2000)
+    assert status == 2, lines
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("capsbayes: ")
+    assert {path.name for path in place.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "measure huge.png --experiment experiment.toml --velocity 6.2+/-0.06mm/s",
+        "identify nested.toml",
+        "simulate --ca 0.05 --size-ratio 0.9 --refinement 1000",
+        "hide --effect none --out made --workers 0",
+    ],
+)
+def test_a_refusal_takes_little_time_and_memory(place, words):
+    status, lines, seconds, memory = ended(place, words, None)
+    assert status == 2, lines
+    assert len(lines) == 1, lines
+    assert seconds < 5.0
+    assert memory < 1e9
+
+
+def test_where_nothing_can_be_written_numba_keeps_its_functions_in_a_folder_of_the_process(tmp_path):
+    code = (
+        "import os; os.access = lambda *_: False; import capsbayes, numba; numba.njit(cache=True)(lambda x: x + 1); "
+        "print(os.environ['NUMBA_CACHE_DIR'])"
+    )
+    clean = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"} | {"TMPDIR": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=clean, check=True)
+    assert Path(run.stdout.strip()).parent == tmp_path
+    assert not list(tmp_path.iterdir())
+    assert run.stderr.count("\n") == 1
+    assert "set NUMBA_CACHE_DIR" in run.stderr
