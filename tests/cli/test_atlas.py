@@ -51,7 +51,7 @@ def test_prints_the_files_for_people(tmp_path):
     [
         (["moon"], "no database 'moon' comes with the library"),
         (["none.nc"], "none.nc: no such file"),
-        (["few.nc", "--out", "few.nc"], "few.nc/cases.png: expected a file that can be written, got"),
+        (["few.nc", "--out", "few.nc"], "--out: expected a folder, got the file few.nc"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_status_2(tmp_path, monkeypatch, capsys, arguments, message):

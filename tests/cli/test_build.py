@@ -110,7 +110,7 @@ def test_a_mistake_is_one_line_and_exit_status_2(build, tmp_path, monkeypatch, c
         ),
         (["--refinement", "1"], "capsbayes: Simulator: refinement: expected at least 4, got 1"),
         (["--bending", "-1"], "capsbayes: Simulator: bending: expected a number from 0 to 1, got -1.0"),
-        (["--bending", "nan"], "capsbayes: Simulator: bending: expected a number from 0 to 1, got nan"),
+        (["--bending", "nan"], "capsbayes: --bending: expected a finite number, got nan"),
         (["--workers", "0"], "capsbayes build: Invalid value for '--workers'"),
         (["--speed", "1"], "capsbayes build: No such option: --speed"),
     ],

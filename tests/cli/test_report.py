@@ -43,7 +43,7 @@ def test_a_population_becomes_a_page_of_at_most_so_many_rows(here):
         (["empty"], "empty: expected a folder of capsbayes identify, with posterior.nc, got another folder"),
         (["text.nc"], "text.nc: expected a NetCDF file of a posterior, a population or a database"),
         (["run.nc", "--picture", "a.png"], "report: --picture: expected a posterior with a picture, got run.nc"),
-        (["run.nc", "--out", "empty"], "empty: expected the name of a file to write, got a folder"),
+        (["run.nc", "--out", "empty"], "--out: expected a file name that ends in .html or .htm"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_status_2(here, monkeypatch, capsys, arguments, message):

@@ -37,7 +37,7 @@ def test_text_names_every_quantity_with_its_symbol(monkeypatch, capsys):
     ("arguments", "message"),
     [
         (["--ca", "-1", "--size-ratio", "0.8"], "capillary_number: expected a number between 0 and 10, got -1"),
-        (["--ca", "nan", "--size-ratio", "0.8"], "capillary_number: expected a number between 0 and 10, got nan"),
+        (["--ca", "nan", "--size-ratio", "0.8"], "--ca: expected a finite number, got nan"),
         (["--ca", "0.05", "--size-ratio", "2"], "size_ratio: expected a number between 0.2 and 1.3, got 2"),
         (
             [*CASE, "--law", "rubber"],

@@ -11,6 +11,8 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw
 
+_HARDEST = 1e6  # beyond it the area of the membrane cannot change in double precision
+
 
 @dataclass(frozen=True)
 class Skalak(MembraneLaw):
@@ -41,6 +43,8 @@ class Skalak(MembraneLaw):
     def __post_init__(self) -> None:
         if not -0.5 < self.hardening < math.inf:
             raise InputError("Skalak", "hardening", "a finite number above -0.5", str(self.hardening))
+        if self.hardening > _HARDEST:
+            raise InputError("Skalak", "hardening", f"a number of at most {_HARDEST:g}", str(self.hardening))
 
     @property
     def name(self) -> str:
