@@ -196,7 +196,7 @@ def _jump(rival: DiffuseApproximation, points: Floats, values: Floats) -> Floats
     None is larger in L_a than the largest where the other branch is well determined: elsewhere it is extrapolated.
     """
     weights = rival.shape_functions(points)
-    jump: Floats = (weights @ rival.values)[:, :3] - values
+    jump: Floats = rival(points)[:, :3] - values
     size, spread = np.nan_to_num(np.abs(jump[:, 1]), nan=np.inf), np.abs(weights).sum(axis=1)
     sure = np.flatnonzero(spread < SURE_WEIGHTS if (spread < SURE_WEIGHTS).any() else np.isfinite(size))
     if len(sure):
