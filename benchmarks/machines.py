@@ -118,6 +118,8 @@ def main() -> int:
         options.once.write_text(json.dumps(reported(commands)))
         return 0
     environments = (ENVIRONMENTS[0], Environment("Sandybridge", 2)) if options.quick else ENVIRONMENTS
+    if options.keep is not None:
+        options.keep.mkdir(parents=True, exist_ok=True)
     table = compared(commands, environments, options.keep)
     lines = ["| command | numbers | largest difference | of | in |", "| --- | ---: | ---: | --- | --- |"]
     for name, row in table.items():

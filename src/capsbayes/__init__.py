@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from capsbayes.numba_folder import provide_numba_folder
+from capsbayes.files.numba_folder import provide_numba_folder
 
 provide_numba_folder()
 

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import DatabaseError
-from capsbayes.output_file import write_dataset
+from capsbayes.files.output_file import write_dataset
 from capsbayes.parameters import PARAMETERS
 from capsbayes.status import Status
 

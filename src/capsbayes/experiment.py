@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.input_file import InputFile, quantity, unread
-from capsbayes.output_file import write_file
+from capsbayes.files.input_file import InputFile, quantity, unread
+from capsbayes.files.output_file import write_file
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 

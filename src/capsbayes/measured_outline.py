@@ -10,10 +10,10 @@ import numpy as np
 import scipy.linalg
 
 from capsbayes.arrays import Floats
-from capsbayes.csv_file import read_numbers, text_of_numbers
 from capsbayes.errors import InputError
-from capsbayes.input_file import InputFile, checked_table, file_name, not_negative, number
-from capsbayes.output_file import write_file
+from capsbayes.files.csv_file import read_numbers, text_of_numbers
+from capsbayes.files.input_file import InputFile, checked_table, file_name, not_negative, number
+from capsbayes.files.output_file import write_file
 from capsbayes.profile import arc_length, signed_area
 
 MID_PLANE = "mid-plane"

@@ -11,9 +11,9 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.input_file import InputFile, Reader, file_name, quantity, unread
+from capsbayes.files.input_file import InputFile, Reader, file_name, quantity, unread
+from capsbayes.files.output_file import together, write_file
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
-from capsbayes.output_file import together, write_file
 from capsbayes.parameters import STATED
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable

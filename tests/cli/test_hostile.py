@@ -370,7 +370,7 @@ OF_TEXT = {
     ("validate", "database"): ("x", "square-bending", "square-pre-inflation"),
     ("atlas", "database"): ("x", "../square-bending"),
     ("verify", "--only"): ("x",),
-    ("exam", "--only"): ("x",),
+    ("exam", "--only"): ("no such cell",),
     ("hide", "--effect"): ("x",),
     ("hide", "--effect-size"): ("x", "nan", "1e300"),
 }

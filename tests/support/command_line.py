@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from capsbayes.cli import main
-from capsbayes.output_file import RECORD
+from capsbayes.files.output_file import RECORD
 
 
 def run(monkeypatch, capsys, *arguments):

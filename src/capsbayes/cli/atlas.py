@@ -10,7 +10,7 @@ import typer
 from capsbayes.cli.options import AsJson, DatabaseName
 from capsbayes.cli.output import print_json
 from capsbayes.cli.paths import Writes
-from capsbayes.output_file import together
+from capsbayes.files.output_file import together
 
 
 def atlas(

@@ -11,7 +11,7 @@ from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, choos
 from capsbayes.cli.output import Writer, conclude, json_file
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
-from capsbayes.output_file import write_file
+from capsbayes.files.output_file import write_file
 
 if TYPE_CHECKING:
     from capsbayes.diagnosis import Session

@@ -36,7 +36,7 @@ def exam(
     from capsbayes.evidence.exam.cells import CELLS
     from capsbayes.evidence.exam.examine import examine
     from capsbayes.evidence.exam.page import exam_page
-    from capsbayes.output_file import write_file
+    from capsbayes.files.output_file import write_file
 
     chosen = [cell for cell in CELLS if only is None or only in cell.name]
     if not chosen:

@@ -10,7 +10,7 @@ import typer
 from capsbayes.cli.options import Seed, Workers
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
-from capsbayes.output_file import write_file
+from capsbayes.files.output_file import write_file
 
 if TYPE_CHECKING:
     from capsbayes.evidence.blind import BlindSession, TrueEffect

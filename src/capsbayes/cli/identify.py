@@ -66,9 +66,9 @@ def identify(
 ) -> None:
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
     from capsbayes.experiment import Experiment
+    from capsbayes.files.input_file import PICTURES
     from capsbayes.infer import Prior
     from capsbayes.infer import identify as identified
-    from capsbayes.input_file import PICTURES
     from capsbayes.measurement import Measurement
     from capsbayes.show.terminal import posterior_parts
     from capsbayes.show.words.posterior import status_words

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from capsbayes.output_file import together, write_file
+from capsbayes.files.output_file import together, write_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,7 +39,7 @@ def figure_file(draw: Callable[[], Figure], dpi: int = 140) -> Writer:
 
 def table_file(table: pd.DataFrame, **how: Any) -> Writer:
     """Return a function that writes a table into a CSV file; `how` as of `pandas.DataFrame.to_csv`."""
-    from capsbayes.csv_file import text_of_table
+    from capsbayes.files.csv_file import text_of_table
 
     return lambda path: write_file(path, text_of_table(table, **how))
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from capsbayes.errors import InputError
-from capsbayes.output_file import check_replaceable, guarded, is_ours, refusing
+from capsbayes.files.output_file import check_replaceable, guarded, is_ours, refusing
 
 _LARGEST = 2**63 - 1  # integer that a NetCDF file holds
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
+from capsbayes.files.output_file import write_file
 from capsbayes.image.detection import Detection
 from capsbayes.image.files.picture import Picture
-from capsbayes.output_file import write_file
 
 Colour = tuple[int, int, int]
 

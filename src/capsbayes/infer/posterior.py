@@ -13,6 +13,7 @@ import numpy as np
 from capsbayes import __version__
 from capsbayes.arrays import Floats, Integers
 from capsbayes.experiment import Experiment
+from capsbayes.files.output_file import write_dataset
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
@@ -20,7 +21,6 @@ from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.posterior_file import RECORD, WORK, read_fields, record_of
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
-from capsbayes.output_file import write_dataset
 from capsbayes.parameters import PARAMETERS
 from capsbayes.readable import as_html
 from capsbayes.status import Status

@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.input_file import InputFile
+from capsbayes.files.input_file import InputFile
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity

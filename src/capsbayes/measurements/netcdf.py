@@ -11,10 +11,10 @@ import xarray as xr
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.files.output_file import write_dataset
 from capsbayes.measured_outline import MID_PLANE, MeasuredOutline, OutlineNoise, Pose, check_view
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
-from capsbayes.output_file import write_dataset
 from capsbayes.parameters import PARAMETERS
 
 # numbers over the capsules

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.csv_file import plain_cell, read_csv, text_of_table
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.input_file import read_bytes
+from capsbayes.files.csv_file import plain_cell, read_csv, text_of_table
+from capsbayes.files.input_file import read_bytes
+from capsbayes.files.output_file import write_file
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.measurements.netcdf import opened
-from capsbayes.output_file import write_file
 from capsbayes.parameters import PARAMETERS, STATED
 from capsbayes.status import Status
 

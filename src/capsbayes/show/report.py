@@ -10,10 +10,10 @@ import xarray as xr
 from capsbayes.database import Database
 from capsbayes.diagnosis import Study
 from capsbayes.errors import InputError
+from capsbayes.files.output_file import write_file
 from capsbayes.infer import Posterior
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
-from capsbayes.output_file import write_file
 from capsbayes.show.pages.database import database_page
 from capsbayes.show.pages.population import MOST_ROWS, population_page
 from capsbayes.show.pages.posterior import posterior_page

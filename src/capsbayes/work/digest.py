@@ -34,6 +34,10 @@ def content_of(value: Any) -> Any:
         return value.as_record(), value.unit
     if isinstance(value, _Model):
         return value.name, value.sha256, value.view
+    if isinstance(value, bytes):
+        return hashlib.sha256(value).hexdigest()
+    if isinstance(value, np.ndarray) and value.dtype.kind in "OU":  # the bytes of texts depend on the longest one
+        return content_of(value.tolist())
     if isinstance(value, np.ndarray):
         return value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
     if isinstance(value, Mapping):

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from capsbayes.errors import InputError
+from capsbayes.files.output_file import refusing
 
 if sys.platform == "win32":
     import msvcrt
@@ -27,26 +28,25 @@ _BEYOND = 1 << 20  # a byte far behind the name of the owner, which stays readab
 def only_run(out: Path) -> Iterator[None]:
     """Refuse to write `out` while another run does.
 
-    The operating system holds the lock as long as the process lives, on the file ``.NAME.lock`` next to a file, or
-    ``.lock`` in a folder; it is removed at the end. On a file system without locks a warning is logged: parts and
-    results are whole even so, but work may be done twice.
+    The folder of `out` is made if it does not exist. The operating system holds the lock as long as the process lives,
+    on the file ``.NAME.lock`` next to a file, or ``.lock`` in a folder; it is removed at the end. On a file system
+    without locks a warning is logged: parts and results are whole even so, but work may be done twice.
 
     Parameters
     ----------
     out : Path
-        File, or existing folder, that the run writes.
+        File, or folder that exists, which the run writes.
 
     Raises
     ------
     InputError
         If another run writes it, or the lock cannot be made there.
     """
-    real = out.resolve()
-    path = real / ".lock" if real.is_dir() else real.with_name(f".{real.name}.lock")
-    try:
+    with refusing(out, "a place where files can be written"):
+        real = out.resolve()
+        path = real / ".lock" if real.is_dir() else real.with_name(f".{real.name}.lock")
+        path.parent.mkdir(parents=True, exist_ok=True)
         file = _locked(path)
-    except OSError as error:
-        raise InputError(str(out), "", "a place where files can be written", str(error.strerror)) from None
     if file is None:
         owner = path.read_text(encoding="utf-8", errors="replace").strip() or "another process"
         raise InputError(str(out), "", "no other run that writes it", owner, "let it end, or choose another output")

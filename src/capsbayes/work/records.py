@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from capsbayes.output_file import refusing
+from capsbayes.files.output_file import refusing
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ import numpy as np
 
 from capsbayes import __version__
 from capsbayes.errors import InputError
+from capsbayes.files.output_file import make_folder
 from capsbayes.interruption import keeping, raise_interruption
-from capsbayes.output_file import make_folder
 from capsbayes.work.digest import digest_of
 from capsbayes.work.lock import only_run
 from capsbayes.work.store import Store

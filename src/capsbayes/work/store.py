@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from capsbayes.errors import DatabaseError, InputError
-from capsbayes.output_file import make_folder, unguarded, write_file
+from capsbayes.files.output_file import make_folder, unguarded, write_file
 
 _MAGIC, _PICKLED = b"capsbayes part 2", b"capsbayes part 1"
 _SUFFIX = ".part"

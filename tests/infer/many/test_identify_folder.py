@@ -28,6 +28,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
 from capsbayes.measurements import write_set
+from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate
@@ -440,3 +441,39 @@ def test_an_empty_folder_and_a_table_without_experiment_are_refused(tmp_path):
     write_table(tmp_path / "t.csv", 2)
     with pytest.raises(InputError, match="--experiment"):
         identify_folder(tmp_path / "t.csv", MODEL, out=tmp_path / "r.nc", **HERE)
+
+
+def test_the_folder_of_the_result_is_made(tmp_path):
+    write_table(tmp_path / "batch.csv", 3)
+    identify_folder(tmp_path / "batch.csv", MODEL, EXPERIMENT, out=tmp_path / "new" / "run.nc", **HERE)
+    assert sorted(file.name for file in (tmp_path / "new").iterdir() if file.suffix) == [
+        ".capsbayes.sha256",
+        "run.csv",
+        "run.nc",
+    ]
+
+
+def test_an_error_of_the_program_is_not_taken_for_one_of_the_disk(tmp_path, monkeypatch):
+    def broken(*arguments):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    write_table(tmp_path / "batch.csv", 3)
+    monkeypatch.setattr(identify_folder_module, "listed", broken)
+    with pytest.raises(np.linalg.LinAlgError, match="Singular"):
+        identify_folder(tmp_path / "batch.csv", MODEL, EXPERIMENT, out=tmp_path / "run.nc", **HERE)
+
+
+def test_a_part_is_named_by_its_own_rows_alone(tmp_path):
+    write_table(tmp_path / "batch.csv", 4)
+    frame = pd.read_csv(tmp_path / "batch.csv")
+
+    def first_part():
+        return tasks.TableTask(
+            Store(tmp_path / "parts", "settings"), MeasuredLengths.of_frame(frame).taken(slice(2))
+        ).name
+
+    before = first_part()
+    frame.loc[3, "name"] = "a much longer name"
+    assert first_part() == before
+    frame.loc[1, "name"] = "other"
+    assert first_part() != before

@@ -256,3 +256,9 @@ def test_a_dask_cluster_gives_the_same_file(tmp_path):
 def test_an_address_without_a_cluster_is_refused_in_one_line(tmp_path):
     with pytest.raises(InputError, match=r"scheduler: expected address of a running dask scheduler, got 'nowhere://x'"):
         build_database(AnalyticSimulator(), CASES, out=tmp_path / "a.nc", scheduler="nowhere://x")
+
+
+def test_the_folder_of_the_database_is_made(tmp_path):
+    out = tmp_path / "new" / "shapes.nc"
+    build_database(AnalyticSimulator(), CASES[:1], out=out, scheduler=HERE)
+    assert Database.read(out).converged.dataset.sizes["case"] >= 1

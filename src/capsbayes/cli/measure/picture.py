@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from capsbayes.output_file import together, write_file
+from capsbayes.files.output_file import together, write_file
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
@@ -24,7 +24,7 @@ _POWERS = {2: "squared", 3: "cubed"}
 
 def is_picture(path: Path) -> bool:
     """Return True for the name of a picture."""
-    from capsbayes.input_file import PICTURES
+    from capsbayes.files.input_file import PICTURES
 
     return path.suffix.lower() in PICTURES
 
@@ -131,7 +131,7 @@ def write_detection(out: Path, picture: Picture, detection: Detection, measured:
     """Write the overlay, the outline and the measurement; of a refused capsule, what was detected of it."""
     import numpy as np
 
-    from capsbayes.csv_file import text_of_numbers
+    from capsbayes.files.csv_file import text_of_numbers
     from capsbayes.image.overlay import write_overlay
 
     with together():

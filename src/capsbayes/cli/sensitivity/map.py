@@ -11,7 +11,7 @@ from capsbayes.cli.options import AsJson, ModelName, lab_of, named_model, with_o
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
-from capsbayes.output_file import write_dataset
+from capsbayes.files.output_file import write_dataset
 
 if TYPE_CHECKING:
     import numpy as np

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from capsbayes.evidence.blind.effects import TrueEffect
 from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.pools import simulator_with
 from capsbayes.experiment import capillary_number, capsule_radius, surface_shear_modulus
-from capsbayes.output_file import make_folder
 from capsbayes.physics.databases.build import build_database
 
 _TYPICAL = -4.5  # log density relative to its maximum: three standard deviations
@@ -114,7 +112,6 @@ def simulate_session(
     ca = capillary_number(viscosity=lab.viscosity, mean_velocity=speed, surface_shear_modulus=modulus)
     cases = list(zip(np.round(np.maximum(ca, _LOWEST), _DIGITS), np.round(size_ratio, _DIGITS), strict=True))
     simulator = simulator_with(effect, size) if refinement is None else simulator_with(effect, size, refinement)
-    make_folder(Path(shapes).parent)
     built = build_database(simulator, cases, out=shapes, workers=workers).converged
     rows = [_row(built, *case) for case in cases]
     pairs = [(row, float(velocity)) for row, velocity in zip(rows, speed, strict=True) if row is not None][:capsules]

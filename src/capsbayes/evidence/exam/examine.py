@@ -13,8 +13,8 @@ from capsbayes.database import Database
 from capsbayes.evidence.blind.pools import pool_name
 from capsbayes.evidence.exam.answer import Answer, answer_session
 from capsbayes.evidence.exam.cells import Cell
+from capsbayes.files.output_file import make_folder
 from capsbayes.interruption import keeping
-from capsbayes.output_file import make_folder
 from capsbayes.surrogate import Surrogate
 from capsbayes.work import Records, Store, digest_of, only_run, run_tasks, steps_kept
 

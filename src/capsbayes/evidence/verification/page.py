@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import capsbayes
 from capsbayes.evidence.markdown import table_lines
 from capsbayes.evidence.verification.topic import Results, Row, Topic, Verdict
-from capsbayes.output_file import write_file
+from capsbayes.files.output_file import write_file
 from capsbayes.show.figures.style import write_figure
 from capsbayes.work import Records
 

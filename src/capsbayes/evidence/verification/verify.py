@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.evidence.verification.page import write_page
 from capsbayes.evidence.verification.topic import Outcome, Results, Row, Topic, Values
+from capsbayes.files.output_file import make_folder
 from capsbayes.interruption import keeping
-from capsbayes.output_file import make_folder
 from capsbayes.work import Records, only_run
 
 

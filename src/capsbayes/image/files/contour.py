@@ -10,7 +10,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.input_file import read_bytes
+from capsbayes.files.input_file import read_bytes
 
 UNITS = ("px", "um")
 _HEADINGS = (("px", "x_px", "y_px"), ("um", "x_um", "y_um"), (None, "x", "y"))

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from capsbayes.errors import InputError
+from capsbayes.files.input_file import PICTURES
 from capsbayes.image.files.picture import Picture, Pixels, check_size, decode, in_rgb_order, quietly
-from capsbayes.input_file import PICTURES
 
 FRAMES = (*PICTURES, ".bmp")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")

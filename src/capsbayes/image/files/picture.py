@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
-from capsbayes.input_file import read_bytes
+from capsbayes.files.input_file import read_bytes
 
 Pixels = NDArray[Any]
 

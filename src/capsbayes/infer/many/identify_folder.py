@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.files.output_file import check_replaceable, guarded, make_folder, note_input, refusing
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.distribution.selection import limit_of
 from capsbayes.infer.many.listing import Listed, common_experiment, listed
@@ -30,7 +31,6 @@ from capsbayes.infer.prior import Prior, check_coordinates
 from capsbayes.interruption import keeping
 from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.model import ForwardModel
-from capsbayes.output_file import check_replaceable, guarded, note_input, refusing
 from capsbayes.quantity import Given, Quantity
 from capsbayes.work import Store, only_run, progress_bar, run_tasks
 from capsbayes.work.store import check_parts
@@ -80,7 +80,7 @@ def identify_folder(
         By default the one that each measurement of a folder names.
     out : path
         The NetCDF file to write; a ``.csv`` of the same name is written next to it. Neither replaces `source`, nor a
-        file that was not written here, unless within `capsbayes.output_file.guarded` with ``overwrite=True``.
+        file that was not written here, unless within `capsbayes.files.guarded` with ``overwrite=True``.
     seed : int
         Of all randomness; stored in the result.
     prior : Prior, optional
@@ -141,7 +141,7 @@ def identify_folder(
             population.dataset.attrs["agreement"] = json.dumps(agreement.as_dict())
         population.write(out)
         if chains is not None:
-            Path(chains).mkdir(parents=True, exist_ok=True)
+            make_folder(Path(chains))
             usable = {int(row): str(population["name"][row]) for row in _with_result(population)}
             drawn = [
                 ChainTask.of(found.measurement(row), found.prior(row), Path(chains), row, name, run)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.files.input_file import PICTURES, InputFile
 from capsbayes.infer.inputs import LOOSEST_VELOCITY
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tasks import (
@@ -20,7 +21,6 @@ from capsbayes.infer.many.tasks import (
     prior_of_file,
 )
 from capsbayes.infer.prior import Prior
-from capsbayes.input_file import PICTURES, InputFile
 from capsbayes.measured_outline import MID_PLANE, SILHOUETTE, check_view
 from capsbayes.measurement import Measurement
 from capsbayes.measurements import read_set

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans, Floats, Integers
-from capsbayes.csv_file import safe_cell
 from capsbayes.errors import InputError
+from capsbayes.files.csv_file import safe_cell
+from capsbayes.files.output_file import write_dataset, write_file
 from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
@@ -22,7 +23,6 @@ from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.misfit import PREDICTED
 from capsbayes.measurements.netcdf import opened
 from capsbayes.measurements.table import NUMBERS
-from capsbayes.output_file import write_dataset, write_file
 from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable

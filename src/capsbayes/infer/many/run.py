@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.files.input_file import read_bytes
 from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
@@ -54,7 +54,7 @@ class Run:
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that decides the results, the capsules themselves excepted."""
-        background = None if self.background is None else _hash_of(self.background)
+        background = None if self.background is None else read_bytes(self.background, "picture of the empty channel")
         how = self.experiment, self.prior, self.capsule_velocity, self.flow, background
         return digest_of(__version__, self.model, self.seed, *how)
 
@@ -77,10 +77,3 @@ class Run:
             usual = getattr(known, name)
             own[name] = Quantity(value, usual.sd * value / usual.mean)
         return replace(known, **own)
-
-
-def _hash_of(background: Path) -> str:
-    try:
-        return hashlib.sha256(background.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(str(background), "", "a picture of the empty channel", str(error.strerror)) from None

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer import identify
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
-from capsbayes.infer.many.tasks import StoredTask, hash_of
+from capsbayes.infer.many.tasks import StoredTask
 from capsbayes.infer.posterior_file import work_of
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
@@ -78,10 +79,10 @@ class CheckTask(StoredTask):
     summaries: Floats
     seed: int
     prior: Prior
+    kind: ClassVar[str] = "check"
 
-    def _name(self) -> str:
-        contents = str(self.seed), self.measurement.source, digest_of(self.measurement), self.summaries.tobytes()
-        return f"check-{hash_of(self.store, *contents)}"
+    def _contents(self) -> Sequence[Any]:
+        return self.seed, self.measurement.source, self.measurement, self.summaries, self.prior
 
     @property
     def differences(self) -> Floats | None:

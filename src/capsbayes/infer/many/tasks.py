@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import hashlib
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError, InputError
+from capsbayes.files.input_file import PICTURES, InputFile
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.table_rows import rows_of_table
 from capsbayes.infer.prior import Prior
-from capsbayes.input_file import PICTURES, InputFile
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
 from capsbayes.status import Status
@@ -45,10 +45,12 @@ class StoredTask(abc.ABC):
     """
 
     store: Store
+    kind: ClassVar[str]
+    """First word of the name of the part."""
 
     @abc.abstractmethod
-    def _name(self) -> str:
-        """Return the name of the part."""
+    def _contents(self) -> Sequence[Any]:
+        """Return what the part is computed from, the settings of the store excepted."""
 
     @abc.abstractmethod
     def __call__(self, run: Run) -> None:
@@ -57,7 +59,7 @@ class StoredTask(abc.ABC):
     @cached_property
     def name(self) -> str:
         """Name of the part."""
-        return self._name()
+        return f"{self.kind}-{digest_of(self.store.fingerprint, *self._contents())[:24]}"
 
     @property
     def file(self) -> Path:
@@ -111,15 +113,6 @@ class RowsTask(StoredTask):
         self.store.remove(f"{self.name}-begun")
 
 
-def hash_of(store: Store, *contents: str | bytes) -> str:
-    """Return a hash of what a part is computed from and of the settings of its store."""
-    digest = hashlib.sha256(store.fingerprint.encode())
-    for content in contents:
-        known = content.encode() if isinstance(content, str) else content
-        digest.update(len(known).to_bytes(8) + known)
-    return digest.hexdigest()[:24]
-
-
 @dataclass(frozen=True)
 class TableTask(RowsTask):
     """Some rows of a table of lengths.
@@ -131,16 +124,16 @@ class TableTask(RowsTask):
     """
 
     measured: MeasuredLengths = field(repr=False)
+    kind: ClassVar[str] = "rows"
 
     @property
     def number(self) -> int:
         """Number of rows."""
         return len(self.measured)
 
-    def _name(self) -> str:
-        numbers = (np.ascontiguousarray(self.measured.numbers[name]).tobytes() for name in NUMBERS)
-        texts = (self.measured.names, self.measured.refusals, *self.measured.priors.values())
-        return f"rows-{hash_of(self.store, *numbers, *(text for column in texts for text in column))}"
+    def _contents(self) -> Sequence[Any]:
+        measured = self.measured
+        return [measured.numbers[name] for name in NUMBERS], measured.names, measured.refusals, measured.priors
 
     def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
         """Compute the rows that the table of the model resolves."""
@@ -177,12 +170,12 @@ class FileTask(RowsTask):
     """
 
     measured: Path
+    kind: ClassVar[str] = "file"
     number: ClassVar[int] = 1
 
-    def _name(self) -> str:
-        """Return a name that changes with the content of the file and of those that it names."""
-        contents = [part for file in (self.measured, *_named_in(self.measured)) for part in (str(file), _content(file))]
-        return f"file-{hash_of(self.store, *contents)}"
+    def _contents(self) -> Sequence[Any]:
+        """Return the content of the file and of those that it names."""
+        return [(str(file), _content(file)) for file in (self.measured, *_named_in(self.measured))]
 
     def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
         """Return an empty row."""
@@ -217,15 +210,15 @@ class OutlinesTask(RowsTask):
 
     measurements: tuple[Measurement, ...] = field(repr=False)
     left_out: tuple[str, ...] = field(default=(), repr=False)
+    kind: ClassVar[str] = "outlines"
 
     @property
     def number(self) -> int:
         """Number of rows."""
         return len(self.measurements) + len(self.left_out)
 
-    def _name(self) -> str:
-        contents = [text for seen in self.measurements for text in (seen.source, digest_of(seen))]
-        return f"outlines-{hash_of(self.store, *contents, *self.left_out)}"
+    def _contents(self) -> Sequence[Any]:
+        return [(measurement.source, measurement) for measurement in self.measurements], self.left_out
 
     def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
         """Return rows with what was measured, and with the reasons of those that cannot be used."""

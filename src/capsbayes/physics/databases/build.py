@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.database import Database
 from capsbayes.errors import InputError
+from capsbayes.files.output_file import check_replaceable, guarded
 from capsbayes.interruption import keeping
-from capsbayes.output_file import check_replaceable, guarded
 from capsbayes.physics.databases.gather import gathered, pedigree
 from capsbayes.physics.databases.grid import Case
 from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error

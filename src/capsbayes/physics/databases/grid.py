@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from capsbayes.csv_file import read_numbers
+from capsbayes.files.csv_file import read_numbers
 
 Case = tuple[float, float]
 Cases = list[Case]

@@ -13,7 +13,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.output_file import refusing, write_file
+from capsbayes.files.output_file import refusing, write_file
 from capsbayes.physics.capsule import outlines
 from capsbayes.physics.stokes.channel import Channel
 from capsbayes.physics.stokes.cross_sections import cross_section_named

@@ -11,7 +11,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from capsbayes.errors import InputError
-from capsbayes.output_file import write_file
+from capsbayes.files.output_file import write_file
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.transient import Scheme, transient
 from capsbayes.physics.simulation.shape import Shape

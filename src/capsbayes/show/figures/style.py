@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
-from capsbayes.output_file import write_file
+from capsbayes.files.output_file import write_file
 from capsbayes.parameters import PARAMETERS
 
 INK, PALE, FILL = "#1f5a7a", "#8fc1dc", "#dcebf3"

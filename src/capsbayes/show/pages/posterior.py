@@ -8,8 +8,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from capsbayes.files.input_file import PICTURES
 from capsbayes.infer import Posterior
-from capsbayes.input_file import PICTURES
 from capsbayes.show.figures.corner import SHOWN, corner_plot
 from capsbayes.show.figures.outline import outline_figure
 from capsbayes.show.figures.picture import bare_figure, picture_figure

@@ -1,7 +1,7 @@
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.input_file import InputFile
+from capsbayes.files.input_file import InputFile
 
 
 def written(tmp_path, text):

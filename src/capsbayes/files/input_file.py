@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from capsbayes.errors import InputError
-from capsbayes.output_file import note_input
+from capsbayes.files.output_file import note_input
 from capsbayes.quantity import Quantity
 
 Reader = Callable[[Any, str, str], Any]

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from capsbayes.csv_file import plain_cell, read_csv, read_numbers, safe_cell, text_of_table
 from capsbayes.errors import InputError
-from capsbayes.output_file import RECORD, guarded, note_input, together, write_dataset, write_file
+from capsbayes.files.csv_file import plain_cell, read_csv, read_numbers, safe_cell, text_of_table
+from capsbayes.files.output_file import RECORD, guarded, note_input, together, write_dataset, write_file
 
 
 def names(folder):

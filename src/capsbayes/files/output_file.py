@@ -261,10 +261,11 @@ def _add_to_record(path: Path, content: bytes) -> None:
 @contextlib.contextmanager
 def refusing(path: Path, expected: str) -> Iterator[None]:
     """Turn an error of the system into one line with the path and the reason."""
+    if "\0" in str(path):
+        raise InputError(repr(str(path)), "", expected, "a name that no file can have")
     try:
         yield
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+    except OSError as error:
+        reason, full = error.strerror or str(error), error.errno in (errno.ENOSPC, errno.EDQUOT)
         advice = "make room and start again: what is finished is kept" if full else ""
         raise InputError(str(path), "", "room on the disk" if full else expected, reason, advice) from None

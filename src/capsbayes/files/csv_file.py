@@ -12,7 +12,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.input_file import read_bytes
+from capsbayes.files.input_file import read_bytes
 
 if TYPE_CHECKING:
     import pandas as pd
