@@ -221,7 +221,7 @@ def cases_of_results():
             values = {name: Path("picture.png") for name in ("capsule", "picture")}
             for form in about.within(values) if callable(about.within) else about.within:
                 yield command, option, f"{{name}}/{form.replace('*', '1')}"
-            yield from ((command, option, form.replace("*", "1")) for form in about.beside)
+            yield from ((command, option, form.replace("*", "1")) for form in about.next_to)
 
 
 @pytest.mark.parametrize(("command", "option", "form"), list(cases_of_results()))

@@ -44,7 +44,7 @@ def batch(
     out: Annotated[
         Path,
         typer.Option(help="NetCDF file to write; a .csv of the same name is written next to it."),
-        Writes(".nc", beside=("{stem}.csv", "{name}.parts/")),
+        Writes(".nc", next_to=("{stem}.csv", "{name}.parts/")),
     ],
     experiment: ExperimentFile = None,
     database: ModelName = None,

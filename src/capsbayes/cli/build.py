@@ -24,7 +24,7 @@ def build(
     out: Annotated[
         Path,
         typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts."),
-        Writes(".nc", beside=("{name}.parts/",)),
+        Writes(".nc", next_to=("{name}.parts/",)),
     ],
     simulator: Any,
     cases: Annotated[

@@ -21,7 +21,7 @@ def hide(
     out: Annotated[
         Path,
         typer.Option(help="Folder of the set; the truth goes into OUT.truth next to it."),
-        Writes(beside=("{name}.truth/",)),
+        Writes(next_to=("{name}.truth/",)),
     ],
     effect_size: Annotated[
         str, typer.Option(help="Size of the effect with its unit, as '0.03', '0.4 um' or '300 us'.")

@@ -34,7 +34,7 @@ class Writes:
     ----------
     *suffixes : str
         Endings that the name of a file may have; none for a folder.
-    beside : tuple of str
+    next_to : tuple of str
         What is written next to it, as formats of its ``{name}`` and ``{stem}``, globs among them. One that ends in
         ``/`` is a folder of its own.
     within : function of the command's values, or tuple of str
@@ -42,12 +42,12 @@ class Writes:
     """
 
     suffixes: tuple[str, ...]
-    beside: tuple[str, ...] = ()
+    next_to: tuple[str, ...] = ()
     within: Callable[[Mapping[str, Any]], tuple[str, ...]] | tuple[str, ...] = ()
 
-    def __init__(self, *suffixes: str, beside: tuple[str, ...] = (), within: Any = ()) -> None:
+    def __init__(self, *suffixes: str, next_to: tuple[str, ...] = (), within: Any = ()) -> None:
         object.__setattr__(self, "suffixes", suffixes)
-        object.__setattr__(self, "beside", beside)
+        object.__setattr__(self, "next_to", next_to)
         object.__setattr__(self, "within", within)
 
     def check(self, option: str, path: Path) -> None:
@@ -72,7 +72,7 @@ class Writes:
     def outputs(self, path: Path, values: Mapping[str, Any]) -> Iterator[tuple[Path, bool]]:
         """Yield each path that is written and exists or has a name known before, and True for a folder."""
         yield path, not self.suffixes
-        for form in self.beside:
+        for form in self.next_to:
             place = path.with_name(form.format(name=path.name, stem=path.stem).rstrip("/"))
             found = path.parent.glob(place.name) if "*" in form else [place]
             yield from ((file, form.endswith("/")) for file in found)

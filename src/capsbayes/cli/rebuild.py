@@ -16,7 +16,7 @@ def rebuild(
     out: Annotated[
         Path,
         typer.Option(help="NetCDF file to write; finished cases are kept in OUT.parts."),
-        Writes(".nc", beside=("{name}.parts/",)),
+        Writes(".nc", next_to=("{name}.parts/",)),
     ],
     full: Annotated[
         bool, typer.Option("--full", help="Keep the nodes of the membrane and outlines in double precision.")

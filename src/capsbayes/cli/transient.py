@@ -30,7 +30,7 @@ def transient(
     paraview: Annotated[
         Path | None,
         typer.Option(help="Write the membranes to a .pvd file for ParaView."),
-        Writes(".pvd", beside=("{stem}-*.vtu",)),
+        Writes(".pvd", next_to=("{stem}-*.vtu",)),
     ] = None,
     plot: Plot = None,
 ) -> None:

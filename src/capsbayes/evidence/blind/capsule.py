@@ -85,12 +85,8 @@ def edge_errors(points: Floats, noise: Noise, rng: np.random.Generator) -> Float
 
 def _lengths(seen: Profile, edge: Floats, errors: Floats) -> tuple[float, float]:
     """Return L_z and L_a as read at three places of the edge: nose, rearmost point, rear on the axis."""
-    rear = seen.points[:, 0] < seen.points[:, 0].mean()
-    places = [
-        seen.points[0],
-        seen.points[np.argmin(seen.points[:, 0])],
-        seen.points[rear][np.argmin(np.abs(seen.points[rear, 1]))],
-    ]
+    upper = seen.points[: len(seen.points) // 2 + 1]  # of two rearmost points always the same one
+    places = upper[0], upper[np.argmin(upper[:, 0])], upper[-1]
     nose, rim, middle = (errors[np.argmin(np.hypot(*(edge - place).T))] for place in places)
     extent = seen.axial_extent + nose + rim
     return float(extent), float(min(seen.axial_length + nose + middle, extent))
