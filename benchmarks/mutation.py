@@ -38,7 +38,10 @@ class Target:
 
 TARGETS = {
     "laws": Target(
-        tuple(f"physics/membrane/{name}.py" for name in ("hooke", "neo_hookean", "skalak", "strain_hardening", "law")),
+        tuple(
+            f"physics/membrane/{name}.py"
+            for name in ("general", "hooke", "neo_hookean", "skalak", "strain_hardening", "law")
+        ),
         ("tests/physics/membrane",),
     ),
     "kernel": Target(

@@ -86,8 +86,8 @@ def simulator_of(
     law: Annotated[
         str,
         typer.Option(
-            help="Membrane law: neo-hookean, skalak:hardening=1, hooke:poisson_ratio=0.5 or "
-            "strain-hardening:strain_hardening=0.5."
+            help="Membrane law: neo-hookean, skalak:hardening=1, hooke:poisson_ratio=0.5, "
+            "strain-hardening:strain_hardening=0.5 or general:area_dilation_modulus=3,strain_hardening=0.5."
         ),
     ] = "neo-hookean",
     cross_section: Annotated[

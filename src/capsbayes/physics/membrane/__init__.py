@@ -5,19 +5,30 @@ from __future__ import annotations
 from dataclasses import fields
 
 from capsbayes.errors import InputError
+from capsbayes.physics.membrane.general import GeneralLaw
 from capsbayes.physics.membrane.hooke import GeneralisedHooke
 from capsbayes.physics.membrane.law import MembraneLaw
 from capsbayes.physics.membrane.neo_hookean import NeoHookean
 from capsbayes.physics.membrane.skalak import Skalak
 from capsbayes.physics.membrane.strain_hardening import StrainHardening
 
-__all__ = ["LAWS", "GeneralisedHooke", "MembraneLaw", "NeoHookean", "Skalak", "StrainHardening", "law_named"]
+__all__ = [
+    "LAWS",
+    "GeneralLaw",
+    "GeneralisedHooke",
+    "MembraneLaw",
+    "NeoHookean",
+    "Skalak",
+    "StrainHardening",
+    "law_named",
+]
 
 LAWS: dict[str, type[MembraneLaw]] = {
     "neo-hookean": NeoHookean,
     "skalak": Skalak,
     "hooke": GeneralisedHooke,
     "strain-hardening": StrainHardening,
+    "general": GeneralLaw,
 }
 """Every law of the library by the name used on the command line; each is checked by the tests."""
 
