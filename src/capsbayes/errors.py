@@ -34,6 +34,10 @@ class InputError(CapsbayesError):
         super().__init__(f"{place}: expected {expected}, got {got}{tail}")
 
 
+class NoRoomError(InputError):
+    """A disk that is full."""
+
+
 class NoShapeError(InputError):
     """A measurement that lies far from every shape of the model."""
 

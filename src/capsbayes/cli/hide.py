@@ -10,7 +10,7 @@ import typer
 from capsbayes.cli.options import Seed, Workers
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
-from capsbayes.files.output_file import write_file
+from capsbayes.files.output_file import together, write_file
 
 if TYPE_CHECKING:
     from capsbayes.evidence.blind import BlindSession, TrueEffect
@@ -74,6 +74,7 @@ def _check_empty(out: Path) -> None:
         raise InputError("--out", "", "an empty folder, or none", f"{out}, which holds files", "name another")
 
 
+@together()
 def _write(blind: BlindSession, out: Path, truth: Path) -> None:
     """Write the set, and next to it the truth; the set holds the truth's hash, so that it cannot be changed later."""
     import hashlib

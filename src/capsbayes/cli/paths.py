@@ -62,12 +62,10 @@ class Writes:
                 raise InputError(option, "", "a folder that exists", repr(str(path.parent)))
         elif path.exists() and not path.is_dir():
             raise InputError(option, "", "a folder", f"the file {path}")
-        nearest = next(place for place in (path.absolute(), *path.absolute().parents) if place.is_dir())
         for place in path.absolute().parents:
             if place.exists() and not place.is_dir():
                 raise InputError(option, "", "a folder", f"the file {place}")
-        with refusing(nearest, "a folder that can be written"), tempfile.TemporaryFile(dir=nearest):
-            pass
+        _check_writable(path)
 
     def outputs(self, path: Path, values: Mapping[str, Any]) -> Iterator[tuple[Path, bool]]:
         """Yield each path that is written and exists or has a name known before, and True for a folder."""
@@ -105,6 +103,8 @@ def checked(command: Callable[..., None]) -> Callable[..., None]:
         reads = {name: path for name, path in paths.items() if isinstance(declared[name], Reads) and _exists(path)}
         updated = [path for name, path in reads.items() if declared[name].updated]
         with guarded(set(reads.values()) - set(updated), updated=updated, overwrite=overwrite):
+            for path in updated:
+                _check_writable(path)
             made: dict[Path, str] = {}
             for name, path in paths.items():
                 if isinstance(about := declared[name], Writes):
@@ -131,6 +131,13 @@ def option_name(parameter: inspect.Parameter) -> str:
             if isinstance(typed, str) and typed.startswith("--"):
                 return typed
     return f"--{parameter.name.replace('_', '-')}"
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse a path in a folder where nothing can be written; of folders that do not exist, the nearest that does."""
+    nearest = next(place for place in (path.absolute(), *path.absolute().parents) if place.is_dir())
+    with refusing(nearest, "a folder that can be written"), tempfile.TemporaryFile(dir=nearest):
+        pass
 
 
 def _exists(path: Path) -> bool:

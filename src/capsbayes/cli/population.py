@@ -51,20 +51,24 @@ def population(
     from capsbayes.experiment import Experiment
     from capsbayes.infer.many import Population, hierarchy
     from capsbayes.surrogate import Surrogate
+    from capsbayes.work import only_run
 
-    read = Population.read(capsules)
-    stored = least_stretch is None and database is None and read.limit is not None
-    found = hierarchy(
-        read,
-        seed=seed,
-        least_stretch=least_stretch,
-        model=None if stored else Surrogate.open(database or read.attributes["model"]),
-        experiment=None if experiment is None else Experiment.read(experiment),
-        shared_velocity_error=_share(velocity_error),
-        tails=tails,
-    )
-    if found.passed:
-        found.added_to(read).write(capsules)
+    if not capsules.exists():
+        raise InputError(str(capsules), "", "the file of a population", "nothing there")
+    with only_run(capsules):
+        read = Population.read(capsules)
+        stored = least_stretch is None and database is None and read.limit is not None
+        found = hierarchy(
+            read,
+            seed=seed,
+            least_stretch=least_stretch,
+            model=None if stored else Surrogate.open(database or read.attributes["model"]),
+            experiment=None if experiment is None else Experiment.read(experiment),
+            shared_velocity_error=_share(velocity_error),
+            tails=tails,
+        )
+        if found.passed:
+            found.added_to(read).write(capsules)
     if as_json:
         print_json(found.as_dict())
     else:

@@ -10,6 +10,7 @@ import typer
 from capsbayes.cli.options import AsJson, CapillaryNumber, Plot, SizeRatio, simulator_of, with_options_of
 from capsbayes.cli.output import print_json
 from capsbayes.cli.paths import Writes
+from capsbayes.files.output_file import together
 
 if TYPE_CHECKING:
     from capsbayes.physics.simulation import SteadyState
@@ -40,13 +41,14 @@ def simulate(
         _print(state)
     if not state.status.ok:
         raise typer.Exit(1)
-    if paraview is not None:
-        state.save(paraview)
-    if plot is not None:
-        from capsbayes.show.figures.simulation import shape_figure
-        from capsbayes.show.figures.style import write_figure
+    with together():
+        if paraview is not None:
+            state.save(paraview)
+        if plot is not None:
+            from capsbayes.show.figures.simulation import shape_figure
+            from capsbayes.show.figures.style import write_figure
 
-        write_figure(shape_figure(state), plot)
+            write_figure(shape_figure(state), plot)
 
 
 _ROWS = (

@@ -10,6 +10,7 @@ import typer
 from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, simulator_of, with_options_of
 from capsbayes.cli.output import table_file
 from capsbayes.cli.paths import Writes
+from capsbayes.files.output_file import together
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,15 +54,16 @@ def transient(
     snapshots = _followed(way, until)
     lengths = rendered(list(_COLUMNS.values()), map(_row, snapshots), numbers=range(len(_COLUMNS)))
     print_parts(lengths, _end(snapshots[-1]))
-    if table is not None:
-        table_file(lengths, header=list(_COLUMNS), index=False)(table)
-    if paraview is not None:
-        save_series(snapshots, paraview)
-    if plot is not None:
-        from capsbayes.show.figures.simulation import transient_figure
-        from capsbayes.show.figures.style import write_figure
+    with together():
+        if table is not None:
+            table_file(lengths, header=list(_COLUMNS), index=False)(table)
+        if paraview is not None:
+            save_series(snapshots, paraview)
+        if plot is not None:
+            from capsbayes.show.figures.simulation import transient_figure
+            from capsbayes.show.figures.style import write_figure
 
-        write_figure(transient_figure(_chosen(snapshots)), plot)
+            write_figure(transient_figure(_chosen(snapshots)), plot)
 
 
 def _followed(way: Iterator[Snapshot], until: float) -> list[Snapshot]:

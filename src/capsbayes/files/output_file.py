@@ -19,7 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from capsbayes.errors import InputError
+from capsbayes.errors import InputError, NoRoomError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -266,6 +266,8 @@ def refusing(path: Path, expected: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason, full = error.strerror or str(error), error.errno in (errno.ENOSPC, errno.EDQUOT)
-        advice = "make room and start again: what is finished is kept" if full else ""
-        raise InputError(str(path), "", "room on the disk" if full else expected, reason, advice) from None
+        reason = error.strerror or str(error)
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            advice = "make room and start again: what is finished is kept"
+            raise NoRoomError(str(path), "", "room on the disk", reason, advice) from None
+        raise InputError(str(path), "", expected, reason) from None

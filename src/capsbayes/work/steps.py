@@ -16,7 +16,7 @@ from typing import Any, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 
 from capsbayes import __version__
-from capsbayes.errors import InputError
+from capsbayes.errors import InputError, NoRoomError
 from capsbayes.files.output_file import make_folder
 from capsbayes.interruption import keeping, raise_interruption
 from capsbayes.work.digest import digest_of
@@ -49,7 +49,7 @@ def steps_kept(store: Store, part: str) -> Iterator[None]:
         finished = True
     except Exception as error:
         raise_interruption(error)
-        finished = True
+        finished = not isinstance(error, NoRoomError)
         raise
     finally:
         _current.reset(token)

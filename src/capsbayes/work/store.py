@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from capsbayes.errors import DatabaseError, InputError
-from capsbayes.files.output_file import make_folder, unguarded, write_file
+from capsbayes.files.output_file import unguarded, write_file
 
 _MAGIC, _PICKLED = b"capsbayes part 2", b"capsbayes part 1"
 _SUFFIX = ".part"
@@ -58,7 +58,6 @@ class Store:
         """
         path = Path(folder)
         check_parts(path)
-        make_folder(path)
         text = json.dumps(dict(settings), sort_keys=True, indent=1)
         file = path / _SETTINGS
         if file.exists():

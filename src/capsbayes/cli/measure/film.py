@@ -11,6 +11,7 @@ import typer
 from capsbayes.cli.measure.picture import write_detection
 from capsbayes.cli.output import table_file
 from capsbayes.errors import InputError
+from capsbayes.files.output_file import together
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,8 +124,9 @@ def _cells(row: pd.Series) -> list[str]:
     return [*lengths, velocity, *changes]
 
 
+@together()
 def _write(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
-    """Write capsules.csv and a folder for each capsule."""
+    """Write capsules.csv and a folder for each capsule: all of it or nothing."""
     table_file(table, index=False)(out / "capsules.csv")
     for number, capsule in enumerate(made.capsules, start=1):
         shown = capsule.record
