@@ -1,62 +1,83 @@
 """Do the tests notice a mistake? Change one operator, number or sign of a module at a time and run its tests.
 
-Run ``python benchmarks/mutation.py [--only laws] [--most 40] [--out mutation.json]``. Each mutant is tested in a copy
-of the tree; the first failing test kills it. What is done is kept in the file given by ``--out``, and a second run
-continues. Mutants are drawn evenly from all places of a module, the same ones each time. Those that cannot change a
-result, as the wording of an error or a default that every caller gives, are not excluded: the share that dies is a
-lower bound.
+Run ``python benchmarks/mutation.py [--only laws] [--most 40] [--seed 1] [--out mutation.json]``. The mutants of a
+module are a random sample of its places, or all of them if there are no more than asked for. The first failing test
+kills a mutant, and so does work without end. What is done is kept in the file given by ``--out``, and a second run
+continues: killed mutants stay dead as long as their module is unchanged, those alive are tried again.
+
+Nothing is changed in texts, type hints, defaults of arguments and errors that are raised. A mutant is tested in a copy
+of the tree by a process that is forked where the other libraries are imported already. Rooms with compiled functions
+are interpreted: numba keeps compiled functions by the time of change of their own file alone, with what they call from
+other files. Properties are tried with fewer examples than in the tests. All this is stricter than the tests are, so
+that the share that dies is a lower bound, but for divisions by zero, which only stop a program that is interpreted.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import hashlib
+import importlib
 import json
 import os
+import pkgutil
+import random
+import re
+import resource
 import shutil
-import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 ROOT = Path(__file__).parents[1]
-SRC = Path("src/capsbayes")
-SECONDS = 600.0
+PACKAGE = "capsbayes"
+CPU_SECONDS = 15  # of a mutant, in addition to three times what the tests need without one
+MEMORY = 8 << 30
 
 
 @dataclass(frozen=True)
-class Target:
-    """Modules under test, and the test files that must notice their mutants."""
+class Room:
+    """Modules under test, and the tests that must notice their mutants, the quickest first."""
 
     modules: tuple[str, ...]
     tests: tuple[str, ...]
+    interpreted: bool = False
 
 
-TARGETS = {
-    "laws": Target(
+ROOMS = {
+    "laws": Room(
         tuple(
             f"physics/membrane/{name}.py"
             for name in ("general", "hooke", "neo_hookean", "skalak", "strain_hardening", "law")
         ),
         ("tests/physics/membrane",),
     ),
-    "kernel": Target(
-        ("infer/kernel.py",), ("tests/infer/test_likelihood.py", "tests/infer/grid", "tests/infer/test_density.py")
+    "kernel": Room(
+        ("infer/kernel.py", "infer/log_grid.py", "infer/marginal.py"),
+        (
+            "tests/infer/test_kernel.py",
+            "tests/infer/test_marginal.py",
+            "tests/infer/test_log_grid.py",
+            "tests/infer/test_likelihood.py",
+        ),
+        interpreted=True,
     ),
-    "likelihood": Target(
-        ("infer/likelihood.py",),
-        ("tests/infer/test_likelihood.py", "tests/infer/test_density.py", "tests/infer/outline"),
+    "likelihood": Room(
+        ("infer/likelihood.py", "infer/outline/likelihood.py"),
+        ("tests/infer/test_likelihood.py", "tests/infer/test_density.py", "tests/infer/outline/test_likelihood.py"),
     ),
-    "scoring": Target(
-        ("diagnosis/scoring.py",), ("tests/diagnosis/test_scoring.py", "tests/diagnosis/test_evidence.py")
-    ),
-    "edges": Target(
-        tuple(f"image/edges/{name}.py" for name in ("extent", "integrals", "models", "rear", "robust")),
-        ("tests/image/edges",),
+    "scoring": Room(("diagnosis/scoring.py",), ("tests/diagnosis/test_scoring.py", "tests/diagnosis/test_evidence.py")),
+    "edges": Room(
+        tuple(f"image/edges/{name}.py" for name in ("extent", "integrals", "models", "outline", "rear", "robust")),
+        tuple(
+            f"tests/image/edges/test_{name}.py"
+            for name in ("robust", "extent", "rear", "models", "outline", "integrals")
+        ),
+        interpreted=True,
     ),
 }
 
@@ -130,11 +151,13 @@ class Mutator(ast.NodeTransformer):
         return node
 
     def visit_Constant(self, node: ast.Constant) -> ast.AST:
-        number = type(node.value) in (int, float)
-        if number and self._here(node, f"{node.value} -> {1.5 * node.value if node.value else 1}"):
-            new = node.value + 1 if isinstance(node.value, int) else 1.5 * node.value or 1.0
-            return ast.copy_location(ast.Constant(new), node)
-        return node
+        if type(node.value) not in (int, float):
+            return node
+        new = node.value + 1 if isinstance(node.value, int) else 1.5 * node.value or 1.0
+        return ast.copy_location(ast.Constant(new), node) if self._here(node, f"{node.value} -> {new}") else node
+
+    def visit_Raise(self, node: ast.Raise) -> ast.AST:
+        return node  # the wording of an error
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         node.body = [self.visit(statement) for statement in node.body]  # no default, annotation or decorator
@@ -146,60 +169,212 @@ class Mutator(ast.NodeTransformer):
         return node
 
 
-def mutants(source: str, most: int) -> Iterator[tuple[str, str]]:
-    """Yield the description and the source of at most so many mutants."""
-    counter = Mutator()
-    counter.visit(ast.parse(source))
-    for place in np.unique(np.linspace(0, counter.places - 1, min(most, counter.places)).astype(int)):
-        mutator = Mutator(int(place))
-        tree = ast.fix_missing_locations(mutator.visit(ast.parse(source)))
-        yield f"{place}, {mutator.changed}", ast.unparse(tree)
+@dataclass
+class Source:
+    """A module, and what can be changed in it."""
+
+    text: str
+
+    def __post_init__(self) -> None:
+        counter = Mutator()
+        counter.visit(ast.parse(self.text))
+        self.places = counter.places
+
+    def mutant(self, place: int) -> tuple[str, str]:
+        """Return the description of a mutant and its text."""
+        mutator = Mutator(place)
+        changed = ast.unparse(ast.fix_missing_locations(mutator.visit(ast.parse(self.text))))
+        return f"{place}, {mutator.changed}", changed
+
+    def drawn(self, most: int, seed: int) -> list[int]:
+        """Return the places to change, in random order; more of them begin with the same ones."""
+        places = list(range(self.places))
+        random.Random(f"{seed} {self.text}").shuffle(places)
+        return places[:most]
 
 
-def dies(tree: Path, tests: tuple[str, ...], module: Path, source: str) -> bool:
-    """Return whether a test fails with this source of a module."""
-    original = (tree / module).read_text()
-    (tree / module).write_text(source)
-    environment = os.environ | {"PYTHONPATH": str(tree / "src"), "OPENBLAS_NUM_THREADS": "1"}
-    caches = [tree / "numba"] if "njit" in original else []  # compiled callers contain the code of the original
-    if caches:
-        environment["NUMBA_CACHE_DIR"] = str(caches[0])
-    command = [sys.executable, "-m", "pytest", "-n0", "-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", *tests]
-    try:
-        return subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=SECONDS).returncode != 0
-    except subprocess.TimeoutExpired:
-        return True
-    finally:
-        (tree / module).write_text(original)
-        for folder in caches:
-            shutil.rmtree(folder, ignore_errors=True)
+class Order:
+    """Plugin of pytest: the tests that killed before come first; what fails is remembered."""
+
+    def __init__(self, kills: Counter[str]) -> None:
+        self.kills, self.failed = kills, ""
+
+    def pytest_collection_modifyitems(self, items: list) -> None:
+        items.sort(key=lambda item: -self.kills[item.nodeid])
+
+    def pytest_runtest_logreport(self, report) -> None:  # type: ignore[no-untyped-def]
+        if report.failed:
+            self.failed = report.nodeid
+
+
+@dataclass
+class Bench:
+    """Copy of a tree in which mutants are tested."""
+
+    tree: Path
+    package: str = PACKAGE
+    kills: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        self.src, self.now = self.tree / "src", 2_000_000_000
+        self.log = self.tree.parent / "log"
+        os.environ |= {
+            "PYTHONPATH": str(self.src),
+            "NUMBA_CACHE_DIR": str(self.tree.parent / "numba"),
+            "OPENBLAS_NUM_THREADS": "1",
+        }
+        sys.path.insert(0, str(self.src))
+        for module in pkgutil.walk_packages([str(self.src / self.package)], f"{self.package}."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+        for name in [name for name in sys.modules if name.partition(".")[0] == self.package]:
+            del sys.modules[name]  # the other libraries stay
+        import hypothesis
+
+        phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # a failure need not be shrunk
+        hypothesis.settings.register_profile(
+            "mutants", deadline=None, derandomize=True, database=None, phases=phases, max_examples=25
+        )
+        hypothesis.settings.load_profile("mutants")
+
+    def normalised(self, module: str) -> Source:
+        """Return a module, written as its mutants are."""
+        path = self.src / self.package / module
+        source, when = Source(path.read_text()), path.stat().st_mtime_ns
+        path.write_text(ast.unparse(ast.parse(source.text)))
+        os.utime(path, ns=(when, when))
+        return source
+
+    def passes(self, tests: tuple[str, ...], seconds: float = 3600.0) -> tuple[bool, float]:
+        """Return whether the tests pass, and their processor time [s]."""
+        before, told = resource.getrusage(resource.RUSAGE_CHILDREN), self.tree / "killer"
+        told.unlink(missing_ok=True)
+        child = os.fork()
+        if not child:
+            self._test(tests, seconds, told)
+        status = os.waitpid(child, 0)[1]
+        if told.exists():
+            self.kills[told.read_text()] += 1
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return status == 0, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    def _test(self, tests: tuple[str, ...], seconds: float, told: Path) -> None:
+        try:
+            import pytest
+
+            os.chdir(self.tree)
+            quiet = os.open(self.log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(quiet, 1)
+            os.dup2(quiet, 2)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds) + 1, int(seconds) + 1))
+            resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+            order = Order(self.kills)
+            options = ["-n0", "-x", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
+            options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # hypothesis is imported already
+            status = int(pytest.main([*options, *tests], plugins=[order]))
+            if order.failed:
+                told.write_text(order.failed)
+        except BaseException:
+            traceback.print_exc()
+            status = 1
+        sys.stdout.flush()
+        os._exit(status)
+
+    def survives(self, module: str, text: str, tests: tuple[str, ...], seconds: float) -> bool:
+        """Return whether the tests pass with this text of a module."""
+        path, self.now = self.src / self.package / module, self.now + 1
+        original, when = path.read_text(), path.stat().st_mtime_ns
+        try:
+            path.write_text(text)
+            os.utime(path, (self.now, self.now))  # no mutant is taken for another that was compiled earlier
+            return self.passes(tests, seconds)[0]
+        finally:
+            path.write_text(original)
+            os.utime(path, ns=(when, when))
+
+
+_COMPILED = re.compile(r"^@(njit|compiled)", re.MULTILINE)
+
+
+def examine(bench: Bench, room: Room, done: dict, most: int, seed: int, keep: Callable[[], None]) -> None:
+    """Test the mutants of a room that are not killed yet; `done` has an entry for each module, kept after each one."""
+    import numba
+
+    sources = {module: bench.normalised(module) for module in room.modules}
+    assert room.interpreted or not any(_COMPILED.search(source.text) for source in sources.values())
+    numba.config.DISABLE_JIT = room.interpreted
+    passed, seconds = bench.passes(room.tests)
+    if not passed:
+        raise SystemExit(f"the tests fail without a mutant:\n{bench.log.read_text()}")
+    print(f"{seconds:.0f} s of processor time without a mutant", flush=True)
+    for module, source in sources.items():
+        digest = hashlib.sha256(source.text.encode()).hexdigest()[:16]
+        if done.get(module, {}).get("sha256") != digest:
+            done[module] = {"sha256": digest, "places": source.places, "killed": [], "alive": []}
+        outcome = done[module]
+        for place in source.drawn(most, seed):
+            what, text = source.mutant(place)
+            if what in outcome["killed"]:
+                continue
+            alive = bench.survives(module, text, room.tests, CPU_SECONDS + 3.0 * seconds)
+            outcome["alive"] = [other for other in outcome["alive"] if other != what] + [what] * alive
+            outcome["killed"] += [what] * (not alive)
+            keep()
+            print("ALIVE " if alive else "killed", module, what, flush=True)
+
+
+def table(done: dict) -> str:
+    """Return the counts by room and module as a table in Markdown."""
+    lines = [
+        "| module | places | mutants | killed | alive | share killed |",
+        "| --- | ---: | ---: | ---: | ---: | --- |",
+    ]
+    rooms: list[list[int]] = []
+    for room, modules in done.items():
+        counts = [[entry["places"], len(entry["killed"]), len(entry["alive"])] for entry in modules.values()]
+        lines += [_row(f"`{module}`", count) for module, count in zip(modules, counts, strict=True)]
+        rooms.append([sum(column) for column in zip(*counts, strict=True)])
+        lines.append(_row(f"**{room}**", rooms[-1]))
+    return "\n".join([*lines, _row("**all**", [sum(column) for column in zip(*rooms, strict=True)])])
+
+
+def _row(name: str, counts: list[int]) -> str:
+    from scipy.stats import binomtest
+
+    places, killed, alive = counts
+    made = killed + alive
+    share = f"{100 * killed / made:.0f} %"
+    if made < places:
+        low, high = binomtest(killed, made).proportion_ci()
+        share += f" ({100 * low:.0f} to {100 * high:.0f} %)"
+    return f"| {name} | {places} | {made} | {killed} | {alive} | {share} |"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=TARGETS, nargs="*", default=list(TARGETS))
+    parser.add_argument("--only", choices=ROOMS, nargs="*", default=list(ROOMS))
     parser.add_argument("--most", type=int, default=40, help="mutants of each module")
+    parser.add_argument("--seed", type=int, default=1, help="of the sample")
     parser.add_argument("--out", type=Path, default=Path("mutation.json"), help="file of what is done")
+    parser.add_argument("--folder", type=Path, help="for the copy of the tree and its compiled functions, to be kept")
     asked = parser.parse_args()
-    done: dict[str, dict[str, bool]] = json.loads(asked.out.read_text()) if asked.out.exists() else {}
-    with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "tree"
-        shutil.copytree(
-            ROOT, tree, ignore=shutil.ignore_patterns(".git", ".venv", "site", ".mypy_cache"), symlinks=True
-        )
+    done: dict = json.loads(asked.out.read_text()) if asked.out.exists() else {}
+    with tempfile.TemporaryDirectory() as temporary:
+        tree = (asked.folder or Path(temporary)).resolve() / "tree"
+        shutil.rmtree(tree, ignore_errors=True)
+        leave = shutil.ignore_patterns(".git", ".venv", "site", "*_cache", "__pycache__")
+        shutil.copytree(ROOT, tree, ignore=leave, symlinks=True)
+        bench = Bench(tree)
         for name in asked.only:
-            for module in TARGETS[name].modules:
-                before = done.setdefault(module, {})
-                for what, source in mutants((tree / SRC / module).read_text(), asked.most):
-                    if what not in before:
-                        before[what] = dies(tree, TARGETS[name].tests, SRC / module, source)
-                        asked.out.write_text(json.dumps(done, indent=1))
-                        print("killed  " if before[what] else "SURVIVED", module, what, flush=True)
-    print(f"\n{'module':40} killed")
-    for module, outcome in done.items():
-        print(f"{module:40} {sum(outcome.values())} of {len(outcome)}")
-    everything = [dead for outcome in done.values() for dead in outcome.values()]
-    print(f"{'all':40} {sum(everything)} of {len(everything)}, {100 * np.mean(everything):.0f} %")
+            modules = done.setdefault(name, {})
+            examine(bench, ROOMS[name], modules, asked.most, asked.seed, lambda: _write(asked.out, done))
+    print(table(done))
+
+
+def _write(out: Path, done: dict) -> None:
+    in_order = {name: done[name] for name in ROOMS if name in done}
+    out.with_suffix(".new").write_text(json.dumps(in_order, indent=1) + "\n")
+    out.with_suffix(".new").replace(out)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from capsbayes.diagnosis.scoring import Scores, log_likelihood, log_of_measured, population
+from capsbayes.diagnosis import scoring
+from capsbayes.diagnosis.scoring import Scores, Trial, log_likelihood, log_of_measured, population
 from capsbayes.effects import catalogue
 
 MISFIT = np.array([3.0, 9.5, 1.2, 6.0])
@@ -95,3 +96,135 @@ def test_an_independent_measurement_is_a_normal_likelihood():
     assert log_of_measured(0.03, None) == 0.0
     assert log_of_measured(0.03, (0.02, 0.005)) == pytest.approx(-2.0)
     assert log_of_measured(0.01, (0.02, 0.005)) == pytest.approx(-2.0)
+
+
+def test_what_is_unlike_by_far_has_its_whole_spread():
+    values = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    people = population(values, np.full(5, 1e-6))
+    assert people.mean == pytest.approx(0.0, abs=1e-9)
+    assert people.spread == pytest.approx(np.sqrt(2.0), rel=1e-3)
+
+
+def test_better_known_values_count_more():
+    people = population(np.array([1.0, 1.3]), np.array([0.01, 0.04]))
+    assert people.spread == 0.0
+    assert people.mean == pytest.approx((4.0 * 1.0 + 1.0 * 1.3) / 5.0)
+
+
+def test_the_size_and_its_interval_are_said_in_the_unit_of_the_parameter(scores):
+    symbol = scores.effect.parameter.symbol
+    assert str(scores) == f"{scores.effect.name}, {symbol} = 0.03 [0.02, 0.04]"
+
+
+def test_sizes_that_are_as_likely_are_the_nearest_to_nothing():
+    effect = catalogue()["pixel_scale"]
+    sizes = np.array([-0.04, -0.02, 0.0, 0.03, 0.05])
+    for totals, best in (
+        ([0.0, 0.0, 0.0, 0.0, 0.0], 0.0),
+        ([3.0, 3.0, 0.0, 3.0, 3.0], -0.02),
+        ([0.0, 0.0, 0.0, 1e-8, 1e-8], 0.0),
+        ([0.0, 0.0, 0.0, 1e-4, 0.0], 0.03),
+    ):
+        scores = Scores(effect, sizes, np.array(totals)[:, None], np.zeros(5), np.ones(5))
+        assert scores.size == best, totals
+        assert scores.sizes[scores.null] == 0.0
+
+
+def test_an_interval_ends_where_the_sizes_do(scores):
+    for total, ends in ((100.0 * scores.sizes, (0.095, 0.1)), (-100.0 * scores.sizes, (0.0, 0.005))):
+        steep = Scores(scores.effect, scores.sizes, total[:, None], np.zeros(len(total)), np.ones(len(total)))
+        assert steep.interval() == pytest.approx(ends, abs=1e-6)
+
+
+class Doubled:
+    """Model that can be added to; what it predicts is replaced."""
+
+    def __add__(self, effect):
+        return self
+
+
+@pytest.fixture
+def trial(monkeypatch):
+    """Return how to try an effect whose misfit is a parabola of its size, and the sizes that were tried."""
+    effect, tried = catalogue()["pixel_scale"], []
+
+    def start(top, error, height=20.0, measured=None, curve=lambda away: away**2):
+        def fits_at(size):
+            tried.append((size, ()))
+            misfit = np.array([0.25, 0.75]) * (height + curve((size - top) / error))
+            covariance = np.tile(0.01 * np.eye(2), (2, 1, 1))
+            return SimpleNamespace(
+                known=np.ones(2, bool),
+                misfit=misfit,
+                log_modulus=np.zeros(2),
+                covariance=covariance,
+                theta=np.full((2, 2), size),
+                median_modulus=np.exp(size),
+            )
+
+        def refitted(model, session, white, sizes, begin, *, everywhere):
+            made = fits_at(sizes[effect.parameter.name])
+            tried[-1] = (tried[-1][0], (float(begin[0, 0]), everywhere))
+            return made
+
+        tried.clear()
+        monkeypatch.setattr(scoring, "fitted", refitted)
+        return Trial(Doubled(), effect, None, None, fits_at(effect.null_value), measured)
+
+    return start, tried
+
+
+@pytest.mark.parametrize(("top", "error"), [(0.013, 0.004), (-0.02, 0.002), (0.001, 0.01)])
+def test_refining_a_profile_finds_its_top_its_error_and_its_height(trial, top, error):
+    made = trial[0](top, error)
+    made.refine()
+    scores = made.scores
+    assert scores.size == pytest.approx(top, abs=0.05 * error)
+    assert scores.interval() == pytest.approx((top - error, top + error), abs=0.25 * error)
+    assert scores.log_likelihood_ratio == pytest.approx(0.5 * (top / error) ** 2, rel=0.01)
+    assert np.all(np.diff(scores.sizes) > 0.0)
+    assert len(scores.sizes) < 25
+
+
+def test_each_fit_begins_where_the_nearest_size_ended(trial):
+    trial[0](0.013, 0.004)
+    done = [0.0]
+    for size, (begin, _) in trial[1][1:]:
+        assert abs(begin - size) == pytest.approx(min(abs(other - size) for other in done))
+        done.append(size)
+    assert [everywhere for _, (_, everywhere) in trial[1][1:9]] == [True] * 8
+    assert not trial[1][-1][1][1]
+    first = [size for size, _ in trial[1][1:9]]
+    prior = catalogue()["pixel_scale"].prior
+    assert sorted(prior.distribution.cdf(first)) == pytest.approx([0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999])
+    assert np.all(np.diff(np.abs(first)) >= -1e-12)
+
+
+def test_an_effect_without_a_trace_is_tried_no_further(trial):
+    made = trial[0](0.0, 1.0, curve=lambda away: 0.0)
+    count = len(trial[1])
+    made.refine(3)
+    assert len(trial[1]) == count
+    assert made.scores.size == 0.0
+
+
+def test_a_profile_that_rises_to_its_end_is_halved_there(trial):
+    made = trial[0](0.5, 0.1)
+    last, end = made.scores.sizes[-3:-1], made.scores.sizes[-1]
+    assert made.scores.size == end
+    assert last[1] == pytest.approx(0.5 * (last[0] + end))
+    made = trial[0](-0.5, 0.1)
+    first, then = made.scores.sizes[0], made.scores.sizes[1:3]
+    assert then[0] == pytest.approx(0.5 * (first + then[1]))
+
+
+def test_a_measured_size_and_the_capsules_are_weighed_by_their_precision(trial):
+    made = trial[0](0.02, 0.004).with_measured((0.01, 0.003))
+    made.refine(3)
+    weights = np.array([0.004, 0.003]) ** -2.0
+    assert made.scores.size == pytest.approx(weights @ [0.02, 0.01] / weights.sum(), abs=2e-4)
+    elsewhere = dict(zip(made.scores.sizes, made.scores.elsewhere, strict=True))
+    assert elsewhere[0.0] == pytest.approx(norm.logpdf(0.0, 0.01, 0.003) - norm.logpdf(0.0, 0.0, 0.003))
+    assert made.with_measured((0.01, 0.003)) is made
+    for sigma in (-2.0, -1.0, 0.0, 1.0, 2.0):
+        assert np.abs(made.scores.sizes - (0.01 + 0.003 * sigma)).min() < 1e-12

@@ -99,3 +99,39 @@ def test_the_error_of_the_half_width_widens_lengths_over_l():
 def test_outside_the_domain_there_is_no_density(model):
     points = model({"capillary_number": np.array([0.3]), "size_ratio": np.array([0.9])})
     assert np.isnan(LengthsLikelihood.of(measured()).log_density(ModelAtPoints.of(points)))[0]
+
+
+def test_points_are_taken_and_joined_with_all_their_numbers(points):
+    model = ModelAtPoints.of(points)
+    assert model.outline is None
+    parts = model.taken(np.array([0])), model.taken(slice(1, 3))
+    with_outline = [part._replace(outline=np.full(len(part.extent), 2.0)) for part in parts]
+    for first, rest, outline in ((*parts, None), (*with_outline, [2.0, 2.0, 2.0])):
+        joined = first.joined(rest)
+        for name in model._fields[:-2]:
+            np.testing.assert_array_equal(getattr(joined, name), getattr(model, name))
+        np.testing.assert_array_equal(joined.outline, outline)
+
+
+def test_lengths_over_l_do_not_read_the_half_width(points):
+    seen, model = LengthsLikelihood.of(measured()), ModelAtPoints.of(points)
+    np.testing.assert_array_equal(seen.log_density(model, WIDTH), seen.log_density(model))
+    assert seen.with_half_width(WIDTH, 1e-6) is seen
+
+
+def test_over_a_known_half_width_lengths_in_metres_are_those_over_it(points):
+    over, model = measured(), ModelAtPoints.of(points)
+    lengths = {"axial_extent": 2.13 * WIDTH, "axial_length": 1.80 * WIDTH}
+    errors = {"axial_extent_error": 0.02 * WIDTH, "axial_length_error": 0.01 * WIDTH}
+    seen = LengthsLikelihood.of(measured(**lengths, **errors, over_half_width=False))
+    rest = {"axial_length": None, "axial_length_error": None}
+    for metres, expected, powers in (
+        (seen, LengthsLikelihood.of(over), 2),
+        (LengthsLikelihood.of(measured(**lengths | errors | rest, over_half_width=False)),
+         LengthsLikelihood.of(measured(**rest)), 1),
+    ):  # fmt: skip
+        density = metres.log_density(model, WIDTH)
+        np.testing.assert_allclose(density, expected.log_density(model) - powers * np.log(WIDTH))
+        np.testing.assert_allclose(metres.distance(model, WIDTH), expected.distance(model))
+        np.testing.assert_allclose(metres.velocity_ratio(model, WIDTH), expected.velocity_ratio(model))
+        np.testing.assert_allclose(metres.with_half_width(WIDTH, 0.0).log_density(model), expected.log_density(model))

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal, norm
 
 from capsbayes.errors import InputError
-from capsbayes.infer.outline.likelihood import OutlineLikelihood, aligned_with
+from capsbayes.infer.outline.likelihood import (
+    OutlineLikelihood,
+    SilhouetteLength,
+    aligned_with,
+    check_view_of,
+    outline_likelihood,
+)
 from capsbayes.infer.outline.normal_distance import normal_distances, posed_on
-from capsbayes.measured_outline import OutlineNoise, Pose
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 
@@ -153,3 +162,119 @@ def test_the_models_own_error_widens_the_posterior(model):
 def test_wrong_errors_are_refused(wrong):
     with pytest.raises(InputError, match=f"OutlineNoise: {next(iter(wrong))}: expected"):
         OutlineNoise(**({"scale": 0.01, "correlation_length": 0.2} | wrong))
+
+
+COUNT = 24
+ANGLE = 2.0 * np.pi * np.arange(COUNT) / COUNT
+CIRCLE = np.stack([np.cos(ANGLE), np.sin(ANGLE)], axis=1)
+SMOOTH, POSE = OutlineNoise(0.02, 0.7, 0.25), Pose(along=0.3, across=0.5, tilt=0.05, offset=0.01)
+NOSE = 0
+
+
+def of_circle(noise=SMOOTH, pose=POSE, modes=None, length=None):
+    return OutlineLikelihood(0.9 * CIRCLE, noise, 0.9 * CIRCLE, pose, modes, length)
+
+
+def covariance_of_circle(noise=SMOOTH, pose=POSE):
+    """Of normal distances: noise, shifts along and across, and an offset of all; a turn changes nothing."""
+    shifts = pose.along**2 * np.outer(*[np.cos(ANGLE)] * 2) + pose.across**2 * np.outer(*[np.sin(ANGLE)] * 2)
+    return noise.covariance(0.9 * CIRCLE) + shifts + pose.offset**2
+
+
+def test_the_density_of_a_circle_is_that_of_its_distances_with_all_that_may_have_moved_them():
+    radii = np.array([0.89, 0.9, 0.93])
+    found = of_circle().log_density(radii[:, None, None] * CIRCLE)
+    expected = [
+        multivariate_normal(cov=covariance_of_circle()).logpdf(np.full(COUNT, 0.9 - radius)) for radius in radii
+    ]
+    # the farther edge of a polygon is nearer than its vertex
+    np.testing.assert_allclose(found, expected, rtol=2e-3)
+
+
+def test_errors_of_the_model_add_to_the_covariance_where_the_points_are():
+    modes = np.stack([np.cos(2.0 * ANGLE), np.full(COUNT, 0.5)]) * 0.01
+    found = of_circle(modes=modes).log_density(0.92 * CIRCLE[None])
+    covariance = covariance_of_circle() + modes.T @ modes
+    expected = multivariate_normal(cov=covariance).logpdf(np.full(COUNT, -0.02))
+    assert found[0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_displacements_are_interpolated_between_the_vertices_of_the_pilot():
+    """A displacement as the cosine of the angle is a shift along the flow, seen from points off the vertices."""
+    fine = 2.0 * np.pi * np.arange(400) / 400
+    pilot = 0.9 * np.stack([np.cos(fine), np.sin(fine)], axis=1)
+    turned = 2.0 * np.pi * (np.arange(COUNT) + 0.013) / COUNT
+    points = 0.9 * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+    seen = OutlineLikelihood(points, OutlineNoise(0.01, 0.0), pilot, Pose(1e-9, 1e-9, 1e-9))
+    np.testing.assert_allclose(seen.whitened_displacement(np.cos(fine)[None])[0], np.cos(turned) / 0.01, atol=0.05)
+
+
+@pytest.mark.parametrize("length", [None, SilhouetteLength(1.5, 0.03, 0.01)])
+def test_a_displacement_outwards_changes_the_residuals_as_a_smaller_prediction_does(length):
+    """L_a ends at the nose, which is displaced too."""
+    seen = of_circle(length=length)
+    white = seen.whitened(np.stack([0.9 * CIRCLE, 0.89 * CIRCLE]), np.array([1.5, 1.49]))
+    np.testing.assert_allclose(white[1] - white[0], seen.whitened_displacement(np.full((1, COUNT), 0.01))[0], atol=0.02)
+
+
+def test_a_length_whose_error_is_its_own_is_a_further_factor_of_the_density():
+    noise, pose = OutlineNoise(0.02, 0.7, 1.0), Pose(offset=0.0)
+    outlines = np.stack([0.9 * CIRCLE, 0.92 * CIRCLE])
+    without = of_circle(noise, pose).log_density(outlines)
+    found = of_circle(noise, pose, length=SilhouetteLength(1.5, 0.03, 0.04)).log_density(outlines, np.array([1.5, 1.6]))
+    np.testing.assert_allclose(found - without, norm.logpdf([0.0, 0.1], 0.0, 0.05), rtol=1e-6)
+
+
+def test_a_length_shares_the_error_of_the_nose():
+    """The smooth noise at the nose and the offset of all edges move L_a with the outline."""
+    found = of_circle(length=SilhouetteLength(1.5, 0.05, 0.02)).log_density(0.9 * CIRCLE[None], np.array([1.45]))
+    smooth = 0.75 * OutlineNoise(0.02, 0.7).covariance(0.9 * CIRCLE)[NOSE] + 0.01**2
+    covariance = np.block([[covariance_of_circle(), smooth[:, None]], [smooth, np.array(0.05**2 + 0.02**2)]])
+    expected = multivariate_normal(cov=covariance).logpdf([*np.zeros(COUNT), 0.05])
+    assert found[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_no_more_of_the_error_of_a_length_is_that_of_the_nose_than_nine_tenths():
+    """With an error smaller than that of the nose itself, a correlation of 0.9 with the smooth error there is left."""
+    error, smooth = 0.005, np.sqrt(0.75 * 0.02**2 + 0.01**2)
+    seen = of_circle(length=SilhouetteLength(1.5, error))
+    covariance = seen._factor @ seen._factor.T
+    assert covariance[-1, -1] == pytest.approx(error**2)
+    assert covariance[-1, NOSE] == pytest.approx(0.9 * error * smooth)
+
+
+class CircleModel:
+    """Circles of the radius a/l, whose own error is uniform all around."""
+
+    name, view = "circles", "mid-plane"
+
+    def __call__(self, theta, *, outline):
+        size = theta["size_ratio"]
+        covariance = np.zeros((len(size), 3, 3))
+        covariance[:, 0, 0], covariance[:, 1, 1] = 0.5**2, 0.02**2
+        return SimpleNamespace(outline=size[:, None, None] * CIRCLE, axial_length=1.7 * size, covariance=covariance)
+
+    def outline_modes(self, **theta):
+        return np.full((1, COUNT), 0.01)
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+def test_the_likelihood_of_a_measurement_has_the_own_error_of_the_model_at_the_pilot(scale):
+    model, seen = CircleModel(), MeasuredOutline(0.9 * CIRCLE, SMOOTH, Pose(offset=0.0))
+    found = outline_likelihood(model, seen, {"size_ratio": 0.9}, scale, length=(1.53, 0.05))
+    own = Pose(offset=0.01 * scale)
+    smooth = 0.75 * OutlineNoise(0.02, 0.7).covariance(0.9 * CIRCLE)[NOSE]
+    of_outline = covariance_of_circle(pose=Pose()) + own.offset**2
+    covariance = np.block([[of_outline, smooth[:, None]], [smooth, np.array(0.05**2 + (0.02 * scale) ** 2)]])
+    expected = multivariate_normal(cov=covariance).logpdf(np.zeros(COUNT + 1))
+    assert found.at(model, {"size_ratio": np.array([0.9])})[0] == pytest.approx(expected, rel=1e-3)
+    alone = outline_likelihood(model, seen, {"size_ratio": 0.9}, scale)
+    assert alone.at(model, {"size_ratio": np.array([0.9])})[0] == pytest.approx(
+        multivariate_normal(cov=of_outline).logpdf(np.zeros(COUNT)), rel=1e-3
+    )
+
+
+def test_a_model_of_another_view_is_refused():
+    seen = MeasuredOutline(0.9 * CIRCLE, SMOOTH, view="silhouette")
+    with pytest.raises(InputError, match=r'outline.view: expected "mid-plane", that of .* circles, got "silhouette"'):
+        check_view_of(CircleModel(), seen)

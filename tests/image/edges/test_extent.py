@@ -1,0 +1,58 @@
+"""The furthest point of an ellipse, whose distance and error are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from known_outlines import ellipse, noisy
+
+from capsbayes.image.edges.extent import EDGE_FLOOR, furthest_point
+
+
+@pytest.mark.parametrize(("a", "b"), [(30.0, 30.0), (40.0, 20.0), (20.0, 40.0)])
+@pytest.mark.parametrize("tilt", [0.0, 0.7, 3.0])
+def test_it_is_the_end_of_an_axis_however_the_ellipse_lies(a, b, tilt):
+    direction = np.array([np.cos(tilt), np.sin(tilt)])
+    outline = ellipse(a, b, tilt=tilt)
+    found = furthest_point(outline, direction, 0.0)
+    assert found.distance == pytest.approx(direction @ [40.0, 30.0] + a, abs=0.01)
+    there = furthest_point(outline, -direction, 0.0)
+    assert found.distance + there.distance == pytest.approx(2.0 * a, abs=0.02)
+
+
+@pytest.mark.parametrize(("point", "shared"), [(0.2, 0.0), (0.0, 0.15)])
+def test_its_error_is_the_scatter_of_outlines_with_such_errors(point, shared):
+    outline = ellipse(30.0, 28.0, point=point, shared=shared, arcs=20)
+    rng, along = np.random.default_rng(3), np.array([1.0, 0.0])
+    found = [
+        furthest_point(replace(outline, points=noisy(outline, rng, within_arcs=False)), along, 0.0) for _ in range(400)
+    ]
+    assert np.mean([one.distance for one in found]) == pytest.approx(70.0, abs=0.1)
+    stated = np.mean([one.variance - one.systematic for one in found])
+    assert np.var([one.distance for one in found]) == pytest.approx(stated, rel=0.3)
+
+
+def test_errors_that_are_larger_than_stated_widen_it():
+    outline = ellipse(30.0, 28.0, point=0.05)
+    along, rng = np.array([1.0, 0.0]), np.random.default_rng(4)
+    found = []
+    for _ in range(200):
+        points = noisy(replace(outline, point_error=np.full(240, 0.4)), rng, within_arcs=False)
+        found.append(furthest_point(replace(outline, points=points), along, 0.0))
+    stated = np.mean([one.variance - one.systematic for one in found])
+    assert np.var([one.distance for one in found]) == pytest.approx(stated, rel=0.4)
+
+
+def test_what_all_pictures_share_is_the_floor_and_the_misfit_of_the_model():
+    """The first term that the model lacks grows with the square of the edge's width."""
+    along = np.array([1.0, 0.0])
+    sharp, blurred = (furthest_point(ellipse(30.0, 30.0, width=width), along, 0.02) for width in (1.0, 3.0))
+    assert sharp.systematic == pytest.approx(0.02**2 + EDGE_FLOOR**2)
+    assert blurred.systematic == pytest.approx(0.18**2 + EDGE_FLOOR**2)
+    assert sharp.variance >= sharp.systematic
+
+
+def test_next_to_a_sharp_tip_few_points_count():
+    """An ellipse twelve times as long as it is broad is no quartic over many points."""
+    found = furthest_point(ellipse(60.0, 5.0, point=0.02), np.array([1.0, 0.0]), 0.0)
+    assert found.distance == pytest.approx(100.0, abs=0.06)

@@ -1,0 +1,75 @@
+"""The edge of a dark disc in a picture without walls."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from capsbayes.image.edges.outline import locate_edge, pixel_noise
+
+RADIUS, CENTRE, FINE = 20.0, np.array([34.3, 31.8]), 5
+
+
+def disc(blur=1.2, noise=0.0, seed=1):
+    """Light of a disc (rows, columns), drawn on pixels five times finer and blurred there."""
+    fine = (np.arange(68 * FINE) + 0.5) / FINE - 0.5
+    inside = np.hypot(fine - CENTRE[0], fine[: 64 * FINE, None] - CENTRE[1]) < RADIUS
+    light = gaussian_filter(1.0 - 0.4 * inside, blur * FINE, mode="nearest")
+    light = light.reshape(64, FINE, 68, FINE).mean(axis=(1, 3))
+    return light + noise * np.random.default_rng(seed).standard_normal(light.shape)
+
+
+def polygon(radius=RADIUS + 0.7, count=60):
+    angle = 2.0 * np.pi * np.arange(count) / count
+    return CENTRE + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def off(outline):
+    return np.hypot(*(outline.points - CENTRE).T) - RADIUS
+
+
+@pytest.mark.parametrize("blur", [0.8, 1.2, 2.5])
+def test_the_edge_of_a_disc_is_its_circle_with_the_width_of_the_blur(blur):
+    outline = locate_edge(disc(blur), polygon(), 1e-3)
+    assert np.sqrt(np.mean(off(outline) ** 2)) < 0.04
+    assert abs(off(outline).mean()) < 0.015
+    assert np.median(outline.edge_width) == pytest.approx(np.hypot(blur, 1.0 / np.sqrt(12.0)), rel=0.05)
+    outward = (outline.points - CENTRE) / np.hypot(*(outline.points - CENTRE).T)[:, None]
+    assert np.sum(outward * outline.normals, axis=1).min() > 0.99
+    steps = np.hypot(*np.diff(outline.points, axis=0).T)
+    assert 1.0 < steps.min() <= steps.max() < 1.6
+    assert np.all(np.diff(outline.arc) >= 0)
+    assert 12.0 < 2.0 * np.pi * RADIUS / (outline.arc[-1] + 1) < 24.0
+
+
+def test_errors_of_the_points_are_the_scatter_of_noisy_pictures():
+    noise = 0.01
+    places, stated, shared = [], [], []
+    for seed in range(40):
+        outline = locate_edge(disc(noise=noise, seed=seed), polygon(), noise)
+        at = off(outline)
+        means = np.array([at[outline.arc == arc].mean() for arc in range(outline.arc[-1] + 1)])
+        places.append(np.var(at - means[outline.arc]))
+        shared.append((np.var(means), np.mean(outline.arc_error**2)))
+        stated.append(np.mean(outline.point_error**2))
+    assert np.mean(places) == pytest.approx(np.mean(stated), rel=0.35)
+    scatter, expected = np.mean(shared, axis=0)
+    assert scatter == pytest.approx(expected, rel=0.6)
+
+
+def test_twice_the_noise_is_twice_the_error():
+    one, two = (locate_edge(disc(), polygon(), noise) for noise in (0.01, 0.02))
+    np.testing.assert_allclose(two.point_error, 2.0 * one.point_error)
+    np.testing.assert_allclose(two.arc_error, 2.0 * one.arc_error)
+
+
+def test_a_picture_without_a_jump_has_no_edge():
+    noise = 0.01 * np.random.default_rng(1).standard_normal((64, 68))
+    assert locate_edge(1.0 + noise, polygon(), 0.01) is None
+    assert locate_edge(2.0 - disc(), polygon(), 0.01) is None  # brighter inside
+
+
+def test_the_noise_of_a_pixel_is_found_next_to_slopes_and_shapes():
+    assert pixel_noise(disc(noise=0.02)) == pytest.approx(0.02, rel=0.08)
+    slope = 0.05 * np.arange(300.0) + 0.02 * np.random.default_rng(2).standard_normal((200, 300))
+    assert pixel_noise(slope) == pytest.approx(0.02, rel=0.03)
+    assert pixel_noise(np.ones((20, 20))) == 1e-6

@@ -1,0 +1,75 @@
+"""A dark parabola behind a dark rear end, drawn in closed form."""
+
+import numpy as np
+import pytest
+
+from capsbayes.image.edges.rear import find_rear
+
+END, LENGTH, HALF_HEIGHT = np.array([20.0, 40.0]), 100.0, 34.0
+
+
+def picture(depth=24.0, curvature=-0.02, width=3.0, dark=0.3, noise=0.0, seed=1):
+    """Light (rows, columns) of a capsule that moves to the right."""
+    y, x = np.mgrid[0:80, 0:140].astype(float)
+    from_end = x - END[0]
+    light = 1.0 - 0.3 * np.exp(-0.5 * (from_end / 2.0) ** 2) - 0.1 * (from_end > 0.0)
+    band = from_end - depth - 0.5 * curvature * (y - END[1]) ** 2
+    light -= dark * np.exp(-0.5 * (band / width) ** 2)
+    return light + noise * np.random.default_rng(seed).standard_normal(light.shape)
+
+
+def found(light, end=END, inwards=(1.0, 0.0), blur=0.0, noise=1e-3):
+    return find_rear(light, np.asarray(end, float), np.array(inwards), LENGTH, HALF_HEIGHT, blur, noise)
+
+
+@pytest.mark.parametrize(("depth", "curvature"), [(24.0, -0.02), (15.0, 0.0), (35.3, -0.035)])
+@pytest.mark.parametrize("width", [2.0, 3.5])
+def test_the_band_is_found_where_it_crosses_the_axis(depth, curvature, width):
+    rear = found(picture(depth, curvature, width))
+    assert rear.depth == pytest.approx(depth, abs=0.06)
+    assert rear.curvature == pytest.approx(curvature, abs=0.002)
+    assert rear.width == pytest.approx(width, rel=0.35)
+    assert 0.6 * 0.3 * HALF_HEIGHT < rear.breadth <= 0.3 * HALF_HEIGHT
+    assert rear.systematic < rear.depth_error**2 <= rear.systematic + 0.05**2
+
+
+def test_it_is_the_same_from_either_side():
+    mirrored = picture()[:, ::-1]
+    left, right = found(mirrored, (139.0 - END[0], END[1]), (-1.0, 0.0)), found(picture())
+    assert left.depth == pytest.approx(right.depth, abs=0.01)
+    assert left.curvature == pytest.approx(right.curvature, abs=1e-3)
+    downwards = found(picture().T, END[::-1], (0.0, 1.0))
+    assert downwards.depth == pytest.approx(right.depth, abs=0.01)
+
+
+def test_a_blur_across_the_axis_of_a_curved_band_is_taken_off():
+    """The mean over a blur of standard deviation b shifts a parabola of curvature c by c b^2 / 2."""
+    plain, blurred = found(picture()), found(picture(), blur=3.0)
+    assert blurred.depth - plain.depth == pytest.approx(0.5 * 0.02 * 9.0, abs=0.005)
+
+
+def test_its_error_holds_the_scatter_of_noisy_pictures():
+    seen = [found(picture(noise=0.02, seed=seed), noise=0.02) for seed in range(40)]
+    own = np.mean([rear.depth_error**2 - rear.systematic for rear in seen])
+    assert np.var([rear.depth for rear in seen]) == pytest.approx(own, rel=0.6)
+    assert np.mean([rear.depth for rear in seen]) == pytest.approx(24.0, abs=0.08)
+
+
+def test_the_misfit_of_the_model_is_larger_next_to_the_band_of_the_outer_edge():
+    near, far = found(picture(11.0, 0.0, 2.5)), found(picture(35.0, 0.0, 2.5))
+    assert near.systematic > 1.5 * far.systematic
+    assert 0.015 < np.sqrt(far.systematic) / far.width < 0.025
+
+
+@pytest.mark.parametrize(
+    "light",
+    [picture(dark=0.0), picture(dark=0.01), picture(depth=50.0, curvature=0.0), picture(depth=5.0, curvature=0.0)],
+    ids=["none", "too faint", "too deep", "within that of the outer edge"],
+)
+def test_where_no_band_is_distinct_there_is_no_rear(light):
+    assert found(light) is None
+
+
+def test_a_band_within_the_noise_is_none():
+    assert found(picture(dark=0.05), noise=0.001) is not None
+    assert found(picture(dark=0.05), noise=0.1) is None

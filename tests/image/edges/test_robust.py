@@ -1,0 +1,58 @@
+"""Lines with outliers."""
+
+import numpy as np
+import pytest
+
+from capsbayes.image.edges.robust import fit_without_outliers, robust_spread
+
+X = np.linspace(-1.0, 1.0, 41)
+DESIGN = np.stack([np.ones_like(X), X], axis=1)
+
+
+def fit(values, *, floor=0.01, enough=2, rounds=3, kept=None):
+    kept = np.ones(len(X), bool) if kept is None else kept
+    return fit_without_outliers(
+        DESIGN, values, kept, rounds=rounds, floor=floor, enough=lambda kept: kept.sum() >= enough
+    )
+
+
+def test_the_spread_of_normal_errors_is_their_standard_deviation():
+    errors = 3.0 * np.random.default_rng(1).standard_normal(100_000)
+    assert robust_spread(errors) == pytest.approx(3.0, rel=0.02)
+    assert robust_spread(np.concatenate([errors, np.full(1000, 1e6)])) == pytest.approx(3.0, rel=0.04)
+
+
+def test_outliers_are_left_out_and_the_rest_is_a_line():
+    values = 2.0 - 0.5 * X
+    values[[3, 30]] += [5.0, -1.0]
+    found = fit(values)
+    assert found.coefficients == pytest.approx([2.0, -0.5])
+    np.testing.assert_array_equal(np.flatnonzero(~found.kept), [3, 30])
+    assert found.variance == pytest.approx(0.0, abs=1e-20)
+    assert found.spread == 0.01
+    assert found.design.shape == (39, 2)
+
+
+def test_points_within_four_floors_stay():
+    values = 2.0 - 0.5 * X
+    values[20] += 0.035
+    assert fit(values).kept.all()
+    values[20] += 0.015
+    assert not fit(values).kept[20]
+
+
+def test_variance_and_cofactor_are_those_of_ordinary_least_squares():
+    """Unbiased over many lines with noise; the error of a mean of n points is one over n."""
+    rng = np.random.default_rng(2)
+    found = [fit(1.0 + 0.1 * rng.standard_normal(len(X)), floor=1.0) for _ in range(400)]
+    assert np.mean([one.variance for one in found]) == pytest.approx(0.01, rel=0.05)
+    scatter = np.cov([one.coefficients for one in found], rowvar=False)
+    np.testing.assert_allclose(0.01 * found[0].cofactor, scatter, atol=0.15 * scatter.max())
+    assert found[0].cofactor[0, 0] == pytest.approx(1.0 / 41.0)
+
+
+def test_without_enough_points_there_is_no_line():
+    assert fit(np.zeros(len(X)), enough=42) is None
+    few = X < -0.85
+    assert fit(np.zeros(len(X)), kept=few, enough=few.sum()) is not None
+    assert fit(np.zeros(len(X)), kept=few, enough=few.sum() + 1) is None
