@@ -10,6 +10,7 @@ from scipy import stats
 
 from capsbayes.errors import InputError
 from capsbayes.infer.many import Population, hierarchy
+from capsbayes.infer.many.distribution.importance import drawn
 from capsbayes.infer.many.distribution.log_posterior import LogPosterior, log_likelihood
 from capsbayes.infer.many.distribution.selection import Selection, kept_rows, limit_of
 from capsbayes.infer.many.distribution.tails import ScaleMixture, half_width_of
@@ -169,6 +170,40 @@ def test_share_beyond_the_limit_is_that_of_drawn_capsules(pyramid):
         np.testing.assert_allclose(share[0], wanted, atol=0.012, err_msg=tails)  # below Ca 0.003 it is kept, too
         assert lost.shape == share.shape
         assert number.sum() == len(population)
+
+
+def test_capsules_smaller_or_larger_than_those_of_the_model_are_in_the_sample(pyramid, population):
+    """Their number is known, unlike that of the soft ones; were they missing, sizes could be of any spread."""
+    selection = Selection.of(
+        population, np.ones(len(population), dtype=bool), population.limit, viscosity=0.85, half_width=25e-6
+    )
+    stiff = [np.log(50.0), 0.0, np.log(0.2), np.log(0.3), 0.0]
+    sizes = np.log([1e-6, 10e-6, 22e-6, 60e-6])
+    parameters = np.array([[stiff[0], size, *stiff[2:]] for size in sizes])
+    share, _, _ = selection.shares(parameters, ScaleMixture.normal(4), ScaleMixture.normal(4))
+    np.testing.assert_allclose(share, 1.0, atol=1e-9)
+    parameters[:, 0] = np.log(1e-4)
+    share, lost, _ = selection.shares(parameters, ScaleMixture.normal(4), ScaleMixture.normal(4))
+    np.testing.assert_allclose(lost, 1.0, atol=1e-9)
+    log_size, soft = np.repeat(sizes, 10), np.full(40, np.log(1e-4))
+    rng = np.random.default_rng(1)
+    assert not selection.holds(soft, log_size, np.zeros(40, dtype=int), rng).any()
+    assert selection.holds(soft + np.log(5e5), log_size, np.zeros(40, dtype=int), rng).all()
+
+
+def test_a_poor_first_proposal_is_improved():
+    """Ten standard deviations off, one draw has all the weight; the draws find the normal density even so."""
+
+    class Far:
+        tails, size = "normal", 1
+
+        def __call__(self, places):
+            return stats.norm.logpdf(places, loc=10.0).sum(axis=1)
+
+    draws, gates = drawn(Far(), (np.zeros(3), np.eye(3)), np.random.default_rng(1))
+    assert all(gate.passed for gate in gates)
+    np.testing.assert_allclose(draws.mean(axis=0), 10.0, atol=0.1)
+    np.testing.assert_allclose(draws.std(axis=0), 1.0, atol=0.1)
 
 
 def test_capsules_without_a_steady_shape_are_accounted_for(pyramid):

@@ -42,6 +42,7 @@ _UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
 _STORED = 500
 _HEAVY_TAILS, _LIGHT_TAILS = 0.02, 0.995  # p-values; light ones, which two groups have, hardly concern the spread
 _MERGED = 3  # neighbouring components of a capsule, where the sum goes over the parts of t distributions too
+_LEAST_SEEN = 0.1  # share of the population in the sample, below which the rest is extrapolated too far
 _LEAST = 1e-6  # share in the sample, below which the number of the others is not known
 _TAKING_PART = [status.name for status in Status if status.ok or status.name.startswith("LEANS")]
 
@@ -250,7 +251,10 @@ def hierarchy(
         **_spreads(log_posterior, parameters),
     }
     leaning = float(np.mean(population["status"][kept] == Status.LEANS_ON_BORDER.name))
-    missing, changes = _missing(log_posterior, place[0], parameters, seed) if existence else (np.empty(0), {})
+    missing, changes = np.empty(0), dict[str, float]()
+    if existence:
+        missing, changes, seen = _missing(log_posterior, place[0], parameters, seed)
+        gates.append(Gate("share of the population that has a steady shape", seen, least=_LEAST_SEEN))
     return Hierarchy(
         draws,
         without,
@@ -311,8 +315,8 @@ def _spreads(log_posterior: LogPosterior, parameters: Floats) -> dict[str, Float
 
 def _missing(
     log_posterior: LogPosterior, found: Floats, parameters: Floats, seed: int
-) -> tuple[Floats, dict[str, float]]:
-    """Return draws of the number of capsules that are too soft to be in the sample, and how they change the mode."""
+) -> tuple[Floats, dict[str, float], float]:
+    """Return draws of the number of capsules too soft to be in the sample, their effect on the mode, others' share."""
     assert log_posterior.selection is not None
     some = parameters[:: max(len(parameters) // _STORED, 1)]
     kept, lost, number = log_posterior.selection.shares(some, *log_posterior.mixtures(some))
@@ -320,7 +324,8 @@ def _missing(
     missing = np.random.default_rng([seed, 5]).negative_binomial(number, seen).sum(axis=1).astype(float)
     ignored = replace(log_posterior, selection=_without_limit(log_posterior.selection))
     changes = np.expm1(found[:2] - mode(ignored, found)[0][:2])
-    return missing, dict(zip(("surface_shear_modulus", "capsule_radius"), map(float, changes), strict=True))
+    named = dict(zip(("surface_shear_modulus", "capsule_radius"), map(float, changes), strict=True))
+    return missing, named, float(np.median(seen @ number / number.sum()))
 
 
 def _shared(population: Population, experiment: Experiment | None) -> tuple[Quantity, Quantity]:

@@ -18,7 +18,8 @@ _BUDGET = 1e9  # Gaussians that are evaluated for the draws: some ten seconds
 _STEP = 1e-3  # of the parameters, for derivatives
 _TOLERANCE = 1e-18  # of the log density, still to be gained at the mode: 1e-9 of its widths
 _POLISHED = 12  # steps at most that refine it
-_ROUNDS = 4
+_ROUNDS = 8
+_FEW = 0.1  # share of effective draws to which the proposal is fitted
 _FREEDOM = 8  # of the t distribution that is drawn from
 _LEAST_ESS, _MOST_PARETO = 400.0, 0.7
 
@@ -29,7 +30,8 @@ def drawn(
     """Draw from a posterior; return the draws (d, p) and the gates on their weights.
 
     `place` is that of its mode, with the covariance there. Where the weights fail their gates, the proposal is fitted
-    to the weighted draws and drawn from again.
+    to the weighted draws and drawn from again; to draws whose weights are raised to a power below one if few of them
+    have all the weight.
     """
     most = _DRAWS if log_posterior.tails == NORMAL else _DRAWS_OF_TAILS
     count = int(np.clip(_BUDGET / log_posterior.size, _FEWEST_DRAWS, most))
@@ -38,19 +40,31 @@ def drawn(
         tried = _drawn_from_t(centre, covariance, rng, count)
         proposal = stats.multivariate_t(centre, covariance, df=_FREEDOM)
         smoothed, pareto = _smoothed(log_posterior(tried) - proposal.logpdf(tried))
-        weights = np.exp(smoothed - smoothed.max())
-        weights /= weights.sum()
+        weights = _normalised(smoothed)
         gates = [
-            Gate("effective draws of the population", 1.0 / float(np.sum(weights**2)), least=_LEAST_ESS),
+            Gate("effective draws of the population", _effective(weights), least=_LEAST_ESS),
             Gate("Pareto k of the weights", pareto, most=_MOST_PARETO),
         ]
         if all(gate.passed for gate in gates):
             break
-        centre = weights @ tried
-        covariance = np.cov(tried.T, aweights=weights)
+        tempered, power = weights, 1.0
+        while _effective(tempered) < _FEW * count:
+            power *= 0.7
+            tempered = _normalised(power * smoothed)
+        centre, covariance = tempered @ tried, np.cov(tried.T, aweights=tempered)
     # stratified, so that resampling adds little noise
     places = (np.arange(_KEPT) + rng.uniform(size=_KEPT)) / _KEPT
     return tried[np.minimum(np.searchsorted(np.cumsum(weights), places), count - 1)], gates
+
+
+def _normalised(log_weights: Floats) -> Floats:
+    weights = np.exp(log_weights - log_weights.max())
+    return np.asarray(weights / weights.sum())
+
+
+def _effective(weights: Floats) -> float:
+    """Return the effective number of draws (Kish)."""
+    return 1.0 / float(np.sum(weights**2))
 
 
 def _drawn_from_t(centre: Floats, covariance: Floats, rng: np.random.Generator, count: int) -> Floats:

@@ -31,7 +31,7 @@ _CAS, _HALVINGS = 200, 20  # of log Ca, to find the limit at each a/l
 _FLOWS = 16  # groups of capsules of like velocity
 _SLOPE = 4  # cells of log Ca on either side over which the rise of Lambda is taken
 _LEAST_SHARE = 1e-12
-_LEAST_MASS = 1e-10  # of a population in a column of a/l
+_LEAST_MASS = 1e-15  # of a population in a column of a/l
 _NEAR = 0.05  # of Lambda from the cut: capsules whose errors give its sharpness
 
 
@@ -66,8 +66,8 @@ class Selection:
         log(mu U) of each capsule of the sample.
     half_width : (n,) array
         log l of each.
-    edges : (k + 1,) array
-        Of columns of log(a/l).
+    edges : (k - 1,) array
+        Between columns of log(a/l); the first and the last column are open, since a capsule of any size is measured.
     limit : (k,) array
         log Ca of the limit in each column.
     cut, cut_error : (k,) arrays
@@ -117,7 +117,6 @@ class Selection:
         if not kept.any():
             raise InputError("selection", "least_stretch", "a Lambda that some capsule exceeds", f"{least_stretch}")
         size, highest = limit
-        step = size[1] - size[0]
         cut, error = np.full(len(size), -np.inf), np.ones(len(size))
         if least_stretch is not None and pyramid is not None:
             cut, error = _cut(population, least_stretch, pyramid, size)
@@ -126,7 +125,7 @@ class Selection:
         return cls(
             np.log(population["mean_velocity_median"][kept]) + logs["viscosity"],
             logs["half_width"],
-            np.log(np.append(size - 0.5 * step, size[-1] + 0.5 * step)),
+            np.log(0.5 * (size[1:] + size[:-1])),
             np.log(highest),
             cut,
             error,
@@ -182,11 +181,9 @@ class Selection:
             For the error of Lambda.
         """
         log_size, log_ca = radius - self.half_width[of], self.flow[of] - modulus
-        column = np.searchsorted(self.edges, log_size, side="right") - 1
-        within = (column >= 0) & (column < len(self.limit))
-        column = np.clip(column, 0, len(self.limit) - 1)
+        column = np.searchsorted(self.edges, log_size, side="right")
         seen = log_ca + self.cut_error[column] * rng.standard_normal(len(column))
-        return np.asarray(within & (log_ca <= self.limit[column]) & (seen >= self.cut[column]))
+        return np.asarray((log_ca <= self.limit[column]) & (seen >= self.cut[column]))
 
 
 def _own(population: Population, name: str, common: float) -> Floats:
@@ -250,16 +247,17 @@ def _fill_shares(
                 mass[:] = 0.0
                 for j in range(nodes):
                     sd = of_radius * math.sqrt(radius_variance[d, j])
-                    smaller = _below(edges[0] + half_width[f], y, sd)
+                    smaller = 0.0
                     for k in range(columns):
-                        larger = _below(edges[k + 1] + half_width[f], y, sd)
+                        larger = _below(edges[k] + half_width[f], y, sd) if k < columns - 1 else 1.0
                         mass[k] += radius_weight[d, j] * (larger - smaller)
                         smaller = larger
             kept[d, f] = lost[d, f] = 0.0
             for k in range(columns):
                 if mass[k] < _LEAST_MASS:
                     continue
-                mean = x + slope * (0.5 * (edges[k] + edges[k + 1]) + half_width[f] - y)
+                size = 0.5 * (edges[max(k - 1, 0)] + edges[min(k, columns - 2)])
+                mean = x + slope * (size + half_width[f] - y)
                 for j in range(nodes):
                     sd = spread * math.sqrt(modulus_variance[d, j])
                     share = mass[k] * modulus_weight[d, j]
