@@ -4,7 +4,7 @@
 process of its own, which runs all `COMMANDS`; ``--quick`` runs the commands of a few seconds under two kernels.
 
 The difference of two numbers is divided by their size or, if that gives less, by the width of the interval that is
-reported with them; probabilities, shares and logarithms are compared as they are.
+reported with them; probabilities, shares, logarithms and numbers in standard errors are compared as they are.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ axial_length = "45.2 +/- 0.5 um"
 capsule_velocity = "6.20 +/- 0.06 mm/s"
 """
 _OF_SCALE_ONE = re.compile(
-    r"p_value|share|leaning|log_|variance|evidence|Pareto|log_likelihood_ratio|density at an end|agree"
+    r"p_value|share|leaning|log_|variance|evidence|Pareto|log_likelihood_ratio|density at an end|agree|sigma$"
 )
 
 
@@ -182,6 +182,8 @@ def _flat(value: Any, key: str, width: float = 0.0) -> Iterator[tuple[str, Any]]
     if isinstance(value, dict):
         if "lower_95" in value:
             width = value["upper_95"] - value["lower_95"]
+        elif isinstance(value.get("error"), float):
+            width = 4.0 * value["error"]
         for name, item in value.items():
             yield from _flat(item, f"{key}/{name}" if key else name, width)
     elif isinstance(value, list):

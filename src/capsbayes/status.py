@@ -61,8 +61,8 @@ class Status(enum.Enum):
         "do not use the intervals."
     )
     LENGTHS_MISFIT = (
-        "The measurement and the posterior contradict each other: no shape that the priors allow has these lengths at "
-        "this velocity; check the priors and the units, and do not use the intervals."
+        "The lengths contradict the priors: no shape that the priors allow has these lengths at this velocity; check "
+        "the priors and the units, and do not use the intervals."
     )
     FLOW_CONFLICT = (
         "The flow rate over the area of the cross-section and the velocity of the capsule contradict each other: check "

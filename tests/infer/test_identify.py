@@ -24,7 +24,7 @@ def test_the_default_engine_finds_the_capsule_and_agrees_with_quadrature(posteri
     assert posterior.status is Status.DONE
     assert posterior.agreement.passed
     assert all(gate.passed for gate in posterior.gates), [str(gate) for gate in posterior.gates]
-    assert len(posterior.gates) == 14  # ten of the chains; three p-values and the Reynolds number
+    assert len(posterior.gates) == 13  # ten of the chains; two p-values and the Reynolds number
     assert posterior.marginals["capillary_number"].contains(0.082, level=68)
     assert posterior.marginals["size_ratio"].contains(0.96, level=68)
     modulus = 0.85 * 5e-3 / 1.29 / 0.082

@@ -25,10 +25,11 @@ class SimulatedCapsule:
 
 
 def simulated_capsules(
-    model, experiment, count, rng, *, errors=(0.01, 0.01), speed_error=0.01, rate_error=None
+    model, experiment, count, rng, *, errors=(0.01, 0.01), speed_error=0.01, rate_error=None, modulus=None
 ) -> Iterator:
     """Draw capsules from the default prior within the model's domain and measure them.
 
+    A prior of G_s that is no range over many decades is given as a scipy distribution; the velocity is any.
     The flow rate is measured if it has an error. The model is wrong by as much as it says it is: its own error is drawn
     too.
     """
@@ -40,16 +41,20 @@ def simulated_capsules(
         prediction = model({"capillary_number": np.array([ca]), "size_ratio": np.array([size])})
         extent, length, ratio = rng.multivariate_normal(prediction.values[0], prediction.covariance[0])
         shape = extent, length, ratio
-        capsule = measured_capsule(experiment, shape, (ca, size), rng, errors, speed_error, rate_error)
+        capsule = measured_capsule(experiment, shape, (ca, size), rng, errors, speed_error, rate_error, modulus)
         if capsule is not None:
             count -= 1
             yield capsule
 
 
-def measured_capsule(experiment, shape, theta, rng, errors, speed_error, rate_error=None) -> SimulatedCapsule | None:
+def measured_capsule(
+    experiment, shape, theta, rng, errors, speed_error, rate_error=None, modulus=None
+) -> SimulatedCapsule | None:
     """Measure a capsule of given true shape (L_z, L_a, v_o/U); None where noise makes L_a > L_z."""
     viscosity, width = float(experiment.viscosity.distribution.rvs(random_state=rng)), _half_width(experiment, rng)
     velocity = np.exp(rng.uniform(np.log(1e-3), np.log(20e-3)))
+    if modulus is not None:
+        velocity = shape[2] * theta[0] * modulus.rvs(random_state=rng) / viscosity
     flow = velocity / shape[2]
     seen = rng.normal(shape[:2], errors)
     if seen[1] > seen[0]:

@@ -142,9 +142,36 @@ def p_value(weights: Floats, scores: Floats) -> float:
     """
     below, above = 0.0, 0.0
     for k in range(len(scores)):
-        below += weights[k] * math.erfc(-scores[k] / math.sqrt(2.0))
-        above += weights[k] * math.erfc(scores[k] / math.sqrt(2.0))
+        tail = weights[k] * math.erfc(abs(scores[k]) / math.sqrt(2.0))
+        below += tail if scores[k] < 0.0 else 2.0 * weights[k] - tail
+        above += 2.0 * weights[k] - tail if scores[k] < 0.0 else tail
     return min(below, above) / weights.sum()
+
+
+@compiled
+def p_values_of_lengths(
+    weights: Floats, z: Floats, a: Floats, zz: Floats, za: Floats, aa: Floats
+) -> tuple[float, float]:
+    """Return the p-values of L_z, predicted from the prior, and of L_a, predicted from L_z and the prior.
+
+    Parameters
+    ----------
+    weights : (n,) array
+        Prior probabilities of shapes, of any sum.
+    z, a, zz, za, aa : (n,) arrays
+        As of `misfit`.
+    """
+    scores, likely = np.empty(len(z)), np.empty(len(z))
+    nearest = np.inf
+    for k in range(len(z)):
+        scores[k] = z[k] / np.sqrt(zz[k])
+        nearest = min(nearest, scores[k] ** 2)
+    of_extent = p_value(weights, scores)
+    for k in range(len(z)):
+        likely[k] = weights[k] * np.exp(0.5 * (nearest - scores[k] ** 2)) / np.sqrt(zz[k])
+        rest, variance = length_given_extent(z[k], a[k], zz[k], za[k], aa[k])
+        scores[k] = rest / np.sqrt(variance)
+    return of_extent, p_value(likely, scores)
 
 
 @compiled

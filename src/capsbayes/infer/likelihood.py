@@ -129,7 +129,7 @@ class LengthsLikelihood:
         array
             NaN where the model has no answer.
         """
-        square, volume = misfits(*self._differences(model, half_width))
+        square, volume = misfits(*self.differences(model, half_width))
         log_density = -0.5 * (square + np.log(volume))
         if self.over_half_width:
             return log_density
@@ -137,11 +137,11 @@ class LengthsLikelihood:
 
     def distance(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> Floats:
         """Return the Mahalanobis distance of the lengths from the predicted ones : array."""
-        return np.sqrt(misfits(*self._differences(model, half_width))[0])
+        return np.sqrt(misfits(*self.differences(model, half_width))[0])
 
     def velocity_ratio(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> tuple[Floats, Floats]:
         """Return mean and variance of the true v_o/U given the lengths : arrays, see `kernel.velocity_ratio`."""
-        differences = self._differences(model, half_width)
+        differences = self.differences(model, half_width)
         return velocity_ratios(*differences, model.velocity_ratio, model.zr, model.ar, model.rr)
 
     def with_half_width(self, centre: float, error: float) -> LengthsLikelihood:
@@ -153,7 +153,7 @@ class LengthsLikelihood:
         zz, za, aa = (value / centre**2 for value in (self.zz, self.za, self.aa))
         return LengthsLikelihood(z, a, zz + share * z * z, za + share * z * other, aa + share * other * other, True)
 
-    def _differences(self, model: ModelAtPoints, half_width: ArrayLike) -> tuple[Floats, ...]:
+    def differences(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> tuple[Floats, ...]:
         """Return measured minus predicted L_z and L_a [l], and their covariance : what `kernel.misfit` takes."""
         scale = 1.0 if self.over_half_width else np.asarray(half_width)
         square = scale * scale

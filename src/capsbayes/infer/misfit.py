@@ -1,36 +1,35 @@
-"""Checks of a posterior against the measurement that it was computed from: predictive p-values, Reynolds number.
+"""Checks of a measurement against the model and the priors: predictive p-values, Reynolds number.
 
-A posterior predictive p-value is the probability that a repeated measurement would lie as far from its prediction as
-the one made, on the same side or on the other (Gelman, Meng, Stern 1996, Statistica Sinica 6, 733). It tells whether
-any shape that the priors allow explains a number. The number itself has been used, so that two lengths, which fix two
-parameters, fail only where a prior or the border of the model holds the shape elsewhere: false alarms are rarer
-than the level. The flow rate is predicted without itself, from the velocity of the capsule and its shape; its
-p-value is uniform if all is as stated.
+The p-value of a number is the probability that it lies as far out on its side of the distribution that is predicted
+for it, or on the other side. Each number is predicted from those before it, and from the priors: L_z from the velocity,
+L_a from velocity and L_z, the flow rate from all of them. No number is used for its own prediction, so that the
+p-values are uniform and independent if all is as stated (M. Rosenblatt, Ann. Math. Stat. 23 (1952) 470; with the prior
+as part of the model: G. E. P. Box, J. R. Stat. Soc. A 143 (1980) 383). The velocity has none: the prior of the mean
+velocity is flat, and nothing before it predicts it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
+from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.mixed import ExactEngine
 from capsbayes.infer.grid.posterior import ExactPosterior
-from capsbayes.infer.kernel import p_value
-from capsbayes.infer.likelihood import ModelAtPoints
+from capsbayes.infer.kernel import p_value, p_values_of_lengths
 from capsbayes.measurement import Measurement
 from capsbayes.parameters import PARAMETERS
 from capsbayes.status import Status
 
-LEVELS = {"axial_extent": 1e-2, "axial_length": 1e-2, "capsule_velocity": 1e-2, "flow_rate": 1e-3}
-"""P-values below which the measurement and the posterior contradict each other, by what was measured."""
+PREDICTED = ("axial_extent", "axial_length", "flow_rate")
+"""Quantities that have a p-value, where they were measured; each is predicted from those before it."""
 
-PREDICTED = tuple(LEVELS)
-"""Quantities that have a p-value, where they were measured."""
+LEVEL = 1e-3
+"""P-value below which the measurement contradicts the model and the priors."""
 
 LARGEST_REYNOLDS_NUMBER = 1.0
 """rho U l / mu at which the stress of inertia rho U^2 equals the viscous stress mu U / l."""
@@ -47,10 +46,7 @@ class Misfit(NamedTuple):
 
 def p_values(engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior) -> dict[str, float]:
     """Return the p-values of what was measured, by name; of the lengths unless an outline takes their place."""
-    draws = posterior.drawn(np.random.default_rng([0, 3]), _DRAWS)
-    found = {} if measurement.outline is not None else _of_lengths(measurement, posterior, draws)
-    off = (measurement.capsule_velocity - draws["capsule_velocity"]) / measurement.capsule_velocity_error
-    found["capsule_velocity"] = p_value(np.ones(_DRAWS), off)
+    found = {} if measurement.outline is not None else _of_lengths(engine, posterior.density)
     rate = posterior.density.flow_rate
     if rate is not None:
         draws = engine(replace(measurement, flow_rate=None)).drawn(np.random.default_rng([0, 3]), _DRAWS)
@@ -65,7 +61,7 @@ def misfits_of(found: Mapping[str, float]) -> list[Misfit]:
     """Return the gates on p-values by name, first the one whose failure explains the others."""
     lengths = dict.fromkeys(PREDICTED, Status.LENGTHS_MISFIT) | {"flow_rate": Status.FLOW_CONFLICT}
     return [
-        Misfit(Gate(f"predictive p-value of {PARAMETERS[name].symbol}", found[name], least=LEVELS[name]), lengths[name])
+        Misfit(Gate(f"predictive p-value of {PARAMETERS[name].symbol}", found[name], least=LEVEL), lengths[name])
         for name in reversed(PREDICTED)
         if np.isfinite(found.get(name, np.nan))
     ]
@@ -76,13 +72,11 @@ def inertia(reynolds_number: float) -> Misfit:
     return Misfit(Gate("Reynolds number", reynolds_number, most=LARGEST_REYNOLDS_NUMBER), Status.INERTIA)
 
 
-def _of_lengths(measurement: Measurement, posterior: ExactPosterior, draws: Mapping[str, Floats]) -> dict[str, float]:
-    names = ("capillary_number", "size_ratio", *posterior.forward.coordinates)
-    model = ModelAtPoints.of(posterior.forward({name: draws[name] for name in names}))
-    scale = 1.0 if measurement.over_half_width else draws["half_width"]
-    seen = zip(PREDICTED, measurement.lengths, measurement.covariance.diagonal(), strict=False)
-    predicted: Sequence[tuple[Floats, Floats]] = [(model.extent, model.zz), (model.length, model.aa)]
-    return {
-        name: p_value(np.ones(_DRAWS), (value / scale - mean) / np.sqrt(variance / scale**2 + own))
-        for (name, value, variance), (mean, own) in zip(seen, predicted, strict=False)
-    }
+def _of_lengths(engine: ExactEngine, density: PosteriorDensity) -> dict[str, float]:
+    """Return the p-values of L_z and L_a."""
+    model, logs = engine.predicted_shapes(density)
+    width = density.inputs.half_width
+    seen = density.likelihood.with_half_width(width.value, width.error)
+    differences = np.broadcast_arrays(*seen.differences(model))
+    found = p_values_of_lengths(np.exp(logs - logs.max()), *map(np.ascontiguousarray, differences))
+    return {name: p for name, p in zip(PREDICTED, found, strict=False) if np.isfinite(p)}

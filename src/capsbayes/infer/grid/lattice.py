@@ -15,6 +15,7 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.model import ForwardModel
 
+COARSE_DROP = 12.0  # of the log density, within which cells of a coarse table carry it
 _COARSE = (48, 72)
 
 
@@ -156,12 +157,11 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class CoarseTable:
-    """A model on a coarse lattice over its whole domain, in which the search for a posterior begins.
+    """A model on a coarse lattice, by default over its whole domain: there the search for a posterior begins.
 
     Parameters
     ----------
     window : Window
-        Over the domain's bounds.
     nodes : Nodes
         One for each cell; the covariances of the lengths are widened by the change of the lengths across a cell, so
         that no posterior falls between the nodes.
@@ -174,7 +174,15 @@ class CoarseTable:
     def of(cls, forward: ForwardModel) -> CoarseTable:
         """Tabulate a model, once for many capsules."""
         (ca_low, ca_high), (size_low, size_high) = forward.domain.bounds
-        window = Window((float(np.log(ca_low)), size_low), (float(np.log(ca_high)), size_high), _COARSE)
+        return cls.on(Window((float(np.log(ca_low)), size_low), (float(np.log(ca_high)), size_high), _COARSE), forward)
+
+    def carried(self, log_density: Floats) -> Booleans:
+        """Return the cells that carry a log density (n,) : (i, j) array."""
+        return (log_density > np.nanmax(log_density) - COARSE_DROP).reshape(self.window.shape)
+
+    @classmethod
+    def on(cls, window: Window, forward: ForwardModel) -> CoarseTable:
+        """Tabulate a model on a window."""
         nodes = window.nodes(forward)
         model = nodes.model
         (z_u, z_s), (a_u, a_s) = (_changes(lengths.reshape(_COARSE)) for lengths in (model.extent, model.length))

@@ -10,6 +10,7 @@ until the cells resolve it, and until the grids of neighbouring values overlap.
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,6 +26,7 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.outline.table import AnyOutline
@@ -192,6 +194,12 @@ class MixedQuadrature:
             cells = np.arange(max(2 * first - 2, 0), min(2 * last + 4, 2 ** (halvings + 1)))
         return replace(posterior, gates=(*_of_parts(posterior), *gates))
 
+    def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
+        """See `Quadrature.predicted_shapes`; of all values of the coordinate."""
+        shares = (np.arange(2**_FIRST) + 0.5) * 0.5**_FIRST
+        models, logs = zip(*(self._engine(share).predicted_shapes(density) for share in shares.tolist()), strict=True)
+        return functools.reduce(ModelAtPoints.joined, models), np.concatenate(logs)
+
     def _on(self, cells: Integers, width: float, measurement: Measurement, density: PosteriorDensity) -> MixedPosterior:
         """Compute the posterior on given cells of the prior."""
         shares, parts, refused = [], [], None
@@ -213,13 +221,16 @@ class MixedQuadrature:
         return None
 
     def _part(self, share: float, measurement: Measurement, density: PosteriorDensity) -> GridPosterior:
+        return self._engine(share)(
+            measurement, inputs=density.inputs, error_scale=density.error_scale, outline=density.outline
+        )
+
+    def _engine(self, share: float) -> Quadrature:
         if share not in self._engines:
             value = float(self.coordinate.values(share))
             plain = replace(self.prior, coordinates={})
             self._engines[share] = Quadrature(self.model.fixed(**{self.coordinate.name: value}), self.experiment, plain)
-        return self._engines[share](
-            measurement, inputs=density.inputs, error_scale=density.error_scale, outline=density.outline
-        )
+        return self._engines[share]
 
 
 ExactEngine = Quadrature | MixedQuadrature

@@ -18,10 +18,11 @@ from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
+from capsbayes.infer.grid.lattice import COARSE_DROP, CoarseTable, Nodes, Window
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.kernel import feature_in_cells, sd_in_cells
+from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.infer.log_grid import resampled
 from capsbayes.infer.outline.likelihood import outline_likelihood
 from capsbayes.infer.outline.table import AnyOutline
@@ -38,13 +39,15 @@ CELLS_PER_FEATURE = 1.5  # of both marginals: each mode of several, a steep flan
 CELLS_ACROSS = 1.0  # of a/l at given Ca: across a ridge
 PARTS_AT_BORDER = 4  # along each side of a cell that the border of the domain cuts
 _FIRST, _THEN, _LARGEST = 32, 56, 512
-COARSE_DROP, DROP = 12.0, 17.0  # of the log density, within which cells carry a posterior: coarse table, finer grids
+DROP = 17.0  # of the log density, within which cells of a grid finer than the coarse table carry a posterior
 AT_BORDER = 1e-4  # of the largest density: cells at the border of the domain that carry more are cut smaller
 _EDGE_DROP = 12.0  # at the edge of a window: less than 1e-5 is cut off there
 _ROUNDS = 12
 _FINER = 3.0  # at most from window to window with an outline, where each node is costly and most lie off the posterior
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
 _SETTLED = 1.0  # standard deviations of log Ca or a/l between pilot and likeliest shape, up to which it suffices
+_NARROWINGS, _NARROWER = 3, 0.7  # of a lattice to where the priors hold shapes: at most, while its cells get this small
+_UNSEEN = LengthsLikelihood(1.0, None, 1e6, 0.0, 0.0, over_half_width=True)  # L_z within a thousand l: any
 _WIDTHS = (33, 129)  # fewest and most nodes of the half width
 _WIDTH_REACH = 5.5  # standard deviations of l on either side
 
@@ -114,6 +117,34 @@ class Quadrature:
                 break
         return posterior
 
+    def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
+        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities.
+
+        Neither the lengths nor a flow rate are read. Covariances are widened as those of a `CoarseTable`.
+
+        Parameters
+        ----------
+        density : PosteriorDensity
+            Of the capsule.
+
+        Returns
+        -------
+        model : ModelAtPoints
+            Of (n,) arrays.
+        logs : (n,) array
+            Up to a constant of the capsule.
+        """
+        inputs = replace(density.inputs, flow_rate=None)
+        table, unseen = self.table, replace(density, likelihood=_UNSEEN, outline=None, inputs=inputs)
+        for _ in range(_NARROWINGS):
+            narrower = table.window.around(table.carried(_log_prior(table, unseen)), table.window.shape, table.window)
+            if np.prod(narrower.step) > _NARROWER * np.prod(table.window.step):
+                break
+            table = CoarseTable.on(narrower, self.model)
+        logs = _log_prior(table, unseen) + np.log(np.prod(table.window.step))
+        inside = np.isfinite(logs)
+        return table.nodes.model.taken(inside), logs[inside]
+
     def _refined(self, window: Window, density: PosteriorDensity) -> GridPosterior:
         """Compute the posterior on a window that contains and resolves it."""
         widths = _half_widths(density) if density.shape_depends_on_half_width else None
@@ -158,11 +189,10 @@ class Quadrature:
         rough = replace(density, likelihood=density.likelihood.with_half_width(width.value, width.error))
         nodes = self.table.nodes
         args = (nodes.model, nodes.log_ca, nodes.size)
-        log_density = (rough.log_density(*args) + rough.log_share(*args)).reshape(self.table.window.shape)
+        log_density = rough.log_density(*args) + rough.log_share(*args)
         if not np.isfinite(np.nanmax(log_density)):
             raise _no_shape_in(self.prior, rough, nodes, measurement.source or "prior")
-        likely = log_density > np.nanmax(log_density) - COARSE_DROP
-        return self.table.window.around(likely, (_FIRST, _FIRST), self.table.window)
+        return self.table.window.around(self.table.carried(log_density), (_FIRST, _FIRST), self.table.window)
 
     def _on(
         self, window: Window, nodes: Nodes, density: PosteriorDensity, widths: tuple[Floats, Floats] | None
@@ -211,6 +241,12 @@ def _no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: s
                 return InputError(where, f"prior.{name}", expected, got, advice)
     expected = "ranges that contain G_s and a of some shape with these lengths"
     return InputError(where, "prior", expected, "ranges that contain none", advice)
+
+
+def _log_prior(table: CoarseTable, unseen: PosteriorDensity) -> Floats:
+    """Return the log density of shapes of which no length is known."""
+    at = table.nodes.model, table.nodes.log_ca, table.nodes.size
+    return unseen.log_density(*at) + unseen.log_share(*at)
 
 
 def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:

@@ -39,7 +39,7 @@ class CapsuleRows:
         Of the lengths from those of the likeliest shape, in standard errors.
     leaning : (n, 4) array
         Shares of the posterior, of `LEANINGS`.
-    p_values : (n, 4) array
+    p_values : (n, 3) array
         Of `capsbayes.infer.misfit.PREDICTED`, NaN where one was not measured.
     reynolds_number : (n,) array
     components : (n, c, 6) array

@@ -78,7 +78,7 @@ def _edges(logs: np.ndarray) -> np.ndarray:
 
 
 def _draw_spread(ax: Axes, spread: ModulusSpread, area: float, edges: np.ndarray) -> None:
-    """The normal distribution of ln G_s, in capsules to a bar, with its 95 % band."""
+    """The distribution of ln G_s that was fitted, in capsules to a bar, with its 95 % band."""
     reach = 3.0 * float(spread.relative[0])
     middle = float(np.log(spread.median[0]))
     modulus = np.exp(np.linspace(min(edges[0], middle - reach), max(edges[-1], middle + reach), 400))

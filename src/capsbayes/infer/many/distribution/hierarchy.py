@@ -300,14 +300,11 @@ def _spreads(log_posterior: LogPosterior, parameters: Floats) -> dict[str, Float
     modulus, radius = log_posterior.mixtures(parameters)
     named = dict(zip(log_posterior.names, parameters.T, strict=True))
     slope = named["slope"]
-    given = np.exp(2.0 * named["log_spread"])[:, None] * modulus.variance
-    of_radius = np.exp(2.0 * named["log_radius_spread"])[:, None] * radius.variance
-    together = given[:, :, None] + slope[:, None, None] ** 2 * of_radius[:, None]
-    weight = modulus.weight[:, :, None] * radius.weight[:, None]
+    given, of_radius = modulus.scaled(np.exp(named["log_spread"])), radius.scaled(np.exp(named["log_radius_spread"]))
     return {
-        "modulus_spread": half_width_of(together.reshape(len(slope), -1), weight.reshape(len(slope), -1)),
-        "radius_spread": half_width_of(of_radius, radius.weight),
-        "modulus_spread_at_given_size": half_width_of(given, modulus.weight),
+        "modulus_spread": half_width_of(*given.plus(of_radius.scaled(slope))),
+        "radius_spread": half_width_of(*of_radius),
+        "modulus_spread_at_given_size": half_width_of(*given),
         "modulus_slope": slope,
         **{name.removeprefix("log_"): np.exp(named[name]) for name in FREEDOMS if name in named},
     }

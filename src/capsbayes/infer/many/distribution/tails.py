@@ -52,6 +52,16 @@ class ScaleMixture(NamedTuple):
         weight = np.exp(log_density - log_density.max(axis=1, keepdims=True))
         return cls(np.exp(-log_w), weight / weight.sum(axis=1, keepdims=True))
 
+    def scaled(self, factor: Floats) -> ScaleMixture:
+        """Return the mixtures of as many variables times a factor (d,)."""
+        return self._replace(variance=self.variance * np.square(factor)[:, None])
+
+    def plus(self, other: ScaleMixture) -> ScaleMixture:
+        """Return the mixtures of the sums of independent variables."""
+        variance, weight = self.variance[:, :, None] + other.variance[:, None], self.weight[:, :, None]
+        rows = len(variance)
+        return ScaleMixture(variance.reshape(rows, -1), (weight * other.weight[:, None]).reshape(rows, -1))
+
     def drawn(self, rng: np.random.Generator, rows: Integers) -> Floats:
         """Draw the standard deviations of members of some of the populations : (m,) rows -> (m,) array."""
         node = (np.cumsum(self.weight, axis=1)[rows, :-1] < rng.uniform(size=(len(rows), 1))).sum(axis=1)

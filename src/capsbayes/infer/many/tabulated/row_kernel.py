@@ -5,6 +5,7 @@ The numbers are those of a `GridPosterior`, without an object for each capsule.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from capsbayes.infer.kernel import (
     flow_mismatch,
     given_flow,
     p_value,
+    p_values_of_lengths,
     velocity_ratio,
 )
 from capsbayes.infer.log_grid import (
@@ -94,7 +96,7 @@ def fill_rows(
         Of a `Pyramid`.
     summaries : (n, 7, 7) array
         Filled with mean, sd, median and ends of the intervals of `QUANTITIES`, SI.
-    facts : (n, 12) array
+    facts : (n, 11) array
         Filled with `FACTS`.
     components : (n, k, 6) array
         Filled with the likelihood of (log(G_s / mu), log(a / l)), laid out by `mixture`.
@@ -106,11 +108,14 @@ def fill_rows(
         flow = Flow(np.nan, 0.0, 0.0, 0.0)
         if not np.isnan(rates[n, 0]):
             flow = _flow(velocities[n], rates[n], shifts[n], shared)
-            facts[n, _P_VALUES + 3] = _p_value_of_flow(lengths[n], flow, shared, levels, low, step)
+            facts[n, _P_VALUES + 2] = _p_value_of_flow(lengths[n], flow, shared, levels, low, step)
         seen = Seen(z, a, zz, za, aa, shared.modulus_power, shared.radius_power, flow)
         end, level, distance, scale, evidence, row, column, weights = descend(seen, levels, low, step)
         facts[n, 0], facts[n, 1], facts[n, 2] = end, level, distance
         if end == FOUND:
+            facts[n, _P_VALUES : _P_VALUES + 2] = _p_values_of_lengths(
+                seen, velocities[n], shifts[n], shared, levels[0], low, step
+            )
             kept = weights > _NEGLIGIBLE * weights.max()
             facts[n, 3] = scale + np.log(evidence)
             _fill_row(
@@ -154,13 +159,10 @@ def _fill_row(
     log_ca = low[0] + cell[0] * (row + 0.5)
     log_size = np.log(low[1] + cell[1] * (np.arange(columns) + 0.5))[column]
     log_stretch, log_ratio = np.empty(len(row)), np.empty(len(row))
-    off_extent, off_length = np.empty(len(row)), np.empty(len(row))
     room = np.empty(lattice.shape[2])
     variance = 0.0
     for k in range(len(row)):
         node = look_up(lattice, row[k], column[k], finer, room)
-        off_extent[k] = (seen.extent - node[0]) / np.sqrt(seen.zz + node[3])
-        off_length[k] = (seen.length - node[1]) / np.sqrt(seen.aa + node[5])
         mean, left = velocity_ratio(*differences(seen, node), node[2], node[6], node[7], node[8])
         log_ratio[k], log_stretch[k] = np.log(mean), node[9]
         variance += weights[k] * max(left, 0.0) / mean**2
@@ -198,11 +200,6 @@ def _fill_row(
         softness = laid(log_modulus, weights, cell[0])
         factor = lognormal(spread, softness.step)
         modulus = scaled(product(product(softness, factor), shared.viscosity), log_speed + shift[0])
-        speed = scaled(lognormal(variances[2], np.sqrt(variances[2]) / 4.0), log_speed + np.sum(weights * changes[2]))
-    facts[_P_VALUES] = p_value(weights, off_extent)
-    facts[_P_VALUES + 1] = p_value(weights, off_length)
-    speeds = np.exp(speed.start + speed.step * np.arange(len(speed.masses)))
-    facts[_P_VALUES + 2] = p_value(speed.masses, (velocity[0] - speeds) / velocity[1])
     summarise(modulus, summary[0])
     summarise(radius, summary[1])
     summarise(flow, summary[2])
@@ -274,6 +271,49 @@ def _flow(velocity: Floats, rate: Floats, shift: Floats, shared: Shared) -> Flow
     speed, pumped, width = _speed(velocity, shared), positive_normal(rate[0], rate[1], -1.0, 1.0), shared.half_width
     offset = pumped.mean - shared.log_area - 2.0 * (width.mean + shift[1]) - speed.mean
     return Flow(offset, speed.variance, width.variance, pumped.variance)
+
+
+@compiled
+def _p_values_of_lengths(
+    seen: Seen, velocity: Floats, shift: Floats, shared: Shared, lattice: Floats, low: Floats, step: Floats
+) -> tuple[float, float]:
+    """Return the p-values of L_z and L_a, predicted by the priors and the velocity."""
+    speed, mu, width = _speed(velocity, shared), shared.viscosity, shared.half_width
+    weights = np.empty(lattice.shape[0] * lattice.shape[1])
+    off = np.empty((5, len(weights)))
+    count = 0
+    for i in range(lattice.shape[0]):
+        log_ca = low[0] + step[0] * (i + 0.5)
+        for j in range(lattice.shape[1]):
+            node = lattice[i, j]
+            if np.isnan(node[0]):
+                continue
+            log_size = np.log(low[1] + step[1] * (j + 0.5))
+            softness = log_ca + np.log(node[2])
+            modulus = speed.mean + mu.mean + shift[0] - softness
+            radius = log_size + width.mean + shift[1]
+            weights[count] = (
+                np.exp((shared.radius_power - 1.0) * log_size - shared.modulus_power * softness)
+                * _share_within(modulus, speed.variance + mu.variance, shared.modulus_low, shared.modulus_high)
+                * _share_within(radius, width.variance, shared.radius_low, shared.radius_high)
+            )
+            if weights[count] > 0.0:
+                off[0, count], off[1, count], off[2, count], off[3, count], off[4, count] = differences(seen, node)
+                count += 1
+    return p_values_of_lengths(
+        weights[:count], off[0, :count], off[1, :count], off[2, :count], off[3, :count], off[4, :count]
+    )
+
+
+@compiled
+def _share_within(mean: float, variance: float, low: float, high: float) -> float:
+    """Return the probability that a normal number is between two limits."""
+    reach = np.sqrt(2.0 * variance)
+    if mean - 6.0 * reach > low and mean + 6.0 * reach < high:
+        return 1.0
+    if reach == 0.0:
+        return 1.0 if low <= mean <= high else 0.0
+    return 0.5 * (math.erf((high - mean) / reach) - math.erf((low - mean) / reach))
 
 
 @compiled

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from capsbayes.arrays import Floats, Integers
-from capsbayes.infer.grid.quadrature import AT_BORDER, COARSE_DROP, DROP, FARTHEST
+from capsbayes.infer.grid.lattice import COARSE_DROP
+from capsbayes.infer.grid.quadrature import AT_BORDER, DROP, FARTHEST
 from capsbayes.infer.kernel import Flow, compiled, feature_in_cells, flow_mismatch, misfit, sd_in_cells, velocity_ratio
 
 FOUND, FAR, UNRESOLVED = 0, 1, 2
