@@ -58,10 +58,11 @@ class Motion(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Derivatives of the velocity error along the free coordinates (F, F) and along Ca (F,)."""
+    """Derivatives of the velocity error along the free coordinates (F, F), Ca (F,) and the density (F, F)."""
 
     along_shape: Floats
     along_ca: Floats
+    along_density: Floats
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,8 @@ class Problem:
         )
         compliance = membrane.mass_solve(elastic.tangent) / iterate.capillary_number
         along_ca = -along_density @ density / iterate.capillary_number
-        return self._motion(iterate, velocity, density), Slopes(along_shape - along_density @ compliance, along_ca)
+        slopes = Slopes(along_shape - along_density @ compliance, along_ca, along_density)
+        return self._motion(iterate, velocity, density), slopes
 
     def _motion(self, iterate: Iterate, velocity: Floats, density: Floats) -> Motion:
         mesh = self.mesh

@@ -40,12 +40,14 @@ class NewtonResult(NamedTuple):
 class Bordered(NamedTuple):
     """Velocity errors with the gaps of volume and centroid (F + 2,), and their derivatives.
 
-    `matrix` (F + 2, F + 2) is the derivative along shape, velocity and slack, `along_ca` (F + 2,) that along Ca.
+    `matrix` (F + 2, F + 2) is the derivative along shape, velocity and slack, `along_ca` (F + 2,) that along Ca,
+    `along_density` (F, F) that of the velocity errors along the density.
     """
 
     residual: Floats
     matrix: Floats
     along_ca: Floats
+    along_density: Floats
 
 
 def bordered(problem: Problem, iterate: Iterate) -> Bordered:
@@ -57,7 +59,8 @@ def bordered(problem: Problem, iterate: Iterate) -> Bordered:
     matrix[:count, :count] = slopes.along_shape
     matrix[:count, count], matrix[:count, count + 1] = -motion.axial, motion.normal
     matrix[count, :count], matrix[count + 1, :count] = inside.volume_gradient, inside.moment_gradient
-    return Bordered(_residual(motion, inside, iterate.size_ratio), matrix, np.append(slopes.along_ca, [0.0, 0.0]))
+    along_ca = np.append(slopes.along_ca, [0.0, 0.0])
+    return Bordered(_residual(motion, inside, iterate.size_ratio), matrix, along_ca, slopes.along_density)
 
 
 def steady_residual(problem: Problem, iterate: Iterate) -> Floats:
