@@ -6,7 +6,7 @@ import functools
 import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -16,6 +16,7 @@ from capsbayes.errors import InputError
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.measurement import Measurement
+    from capsbayes.physics.capsule.membrane_load import BendingEnergy
     from capsbayes.quantity import Quantity
     from capsbayes.surrogate import EffectSurrogate, Surrogate
 
@@ -101,6 +102,9 @@ def simulator_of(
     bending: Annotated[float, typer.Option(help="Bending stiffness B over G_s a^2.")] = 2e-4,
     pre_inflation: Annotated[float, typer.Option(help="Osmotic pre-inflation alpha of the radius.")] = 0.0,
     rest_aspect: Annotated[float, typer.Option(help="Axis at rest along the flow over the axis across it.")] = 1.0,
+    bending_energy: Annotated[
+        str, typer.Option(help="What bending costs: the change of curvature, or the displacement from rest.")
+    ] = "displacement",
 ) -> Any:
     """Return the simulator with these settings, each of which is an option of the commands that simulate.
 
@@ -123,6 +127,7 @@ def simulator_of(
         corner_radius=corner_radius,
         section_aspect=section_aspect,
         rest_aspect=rest_aspect,
+        bending_energy=cast("BendingEnergy", bending_energy),  # checked by the simulator
     )
 
 

@@ -19,9 +19,13 @@ def smooth_direction():
     return MESH.reduced(np.column_stack([x[:, 0] * x[:, 2], x[:, 1] * x[:, 2], np.cos(3 * x[:, 2])]))
 
 
+either_bending = pytest.mark.parametrize("bending_energy", ["displacement", "curvature"])
+
+
+@either_bending
 @pytest.mark.parametrize("pre_inflation", [0.0, 0.05])
-def test_gradient_and_tangent_are_derivatives_of_the_energy(pre_inflation):
-    membrane = MembraneLoad(MESH, NeoHookean(), 0.8, 1e-3, pre_inflation)
+def test_gradient_and_tangent_are_derivatives_of_the_energy(pre_inflation, bending_energy):
+    membrane = MembraneLoad(MESH, NeoHookean(), 0.8, 1e-3, pre_inflation, bending_energy=bending_energy)
     free, direction, step = wavy(membrane), smooth_direction(), 1e-5
     middle, ahead, behind = (membrane.elasticity(free + s * direction) for s in (0.0, step, -step))
     assert (ahead.energy - behind.energy) / (2 * step) == pytest.approx(middle.gradient @ direction, rel=1e-7)
@@ -30,8 +34,9 @@ def test_gradient_and_tangent_are_derivatives_of_the_energy(pre_inflation):
     np.testing.assert_allclose(middle.tangent, middle.tangent.T, atol=1e-11 * np.abs(middle.tangent).max())
 
 
-def test_sphere_at_rest_has_no_energy_and_no_load():
-    membrane = MembraneLoad(MESH, NeoHookean(), 0.9, 1e-3)
+@either_bending
+def test_sphere_at_rest_has_no_energy_and_no_load(bending_energy):
+    membrane = MembraneLoad(MESH, NeoHookean(), 0.9, 1e-3, bending_energy=bending_energy)
     elastic = membrane.elasticity(membrane.rest)
     assert elastic.energy == pytest.approx(0.0, abs=1e-12)
     assert np.max(np.abs(elastic.gradient)) < 1e-12

@@ -60,5 +60,7 @@ def test_stiff_pre_inflation_keeps_the_rear_convex():
 def test_impossible_simulators_are_refused():
     with pytest.raises(InputError, match="bending: expected a number from 0 to 1, got -1"):
         Simulator(bending=-1)
+    with pytest.raises(InputError, match="bending_energy: expected one of displacement, curvature, got 'rubber'"):
+        Simulator(bending_energy="rubber")
     with pytest.raises(InputError, match="refinement: expected at least 4, got 3"):
         Simulator(refinement=3)

@@ -68,6 +68,6 @@ def _density_slope(problem: Problem, iterate: Iterate, name: str) -> Floats:
             other = changed(problem, name, end)
         except InputError:  # beyond the range of the parameter
             values[-1], other = value, problem
-        gradient = other.membrane(iterate.size_ratio).elasticity(iterate.free).gradient
+        gradient = other.membrane(iterate.size_ratio).gradient(iterate.free)
         densities.append(other.density(iterate, gradient))
     return (densities[1] - densities[0]) / (values[1] - values[0])

@@ -11,17 +11,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
 
 from capsbayes.arrays import Floats
+from capsbayes.physics.capsule.bending import BentShell
+from capsbayes.physics.capsule.element_integrals import integrals_over, rest_metric, spheroid
 from capsbayes.physics.membrane.law import MembraneLaw
 from capsbayes.physics.surface.octasphere import OctaSphere
-from capsbayes.physics.surface.quadrature import dunavant
-from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradient
+from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2_gradient
+
+BendingEnergy = Literal["displacement", "curvature"]
+"""See `MembraneLoad`."""
 
 
 class Elasticity(NamedTuple):
@@ -41,41 +44,6 @@ class Enclosure(NamedTuple):
     moment_gradient: Floats
 
 
-class _Integral:
-    """Integrals over the surface of a symmetric function: one element of each orbit, times their number."""
-
-    def __init__(self, mesh: OctaSphere) -> None:
-        rule = dunavant(6)
-        self.elements, multiplicity = mesh.orbits
-        self.weights = multiplicity[:, None] * rule.weights
-        self.shapes = p2(rule.points)
-        self.slopes = p2_gradient(rule.points)
-        rows = (3 * self.elements[:, :, None] + np.arange(3)).ravel()
-        self.scatter: sp.csr_matrix = mesh.expansion[rows]
-        self.scatter_transposed: sp.csr_matrix = self.scatter.T.tocsr()
-
-    def tangents(self, nodes: Floats) -> Floats:
-        return np.einsum("qka,eki->eqai", self.slopes, nodes[self.elements])
-
-    def gathered(self, per_element: Floats) -> Floats:
-        """Sum element vectors (e, 6, 3) to free coordinates (F,)."""
-        return self.scatter_transposed @ per_element.ravel()
-
-    def assembled(self, per_element: Floats) -> Floats:
-        """Assemble element matrices (e, 18, 18) to a matrix (F, F)."""
-        count = len(per_element)
-        blocks = sp.bsr_matrix((per_element, np.arange(count), np.arange(count + 1)))
-        return (self.scatter_transposed @ (blocks @ self.scatter)).toarray()
-
-
-class _RestMetric(NamedTuple):
-    """Metric (e, q, 2, 2), its determinant (e, q) and the weighted area (e, q) of a surface at rest."""
-
-    metric: Floats
-    determinant: Floats
-    area: Floats
-
-
 @dataclass(frozen=True)
 class MembraneLoad:
     """The membrane of a capsule that is a sphere of given radius at rest, or a spheroid of the same volume.
@@ -87,11 +55,14 @@ class MembraneLoad:
     radius : float
         Radius over l of the sphere at rest. It carries the density and the mass matrix of a spheroid too.
     bending : float
-        Bending stiffness over G_s a^2, in the quadratic form 1/2 B a^2 G_s int |Lap_0 (x - X)|^2 dS_0.
+        Bending stiffness B over G_s a^2.
     pre_inflation : float
         The shape at rest is inflated from an unstressed one 1 + pre_inflation times smaller.
     rest_aspect : float
         Axis of the shape at rest along the flow over that across.
+    bending_energy : str
+        ``"curvature"``, see `capsbayes.physics.capsule.bending`, or ``"displacement"``, the quadratic form
+        1/2 B a^2 G_s int |Lap_0 (x - X)|^2 dS_0 on the sphere at rest X, which resists rotations as well.
     """
 
     mesh: OctaSphere
@@ -100,11 +71,12 @@ class MembraneLoad:
     bending: float
     pre_inflation: float = 0.0
     rest_aspect: float = 1.0
+    bending_energy: BendingEnergy = "displacement"
 
     @property
     def rest(self) -> Floats:
         """Free coordinates of the shape at rest."""
-        return self.radius * self.mesh.reduced(_spheroid(self.mesh, self.rest_aspect)[self.mesh.wedge])
+        return self.radius * self.mesh.reduced(spheroid(self.mesh, self.rest_aspect)[self.mesh.wedge])
 
     @property
     def mass(self) -> Floats:
@@ -117,7 +89,37 @@ class MembraneLoad:
 
     def elasticity(self, free: Floats) -> Elasticity:
         """Compute the stretching and bending energy and its derivatives at a shape (F,)."""
-        integral, rest = _integral(self.mesh), _rest_metric(self.mesh, self.rest_aspect)
+        stretched = self._stretched(free)
+        if self.bending_energy == "curvature":
+            bent, scale = self._bent(free), self.bending * self.radius**2
+            bending = Elasticity(scale * bent.energy, scale * bent.gradient, scale * bent.tangent)
+        else:
+            force, form = self._held(free), self.bending * _bending_form(self.mesh)
+            bending = Elasticity(float(0.5 * (free - self.rest) @ force), force, form)
+        return Elasticity(
+            stretched.energy + bending.energy,
+            stretched.gradient + bending.gradient,
+            stretched.tangent + bending.tangent,
+        )
+
+    def gradient(self, free: Floats) -> Floats:
+        """Compute the gradient (F,) of the energy alone, which is faster."""
+        stretched = self._stretched(free).gradient
+        if self.bending_energy == "curvature":
+            return stretched + self.bending * self.radius**2 * self._bent(free).gradient
+        return stretched + self._held(free)
+
+    def _bent(self, free: Floats) -> BentShell:
+        return BentShell(self.mesh, free, self.radius / (1.0 + self.pre_inflation), self.rest_aspect)
+
+    def _held(self, free: Floats) -> Floats:
+        """Return the force (F,) that resists a displacement from rest."""
+        force: Floats = (self.bending * _bending_form(self.mesh)) @ (free - self.rest)
+        return force
+
+    def _stretched(self, free: Floats) -> Elasticity:
+        """Compute the energy of the law and its derivatives."""
+        integral, rest = integrals_over(self.mesh), rest_metric(self.mesh, self.rest_aspect)
         unstressed = self.radius / (1.0 + self.pre_inflation)
         metric, determinant = rest.metric * unstressed**2, rest.determinant * unstressed**4
         inverse = np.linalg.inv(metric).astype(float)
@@ -157,18 +159,11 @@ class MembraneLoad:
         tangent += product(weight * w11, g1, g1) + product(weight * w22, g2, g2)
         cross = product(weight * w12, g1, g2) + product(weight * w2 / determinant, h_ss, h_tt)
         tangent += cross + cross.transpose(0, 2, 1) - product(2 * weight * w2 / determinant, h_st, h_st)
-        change = free - self.rest
-        stiffness = self.bending * _bending_form(self.mesh)
-        bent = stiffness @ change
-        return Elasticity(
-            float(np.sum(weight * w) + 0.5 * change @ bent),
-            integral.gathered(gradient) + bent,
-            integral.assembled(tangent) + stiffness,
-        )
+        return Elasticity(float(np.sum(weight * w)), integral.gathered(gradient), integral.assembled(tangent))
 
     def enclosure(self, free: Floats) -> Enclosure:
         """Compute the volume inside the membrane and its first moment along z."""
-        integral = _integral(self.mesh)
+        integral = integrals_over(self.mesh)
         nodes = self.mesh.expanded(free)
         tangents = integral.tangents(nodes)
         points = np.einsum("qk,eki->eqi", integral.shapes, nodes[integral.elements])
@@ -195,7 +190,7 @@ class MembraneLoad:
             return np.einsum("eqai,eqbi->eqab", tangents, tangents)
 
         unstressed = self.radius / (1.0 + self.pre_inflation)
-        rest = metric(_spheroid(self.mesh, self.rest_aspect)) * unstressed**2
+        rest = metric(spheroid(self.mesh, self.rest_aspect)) * unstressed**2
         strain = np.linalg.solve(rest, metric(nodes))
         half = np.trace(strain, axis1=-2, axis2=-1) / 2
         spread = np.sqrt(np.maximum(half**2 - np.linalg.det(strain), 0.0))
@@ -207,30 +202,10 @@ class MembraneLoad:
         return total / count[:, None]
 
 
-def _spheroid(mesh: OctaSphere, aspect: float) -> Floats:
-    """Return the nodes (N, 3) of a spheroid about z with this ratio of axes and the volume of the unit sphere."""
-    across = aspect ** (-1.0 / 3.0)
-    return mesh.nodes * [across, across, aspect * across]
-
-
-@lru_cache(maxsize=8)
-def _integral(mesh: OctaSphere) -> _Integral:
-    return _Integral(mesh)
-
-
-@lru_cache(maxsize=8)
-def _rest_metric(mesh: OctaSphere, aspect: float) -> _RestMetric:
-    integral = _integral(mesh)
-    tangents = integral.tangents(_spheroid(mesh, aspect))
-    metric = np.einsum("eqai,eqbi->eqab", tangents, tangents)
-    determinant = np.linalg.det(metric)
-    return _RestMetric(metric, determinant, integral.weights * np.sqrt(determinant))
-
-
 @lru_cache(maxsize=8)
 def _scalar_forms(mesh: OctaSphere) -> tuple[Floats, Floats]:
     """Assemble mass and stiffness (F, F) of the Laplacian on the unit sphere, for each Cartesian component."""
-    integral, sphere = _integral(mesh), _rest_metric(mesh, 1.0)
+    integral, sphere = integrals_over(mesh), rest_metric(mesh, 1.0)
     inverse = np.linalg.inv(sphere.metric)
     mass = np.einsum("eq,qk,ql->ekl", sphere.area, integral.shapes, integral.shapes, optimize=True)
     stiffness = np.einsum("eq,qka,eqab,qlb->ekl", sphere.area, integral.slopes, inverse, integral.slopes, optimize=True)

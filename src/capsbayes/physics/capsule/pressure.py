@@ -21,10 +21,10 @@ def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
     reciprocal theorem with the undisturbed flow, dP+ Q = - int f . v_inf dS.
     """
     mesh, channel = problem.mesh, problem.channel
-    elastic = problem.membrane(iterate.size_ratio).elasticity(iterate.free)
+    gradient = problem.membrane(iterate.size_ratio).gradient(iterate.free)
     nodes = mesh.expanded(iterate.free)
     flow = mesh.reduced(channel.undisturbed(nodes[mesh.wedge])[0])
-    drop = elastic.gradient @ flow / (iterate.capillary_number * channel.area)
+    drop = gradient @ flow / (iterate.capillary_number * channel.area)
     on_axis = nodes[np.hypot(mesh.nodes[:, 0], mesh.nodes[:, 1]) < 1e-12, 2]
     middle, end = float(np.mean(on_axis)), _FAR * problem.walls.end
     here, upstream, downstream = pressure_of_disturbance(problem, iterate, np.array([middle, -end, end]))
@@ -35,7 +35,7 @@ def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
 def pressure_of_disturbance(problem: Problem, iterate: Iterate, z: Floats) -> Floats:
     """Compute the pressure (p,) of the disturbance by membrane and walls at points `z` of the axis."""
     mesh = problem.mesh
-    density = problem.density(iterate, problem.membrane(iterate.size_ratio).elasticity(iterate.free).gradient)
+    density = problem.density(iterate, problem.membrane(iterate.size_ratio).gradient(iterate.free))
     layer = SingleLayer(mesh, iterate.size_ratio, mesh.expanded(iterate.free), mesh.expanded(density))
     operator = wall_operator(problem.channel, problem.walls)
     strengths = operator.strengths(layer.matrices(operator.points).velocity @ (mesh.basis @ density))

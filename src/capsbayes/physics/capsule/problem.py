@@ -19,7 +19,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.physics.capsule.liquids import membrane_response, membrane_velocity
-from capsbayes.physics.capsule.membrane_load import MembraneLoad
+from capsbayes.physics.capsule.membrane_load import BendingEnergy, MembraneLoad
 from capsbayes.physics.membrane.law import MembraneLaw
 from capsbayes.physics.stokes.channel import Channel, Flow
 from capsbayes.physics.stokes.walls import WallDiscretisation
@@ -76,6 +76,7 @@ class Problem:
     pre_inflation: float = 0.0
     rest_aspect: float = 1.0
     walls: WallDiscretisation = field(default_factory=WallDiscretisation)
+    bending_energy: BendingEnergy = "displacement"
 
     @property
     def channel(self) -> Channel:
@@ -91,7 +92,8 @@ class Problem:
 
     def membrane(self, size_ratio: float) -> MembraneLoad:
         """Return the membrane of a capsule of radius `size_ratio`."""
-        return MembraneLoad(self.mesh, self.law, size_ratio, self.bending, self.pre_inflation, self.rest_aspect)
+        rest = self.pre_inflation, self.rest_aspect
+        return MembraneLoad(self.mesh, self.law, size_ratio, self.bending, *rest, self.bending_energy)
 
     def at_rest(self, capillary_number: float, size_ratio: float) -> Iterate:
         """Return the shape at rest, with about the velocity of a small rigid sphere by Faxen's law."""
@@ -114,7 +116,7 @@ class Problem:
     def motion(self, iterate: Iterate) -> Motion:
         """Compute the velocity error, without derivatives."""
         membrane = self.membrane(iterate.size_ratio)
-        density = self.density(iterate, membrane.elasticity(iterate.free).gradient)
+        density = self.density(iterate, membrane.gradient(iterate.free))
         velocity = membrane_velocity(self.flow, self.walls, self.mesh, iterate.size_ratio, iterate.free, density)
         return self._motion(iterate, velocity, density)
 

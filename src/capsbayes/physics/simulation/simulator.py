@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.physics.capsule.membrane_load import BendingEnergy
 from capsbayes.physics.capsule.pressure import pressures
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import NewtonResult, steady_state
@@ -138,6 +139,9 @@ class Simulator:
         Axis of the shape at rest along the flow over that across, from 0.5 to 2 [-].
     walls : WallDiscretisation
         How finely the walls are represented.
+    bending_energy : str
+        ``"curvature"``: Koiter's energy of a shell, from its change of curvature; ``"displacement"``: the square of the
+        Laplacian of the displacement from rest, which resists rotations as well.
 
     Examples
     --------
@@ -156,6 +160,7 @@ class Simulator:
     section_aspect: float = 1.0
     rest_aspect: float = 1.0
     walls: WallDiscretisation = field(default_factory=WallDiscretisation)
+    bending_energy: BendingEnergy = "displacement"
 
     def __post_init__(self) -> None:
         cross_section_named(self.cross_section, self.corner_radius, self.section_aspect)
@@ -167,13 +172,16 @@ class Simulator:
             value = getattr(self, name)
             if not 0 <= value < 1:
                 raise InputError("Simulator", name, "a number from 0 to 1", str(value))
+        if self.bending_energy not in get_args(BendingEnergy):
+            expected = f"one of {', '.join(get_args(BendingEnergy))}"
+            raise InputError("Simulator", "bending_energy", expected, repr(self.bending_energy))
         if not 0.5 <= self.rest_aspect <= 2.0:
             raise InputError("Simulator", "rest_aspect", "a number from 0.5 to 2", str(self.rest_aspect))
 
     @property
     def settings(self) -> dict[str, Any]:
         """Everything that decides the result, in types that JSON has, by the keys of databases."""
-        return {
+        settings = {
             "law": self.law.name,
             "cross_section": self.cross_section,
             "refinement": self.refinement,
@@ -184,6 +192,8 @@ class Simulator:
             "rest_aspect": self.rest_aspect,
             "walls": asdict(self.walls),
         }
+        # not stored: the databases that were made before there was another one keep their settings and their hash
+        return settings if self.bending_energy == "displacement" else settings | {"bending_energy": self.bending_energy}
 
     def refined(self, refinement: int) -> Simulator:
         """Return the same simulator on another mesh."""
@@ -193,9 +203,8 @@ class Simulator:
     def problem(self) -> Problem:
         """The discrete equations."""
         channel = cross_section_named(self.cross_section, self.corner_radius, self.section_aspect)
-        return Problem(
-            self.law, channel, self.refinement, self.bending, self.pre_inflation, self.rest_aspect, self.walls
-        )
+        rest = self.pre_inflation, self.rest_aspect
+        return Problem(self.law, channel, self.refinement, self.bending, *rest, self.walls, self.bending_energy)
 
     def run(
         self, *, capillary_number: float, size_ratio: float, start: Start = "rest", threads: int = 1

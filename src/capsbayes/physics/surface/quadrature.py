@@ -1,6 +1,6 @@
 """Quadrature rules on the unit triangle: regular, subdivided, and singular at a node.
 
-Weights sum to the triangle's area, 1/2. The symmetric rules of degree 5 and 6
+Weights sum to the triangle's area, 1/2. The symmetric rules of degree 4 to 6
 are those of Dunavant (1985, doi 10.1002/nme.1620210612); a singular rule
 collapses a square onto the triangle (Duffy 1982, doi 10.1137/0719090), whose
 Jacobian cancels a 1/r kernel at the collapsed corner.
@@ -25,6 +25,7 @@ class Rule(NamedTuple):
 
 _ORBITS: dict[int, list[tuple[float, ...]]] = {
     2: [(1 / 3, 1 / 6)],
+    4: [(0.223381589678011, 0.445948490915965), (0.109951743655322, 0.091576213509771)],
     5: [(0.225, 1 / 3), (0.132394152788506, 0.470142064105115), (0.125939180544827, 0.101286507323456)],
     6: [
         (0.116786275726379, 0.249286745170910),
@@ -35,7 +36,7 @@ _ORBITS: dict[int, list[tuple[float, ...]]] = {
 
 
 def dunavant(degree: int) -> Rule:
-    """Return the symmetric rule exact for polynomials up to `degree` (2, 5 or 6)."""
+    """Return the symmetric rule exact for polynomials up to `degree` (2, 4, 5 or 6)."""
     points: list[tuple[float, float]] = []
     weights: list[float] = []
     for weight, *barycentric in _ORBITS[degree]:
