@@ -28,7 +28,7 @@ def changed(problem: Problem, name: str, value: float) -> Problem:
 
 
 def _of_law(problem: Problem, name: str) -> bool:
-    return name in (item.name for item in fields(problem.law))  # type: ignore[arg-type]
+    return name in (item.name for item in fields(problem.law))
 
 
 def parameter_derivatives(problem: Problem, iterate: Iterate, names: Sequence[str]) -> Floats:
