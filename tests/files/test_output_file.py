@@ -110,6 +110,12 @@ def test_cells_that_a_spreadsheet_would_run_are_text(tmp_path):
     assert read["x"].tolist() == [-1.0] * len(cells)
 
 
+def test_numbers_of_a_table_are_read_to_the_last_digit(tmp_path):
+    numbers = np.exp(np.linspace(-20.0, 20.0, 300)).tolist()
+    (tmp_path / "t.csv").write_text("\n".join(["x", *map(repr, numbers)]))
+    assert read_csv(tmp_path / "t.csv")["x"].tolist() == numbers
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -61,8 +61,10 @@ def read_csv(path: str | Path, noun: str = "table") -> pd.DataFrame:
                 raise InputError(place, "", "the names of the columns in the first line only", "them again")
             if any(line) or len(line) > 1:
                 numbers.append(lines.line_num)
+        older = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
+        exact: dict[str, Any] = {"float_precision": "round_trip"} if older else {}  # the default from pandas 3.1 on
         frame = pd.read_csv(
-            io.StringIO(text, newline=None), skipinitialspace=True, names=names, header=0, index_col=False
+            io.StringIO(text, newline=None), skipinitialspace=True, names=names, header=0, index_col=False, **exact
         )
         return frame.set_axis(pd.Index(numbers, name="line")[: len(frame)])
     except (ValueError, csv.Error) as error:  # pandas and csv have their own
