@@ -7,8 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import manufactured
+import numpy as np
 import pytest
+from drawn import drawn
 from png_header import png_of_size
 from results import posterior
 
@@ -92,6 +95,19 @@ def test_a_refusal_takes_little_time_and_memory(place, words):
     assert len(lines) == 1, lines
     assert seconds < 5.0
     assert memory < 1e9
+
+
+@pytest.mark.slow
+def test_the_largest_picture_is_measured_in_a_gigabyte(place):
+    made = drawn(0.08, 1.05)
+    seen, empty = (cv2.resize(grey, None, fx=2.0, fy=2.0) for grey in (made.picture, made.background))
+    around = np.repeat(empty[:, :1], (2**23 // len(seen) - seen.shape[1]) // 2, axis=1)
+    cv2.imwrite(str(place / "large.png"), np.hstack([around, seen, around]))
+    words = "measure large.png --experiment experiment.toml --velocity 6.2+/-0.06mm/s --out made"
+    status, lines, _, memory = ended(place, words, None)
+    assert (status, lines) == (0, [])
+    assert memory < 1e9
+    assert (place / "made" / "overlay.png").exists()
 
 
 def test_where_nothing_can_be_written_numba_keeps_its_functions_in_a_folder_of_the_process(tmp_path):

@@ -48,6 +48,30 @@ def path(tmp_path):
     return made
 
 
+def test_sizes_that_a_file_declares_are_checked_before_it_is_read(path):
+    whole = {"dtype": np.uint8, "chunks": (1, 80, 160)}
+    for declared, message in (
+        ({"shape": (3, 20_000, 20_000)} | whole, "events/image: expected at most 4 million pixels, got 20000 x 20000"),
+        ({"shape": (10**9, 80, 160)} | whole, "expected pictures of all 1000000000 events, got those of 0"),
+        ({"shape": (3, 80, 160), "dtype": np.uint8}, "expected pictures of all 3 events, got those of 0"),
+        (
+            {"shape": (3, 80, 160), "maxshape": (None, 80, 160)} | whole | {"chunks": (10**5, 80, 160)},
+            r"expected chunks of at most 256 MiB, got \(100000, 80, 160\)",
+        ),
+        ({"data": np.zeros((3, 80, 160))}, "expected grey pictures of all events, in one array, got <HDF5 dataset"),
+        ({"data": np.zeros((3, 80, 80), np.uint8)}, "events/mask: expected masks of 80 x 80, got 160 x 80"),
+        ({"data": h5py.SoftLink("/events/image")}, "expected .* got (nothing|a file that cannot be read as one)"),
+    ):
+        with h5py.File(path, "a") as file:
+            del file["events/image"]
+            if isinstance(declared.get("data"), h5py.SoftLink):
+                file["events/image"] = declared["data"]
+            else:
+                file.create_dataset("events/image", **declared)
+        with pytest.raises(InputError, match=message):
+            RtdcFile.open(path)
+
+
 def test_drawn_spheres_and_a_mask_in_two_pieces(path):
     found = events(path)
     assert [event.detection.status for event in found] == [Status.DONE, Status.DONE, Status.BROKEN_MASK]

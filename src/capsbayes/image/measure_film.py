@@ -187,17 +187,19 @@ def _measure_frame(
 
 
 def _background(film: Film) -> Floats:
-    sampled = film.spread(_SAMPLED)
+    sampled = [picture.grey.astype(np.float32) for picture in film.spread(_SAMPLED)]
     if len(sampled) < 3:
         raise InputError(
             str(film.source), "", "at least three readable frames", f"{len(sampled)}", "or give a background"
         )
-    return temporal_median([picture.grey.astype(np.float32) for picture in sampled]).astype(np.float64)
+    return temporal_median(sampled).astype(np.float64)
 
 
 def _view(film: Film, empty: Floats, *, given: bool) -> _View | Status:
     first = next((picture for picture in film.frames() if picture is not None), None)
-    if first is None or first.shape != empty.shape:
+    if first is None:
+        raise InputError(str(film.source), "", "frames that can be read", "none")
+    if first.shape != empty.shape:
         return Status.BACKGROUND_DIFFERS
     walls = find_walls(empty)
     if walls is None:

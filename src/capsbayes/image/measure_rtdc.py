@@ -97,10 +97,8 @@ def measure_rtdc(
     file = file if isinstance(file, RtdcFile) else RtdcFile.open(file)
     direction = check_flow(flow)
     _check_channel(file, experiment, pixel_size)
-    sampled = evenly_spaced(file.events, _SAMPLED)
-    empty = temporal_median(
-        [image.astype(float) for index, (image, _) in enumerate(file.pictures()) if index in sampled]
-    )
+    sampled = sorted(evenly_spaced(file.events, _SAMPLED))
+    empty = temporal_median([image for image, _ in file.pictures(sampled)])
     walls = _walls(empty, 0.5 * file.channel_width / pixel_size.value)
     gain = transmission(np.ones_like(empty), empty)
     for number, (image, mask) in enumerate(file.pictures()):

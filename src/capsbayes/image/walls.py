@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.arrays import Floats
@@ -89,22 +90,29 @@ def _coarse(strips: Floats, places: Floats) -> Floats | None:
     """Return the rows of the upper and the lower wall in each strip : (2, strips) array, to a pixel or two."""
     ridge = gaussian_filter1d(strips, _SMOOTHING, axis=1, order=2, mode="nearest")
     rows = np.arange(strips.shape[1])
-    shift = np.rint(_SLOPES[:, None] * places).astype(int)
-    index = rows + shift[:, :, None]
-    outside = (index < 0) | (index >= len(rows))
-    values = ridge[np.arange(_STRIPS)[:, None], np.clip(index, 0, len(rows) - 1)]
-    values[outside] = -np.inf
-    # a capsule darkens some strips only: a wall is dark in three of four
-    dark = np.partition(values, _STRIPS // 4, axis=1)[:, _STRIPS // 4]
-    first = dark.argmax(axis=1)
-    others = np.where(np.abs(rows - first[:, None]) > _APART * len(rows), dark, -np.inf)
-    second = others.argmax(axis=1)
-    each = np.arange(len(_SLOPES))
-    best = int(np.argmax(dark[each, first] + others[each, second]))
-    spread = robust_spread(dark[best][np.isfinite(dark[best])])
-    if not others[best, second[best]] > max(_SIGNIFICANCE * spread, 1e-3 * np.median(strips)):
+    trials = []
+    for slope in _SLOPES:
+        dark = _dark_lines(ridge, rows, slope * places)
+        first = int(dark.argmax())
+        others = np.where(np.abs(rows - first) > _APART * len(rows), dark, -np.inf)
+        second = int(others.argmax())
+        trials.append((dark[first] + others[second], others[second], first, second))
+    best = int(np.argmax([total for total, *_ in trials]))
+    _, fainter, first, second = trials[best]
+    dark = _dark_lines(ridge, rows, _SLOPES[best] * places)
+    spread = robust_spread(dark[np.isfinite(dark)])
+    if not fainter > max(_SIGNIFICANCE * spread, 1e-3 * np.median(strips)):
         return None
-    return np.sort([first[best], second[best]])[:, None] + _SLOPES[best] * places
+    return np.sort([first, second])[:, None] + _SLOPES[best] * places
+
+
+def _dark_lines(ridge: Floats, rows: NDArray[np.intp], shift: Floats) -> Floats:
+    """Return how dark the line is that begins at each row and is shifted from strip to strip : (rows,) array."""
+    index = rows + np.rint(shift).astype(int)[:, None]
+    values = np.take_along_axis(ridge, np.clip(index, 0, len(rows) - 1), axis=1)
+    values[(index < 0) | (index >= len(rows))] = -np.inf
+    # a capsule darkens some strips only: a wall is dark in three of four
+    return np.partition(values, _STRIPS // 4, axis=0)[_STRIPS // 4]
 
 
 def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallLines | None:

@@ -1,7 +1,10 @@
+import struct
+
 import cv2
 import numpy as np
 import pytest
 from drawn_film import exposed, written
+from png_header import png_of_size
 
 from capsbayes.errors import InputError
 from capsbayes.image.files.film import Film, is_film
@@ -57,6 +60,29 @@ def test_a_file_that_is_no_film_is_refused_in_one_line(tmp_path):
         with pytest.raises(InputError, match=message) as caught:
             Film.open(tmp_path / name)
         assert "\n" not in str(caught.value)
+
+
+def test_sizes_that_a_film_declares_are_checked_before_it_is_read(tmp_path):
+    folder = written(tmp_path / "film", FRAMES)
+    (folder / "frame7.png").write_bytes(png_of_size(20_000, 20_000))
+    for name, size in (("long.avi", (64, 40)), ("large.avi", (2100, 2100))):
+        writer = cv2.VideoWriter(str(tmp_path / name), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, size, False)
+        for _ in range(3):
+            writer.write(np.zeros(size[::-1], np.uint8))
+        writer.release()
+    video = (tmp_path / "long.avi").read_bytes()
+    count = video.index(b"strh") + 8 + 32
+    (tmp_path / "long.avi").write_bytes(video[:count] + struct.pack("<I", 10**6) + video[count + 4 :])
+    pages = [np.zeros(shape, np.uint8) for shape in ((40, 64), (2100, 2100), (40, 64))]
+    cv2.imwritemulti(str(tmp_path / "large.tif"), pages)
+    for name, message in (
+        ("film", r"frame7\.png: expected at most 4 million pixels, got far more; crop it to the channel"),
+        ("long.avi", "expected as many frames as the file says, got room for fewer than its 1000000"),
+        ("large.avi", "expected at most 4 million pixels, got 2100 x 2100; crop it to the channel"),
+        ("large.tif", "expected at most 4 million pixels, got 2100 x 2100; crop it to the channel"),
+    ):
+        with pytest.raises(InputError, match=message):
+            Film.open(tmp_path / name)
 
 
 def test_one_picture_is_no_film(tmp_path):

@@ -57,3 +57,8 @@ def test_a_file_that_is_no_picture_is_refused_in_one_line(tmp_path, content, mes
 def test_an_array_that_is_no_picture_is_refused(pixels):
     with pytest.raises(InputError, match=r"picture: expected"):
         Picture.from_array(pixels)
+
+
+def test_a_side_that_opencv_cannot_turn_is_refused():
+    with pytest.raises(InputError, match="expected sides of at most 32766 pixels, got 40000 x 16"):
+        Picture.from_array(np.ones((16, 40_000), np.uint8))

@@ -13,11 +13,21 @@ import numpy as np
 
 from capsbayes.errors import InputError
 from capsbayes.files.input_file import PICTURES
-from capsbayes.image.files.picture import Picture, Pixels, check_size, decode, in_rgb_order, quietly
+from capsbayes.image.files.picture import (
+    MOST_IN_FRAMES,
+    Picture,
+    Pixels,
+    check_pixels,
+    check_size,
+    decode,
+    in_rgb_order,
+    quietly,
+)
 
 FRAMES = (*PICTURES, ".bmp")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 _PAGES = 32  # of a TIFF file read at once
+_LEAST_BYTES = 8  # of a frame in a video
 
 
 @dataclass(frozen=True)
@@ -48,6 +58,8 @@ class Film:
         where = str(path)
         if path.is_dir():
             count = len(_pictures(path))
+            for picture in _pictures(path):
+                check_size(picture, str(picture), most=MOST_IN_FRAMES)
             if not count:
                 raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
         elif not path.is_file():
@@ -55,10 +67,14 @@ class Film:
         elif path.suffix.lower() in VIDEOS:
             with quietly():
                 video = cv2.VideoCapture(where)
-                count = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+                opened = video.isOpened()
+                keys = (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+                count, width, height = (int(video.get(key)) if opened else 0 for key in keys)
+            check_pixels(width, height, where, most=MOST_IN_FRAMES)
+            if count * _LEAST_BYTES > path.stat().st_size:
+                raise InputError(where, "", "as many frames as the file says", f"room for fewer than its {count}")
         else:
-            check_size(path, where)
-            count = _pages(path)
+            count = _pages(path) if check_size(path, where, most=MOST_IN_FRAMES) else 0
         if count < 1:
             raise InputError(where, "", "a film (AVI, MP4, TIFF or a folder)", "a file that cannot be read as one")
         return cls(path, count)
@@ -74,9 +90,9 @@ class Film:
                 shape = shape or pixels.shape
             yield None if pixels is None or pixels.shape != shape else Picture.from_array(pixels[rows])
 
-    def spread(self, count: int) -> list[Picture]:
-        """Read at most `count` frames at about equal distances; those that cannot be read are omitted."""
-        return [picture for picture in self.frames(only=evenly_spaced(self.count, count)) if picture is not None]
+    def spread(self, count: int) -> Iterator[Picture]:
+        """Iterate over at most `count` frames at about equal distances; those that cannot be read are omitted."""
+        return (picture for picture in self.frames(only=evenly_spaced(self.count, count)) if picture is not None)
 
     @property
     def sha256(self) -> str:
@@ -94,9 +110,11 @@ class Film:
             for number, path in enumerate(_pictures(self.source)):
                 yield decode(path.read_bytes()) if number in wanted else None
         elif self.source.suffix.lower() in VIDEOS:
-            video = cv2.VideoCapture(str(self.source))
+            with quietly():
+                video = cv2.VideoCapture(str(self.source))
             for number in range(self.count):
-                read, pixels = video.retrieve() if video.grab() and number in wanted else (False, None)
+                with quietly():
+                    read, pixels = video.retrieve() if video.grab() and number in wanted else (False, None)
                 yield cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY) if read and pixels is not None else None
         elif only is None:
             for start in range(0, self.count, _PAGES):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import math
 import os
+import struct
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -23,7 +23,10 @@ from capsbayes.files.input_file import read_bytes
 
 Pixels = NDArray[Any]
 
-_MOST_PIXELS = 2**24
+_MOST_PIXELS = 2**23
+_LONGEST_SIDE = 2**15 - 2  # which OpenCV can turn
+MOST_IN_FRAMES = 2**22
+"""Most pixels of a frame of a film, tens of which are in memory together."""
 _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 12, 14 and 16 bits
 _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
@@ -70,8 +73,7 @@ class Picture:
         where, raw = str(path), read_bytes(path, "picture")
         if not raw:
             raise InputError(where, "", "a picture", "an empty file")
-        check_size(raw, where)
-        pixels = decode(raw)
+        pixels = decode(raw) if check_size(raw, where) else None
         if pixels is None:
             raise InputError(where, "", "a picture (PNG, TIFF or JPEG)", "a file that cannot be read as one")
         return cls._of(pixels, where, hashlib.sha256(raw).hexdigest())
@@ -100,6 +102,9 @@ class Picture:
     def _of(cls, pixels: Pixels, where: str, sha256: str) -> Picture:
         if pixels.ndim not in (2, 3) or min(pixels.shape[:2]) < 16:
             raise InputError(where, "", "a picture of at least 16 x 16 pixels", f"an array of shape {pixels.shape}")
+        if max(pixels.shape[:2]) > _LONGEST_SIDE:
+            rows, columns = pixels.shape[:2]
+            raise InputError(where, "", f"sides of at most {_LONGEST_SIDE} pixels", f"{columns} x {rows}")
         is_integer = np.issubdtype(pixels.dtype, np.integer)
         levels = pixels.reshape(*pixels.shape[:2], -1)
         levels = levels[:, :, :3].astype(np.float64) @ _LUMA if levels.shape[2] >= 3 else levels[:, :, 0]
@@ -119,20 +124,39 @@ class Picture:
         return rows, columns
 
 
-def check_size(file: bytes | Path, where: str) -> None:
-    """Refuse a picture of more pixels than memory and time allow, by the size that its header states."""
+def check_size(file: bytes | Path, where: str, *, most: int = _MOST_PIXELS) -> bool:
+    """Refuse a picture of more pixels than memory and time allow, by the sizes that its header states for all pages.
+
+    Returns False for a file that is no picture.
+    """
     import PIL.Image
 
     try:
-        with warnings.catch_warnings(action="ignore"):
-            width, height = PIL.Image.open(BytesIO(file) if isinstance(file, bytes) else file).size
+        with (
+            warnings.catch_warnings(action="ignore"),
+            PIL.Image.open(BytesIO(file) if isinstance(file, bytes) else file) as picture,
+        ):
+            sizes = {picture.size}
+            for number in range(1, getattr(picture, "n_frames", 1)):
+                picture.seek(number)
+                sizes.add(picture.size)
     except PIL.Image.DecompressionBombError:
-        width = height = math.isqrt(_MOST_PIXELS) + 1
-    except (OSError, ValueError, SyntaxError):  # no picture that Pillow knows; OpenCV decides
-        return
-    if width * height > _MOST_PIXELS:
-        expected = f"a picture of at most {_MOST_PIXELS / 1e6:.0f} million pixels"
-        raise InputError(where, "", expected, f"one of {width} x {height}", "crop it to the channel")
+        raise _too_large(where, most, "far more") from None
+    except (OSError, ValueError, SyntaxError, EOFError, KeyError, TypeError, OverflowError, struct.error):
+        return False
+    for width, height in sizes:
+        check_pixels(width, height, where, most=most)
+    return True
+
+
+def check_pixels(width: int, height: int, where: str, *, most: int) -> None:
+    """Refuse a picture of more than `most` pixels."""
+    if width * height > most:
+        raise _too_large(where, most, f"{width} x {height}")
+
+
+def _too_large(where: str, most: int, got: str) -> InputError:
+    return InputError(where, "", f"at most {most / 1e6:.0f} million pixels", got, "crop it to the channel")
 
 
 @contextlib.contextmanager
@@ -150,7 +174,7 @@ def quietly() -> Iterator[None]:
 
 def decode(raw: bytes) -> Pixels | None:
     """Return the pixels of an encoded picture, colours in the order red, green, blue; None if it is not a picture."""
-    with quietly():
+    with quietly(), contextlib.suppress(cv2.error):
         pixels = cv2.imdecode(np.frombuffer(raw, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
     return None if pixels is None else in_rgb_order(pixels)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,10 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans
 from capsbayes.errors import InputError
+from capsbayes.image.files.picture import MOST_IN_FRAMES, check_pixels
 
 _MICROMETRE = 1e-6  # the unit of the file's lengths
+_LARGEST_CHUNK = 2**28  # bytes that are in memory together
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,10 @@ class RtdcFile:
             for name in ("events/image", "events/mask"):
                 if name not in file:
                     raise InputError(where, name, "pictures and masks", "nothing", "export them with the events")
+                _check_pictures(file[name], where, name)
+            shapes = [file[name].shape[1:] for name in ("events/image", "events/mask")]
+            if shapes[0] != shapes[1]:
+                raise InputError(where, "events/mask", f"masks of {_size(shapes[0])}", _size(shapes[1]))
             keys = ("imaging:pixel size", "setup:channel width")
             pixel, width = (_positive(file.attrs.get(key), where, key) * _MICROMETRE for key in keys)
             count = min(len(file["events/image"]), len(file["events/mask"]))
@@ -64,14 +72,16 @@ class RtdcFile:
             digest = hashlib.file_digest(raw, "sha256").hexdigest()
         return cls(path, count, pixel, width, digest)
 
-    def pictures(self) -> Iterator[tuple[NDArray[np.uint8], Booleans]]:
-        """Iterate over the picture and the mask of each event : (rows, columns) arrays."""
+    def pictures(self, events: Iterable[int] | None = None) -> Iterator[tuple[NDArray[np.uint8], Booleans]]:
+        """Iterate over the picture and the mask of each event, or of some by number : (rows, columns) arrays."""
         with _opened(self.path) as file:
-            for index in range(self.events):
+            for index in range(self.events) if events is None else events:
                 yield np.asarray(file["events/image"][index]), np.asarray(file["events/mask"][index]) > 0
 
 
-def _opened(path: Path) -> Any:
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a file, and refuse it where something in it cannot be read."""
     try:
         import h5py
         import hdf5plugin  # noqa: F401
@@ -81,9 +91,31 @@ def _opened(path: Path) -> Any:
     if not path.is_file():
         raise InputError(str(path), "", "a file", "nothing there")
     try:
-        return h5py.File(path, "r")
-    except OSError:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError):
         raise InputError(str(path), "", "an .rtdc file (HDF5)", "a file that cannot be read as one") from None
+
+
+def _check_pictures(dataset: Any, where: str, name: str) -> None:
+    """Refuse what are no pictures, or pictures too large for memory, by the sizes that the file declares."""
+    if not hasattr(dataset, "shape") or len(dataset.shape) != 3 or dataset.dtype.kind not in "uib":
+        raise InputError(where, name, "grey pictures of all events, in one array", str(dataset)[:80])
+    count, rows, columns = dataset.shape
+    check_pixels(columns, rows, f"{where}: {name}", most=MOST_IN_FRAMES)
+    if dataset.chunks is None:
+        held = dataset.id.get_storage_size() // max(rows * columns * dataset.dtype.itemsize, 1)
+    else:
+        if math.prod(dataset.chunks) * dataset.dtype.itemsize > _LARGEST_CHUNK:
+            raise InputError(where, name, f"chunks of at most {_LARGEST_CHUNK >> 20} MiB", str(dataset.chunks))
+        across = math.prod(-(-size // part) for size, part in zip(dataset.shape[1:], dataset.chunks[1:], strict=True))
+        held = dataset.id.get_num_chunks() // max(across, 1) * dataset.chunks[0]
+    if held < count:
+        raise InputError(where, name, f"pictures of all {count} events", f"those of {held}")
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape[::-1]))
 
 
 def _positive(value: object, where: str, key: str) -> float:
