@@ -27,6 +27,21 @@ def changed(problem: Problem, name: str, value: float) -> Problem:
     return replace(problem, **{name: value})  # type: ignore[arg-type]
 
 
+def value_of(problem: Problem, name: str) -> float:
+    """Return the value of a parameter of the membrane.
+
+    Raises
+    ------
+    InputError
+        If neither the problem nor its law has it.
+    """
+    owner = problem.law if _of_law(problem, name) else problem
+    value = getattr(owner, name, None)
+    if not isinstance(value, float):
+        raise InputError("parameter", "", "a parameter of the membrane or of its law", repr(name))
+    return value
+
+
 def _of_law(problem: Problem, name: str) -> bool:
     return name in (item.name for item in fields(problem.law))
 
@@ -60,7 +75,7 @@ def parameter_derivatives(problem: Problem, iterate: Iterate, names: Sequence[st
 
 def _density_slope(problem: Problem, iterate: Iterate, name: str) -> Floats:
     """Return the derivative (F,) of the density along a parameter of the membrane, at constant shape."""
-    value = getattr(problem.law if _of_law(problem, name) else problem, name)
+    value = value_of(problem, name)
     densities, values = [], []
     for end in (value - _STEP, value + _STEP):
         try:

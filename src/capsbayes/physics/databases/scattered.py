@@ -1,0 +1,319 @@
+"""Steady states scattered over several parameters, each with its derivatives along all of them.
+
+A state and its derivatives predict its neighbours, so that Newton's method reaches one from the nearest in few steps.
+The places form a tree in which each is near its parent: first a few that are far apart, then the others, each in the
+group of the nearest of these. The groups are independent, and the tree depends on the places alone: results do not
+depend on interruptions or on the number of workers.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.distance import cdist
+from scipy.stats import qmc
+from threadpoolctl import threadpool_limits
+
+from capsbayes import __version__
+from capsbayes.arrays import Floats
+from capsbayes.errors import InputError
+from capsbayes.interruption import keeping
+from capsbayes.physics.capsule.derivatives import changed, parameter_derivatives, value_of
+from capsbayes.physics.capsule.problem import Iterate, Problem
+from capsbayes.physics.capsule.steady_state import steady_state
+from capsbayes.physics.simulation.simulator import Simulator, SteadyState
+from capsbayes.work import Store, digest_of, only_run, progress_bar, run_tasks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_OF_THE_CASE = ("capillary_number", "size_ratio")
+_GROUPS = 32
+_SHORTEST = 0.05  # share of the way to a place, below which a step is not tried
+_FARTHEST = 0.05  # [l] between the prediction and the state, beyond which it may be one of another branch
+_ITERATIONS, _PATIENCE = 8, 4
+_OMITTED = 1e-5  # [l] rms of the coordinates, in modes that are left out
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A parameter and its range.
+
+    Parameters
+    ----------
+    name : str
+        ``"capillary_number"``, ``"size_ratio"``, or a parameter of the simulator or of its law.
+    low, high : float
+    logarithmic : bool
+        True if places are spread evenly in its logarithm.
+    """
+
+    name: str
+    low: float
+    high: float
+    logarithmic: bool = False
+
+    def value(self, unit: float) -> float:
+        """Return the value at a coordinate from 0 to 1."""
+        if self.logarithmic:
+            return float(self.low * (self.high / self.low) ** unit)
+        return self.low + (self.high - self.low) * unit
+
+    def unit(self, value: float) -> float:
+        """Return the coordinate of a value."""
+        if self.logarithmic:
+            return float(np.log(value / self.low) / np.log(self.high / self.low))
+        return (value - self.low) / (self.high - self.low)
+
+    def slope(self, unit: float) -> float:
+        """Return the derivative of the value along the coordinate."""
+        return self.value(unit) * float(np.log(self.high / self.low)) if self.logarithmic else self.high - self.low
+
+
+def sobol_places(count: int, dimensions: int) -> Floats:
+    """Return the first points of Sobol's sequence that is not scrambled : (count, dimensions) array from 0 to 1."""
+    return np.asarray(qmc.Sobol(dimensions, scramble=False).random_base2(int(np.ceil(np.log2(count))))[:count])
+
+
+@dataclass(frozen=True, eq=False)
+class ScatteredState:
+    """A steady state at a place.
+
+    Parameters
+    ----------
+    place : (p,) array
+        Coordinates from 0 to 1 along the axes.
+    unknowns : (F + 2,) array
+        Free coordinates of the mesh [l], velocity [U] and slack [U].
+    derivatives : (F + 2, p) array
+        Of the unknowns along the coordinates.
+    """
+
+    place: Floats
+    unknowns: Floats
+    derivatives: Floats
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """Continuation of the steady states of one simulator along some axes.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Its own values hold for what no axis varies.
+    axes : tuple of Axis
+        Capillary number and size ratio among them.
+    """
+
+    simulator: Simulator
+    axes: tuple[Axis, ...]
+
+    def __post_init__(self) -> None:
+        for name in _OF_THE_CASE:
+            if name not in self.names:
+                raise InputError("Continuation", "axes", f"{name} among the axes", ", ".join(self.names) or "none")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(axis.name for axis in self.axes)
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """What decides the states, in types that JSON has."""
+        return {**self.simulator.settings, "axes": [asdict(axis) for axis in self.axes]}
+
+    def taken(self, state: SteadyState) -> ScatteredState:
+        """Return a steady state of the simulator as a start."""
+        problem = self.simulator.problem
+        values = [getattr(state, name) if name in _OF_THE_CASE else value_of(problem, name) for name in self.names]
+        place = np.array([axis.unit(value) for axis, value in zip(self.axes, values, strict=True)])
+        unknowns = np.append(state.mesh.reduced(state.nodes), [state.velocity_ratio, state.slack])
+        return self._with_derivatives(place, unknowns)
+
+    def reached(self, start: ScatteredState, place: Floats) -> ScatteredState | None:
+        """Return the state at a place, on the branch of another state; None if that ends on the way."""
+        state, share, step = start, 0.0, 1.0
+        while share < 1.0:
+            step = min(step, 1.0 - share)
+            ahead = self._solved(state, start.place + (share + step) * (place - start.place))
+            if ahead is not None:
+                state, share, step = ahead, share + step, 2.0 * step
+            elif step < 2.0 * _SHORTEST:
+                return None
+            else:
+                step *= 0.5
+        return state
+
+    def _solved(self, near: ScatteredState, place: Floats) -> ScatteredState | None:
+        guess = near.unknowns + near.derivatives @ (place - near.place)
+        problem, iterate = self._problem(place), self._iterate(place, guess)
+        found = steady_state(problem, iterate, max_iterations=_ITERATIONS, patience=_PATIENCE)
+        unknowns = np.append(found.iterate.free, [found.iterate.velocity, found.iterate.slack])
+        if not found.converged or np.max(np.abs(unknowns - guess)) > _FARTHEST:
+            return None
+        return self._with_derivatives(place, unknowns)
+
+    def _with_derivatives(self, place: Floats, unknowns: Floats) -> ScatteredState:
+        along = parameter_derivatives(self._problem(place), self._iterate(place, unknowns), self.names)
+        slopes = [axis.slope(unit) for axis, unit in zip(self.axes, place.tolist(), strict=True)]
+        return ScatteredState(place, unknowns, along * slopes)
+
+    def _values(self, place: Floats) -> dict[str, float]:
+        return {axis.name: axis.value(unit) for axis, unit in zip(self.axes, place.tolist(), strict=True)}
+
+    def _problem(self, place: Floats) -> Problem:
+        problem = self.simulator.problem
+        for name, value in self._values(place).items():
+            if name not in _OF_THE_CASE:
+                problem = changed(problem, name, value)
+        return problem
+
+    def _iterate(self, place: Floats, unknowns: Floats) -> Iterate:
+        values = self._values(place)
+        return Iterate(unknowns[:-2], *map(float, unknowns[-2:]), *(values[name] for name in _OF_THE_CASE))
+
+
+def scattered_states(
+    continuation: Continuation,
+    start: ScatteredState,
+    places: Floats,
+    *,
+    folder: str | os.PathLike[str],
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> list[ScatteredState | None]:
+    """Compute the steady states at many places, on the branch of a first one.
+
+    Finished states are kept in a folder; the same call made again, after an interruption or with more places, computes
+    only what is missing.
+
+    Parameters
+    ----------
+    continuation : Continuation
+    start : ScatteredState
+    places : (n, p) array
+        Coordinates from 0 to 1 along the axes.
+    folder : path
+    scheduler, workers, progress
+        As of `capsbayes.physics.databases.build.build_database`.
+
+    Returns
+    -------
+    list of ScatteredState or None
+        None where the branch ends on the way.
+    """
+    store = Store.open(folder, continuation.settings)
+    first = min(_GROUPS, len(places))
+    with only_run(Path(folder)), keeping(Path(folder)):
+        count = partial(_ended, store, places)
+        with progress_bar(len(places), "states", show=progress, count=count):
+            seeds = [state for state in _grown(continuation, store, start, places[:first]) if state is not None]
+            seeds = seeds or [start]
+            nearest = np.argmin(cdist(places[first:], np.array([seed.place for seed in seeds])), axis=1)
+            groups = [(seed, places[first:][nearest == number]) for number, seed in enumerate(seeds)]
+            tasks = [partial(_grown, continuation, store, seed, group) for seed, group in groups if len(group)]
+            run_tasks(tasks, scheduler, workers)
+    return [_stored(store, place) for place in places]
+
+
+def _grown(
+    continuation: Continuation, store: Store, root: ScatteredState, places: Floats
+) -> list[ScatteredState | None]:
+    """Compute the states at some places, each from the nearest one before it."""
+    states: list[ScatteredState] = [root]
+    found: list[ScatteredState | None] = [None] * len(places)
+    with threadpool_limits(limits=1):
+        for number in _from_near_to_far(root.place, places):
+            place, name = places[number], _name(places[number])
+            if not store.holds(name):
+                near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
+                _save(store, name, continuation.reached(near, place))
+            state = found[number] = _stored(store, place)
+            if state is not None:
+                states.append(state)
+    return found
+
+
+def _from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
+    """Yield the numbers of the places, always that which is nearest to those before it (Prim's algorithm)."""
+    distance = np.linalg.norm(places - root, axis=1)
+    left = np.ones(len(places), dtype=bool)
+    for _ in range(len(places)):
+        number = int(np.argmin(np.where(left, distance, np.inf)))
+        yield number
+        left[number] = False
+        distance = np.minimum(distance, np.linalg.norm(places - places[number], axis=1))
+
+
+def _name(place: Floats) -> str:
+    return f"state-{digest_of(place)[:24]}"
+
+
+def _save(store: Store, name: str, state: ScatteredState | None) -> None:
+    values = {} if state is None else {item.name: getattr(state, item.name) for item in fields(state)}
+    store.save(name, {"reached": state is not None, **values})
+
+
+def _stored(store: Store, place: Floats) -> ScatteredState | None:
+    values = store.load(_name(place))
+    return ScatteredState(**values) if values is not None and values.pop("reached") else None
+
+
+def _ended(store: Store, places: Floats) -> tuple[int, str]:
+    there = set(store.names())
+    return sum(_name(place) in there for place in places), "states"
+
+
+def scattered_dataset(continuation: Continuation, states: Sequence[ScatteredState | None]) -> xr.Dataset:
+    """Return states in few modes of shape, as a dataset that is a hundred times smaller.
+
+    Parameters
+    ----------
+    continuation : Continuation
+    states : sequence of ScatteredState or None
+        Those that were not reached are left out.
+
+    Returns
+    -------
+    xarray.Dataset
+        The parameters, ``velocity_ratio`` and ``slack`` of each state; ``mean`` (F,) and ``modes`` (F, m) of the free
+        coordinates of the mesh over l, and the ``coefficients`` (n, m) of these; and the derivatives of all along the
+        coordinates from 0 to 1, ``velocity_ratio_along`` (n, p) and ``coefficients_along`` (n, m, p).
+    """
+    import xarray as xr
+
+    some = [state for state in states if state is not None]
+    unknowns, along = np.array([state.unknowns for state in some]), np.array([state.derivatives for state in some])
+    shapes = unknowns[:, :-2]
+    mean = shapes.mean(axis=0)
+    _, sizes, rows = np.linalg.svd(shapes - mean, full_matrices=False)
+    omitted = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / shapes.size)  # rms without a mode and those after it
+    modes = rows[: int(np.count_nonzero(omitted > _OMITTED))].T
+    places = np.array([state.place for state in some])
+    values = {
+        axis.name: ("state", np.array([axis.value(unit) for unit in column]))
+        for axis, column in zip(continuation.axes, places.T.tolist(), strict=True)
+    }
+    return xr.Dataset(
+        {
+            **values,
+            "velocity_ratio": ("state", unknowns[:, -2]),
+            "slack": ("state", unknowns[:, -1]),
+            "mean": ("coordinate", mean),
+            "modes": (("coordinate", "mode"), modes),
+            "coefficients": (("state", "mode"), (shapes - mean) @ modes),
+            "velocity_ratio_along": (("state", "axis"), along[:, -2]),
+            "coefficients_along": (("state", "mode", "axis"), np.einsum("nfp,fm->nmp", along[:, :-2], modes)),
+        },
+        attrs={"settings": json.dumps(continuation.settings), "version": __version__},
+    )

@@ -1,0 +1,115 @@
+"""Scattered states are those of the simulator, found again after an interruption, and predict their neighbours."""
+
+import numpy as np
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.physics.databases.scattered import (
+    Axis,
+    Continuation,
+    ScatteredState,
+    scattered_dataset,
+    scattered_states,
+    sobol_places,
+)
+from capsbayes.physics.membrane.general import GeneralLaw
+from capsbayes.physics.simulation import Simulator
+from capsbayes.physics.stokes.walls import WallDiscretisation
+
+HERE = {"scheduler": "synchronous", "progress": False}
+AXES = (
+    Axis("capillary_number", 0.04, 0.06, logarithmic=True),
+    Axis("size_ratio", 0.75, 0.8),
+    Axis("pre_inflation", 0.0, 0.03),
+    Axis("strain_hardening", 0.0, 0.5),
+)
+SIMULATOR = Simulator(
+    GeneralLaw(3.0, 0.1),
+    refinement=4,
+    bending=3e-3,
+    pre_inflation=0.01,
+    walls=WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5),
+)
+CONTINUATION = Continuation(SIMULATOR, AXES)
+PLACES = sobol_places(8, len(AXES))
+
+
+@pytest.fixture(scope="module")
+def start():
+    return CONTINUATION.taken(SIMULATOR.run(capillary_number=0.05, size_ratio=0.78))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("scattered")
+
+
+@pytest.fixture(scope="module")
+def states(start, folder):
+    return scattered_states(CONTINUATION, start, PLACES, folder=folder, **HERE)
+
+
+def test_states_are_those_of_the_simulator(states):
+    for place, state in zip(PLACES[:3], states, strict=False):
+        ca, size, inflation, hardening = (axis.value(unit) for axis, unit in zip(AXES, place, strict=True))
+        law = GeneralLaw(3.0, hardening)
+        alone = Simulator(law, refinement=4, bending=3e-3, pre_inflation=inflation, walls=SIMULATOR.walls)
+        wanted = CONTINUATION.taken(alone.run(capillary_number=ca, size_ratio=size)).unknowns
+        np.testing.assert_allclose(state.unknowns, wanted, atol=1e-5)
+
+
+def test_a_state_predicts_its_neighbours_to_second_order(start):
+    direction = np.array([0.5, -0.3, 0.4, 0.2])
+    errors = []
+    for step in (0.2, 0.1):
+        state = CONTINUATION.reached(start, start.place + step * direction)
+        predicted = start.unknowns + start.derivatives @ (step * direction)
+        errors.append(np.abs(predicted - state.unknowns).max())
+    assert 3.0 < errors[0] / errors[1] < 5.5
+
+
+def test_what_is_missing_is_computed_again(start, states, folder):
+    parts = sorted(folder.glob("state-*.part"))
+    assert len(parts) == len(PLACES)
+    for part in parts[::2]:
+        part.unlink()
+    before = {part: part.stat().st_mtime_ns for part in parts[1::2]}
+    again = scattered_states(CONTINUATION, start, PLACES, folder=folder, **HERE)
+    for state, other in zip(states, again, strict=True):
+        np.testing.assert_allclose(other.unknowns, state.unknowns, atol=1e-6)
+    assert {part: part.stat().st_mtime_ns for part in before} == before
+
+
+def test_a_few_modes_hold_the_shapes(states):
+    dataset = scattered_dataset(CONTINUATION, [*states, None])
+    assert dataset.sizes["state"] == len(states)
+    shapes = dataset["mean"].values + dataset["coefficients"].values @ dataset["modes"].values.T
+    np.testing.assert_allclose(shapes, [state.unknowns[:-2] for state in states], atol=1e-4)
+    slopes = np.einsum("fm,nmp->nfp", dataset["modes"].values, dataset["coefficients_along"].values)
+    wanted = np.array([state.derivatives[:-2] for state in states])
+    assert np.sqrt(np.mean((slopes - wanted) ** 2)) < 0.05 * np.sqrt(np.mean(wanted**2))
+    np.testing.assert_allclose(dataset["pre_inflation"], 0.03 * PLACES[:, 2], atol=1e-15)
+
+
+def test_a_branch_that_ends_on_the_way_is_said(start, monkeypatch):
+    """As where Newton's method finds nothing beyond the middle of the way."""
+    middle = start.place[0] + 0.2
+
+    def until_the_fold(self, near, place):
+        return None if place[0] > middle else ScatteredState(place, near.unknowns, near.derivatives)
+
+    monkeypatch.setattr(Continuation, "_solved", until_the_fold)
+    assert CONTINUATION.reached(start, start.place + 0.4 * np.eye(4)[0]) is None
+    assert CONTINUATION.reached(start, start.place + 0.1 * np.eye(4)[0]) is not None
+
+
+def test_axes_without_the_case_are_refused():
+    with pytest.raises(InputError, match="size_ratio among the axes, got capillary_number"):
+        Continuation(SIMULATOR, AXES[:1])
+
+
+def test_a_parameter_that_the_membrane_lacks_is_refused():
+    rubber = Continuation(Simulator(refinement=4), (*AXES[:2], Axis("area_dilation_modulus", 1.0, 5.0)))
+    state = Simulator(refinement=4, walls=SIMULATOR.walls).run(capillary_number=0.05, size_ratio=0.78)
+    with pytest.raises(InputError, match="parameter of the membrane or of its law, got 'area_dilation_modulus'"):
+        rubber.taken(state)
