@@ -15,9 +15,9 @@ import scipy.linalg
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.physics.capsule.problem import Iterate, Problem
-from capsbayes.physics.capsule.steady_state import bordered, steady_residual
+from capsbayes.physics.capsule.steady_state import bordered
 
-_STEP = 1e-5  # of parameters, for the differences of the density or of the residual
+_STEP = 1e-5  # of parameters, for the differences of the density
 
 
 def changed(problem: Problem, name: str, value: float) -> Problem:
@@ -63,26 +63,30 @@ def parameter_derivatives(problem: Problem, iterate: Iterate, names: Sequence[st
     for column, name in enumerate(names):
         if name == "capillary_number":
             along[:, column] = linearised.along_ca
-        elif name == "size_ratio":
-            size = iterate.size_ratio
-            ends = [replace(iterate, size_ratio=size + step) for step in (-_STEP, _STEP)]
-            below, above = (steady_residual(problem, end) for end in ends)
-            along[:, column] = (above - below) / (2.0 * _STEP)
         else:
             along[:-2, column] = linearised.along_density @ _density_slope(problem, iterate, name)
+        if name == "size_ratio":
+            along[-2, column] = -4.0 * np.pi * iterate.size_ratio**2  # of the volume
     return -scipy.linalg.solve(linearised.matrix, along, overwrite_a=True, check_finite=False)
 
 
 def _density_slope(problem: Problem, iterate: Iterate, name: str) -> Floats:
-    """Return the derivative (F,) of the density along a parameter of the membrane, at constant shape."""
-    value = value_of(problem, name)
+    """Return the derivative (F,) along a parameter, at constant shape, of the density on the sphere of radius a/l.
+
+    On spheres of other radii the density counts by their area, with which the velocity is proportional to it.
+    """
+    value = iterate.size_ratio if name == "size_ratio" else value_of(problem, name)
     densities, values = [], []
     for end in (value - _STEP, value + _STEP):
+        other, there = problem, iterate
         try:
+            if name == "size_ratio":
+                there = replace(iterate, size_ratio=end)
+            else:
+                other = changed(problem, name, end)
             values.append(end)
-            other = changed(problem, name, end)
         except InputError:  # beyond the range of the parameter
-            values[-1], other = value, problem
-        gradient = other.membrane(iterate.size_ratio).gradient(iterate.free)
-        densities.append(other.density(iterate, gradient))
+            values.append(value)
+        gradient = other.membrane(there.size_ratio).elasticity(there.free).gradient
+        densities.append(other.density(there, gradient) * (there.size_ratio / iterate.size_ratio) ** 2)
     return (densities[1] - densities[0]) / (values[1] - values[0])
