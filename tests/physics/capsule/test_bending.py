@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
-from axisymmetric_shell import AxisymmetricShell
+from pressed_shell import BENDING, distances
 
 from capsbayes.physics.capsule.bending import BentShell, bending_of
-from capsbayes.physics.capsule.element_integrals import integrals_over, rest_metric, spheroid
+from capsbayes.physics.capsule.element_integrals import spheroid
 from capsbayes.physics.capsule.membrane_load import MembraneLoad
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.surface import C2H, C_INF_V, octasphere
-
-SPRING, BENDING = 10.0, 1e-2
+from capsbayes.physics.surface import C2H, octasphere
 
 
 def turned(mesh, nodes, angle):
@@ -75,47 +71,14 @@ def test_stiffness_of_a_thickness():
     assert bending_of(0.0245, 1.0) == pytest.approx(2e-4, rel=1e-3)
 
 
-def pressed(membrane, heights):
-    """Free coordinates of a shell with springs on its poles, see `AxisymmetricShell`."""
-    mesh = membrane.mesh
-    integral, area = integrals_over(mesh), rest_metric(mesh, 1.0).area
-    cosine = np.einsum("qk,ek->eq", integral.shapes, mesh.nodes[integral.elements][..., 2])
-    along = np.einsum("eq,qk,ql->ekl", SPRING * area * cosine**8, integral.shapes, integral.shapes)
-    springs = integral.assembled(np.einsum("ekl,ij->ekilj", along, np.diag([0.0, 0.0, 1.0])).reshape(-1, 18, 18))
-    free = membrane.rest
-    for height in heights:
-        for _ in range(20):
-            elastic = membrane.elasticity(free)
-            load = elastic.gradient + springs @ (free - height * membrane.rest)
-            change = np.linalg.solve(elastic.tangent + springs, -load)
-            free = free + change
-            if mesh.largest(change) < 1e-9:
-                break
-        else:
-            raise ArithmeticError("the shell does not come to rest")
-    return free
-
-
-@cache
-def distances(refinement, bending_energy):
-    """Distances (N,) of the nodes from their places on the axisymmetric shell, pressed in to 0.8 of its height."""
-    heights = (0.95, 0.9, 0.85, 0.8)
-    shell = AxisymmetricShell(BENDING, SPRING, degree=40)
-    mesh = octasphere(refinement, C_INF_V)
-    membrane = MembraneLoad(mesh, NeoHookean(), 1.0, BENDING, bending_energy=bending_energy)
-    nodes = mesh.expanded(pressed(membrane, heights))
-    across, along = shell.meridian(shell.pressed(heights), np.arccos(np.clip(mesh.nodes[:, 2], -1.0, 1.0)))
-    return np.hypot(np.hypot(nodes[:, 0], nodes[:, 1]) - across, nodes[:, 2] - along)
-
-
 def test_a_shell_pressed_in_has_the_shape_of_the_independent_one():
-    assert np.max(distances(5, "curvature")) < 2e-3
+    assert np.max(distances(5, "curvature", 0.8)) < 2e-3
 
 
 @pytest.mark.slow
 def test_the_shape_converges_to_that_of_the_independent_shell():
     """At a rate of 3.5; the displacement form does not come nearer than 0.0004 (rms)."""
     refinements = np.array([5, 6, 8, 12])
-    errors = [np.sqrt(np.mean(distances(n, "curvature") ** 2)) for n in refinements]
+    errors = [np.sqrt(np.mean(distances(n, "curvature", 0.8) ** 2)) for n in refinements]
     assert -np.polyfit(np.log(refinements), np.log(errors), 1)[0] > 3.0
-    assert np.sqrt(np.mean(distances(12, "displacement") ** 2)) > 5 * errors[-1]
+    assert np.sqrt(np.mean(distances(12, "displacement", 0.8) ** 2)) > 5 * errors[-1]

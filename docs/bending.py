@@ -1,0 +1,119 @@
+"""What the two bending energies do: beside an independent shell, in a square channel, and in a tube as B falls.
+
+``python docs/bending.py`` computes what is missing of ``docs/data/bending.json`` and writes the page
+``docs/bending.md``; with ``--page`` it writes the page of the stored results.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from capsbayes import Simulator
+from capsbayes.arrays import Floats
+from capsbayes.physics.capsule.outlines import profile
+from capsbayes.physics.capsule.problem import Iterate
+from capsbayes.physics.capsule.steady_state import steady_state
+from capsbayes.physics.continuation.branches import parachute
+from capsbayes.physics.surface.octasphere import prolonged
+
+HERE = Path(__file__).parent
+STORE, PAGE = HERE / "data" / "bending.json", HERE / "bending.md"
+ENERGIES = ("displacement", "curvature")
+SHELL = [(height, n) for height in (0.8, 0.5) for n in (6, 8, 12)]
+CHANNEL = [  # Ca, a/l, B
+    *((ca, size, bending) for ca, size in ((0.05, 0.9), (0.08, 0.95)) for bending in (2e-4, 1e-3)),
+    (0.1, 0.7, 2e-4),
+    (0.02, 0.75, 2e-4),
+]
+CHANNEL_REFINEMENT = 8
+TUBE, UNBENT = (0.02, 0.8), (1.49586, 1.36403)  # Ca, a/R; L_z/R, L_a/R
+MESHES, BENDINGS = (6, 8, 12, 16), (2e-4, 1e-4, 5e-5, 2e-5, 1e-5, 5e-6)
+Row = list[float]
+
+
+def shell(height: float, refinement: int) -> Row:
+    """Return the rms distance from the independent shell for each energy."""
+    sys.path.insert(0, str(HERE.parent / "tests" / "support"))
+    from pressed_shell import distances
+
+    return [float(np.sqrt(np.mean(distances(refinement, energy, height) ** 2))) for energy in ENERGIES]
+
+
+def sharpest(points: Floats) -> float:
+    """Return the smallest radius of curvature of an outline (p, 2)."""
+    first = np.gradient(points, axis=0)
+    second = np.gradient(first, axis=0)
+    bend = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])[2:-2]
+    return float(1.0 / np.max(bend / np.hypot(*first[2:-2].T) ** 3))
+
+
+def channel(capillary_number: float, size_ratio: float, bending: float) -> Row:
+    """Return L_z, L_a, V and the smallest radius of the mid-plane for each energy, over l and U."""
+    row = []
+    for energy in ENERGIES:
+        simulator = Simulator(refinement=CHANNEL_REFINEMENT, bending=bending, bending_energy=energy)
+        state = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio, start="parachute")
+        assert state.status.ok, state.status
+        outline = state.profile
+        row += [outline.axial_extent, outline.axial_length, state.velocity_ratio, sharpest(outline.points)]
+    return row
+
+
+@cache
+def tube_state(refinement: int, bending: float) -> Iterate:
+    """Return the parachute in the tube, from that with the next larger B."""
+    simulator = Simulator(cross_section="circular", refinement=refinement, bending=bending, bending_energy="curvature")
+    problem, place = simulator.problem, BENDINGS.index(bending)
+    if place:
+        start = tube_state(refinement, BENDINGS[place - 1])
+    elif refinement > 8:
+        coarse = tube_state(8, bending)
+        start = replace(coarse, free=prolonged(coarse.free, replace(problem, refinement=8).mesh, problem.mesh))
+    else:
+        start = parachute(problem, *TUBE).result.iterate
+    result = steady_state(problem, start)
+    assert result.converged
+    return result.iterate
+
+
+def tube(refinement: int, bending: float) -> Row:
+    """Return L_z, L_a and V in the tube with the energy of curvature."""
+    iterate = tube_state(refinement, bending)
+    mesh = Simulator(cross_section="circular", refinement=refinement).problem.mesh
+    outline = profile(mesh, mesh.expanded(iterate.free))
+    return [outline.axial_extent, outline.axial_length, float(iterate.velocity)]
+
+
+def tasks() -> Iterator[tuple[str, Callable[[], Row]]]:
+    """Yield every result by its name."""
+    for n in MESHES:
+        for bending in BENDINGS:
+            yield f"tube {n} {bending:g}", partial(tube, n, bending)
+    for case in CHANNEL:
+        yield "channel {:g} {:g} {:g}".format(*case), partial(channel, *case)
+    for setting in SHELL:
+        yield "shell {:g} {:d}".format(*setting), partial(shell, *setting)
+
+
+def compute() -> None:
+    """Compute what is missing, and keep each result."""
+    known = json.loads(STORE.read_text()) if STORE.exists() else {}
+    for name, task in tasks():
+        if name not in known:
+            with threadpool_limits(limits=1):
+                known[name] = task()
+            STORE.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n")
+            print(name, known[name], flush=True)
+
+
+if __name__ == "__main__":
+    if "--page" not in sys.argv:
+        compute()
