@@ -14,6 +14,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Simulator
@@ -49,10 +50,11 @@ def shell(height: float, refinement: int) -> Row:
 
 def sharpest(points: Floats) -> float:
     """Return the smallest radius of curvature of an outline (p, 2)."""
-    first = np.gradient(points, axis=0)
-    second = np.gradient(first, axis=0)
-    bend = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])[2:-2]
-    return float(1.0 / np.max(bend / np.hypot(*first[2:-2].T) ** 3))
+    length = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
+    spline, along = CubicSpline(length, points), np.linspace(0.01, 0.99, 4000) * length[-1]
+    first, second = spline(along, 1), spline(along, 2)
+    bend = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    return float(1.0 / np.max(bend / np.hypot(*first.T) ** 3))
 
 
 def channel(capillary_number: float, size_ratio: float, bending: float) -> Row:

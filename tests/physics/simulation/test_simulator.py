@@ -1,10 +1,12 @@
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from capsbayes import Simulator, Status
 from capsbayes.errors import InputError
+from capsbayes.physics.membrane import GeneralLaw
 from capsbayes.physics.stokes.walls import WallDiscretisation
 
 COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
@@ -43,6 +45,34 @@ def test_state_of_another_mesh_is_a_start(state):
     finer = simulator.run(capillary_number=0.05, size_ratio=0.85, start=state)
     assert finer.status is Status.DONE
     assert finer.velocity_ratio == pytest.approx(state.velocity_ratio, rel=5e-3)
+
+
+def test_a_state_is_carried_to_another_membrane_and_case_at_once(state):
+    """Law, bending energy, B, inflation, Ca and size together; back from there is where it came from."""
+    other = Simulator(
+        law=GeneralLaw(2.0, 0.4),
+        refinement=4,
+        bending=6e-4,
+        pre_inflation=0.01,
+        walls=COARSE_WALLS,
+        bending_energy="curvature",
+    )
+    there = other.run(capillary_number=0.06, size_ratio=0.88, start=state)
+    assert there.status is Status.DONE
+    assert there.settings["law"] == "general K_s/G_s = 2, h = 0.4"
+    assert np.max(np.abs(there.nodes - state.nodes)) > 0.02
+    back = SIMULATOR.run(capillary_number=0.05, size_ratio=0.85, start=there)
+    np.testing.assert_allclose(back.nodes, state.nodes, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_start_that_leads_nowhere_is_told(state):
+    other = replace(SIMULATOR, law=GeneralLaw(2.0, 0.0))
+    ended = other.run(capillary_number=3.0, size_ratio=1.2, start=state)
+    assert ended.status is Status.NOT_CONVERGED
+    assert ended.detail == "The branch was followed to Ca = 0.05, a/l = 0.85."
+    with pytest.raises(InputError, match="start: expected a state that converged, got NOT_CONVERGED"):
+        other.run(capillary_number=0.05, size_ratio=0.85, start=ended)
 
 
 def test_states_and_simulators_survive_pickling(state):

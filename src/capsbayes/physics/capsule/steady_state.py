@@ -82,13 +82,15 @@ def steady_state(
     tolerance: float = 1e-7,
     max_iterations: int = 14,
     patience: int | None = None,
+    offset: Floats | None = None,
     report: Callable[[int, float, Iterate], None] | None = None,
 ) -> NewtonResult:
     """Find a steady state by Newton's iteration from `start`, at its Ca and a/l, with steps of at most 0.15 a.
 
     Derivatives cost three times as much as the velocity error itself, so they are kept while each step with them
     brings the residual down to a tenth. The iteration is given up when the residual has grown to a hundred times the
-    smallest; with `patience`, also when that many steps have not reduced it to 1e-2.
+    smallest; with `patience`, also when that many steps have not reduced it to 1e-2. With an `offset` (F + 2,) the
+    state is sought at which the equations have that residual instead of zero.
     """
     iterate, count, size, smallest = start, len(start.free), np.inf, np.inf
     tangent = np.zeros(count + 2)
@@ -100,6 +102,8 @@ def steady_state(
             residual = linearised.residual
         else:
             residual = steady_residual(problem, iterate)
+        if offset is not None:
+            residual = residual - offset
         size = float(np.max(np.abs(residual)))
         if report is not None:
             report(iteration, size, iterate)

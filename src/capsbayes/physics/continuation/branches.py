@@ -38,6 +38,8 @@ _ONE_SHAPE = 0.03  # Ca above which a capsule is taken to be a parachute, whatev
 _COARSE = 6
 _AT_ONCE = 0.55  # change of log Ca up to which one step may do
 _LONGEST, _SHORTEST = 0.1, 0.005  # first step in a/l, and the one below which a branch is taken to end
+_FARTHEST = 0.05  # rms displacement over a by which a state is carried at once
+_SMALLEST_SHARE = 0.1  # of the residual, below which a state is not carried further
 _EASY = 5  # iterations after which the next step is longer
 _USABLE = (Status.DONE, Status.UNRESOLVED)
 
@@ -71,6 +73,32 @@ def followed(problem: Problem, start: NewtonResult, capillary_number: float, siz
         end = follow(problem, end.result, target)
         if end.status not in _USABLE:
             break
+    return end
+
+
+def carried(problem: Problem, start: Iterate, capillary_number: float, size_ratio: float) -> BranchEnd:
+    """Carry a steady state of other parameters to a case, all parameters at once.
+
+    Newton's iteration starts from the shape scaled to the new size. Where it leads to no state nearby, the residual
+    that the start has there is removed in shares, each of which is halved until the iteration converges.
+    """
+    here = replace(_scaled(start, size_ratio), capillary_number=capillary_number)
+    residual, left, share = steady_residual(problem, here), 1.0, 1.0
+    while True:
+        remaining = max(left - share, 0.0)
+        trial = _near(problem, here, _FARTHEST, remaining * residual if remaining else None)
+        if trial is None:
+            share /= 2.0
+            if share < _SMALLEST_SHARE:
+                failed = NewtonResult(start, False, float(np.max(np.abs(residual))), 0, np.zeros_like(residual))
+                return BranchEnd(failed, Status.NOT_CONVERGED)
+        elif remaining:
+            here, left = trial.iterate, remaining
+        else:
+            break
+    end = _reached(trial)
+    if end.status is Status.DONE and may_buckle(problem, trial.iterate) and not is_stable(problem, trial.iterate):
+        return BranchEnd(trial, Status.UNSTABLE)
     return end
 
 
@@ -228,9 +256,9 @@ def _predicted(last: NewtonResult, capillary_number: float) -> Iterate:
     return replace(moved, capillary_number=capillary_number)
 
 
-def _near(problem: Problem, start: Iterate, distance: float) -> NewtonResult | None:
+def _near(problem: Problem, start: Iterate, distance: float, offset: Floats | None = None) -> NewtonResult | None:
     """Return the steady state that Newton's iteration finds within a displacement, None beyond: another branch."""
-    trial = steady_state(problem, start, max_iterations=12, patience=6)
+    trial = steady_state(problem, start, max_iterations=12, patience=6, offset=offset)
     near = trial.converged and _displacement(problem, trial.iterate, start) < distance
     return trial if near and abs(trial.iterate.slack) < 20 * SLACK_LIMIT else None
 

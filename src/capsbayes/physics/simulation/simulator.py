@@ -14,9 +14,9 @@ from capsbayes.errors import InputError
 from capsbayes.physics.capsule.membrane_load import BendingEnergy
 from capsbayes.physics.capsule.pressure import pressures
 from capsbayes.physics.capsule.problem import Iterate, Problem
-from capsbayes.physics.capsule.steady_state import NewtonResult, steady_state
+from capsbayes.physics.capsule.steady_state import NewtonResult
 from capsbayes.physics.capsule.transient import Scheme
-from capsbayes.physics.continuation.branches import BranchEnd, followed, parachute, reached_from_rest
+from capsbayes.physics.continuation.branches import BranchEnd, carried, followed, parachute, reached_from_rest
 from capsbayes.physics.continuation.settling import wrinkling_rate
 from capsbayes.physics.membrane import MembraneLaw, NeoHookean
 from capsbayes.physics.simulation.shape import Shape
@@ -219,8 +219,8 @@ class Simulator:
             a/l, between 0.2 and 1.3.
         start : SteadyState or str
             ``"rest"``: the state that a capsule started from rest reaches. ``"parachute"``: the parachute, which at
-            low Ca may be stable as well. A neighbouring steady state, of any mesh: the one on its branch, if that is
-            stable, which is found some ten seconds faster.
+            low Ca may be stable as well. A neighbouring steady state, of any mesh and membrane: the one on its branch,
+            if that is stable, which is found some ten seconds faster; it is never sought from rest instead.
         threads : int
             Threads of the linear algebra.
 
@@ -238,14 +238,17 @@ class Simulator:
         _check("run", "size_ratio", size_ratio, 0.2, 1.3)
         if isinstance(start, str) and start not in ("rest", "parachute"):
             raise InputError("Simulator.run", "start", "'rest', 'parachute' or a SteadyState", repr(start))
+        if not isinstance(start, str) and not start.status.ok:
+            raise InputError("Simulator.run", "start", "a state that converged", start.status.name)
         with threadpool_limits(limits=threads):
             problem = self.problem
-            first = None if isinstance(start, str) else self._as_start(problem, start)
-            if first is not None and first.converged:
-                end = followed(problem, first, capillary_number, size_ratio)
-            else:
+            if isinstance(start, str):
                 find = parachute if start == "parachute" else reached_from_rest
                 end = find(problem, capillary_number, size_ratio)
+            elif dict(start.settings) == self.settings:
+                end = followed(problem, self._as_start(problem, start), capillary_number, size_ratio)
+            else:
+                end = carried(problem, self._as_start(problem, start).iterate, capillary_number, size_ratio)
             return self.state(problem, end, capillary_number, size_ratio)
 
     def restored(self, values: Mapping[str, Any]) -> SteadyState:
@@ -320,8 +323,7 @@ class Simulator:
             free = prolonged(free, mesh, problem.mesh)
             along_ca = np.zeros(len(free) + 2)
         iterate = Iterate(free, start.velocity_ratio, start.slack, start.capillary_number, start.size_ratio)
-        taken = NewtonResult(iterate, start.status.ok, start.residual, 0, along_ca)
-        return taken if dict(start.settings) == self.settings else steady_state(problem, iterate)
+        return NewtonResult(iterate, start.status.ok, start.residual, 0, along_ca)
 
     def state(self, problem: Problem, end: BranchEnd, capillary_number: float, size_ratio: float) -> SteadyState:
         """Return the steady state at the end of a branch of this simulator's problem."""
