@@ -132,7 +132,7 @@ def table(known: dict[str, dict[str, int]]) -> str:
         seen = f"{counts['seen'] / counts['drawn']:.0%}"
         objections = f"{counts['objections'] / number:.0%}"
         lines.append(f"| {ROWS[name].title} | {number} | {seen} | {' | '.join(cells)} | {objections} |\n")
-    return "".join(lines).replace("%", " %")
+    return re.sub(" ?%", " %", "".join(lines))
 
 
 def share(count: int, number: int) -> str:
