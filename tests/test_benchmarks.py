@@ -1,12 +1,15 @@
 """No benchmark prints a number that is none."""
 
+import ast
 import importlib.util
+import json
 import re
 import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import mutation
 import pytest
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -37,3 +40,60 @@ def test_a_benchmark_ends_well_and_prints_numbers(name):
     done = subprocess.run([sys.executable, BENCHMARKS / f"{name}.py"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert not NONE.search(done.stdout), done.stdout
+
+
+EVIDENCE = BENCHMARKS.parent / "docs" / "evidence.md"
+LAW = """
+from numba import njit
+
+@njit(cache=True)
+def area(length: float, width: float = 3.0) -> float:
+    if length < 0.0:
+        raise ValueError("at least", 0.0)
+    return length * width + 0
+"""
+TEST = "from capsule.law import area\n\ndef test_area():\n    assert area(2.0) == 6.0\n"
+
+
+def test_the_table_of_mutants_is_that_of_the_last_run():
+    done = json.loads(mutation.DATA.read_text())
+    assert {name: set(modules) for name, modules in done.items()} == {
+        name: set(room.modules) for name, room in mutation.ROOMS.items()
+    }
+    assert mutation.table(done) in EVIDENCE.read_text()
+
+
+def test_mutants_differ_in_one_place_and_never_in_texts_defaults_or_errors():
+    source = mutation.Source(LAW)
+    texts = [source.mutant(place)[1] for place in range(source.places)]
+    assert len({*texts, ast.unparse(ast.parse(LAW))}) == source.places + 1 == 6
+    assert all("'at least', 0.0" in text and "width: float=3.0" in text for text in texts)
+    assert source.mutant(source.places - 1)[0].startswith(f"{source.places - 1}, line 8: ")
+    assert mutation.Source(LAW).drawn(3, seed=1) == source.drawn(5, seed=1)[:3]
+    assert sorted(source.drawn(9, seed=2)) == list(range(5))
+
+
+@pytest.mark.slow
+def test_a_mutant_of_a_compiled_function_is_run_and_what_is_done_is_kept(tmp_path):
+    tree = tmp_path / "tree"
+    for name, text in {"src/capsule/__init__.py": "", "src/capsule/law.py": LAW, "tests/test_law.py": TEST}.items():
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
+        (tree / name).write_text(text)
+    script = (
+        "import json, sys, mutation; from pathlib import Path\n"
+        "bench, done = mutation.Bench(Path(sys.argv[1]), 'capsule'), {}\n"
+        "room = mutation.Room(('law.py',), ('tests/test_law.py',), interpreted=True)\n"
+        "text = (bench.src / 'capsule' / 'law.py').read_text()\n"
+        "for _ in range(2):\n"
+        "    (bench.src / 'capsule' / 'law.py').write_text(text)\n"
+        "    mutation.examine(bench, room, done, 9, 1, lambda: None)\n"
+        "print(json.dumps(done))\n"
+    )
+    printed = subprocess.run([sys.executable, "-c", script, tree], capture_output=True, text=True, cwd=BENCHMARKS)
+    *lines, done = printed.stdout.splitlines()
+    outcome = json.loads(done)["law.py"]
+    assert outcome["places"] == 5, printed.stderr
+    assert {what.split(": ")[1] for what in outcome["killed"]} == {"Mult -> Div", "Lt -> GtE", "0 -> 1"}
+    assert {what.split(": ")[1] for what in outcome["alive"]} == {"Add -> Sub", "0.0 -> 1.0"}
+    assert sum(line.startswith("killed") for line in lines) == 3  # the second time only those alive are tried
+    assert sum(line.startswith("ALIVE") for line in lines) == 4

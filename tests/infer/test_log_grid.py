@@ -121,6 +121,7 @@ def test_moments_of_a_wide_lognormal_factor_are_exact():
         assert_is(factor.marginal(), exact, 0.001)
         assert factor.start == pytest.approx(-factor.end)
         assert factor.end > 7.0 * np.sqrt(variance)
+        assert factor.step < 0.1 * np.sqrt(variance)
     none = LogGrid.normal(0.0)
     assert none.marginal().as_dict() == LogGrid.known(1.0).marginal().as_dict()
     assert none.marginal().sd == 0.0
@@ -219,6 +220,7 @@ def test_another_grid_keeps_the_moments():
     other = resampled(one, 3.0 * one.step)
     assert other.step == 3.0 * one.step
     assert (other.mean, other.variance) == (one.mean, one.variance)
+    assert other.masses @ other.logs**2 == pytest.approx(0.04, rel=0.01)
     assert other.log_marginal().upper_95 == pytest.approx(0.2 * 1.959964, rel=0.01)
     product = one.times(LogGrid.normal(0.01))
     assert product.masses.sum() == pytest.approx(1.0)

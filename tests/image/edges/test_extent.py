@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from known_outlines import ellipse, noisy
 
-from capsbayes.image.edges.extent import EDGE_FLOOR, furthest_point
+from capsbayes.image.edges.extent import furthest_point
 
 
 @pytest.mark.parametrize(("a", "b"), [(30.0, 30.0), (40.0, 20.0), (20.0, 40.0)])
@@ -47,9 +47,14 @@ def test_what_all_pictures_share_is_the_floor_and_the_misfit_of_the_model():
     """The first term that the model lacks grows with the square of the edge's width."""
     along = np.array([1.0, 0.0])
     sharp, blurred = (furthest_point(ellipse(30.0, 30.0, width=width), along, 0.02) for width in (1.0, 3.0))
-    assert sharp.systematic == pytest.approx(0.02**2 + EDGE_FLOOR**2)
-    assert blurred.systematic == pytest.approx(0.18**2 + EDGE_FLOOR**2)
+    assert sharp.systematic == pytest.approx(0.02**2 + 0.03**2)
+    assert blurred.systematic == pytest.approx(0.18**2 + 0.03**2)
     assert sharp.variance >= sharp.systematic
+    own = [
+        one.variance - one.systematic
+        for one in (furthest_point(ellipse(30.0, 30.0, width=width), along, 0.5) for width in (2.0, 4.0))
+    ]
+    assert own[1] == pytest.approx(16.0 * own[0], rel=0.01)
 
 
 def test_next_to_a_sharp_tip_few_points_count():

@@ -69,9 +69,9 @@ def test_it_comes_from_afar_in_few_steps(model):
 @every_model
 def test_the_variance_of_the_place_is_that_of_noisy_profiles(model):
     noise, rng = 0.005, np.random.default_rng(5)
-    fit = located(model, drawn(model, 0.2, 1.5) + noise * rng.standard_normal((1000, len(SAMPLES))))
+    fit = located(model, drawn(model, 0.2, 1.5) + noise * rng.standard_normal((400, len(SAMPLES))))
     assert fit.converged.mean() > 0.98
-    assert np.var(fit.place[fit.converged]) == pytest.approx(noise**2 * np.median(fit.place_variance), rel=0.15)
+    assert np.var(fit.place[fit.converged]) == pytest.approx(noise**2 * np.median(fit.place_variance), rel=0.25)
 
 
 @every_model

@@ -44,7 +44,7 @@ def test_the_edge_of_a_disc_is_its_circle_with_the_width_of_the_blur(blur):
 def test_errors_of_the_points_are_the_scatter_of_noisy_pictures():
     noise = 0.01
     places, stated, shared = [], [], []
-    for seed in range(40):
+    for seed in range(20):
         outline = locate_edge(disc(noise=noise, seed=seed), polygon(), noise)
         at = off(outline)
         means = np.array([at[outline.arc == arc].mean() for arc in range(outline.arc[-1] + 1)])
