@@ -77,7 +77,13 @@ ROOMS = {
         ("infer/likelihood.py", "infer/outline/likelihood.py"),
         ("tests/infer/test_likelihood.py", "tests/infer/test_density.py", "tests/infer/outline/test_likelihood.py"),
     ),
-    "scoring": Room(("diagnosis/scoring.py",), ("tests/diagnosis/test_scoring.py", "tests/diagnosis/test_evidence.py")),
+    "scoring": Room(
+        ("diagnosis/scoring.py",),
+        (
+            "tests/diagnosis/test_scoring.py",
+            "tests/diagnosis/test_evidence.py::test_evidence_of_a_gaussian_likelihood_with_a_gaussian_prior",
+        ),
+    ),
     "edges": Room(
         tuple(f"image/edges/{name}.py" for name in ("extent", "integrals", "models", "outline", "rear", "robust")),
         (
@@ -320,7 +326,8 @@ def examine(bench: Bench, room: Room, done: dict, most: int, seed: int, keep: Ca
         if done.get(module, {}).get("sha256") != digest:
             done[module] = {"sha256": digest, "places": source.places, "killed": [], "alive": []}
         outcome = done[module]
-        for place in source.drawn(most, seed):
+        again = [int(what.partition(",")[0]) for what in outcome["alive"]]
+        for place in [*(place for place in source.drawn(most, seed) if place not in again), *again]:
             what, text = source.mutant(place)
             if what in outcome["killed"]:
                 continue

@@ -130,6 +130,15 @@ def test_sizes_that_are_as_likely_are_the_nearest_to_nothing():
         assert scores.sizes[scores.null] == 0.0
 
 
+def test_sizes_are_compared_with_the_null_value_wherever_it_lies():
+    effect = SimpleNamespace(null_value=1.0)
+    sizes, totals = np.array([-1.0, 0.5, 1.0, 1.2, 3.0]), np.array([4.0, 4.0, 1.0, 4.0, 4.0])
+    scores = Scores(effect, sizes, totals[:, None], np.zeros(5), np.ones(5))
+    assert scores.sizes[scores.null] == 1.0
+    assert scores.size == 1.2
+    assert scores.log_likelihood_ratio == pytest.approx(3.0)
+
+
 def test_an_interval_ends_where_the_sizes_do(scores):
     for total, ends in ((100.0 * scores.sizes, (0.095, 0.1)), (-100.0 * scores.sizes, (0.0, 0.005))):
         steep = Scores(scores.effect, scores.sizes, total[:, None], np.zeros(len(total)), np.ones(len(total)))

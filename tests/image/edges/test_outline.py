@@ -41,6 +41,12 @@ def test_the_edge_of_a_disc_is_its_circle_with_the_width_of_the_blur(blur):
     assert 12.0 < 2.0 * np.pi * RADIUS / (outline.arc[-1] + 1) < 24.0
 
 
+def test_the_outline_moves_with_the_capsule_through_the_picture():
+    here, shift = locate_edge(disc(), polygon(), 1e-3), np.array([40.0, 50.0])
+    there = locate_edge(np.pad(disc(), ((50, 10), (40, 20)), mode="edge"), polygon() + shift, 1e-3)
+    np.testing.assert_allclose(there.points, here.points + shift, atol=1e-3)
+
+
 def test_errors_of_the_points_are_the_scatter_of_noisy_pictures():
     noise = 0.01
     places, stated, shared = [], [], []

@@ -45,6 +45,12 @@ def test_a_value_out_of_range_is_told_the_range():
         law_named("hooke:poisson_ratio=2")
 
 
+@pytest.mark.parametrize("share", ["-0.1", "1.1"])
+def test_a_share_of_hardening_beyond_one_of_the_two_laws_is_refused(share):
+    with pytest.raises(InputError, match=rf"strain_hardening: expected a number from 0 to 1, got {share}$"):
+        law_named(f"strain-hardening:strain_hardening={share}")
+
+
 @pytest.mark.parametrize("command", [simulate, build])
 def test_the_help_of_a_command_names_every_law(command):
     option = inspect.signature(command, eval_str=True).parameters["law"]

@@ -47,3 +47,9 @@ def test_its_parameter_sets_the_area_dilation_modulus_and_is_named(c, modulus, n
 def test_a_sheet_without_resistance_to_area_is_refused(c):
     with pytest.raises(InputError, match=rf"^Skalak: hardening: expected a finite number above -0.5, got {c}$"):
         Skalak(c)
+
+
+def test_a_sheet_whose_area_cannot_change_in_double_precision_is_refused():
+    assert Skalak(1e6).area_dilation_modulus == 2_000_001.0
+    with pytest.raises(InputError, match=r"^Skalak: hardening: expected a number of at most 1e\+06, got 1100000\.0$"):
+        Skalak(1.1e6)
