@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.special import ellipe
 
 from capsbayes.errors import InputError
-from capsbayes.profile import Profile
+from capsbayes.profile import Profile, with_extent
 
 CIRCLE_ANGLES = np.linspace(0.0, 2 * np.pi, 2000, endpoint=False)
 
@@ -162,3 +162,25 @@ def test_an_outline_off_the_axis_is_refused():
 def test_points_cannot_be_written():
     with pytest.raises(ValueError, match="read-only"):
         ellipse(1.0, 1.0).points[0, 0] = 3.0
+
+
+def test_points_at_equal_distances_cut_a_sharp_rim_until_it_is_given_its_extent():
+    """A parachute whose rim has a radius of a fiftieth: half circle, rim, shallow rear."""
+    outer = np.linspace(0.0, 0.5 * np.pi, 500)
+    rim = np.linspace(0.5 * np.pi, 1.5 * np.pi, 200)[1:]
+    y = np.linspace(0.96, 0.0, 500)[1:]
+    half = np.concatenate(
+        [
+            np.stack([np.cos(outer), np.sin(outer)], axis=1),
+            [0.0, 0.98] + 0.02 * np.stack([np.cos(rim), np.sin(rim)], axis=1),
+            np.stack([0.3 * (1.0 - (y / 0.96) ** 2), y], axis=1),
+        ]
+    )
+    fine = Profile.from_half(half)
+    for count in (64, 90, 128, 256):
+        coarse = fine.resampled(count)
+        mended = Profile(with_extent(coarse.points[None], np.array([fine.axial_extent]))[0])
+        assert mended.axial_extent == pytest.approx(fine.axial_extent, rel=1e-9)
+        assert mended.axial_length == pytest.approx(coarse.axial_length, rel=1e-9)
+        assert mended.hausdorff(fine) <= coarse.hausdorff(fine)
+        np.testing.assert_allclose(mended.mirrored().points, mended.points, atol=1e-9)

@@ -34,6 +34,11 @@ TWO_SHAPES = "two shapes"
 WRINKLES = "wrinkles"
 """Caveat: the membrane wrinkles, and the model answers with a smooth shape."""
 
+UNSURE_SHAPES = "unsure shapes"
+"""Caveat: the model states an error of more than `UNSURE` of a length."""
+
+UNSURE = 0.05
+
 CIRCUMSTANCES = ("half_width", "capsule_velocity", "mean_velocity", "viscosity")
 """Properties of each capsule on which an effect may depend [SI]; every model accepts these names in ``theta``."""
 
@@ -219,7 +224,7 @@ class ForwardModel(ABC):
         return np.broadcast_to(aspect - (1.0 - np.pi / 4.0) * radius**2, np.shape(theta["capillary_number"]))
 
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
-        """Return by kind (`TWO_SHAPES`, `WRINKLES`) whether a caveat concerns each point of a batch : (n,) arrays."""
+        """Return by kind (`TWO_SHAPES`, `WRINKLES`, `UNSURE_SHAPES`) whether it concerns each point : (n,) arrays."""
         del theta
         return {}
 

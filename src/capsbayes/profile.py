@@ -240,6 +240,26 @@ def equally_spaced(points: Floats, count: int) -> Floats:
     return np.stack([np.interp(at, arc, closed[:, axis]) for axis in (0, 1)], axis=1)
 
 
+def with_extent(outlines: Floats, axial_extent: Floats) -> Floats:
+    """Give outlines of points at equal distances, which cut the rear rim, their known extent along the flow.
+
+    On either side the point furthest back moves back onto the plane of the rim; none lies behind it.
+
+    Parameters
+    ----------
+    outlines : (n, p, 2) array
+        Of which the first point is the nose, and point p / 2 the rear on the axis.
+    axial_extent : (n,) array
+        Their L_z, in the same unit.
+    """
+    mended, half, every = np.array(outlines, dtype=np.float64), outlines.shape[1] // 2, np.arange(len(outlines))
+    back = mended[:, 0, 0] - axial_extent
+    mended[..., 0] = np.maximum(mended[..., 0], back[:, None])
+    for first, last in ((1, half + 1), (half, outlines.shape[1])):
+        mended[every, first + np.argmin(outlines[:, first:last, 0], axis=1), 0] = back
+    return mended
+
+
 def _crossing_of_each_edge(points: Floats) -> Floats:
     """Return z where each edge meets the axis y = 0, NaN if it does not : (p,) array.
 

@@ -54,6 +54,10 @@ class Status(enum.Enum):
         "The posterior leans on capsules whose membrane wrinkles about the axis; the model's shape is smooth, and its "
         "length on the axis some 2 % too short."
     )
+    LEANS_ON_UNSURE_SHAPES = (
+        "The posterior leans on shapes whose lengths the model knows to no better than 5 %, since its simulations lie "
+        "too far apart there; its intervals contain that error."
+    )
     GRID_TOO_COARSE = "The grid did not resolve the posterior within its largest size; do not use the intervals."
     NO_SHAPE = "No shape of the model is near the lengths: they are more than five standard errors from every one."
     OUTLINE_MISFIT = (

@@ -81,6 +81,7 @@ class WithCaveat(PolynomialModel):
     [
         ("two shapes", Status.LEANS_ON_TWO_SHAPES, "started from rest"),
         ("wrinkles", Status.LEANS_ON_WRINKLES, "wrinkles about the axis"),
+        ("unsure shapes", Status.LEANS_ON_UNSURE_SHAPES, "no better than 5 %"),
     ],
 )
 def test_a_posterior_where_the_model_has_a_caveat_says_so(experiment, capsule, kind, status, words):

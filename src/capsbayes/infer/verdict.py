@@ -11,13 +11,19 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.kernel import border_steps
 from capsbayes.infer.misfit import Misfit
 from capsbayes.infer.prior import Prior
-from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
+from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES, ForwardModel
 from capsbayes.status import Status
 
 LEANING_SHARE = 0.05
 """Share of a posterior next to a border from which on it leans on it."""
 
-_STATUSES = (Status.LEANS_ON_BORDER, Status.LEANS_ON_PRIOR, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES)
+_STATUSES = (
+    Status.LEANS_ON_BORDER,
+    Status.LEANS_ON_PRIOR,
+    Status.LEANS_ON_TWO_SHAPES,
+    Status.LEANS_ON_WRINKLES,
+    Status.LEANS_ON_UNSURE_SHAPES,
+)
 
 
 def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
@@ -99,10 +105,11 @@ def verdict(
     return failed or leaning_status(shares_by_kind(leans))
 
 
-def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, float, float, float]:
-    """Return the shares of `leanings` next to the border of the model and the prior, at two shapes and at wrinkles."""
+def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, ...]:
+    """Return the shares of `leanings` next to the border of the model and the prior, and at each kind of caveat."""
     of_prior = max(share for name, share in leans.items() if name.startswith("prior of"))
-    return leans["model"], of_prior, leans.get(TWO_SHAPES, 0.0), leans.get(WRINKLES, 0.0)
+    at_caveats = (leans.get(kind, 0.0) for kind in (TWO_SHAPES, WRINKLES, UNSURE_SHAPES))
+    return leans["model"], of_prior, *at_caveats
 
 
 def leaning_status(shares: Iterable[float]) -> Status:

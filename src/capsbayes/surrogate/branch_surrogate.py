@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 from scipy.ndimage import binary_dilation, binary_erosion
+from scipy.spatial import KDTree
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import Database
@@ -22,13 +23,14 @@ from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.branches import Branch
 from capsbayes.surrogate.diffuse import DiffuseApproximation, leave_one_out
 from capsbayes.surrogate.domain import Region, inside_borders
-from capsbayes.surrogate.own_error import OwnError, mesh_error_of
+from capsbayes.surrogate.own_error import OF_LEFT_OUT, OwnError, mesh_error_of
 from capsbayes.surrogate.scaling import PlaneScaling
 from capsbayes.surrogate.table import HermiteTable, hermite
 
 COLUMNS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 CELLS = (160, 120)
 OUTLINES = {MID_PLANE: "profile", SILHOUETTE: "silhouette"}  # variable of the database, by view
+SAME_CASE = 1e-6  # of Ca and a/l
 LARGEST_WEIGHTS, SURE_WEIGHTS = 25.0, 5.0  # sums of the sizes of the weights of the cases
 FLOOR = 1e-5  # of each standard deviation: several times the table's own error
 BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases on (in more columns than), degree, k
@@ -88,15 +90,13 @@ class BranchSurrogate:
         for name, value in made.items():
             object.__setattr__(self, name, value)
         object.__setattr__(self, "lattice_jump", self._jumps(lattice, wanted))
-        object.__setattr__(self, "lattice_covariance", self._covariance(lattice, wanted) + self.lattice_jump)
+        own = self._with_mesh_error(self.on_lattice(self._own_error))
+        object.__setattr__(self, "lattice_covariance", own + self.lattice_jump)
 
-    def _covariance(self, lattice: Floats, wanted: Booleans) -> Floats:
-        """Return the own error on the table's lattice: of left-out cases and of the mesh."""
-        covariance = np.full((*wanted.shape, 3, 3), np.nan)
-        covariance[wanted] = self._own_error.covariance(lattice[wanted])
+    def _with_mesh_error(self, covariance: Floats) -> Floats:
+        """Add the error of the mesh to a covariance on the table's lattice."""
         values = self.table.coefficients[:, :, 0, :3]
-        mesh = mesh_error_of(self.cases.dataset.attrs) * values
-        covariance[..., range(3), range(3)] += mesh**2 + FLOOR**2
+        covariance[..., range(3), range(3)] += (mesh_error_of(self.cases.dataset.attrs) * values) ** 2
         return covariance
 
     def _jumps(self, lattice: Floats, wanted: Booleans) -> Floats:
@@ -108,6 +108,28 @@ class BranchSurrogate:
             jump = _jump(self.rival, lattice[in_gap], self.table.coefficients[in_gap][:, 0, :3])
             covariance[in_gap] = jump[:, :, None] * jump[:, None, :] / 2  # either branch with the same probability
         return covariance
+
+    def difference_covariance(self, null: BranchSurrogate) -> Floats:
+        """Return on the table's lattice the own error of the difference from the null slice of an effect.
+
+        Two slices have the same cases, and much of their errors is the same.
+        """
+        residuals = self._residuals - self._at_same_cases(null, null._residuals)
+        covariance = self.on_lattice(OwnError(self.approximation.nodes, residuals))
+        return covariance if null is self else self._with_mesh_error(covariance)
+
+    def on_lattice(self, error: OwnError) -> Floats:
+        """Return an error on the table's lattice : (i, j, 3, 3) array."""
+        lattice, wanted = _lattice(self.branch.region, self.scaling, self.cells)
+        covariance = np.full((*wanted.shape, 3, 3), np.nan)
+        covariance[wanted] = error.covariance(lattice[wanted])
+        covariance[..., range(3), range(3)] += FLOOR**2
+        return covariance
+
+    def values_at(self, ca: Floats, size: Floats) -> Floats:
+        """Return (L_z, L_a, v_o/U) at points of the region : (n, 3) array."""
+        values: Floats = self.approximation(self.scaling.to_plane(ca, size))[:, :3]
+        return values
 
     def predict(self, ca: Floats, size: Floats, values: Floats, covariance: Floats, inside: Booleans) -> None:
         """Fill in values (n, 4), covariance (n, 3, 3) and inside (n,) at the points that lie in the region."""
@@ -127,38 +149,56 @@ class BranchSurrogate:
         """Return the outlines at points of the region : (n, p, 2) array [l]."""
         return self._outlines(self.scaling.to_plane(ca, size)).reshape(len(ca), self._outlines.values.shape[1] // 2, 2)
 
-    def outline_modes(self, ca: float, size: float) -> Floats:
+    def outline_modes(self, ca: float, size: float, null: BranchSurrogate | None = None) -> Floats:
         """Return the own error of the outline at one point, as displacements along its normals : (k, p) array [l].
 
         They are independent of each other, each one standard deviation: those of the left-out cases around the point,
-        weighted by their shares there, and those of the mesh, a stretch along the flow and, in the mid-plane, a shift
-        of the rear on the axis.
+        weighted by their shares there, and those of the mesh, shifts of the rear rim and of the rear on the axis, or a
+        stretch of a silhouette. Given a null slice, they are those of the left-out cases in the difference from it.
         """
         place = self.scaling.to_plane(np.array([ca]), np.array([size]))
         outline = self.outlines(np.array([ca]), np.array([size]))[0]
         normal = vertex_normals(outline)
         shares = self._own_error.shares(place)[0]
         near = shares > 1e-6
-        left_out = np.sqrt(shares[near, None]) * self._outline_residuals[near]
+        residuals = self._outline_residuals
+        if null is not None:
+            residuals = residuals - self._at_same_cases(null, null._outline_residuals)
+        left_out = np.sqrt(shares[near, None]) * residuals[near]
+        if null is self:
+            return left_out
         extent, length, _ = mesh_error_of(self.cases.dataset.attrs)
-        stretch = extent * outline[:, 0] * normal[:, 0]
         if self.view == SILHOUETTE:  # which shows the rim, not the rear on the axis
-            return np.stack([*left_out, stretch])
-        rear = np.clip(-normal[:, 0], 0.0, None) * (np.abs(outline[:, 1]) < 0.5 * outline[:, 1].max())
-        return np.stack([*left_out, stretch, length * np.ptp(outline[:, 0]) * rear])
+            return np.stack([*left_out, extent * outline[:, 0] * normal[:, 0]])
+        to_rear = np.clip(-normal[:, 0], 0.0, None)
+        on_axis = np.abs(outline[:, 1]) < 0.5 * outline[:, 1].max()
+        shift = np.ptp(outline[:, 0]) * to_rear
+        return np.stack([*left_out, extent * shift * ~on_axis, length * shift * on_axis])
 
     @cached_property
     def _own_error(self) -> OwnError:
-        residuals = (leave_one_out(self.approximation) - self.approximation.values)[:, :3]
-        return OwnError(self.approximation.nodes, residuals)
+        return OwnError(self.approximation.nodes, self._residuals)
+
+    @cached_property
+    def _residuals(self) -> Floats:
+        """Error (m, 3) next to each case."""
+        return OF_LEFT_OUT * (leave_one_out(self.approximation) - self.approximation.values)[:, :3]
 
     @cached_property
     def _outline_residuals(self) -> Floats:
-        """Normal displacement of the outline of each case when the case is left out (m, p); zero if unknown."""
+        """Normal displacement of the outline next to each case (m, p); zero if unknown."""
         own = self._outlines.values.reshape(len(self._outlines.values), -1, 2)
         away = leave_one_out(self._outlines).reshape(own.shape) - own
         normals = np.stack([vertex_normals(outline) for outline in own])
-        return np.asarray(np.nan_to_num(np.sum(away * normals, axis=-1)))
+        return np.asarray(OF_LEFT_OUT * np.nan_to_num(np.sum(away * normals, axis=-1)))
+
+    def _at_same_cases(self, null: BranchSurrogate, residuals: Floats) -> Floats:
+        """Return the residuals (m, q) of a null slice at the cases (Ca, a/l) that it has too, zero at others."""
+        rows, its = self.branch.rows, null.branch.rows
+        mine = np.stack([self.cases["capillary_number"][rows], self.cases["size_ratio"][rows]], axis=1)
+        theirs = np.stack([null.cases["capillary_number"][its], null.cases["size_ratio"][its]], axis=1)
+        distance, row = KDTree(theirs).query(mine)
+        return np.where(np.asarray(distance)[:, None] < SAME_CASE, residuals[row], 0.0)
 
 
 def approximation_of(cases: Database, branch: Branch, scaling: PlaneScaling) -> DiffuseApproximation:

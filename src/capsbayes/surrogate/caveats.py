@@ -9,7 +9,8 @@ from scipy.spatial import KDTree
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import LOST_FROM_REST, SNAP_THROUGH, Database
-from capsbayes.model import TWO_SHAPES, WRINKLES
+from capsbayes.model import TWO_SHAPES, UNSURE, UNSURE_SHAPES, WRINKLES
+from capsbayes.prediction import Prediction
 from capsbayes.surrogate.domain import Region
 from capsbayes.surrogate.scaling import PlaneScaling
 
@@ -52,6 +53,14 @@ class Caveats:
             nearest = np.asarray(KDTree(self.cases).query(np.where(known[:, None], places, 0.0))[1])
             caveats[WRINKLES] = np.logical_and(known, self.wrinkled[nearest])
         return caveats
+
+
+def with_unsure_shapes(caveats: dict[str, Booleans], predicted: Prediction) -> dict[str, Booleans]:
+    """Add the caveat of points with a large stated error, if there are any."""
+    lengths = predicted.values[:, :2]
+    variances = np.diagonal(predicted.covariance, axis1=1, axis2=2)[:, :2]
+    unsure: Booleans = np.asarray((variances > (UNSURE * lengths) ** 2).any(axis=1))
+    return caveats | {UNSURE_SHAPES: unsure} if unsure.any() else caveats
 
 
 def _two_shapes(database: Database) -> Region | None:

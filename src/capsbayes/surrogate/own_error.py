@@ -4,9 +4,12 @@ It derives from leave-one-out residuals: the difference between each case and
 the prediction from all others. The products of the three residuals of a case are
 averaged with smooth positive weights over the cases around the query (moving
 least squares of degree zero), so that the error does not vanish where one
-residual happens to, and the covariance is positive everywhere. It is
-conservative: without a case its neighbourhood is sparser than that of any query,
-and on the border an interpolation becomes an extrapolation.
+residual happens to, and the covariance is positive everywhere. Without a case its
+neighbourhood is sparser than that of any query, and on the border an interpolation
+becomes an extrapolation: a residual counts with the share `OF_LEFT_OUT`. With every
+second inner case of the shipped databases held out, the errors there are 0.58 of
+what the residuals of the others state (rms of 2041 cases, 0.14 to 0.83 by branch);
+with every second column of a/l held out, 0.34 to 0.84.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from capsbayes.surrogate.diffuse import DiffuseApproximation
 QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 NEIGHBOURS = 12
 DILATION = 1.3
+OF_LEFT_OUT = 0.7  # error next to a case over that where the case is left out
 SOFTENING = 1.0  # a case counts about a fifth of the mean at its own place
 
 

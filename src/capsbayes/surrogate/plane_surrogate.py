@@ -19,9 +19,10 @@ from capsbayes.database import Database
 from capsbayes.measured_outline import MID_PLANE, check_view
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
+from capsbayes.profile import with_extent
 from capsbayes.surrogate.branch_surrogate import CELLS, COLUMNS, BranchSurrogate, approximation_of
 from capsbayes.surrogate.branches import branches_of
-from capsbayes.surrogate.caveats import Caveats
+from capsbayes.surrogate.caveats import Caveats, with_unsure_shapes
 from capsbayes.surrogate.domain import DomainOfExistence
 from capsbayes.surrogate.scaling import PlaneScaling
 
@@ -35,7 +36,7 @@ class PlaneSurrogate(ForwardModel):
     view: str = MID_PLANE
     domain: DomainOfExistence = field(init=False, repr=False)
     branches: tuple[BranchSurrogate, ...] = field(init=False, repr=False)
-    _caveats: Caveats = field(init=False, repr=False)
+    case_caveats: Caveats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         view = check_view(self.view, "Surrogate", "view")
@@ -55,7 +56,7 @@ class PlaneSurrogate(ForwardModel):
                 BranchSurrogate(cases, branch, scaling, rival, self.cells, view)
                 for branch, rival in zip(branches, rivals, strict=True)
             ),
-            "_caveats": Caveats.of(cases, scaling),
+            "case_caveats": Caveats.of(cases, scaling),
         }
         for key, value in made.items():
             object.__setattr__(self, key, value)
@@ -77,11 +78,14 @@ class PlaneSurrogate(ForwardModel):
         for part in self.branches:
             part.predict(ca, size, values.T, covariance, inside)
         shapes = self._outlines(ca, size) if outline else None
+        if shapes is not None and self.view == MID_PLANE:
+            shapes = with_extent(shapes, values[0])
         return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
 
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return by kind whether a caveat concerns each point of a batch : (n,) arrays."""
-        return self._caveats(*_pair(theta["capillary_number"], theta["size_ratio"]))
+        ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
+        return with_unsure_shapes(self.case_caveats(ca, size), self({"capillary_number": ca, "size_ratio": size}))
 
     def outline_modes(self, **theta: float) -> Floats:
         """Return the own error of the outline at one point, as independent displacements along its normals.

@@ -19,6 +19,7 @@ from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.pools import simulator_with
 from capsbayes.experiment import capillary_number, capsule_radius, surface_shear_modulus
 from capsbayes.physics.databases.build import build_database
+from capsbayes.profile import with_extent
 
 _TYPICAL = -4.5  # log density relative to its maximum: three standard deviations
 _SPARE = 1.15  # simulated capsules for each one wanted, since some have no steady shape
@@ -176,5 +177,5 @@ def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Caps
         capsule_radius=float(capsule_radius(size_ratio=size_ratio, half_width=lab.half_width)),
         capsule_velocity=velocity,
         velocity_seen=velocity,
-        outline=np.array(shapes["profile"][row]),
+        outline=with_extent(shapes["profile"][row : row + 1], shapes["axial_extent"][row : row + 1])[0],
     )

@@ -17,7 +17,7 @@ from capsbayes.infer.misfit import PREDICTED
 
 Strings = NDArray[Any]  # of str, or of objects that are
 
-LEANINGS = ("border", "prior", "two_shapes", "wrinkles")
+LEANINGS = ("border", "prior", "two_shapes", "wrinkles", "unsure_shapes")
 """Borders next to which a posterior may lie: of the model, of the prior ranges, of regions with a caveat."""
 
 
@@ -37,7 +37,7 @@ class CapsuleRows:
         Mean, standard deviation, median and ends of the 68 % and 95 % intervals of the `QUANTITIES`, SI.
     distance : (n,) array
         Of the lengths from those of the likeliest shape, in standard errors.
-    leaning : (n, 4) array
+    leaning : (n, 5) array
         Shares of the posterior, of `LEANINGS`.
     p_values : (n, 3) array
         Of `capsbayes.infer.misfit.PREDICTED`, NaN where one was not measured.

@@ -8,7 +8,7 @@ from capsbayes.arrays import Floats
 from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.quadrature import FARTHEST
 from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.many.capsule_rows import CapsuleRows
+from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tabulated.rows import lengths_rows
@@ -48,7 +48,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     rows.summaries[usable], rows.components[usable] = found.summaries, found.components
     rows.distance[usable] = facts["distance"]
     rows.leaning[usable] = np.stack(
-        [facts["border"], 1.0 - np.minimum(facts["within"], 1.0), facts["two_shapes"], facts["wrinkles"]], axis=1
+        [facts["border"], 1.0 - np.minimum(facts["within"], 1.0), *(facts[name] for name in LEANINGS[2:])], axis=1
     )
     rows.p_values[usable] = np.stack([facts[name] for name in PREDICTED], axis=1)
     velocity = rows.summaries[usable, QUANTITIES.index("mean_velocity"), _MEDIAN]

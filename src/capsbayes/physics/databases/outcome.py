@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from capsbayes.profile import with_extent
 from capsbayes.status import Status
 from capsbayes.work import Store
 
@@ -110,7 +111,7 @@ def variables_of(state: Any) -> dict[str, Any]:
         "wrinkling_rate": float(state.wrinkling_rate),
         "minimum_tension": float(np.min(state.principal_tensions)),
         "nodes": np.array(state.nodes, dtype=float),
-        "profile": np.array(profile.resampled(OUTLINE_POINTS).points),
+        "profile": with_extent(profile.resampled(OUTLINE_POINTS).points[None], np.array([profile.axial_extent]))[0],
         "silhouette": np.array(state.silhouette.resampled(OUTLINE_POINTS).points),
     }
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from capsbayes.infer import Posterior
 from capsbayes.infer.verdict import LEANING_SHARE
-from capsbayes.model import TWO_SHAPES, WRINKLES
+from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import per_cent
 
@@ -21,6 +21,7 @@ _PLACES = {
     "model": "the border of the database",
     TWO_SHAPES: "capillary numbers at which two steady shapes are stable",
     WRINKLES: "capsules whose membrane wrinkles",
+    UNSURE_SHAPES: "shapes whose lengths the model knows to no better than 5 %",
 }
 
 

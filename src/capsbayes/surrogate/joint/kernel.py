@@ -42,8 +42,9 @@ class Stack(NamedTuple):
         Number i of lattice points of a table along sqrt(Ca).
     coefficients : (2 k i, j, 4, q) array
         The tables one after the other, branch by branch: selecting one of an array would cost as much as reading it.
-    errors, jumps : (2 k i, j, 3, 3) array
-        Covariances without that in the gap between the branches, and in the gap alone.
+    errors, differences, jumps : (2 k i, j, 3, 3) array
+        Covariances without that in the gap between the branches, of each and of its difference from the null slice (for
+        the base the mean square of that difference, which the mesh makes), and in the gap alone.
     borders : (k, 3, c) array
         Lowest Ca, division, highest Ca in each column.
     known : (2, k, c - 1) bool array
@@ -54,6 +55,7 @@ class Stack(NamedTuple):
     rows: int
     coefficients: Floats
     errors: Floats
+    differences: Floats
     jumps: Floats
     borders: Floats
     known: Booleans
@@ -185,24 +187,38 @@ def _within_base(ca, distance, interval, branch, column, share, weighing, base, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _read(j, branch, column, position, size, stack, value, no_slopes, error, jump):  # type: ignore[no-untyped-def]
-    """Fill in value (q,), error (3, 3) and jump (3, 3) of surrogate j at the point that corresponds."""
+def _read(j, branch, there, size, stack, value, no_slopes, error, difference, jump):  # type: ignore[no-untyped-def]
+    """Fill in value (q,), error, difference and jump (3, 3) of surrogate j at a Ca."""
     frames, rows = stack.frames, stack.rows
-    x = (np.sqrt(_there(j, branch, column, position, stack)) / frames[branch, j, 0] - frames[branch, j, 2]) / frames[
-        branch, j, 4
-    ]
+    x = (np.sqrt(there) / frames[branch, j, 0] - frames[branch, j, 2]) / frames[branch, j, 4]
     y = (size / frames[branch, j, 1] - frames[branch, j, 3]) / frames[branch, j, 5]
     x = min(max(x, 0.0), rows - 1.000000001) + rows * (branch * frames.shape[1] + j)  # never in the next table
     hermite(x, y, stack.coefficients, value, no_slopes)
     bilinear(x, y, stack.errors, error)
+    bilinear(x, y, stack.differences, difference)
     bilinear(x, y, stack.jumps, jump)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _apart(j, there, there_of_null, branch, column, share, stack, null):  # type: ignore[no-untyped-def]
+    """Return the share, 0 to 1, of the error of slice j that has nothing to do with that of the null slice.
+
+    It grows with the distance between the two places, of which cases lie about a step of the scaling apart, and with
+    the difference of what is left up to the upper border, next to which errors depend on it.
+    """
+    root, root_of_null = np.sqrt(there), np.sqrt(there_of_null)
+    left = np.sqrt(_ends(j, branch, column, share, stack)[1]) - root
+    left_of_null = np.sqrt(_ends(null, branch, column, share, stack)[1]) - root_of_null
+    unlike = (left - left_of_null) / max(left, left_of_null, 1e-12)
+    return min(abs(root - root_of_null) / stack.frames[branch, null, 0] + unlike**2, 1.0)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def corresponding(ca, size, effect, stack, base, weighing, branches, places, weights):  # type: ignore[no-untyped-def]
+def corresponding(ca, size, effect, stack, base, weighing, branches, places, weights, apart):  # type: ignore[no-untyped-def]
     """Fill in for each point its branch (n,), -1 outside, and Ca and weight (n, k + 2) of what is added up.
 
-    These are each slice, the null slice as it is subtracted, and the base.
+    These are each slice, the null slice as it is subtracted, and the base. `apart` (n, k) is the share of the error of
+    a slice that has nothing to do with that of the null slice.
     """
     position, own, count = np.empty(4), np.empty(4), len(weighing.knots)
     for n in range(len(ca)):
@@ -220,6 +236,8 @@ def corresponding(ca, size, effect, stack, base, weighing, branches, places, wei
         places[n, count + 1] = _there(0, branch, column, own, base)
         weights[n, count] = -1.0 if corrected else 0.0
         weights[n, count + 1] = 1.0 if corrected else 0.0
+        for j in range(count):
+            apart[n, j] = _apart(j, places[n, j], places[n, count], branch, column, position[1], stack, weighing.null)
         if corrected and abs(places[n, count] - places[n, weighing.null]) < 1e-12:  # one place: one evaluation, or none
             weights[n, weighing.null] -= 1.0
             weights[n, count] = 0.0
@@ -233,7 +251,11 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     the slices with the squares of their weights; that of the interpolation
     between the slices; and the change of the mesh error with the effect, as
     large as that error itself at a distance from the null value of the whole
-    range. In the gap between the branches of a slice, each is added the
+    range, or where it is taken a step of the scaling from the query's own Ca, or
+    between two Ca so far apart.
+    What a slice shares with the null slice, which is subtracted, cancels: its
+    error is that of their difference, the more so the nearer to each other they
+    are read. In the gap between the branches of a slice, each is added the
     uncertainty of the branch; for the null slice it is that of the base, since the
     mesh correction is one of a given branch.
     """
@@ -241,7 +263,8 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     width = weighing.knots[-1] - weighing.knots[0]
     position, own, weights, no_slopes = np.empty(4), np.empty(4), np.empty(count), np.empty((0, 2))
     of_slices, of_base, of_null = np.zeros((count, q)), np.empty(q), np.empty(q)
-    error, jump, of_gap = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    error, difference, jump = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    error_of_null, of_mesh, of_gap = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(ca)):
         interval, branch, column, row = located(ca[n], size[n], effect[n], weighing, position)
         if row < 0:
@@ -251,24 +274,34 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
         values[n] = 0.0
         total[:] = 0.0
         corrected = base.known[branch, 0, column] and stack.known[branch, null, column]
+        there_of_null, of_null_left, beyond = 0.0, -1.0, 0.0
         if corrected:
             distance = effect[n] - weighing.knots[interval]
             _within_base(ca[n], distance, interval, branch, column, position[1], weighing, base, own)
-            _read(null, branch, column, own, size[n], stack, of_null, no_slopes, error, jump)
-            _read(0, branch, column, own, size[n], base, of_base, no_slopes, total, of_gap)
+            there_of_null = _there(null, branch, column, own, stack)
+            _read(null, branch, there_of_null, size[n], stack, of_null, no_slopes, error_of_null, difference, jump)
+            there = _there(0, branch, column, own, base)
+            beyond = abs(np.sqrt(ca[n]) - np.sqrt(there)) + abs(np.sqrt(there) - np.sqrt(there_of_null))
+            beyond = min(beyond / base.frames[branch, 0, 0], 1.0)
+            _read(0, branch, there, size[n], base, of_base, no_slopes, total, of_mesh, of_gap)
             values[n] = of_base - of_null
         for j in range(count):
             if weights[j] == 0.0 and not left_out[:, j].any():
                 continue
-            _read(j, branch, column, position, size[n], stack, of_slices[j], no_slopes, error, jump)
+            there = _there(j, branch, column, position, stack)
+            _read(j, branch, there, size[n], stack, of_slices[j], no_slopes, error, difference, jump)
             for k in range(q):
                 values[n, k] += weights[j] * of_slices[j, k]
-            weight = weights[j]
-            if corrected and j == null:
-                weight, jump[:] = weight - 1.0, of_gap
+            apart = 1.0
+            if corrected:
+                apart = _apart(j, there, there_of_null, branch, column, position[1], stack, null)
+                of_null_left += weights[j] * (1.0 - apart)
+                if j == null:
+                    jump[:] = of_gap
             for k in range(3):
                 for m in range(3):
-                    total[k, m] += weight**2 * error[k, m] + weights[j] ** 2 * jump[k, m]
+                    own_error = apart * error[k, m] + (1.0 - apart) * difference[k, m]
+                    total[k, m] += weights[j] ** 2 * (own_error + jump[k, m])
         first, last = weighing.ends[row, interval]
         bump = 4.0 * (effect[n] - first) * (last - effect[n]) / (last - first) ** 2
         for missed in left_out:
@@ -276,7 +309,9 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
         if corrected:
             far = (effect[n] - weighing.knots[null]) / width
             for k in range(3):
-                total[k, k] += (far * (of_base[k] - of_null[k])) ** 2
+                for m in range(3):
+                    total[k, m] += far**2 * of_mesh[k, m] + of_null_left**2 * error_of_null[k, m]
+                    total[k, m] += beyond**2 * (of_base[k] - of_null[k]) * (of_base[m] - of_null[m])
         values[n, 0] = max(values[n, 0], values[n, 1])  # an onset interpolated to within rounding
         inside[n] = True
 

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.grid.lattice import CoarseTable, Nodes, Window
-from capsbayes.model import TWO_SHAPES, WRINKLES, ForwardModel
+from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES, ForwardModel
 
 COLUMNS = (
     "extent",
@@ -28,7 +28,7 @@ COLUMNS = (
 """Columns at each node; the last two are the number of cells to the next one without an answer, along rows,
 columns or diagonals, and the sum of the `CAVEATS` that concern it."""
 
-CAVEATS = {TWO_SHAPES: 1, WRINKLES: 2}
+CAVEATS = {TWO_SHAPES: 1, WRINKLES: 2, UNSURE_SHAPES: 4}
 
 _FINER = (4, 8, 16)  # cells along each side of a cell of the coarse table
 

@@ -41,7 +41,10 @@ from capsbayes.infer.posterior import REPORTED
 QUANTITIES = REPORTED
 """Quantities that are summarised, in this order."""
 
-FACTS = ("end", "level", "distance", "log_evidence", "border", "two_shapes", "wrinkles", "within", *PREDICTED)
+FACTS = (
+    *("end", "level", "distance", "log_evidence", "border", "two_shapes", "wrinkles", "unsure_shapes", "within"),
+    *PREDICTED,
+)
 """Further numbers of each row: end of the search, number of the lattice, distance of the lengths from those of the
 likeliest shape in standard deviations, log evidence, shares of the posterior next to the border of the model and at the
 caveats of the model, the probability that G_s and a lie well within the ranges of their prior, and the p-values of what
@@ -96,7 +99,7 @@ def fill_rows(
         Of a `Pyramid`.
     summaries : (n, 7, 7) array
         Filled with mean, sd, median and ends of the intervals of `QUANTITIES`, SI.
-    facts : (n, 11) array
+    facts : (n, 12) array
         Filled with `FACTS`.
     components : (n, k, 6) array
         Filled with the likelihood of (log(G_s / mu), log(a / l)), laid out by `mixture`.
@@ -168,7 +171,8 @@ def _fill_row(
         variance += weights[k] * max(left, 0.0) / mean**2
         caveats = int(node[11])
         facts[5] += weights[k] * (caveats & 1)
-        facts[6] += weights[k] * (caveats >> 1)
+        facts[6] += weights[k] * ((caveats >> 1) & 1)
+        facts[7] += weights[k] * (caveats >> 2)
     finest = levels[len(levels) - 1]
     facts[4] = _next_to_border(finest, low, step * (levels[0].shape[0] / finest.shape[0]), log_ca, log_size, weights)
 
@@ -207,7 +211,7 @@ def _fill_row(
     summarise(by_size, summary[4])
     summarise(ratio, summary[5])
     summarise(laid(log_stretch, weights, 0.0), summary[6])
-    facts[7] = min(
+    facts[8] = min(
         _well_within(modulus, shared.modulus_low, shared.modulus_high),
         _well_within(radius, shared.radius_low, shared.radius_high),
     )
