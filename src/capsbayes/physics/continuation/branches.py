@@ -83,23 +83,32 @@ def carried(problem: Problem, start: Iterate, capillary_number: float, size_rati
     that the start has there is removed in shares, each of which is halved until the iteration converges.
     """
     here = replace(_scaled(start, size_ratio), capillary_number=capillary_number)
-    residual, left, share = steady_residual(problem, here), 1.0, 1.0
-    while True:
-        remaining = max(left - share, 0.0)
-        trial = _near(problem, here, _FARTHEST, remaining * residual if remaining else None)
-        if trial is None:
-            share /= 2.0
-            if share < _SMALLEST_SHARE:
-                failed = NewtonResult(start, False, float(np.max(np.abs(residual))), 0, np.zeros_like(residual))
-                return BranchEnd(failed, Status.NOT_CONVERGED)
-        elif remaining:
-            here, left = trial.iterate, remaining
-        else:
-            break
+    trial = _near(problem, here, _FARTHEST)
+    if trial is None:
+        trial = _in_shares(problem, here)
+    if trial is None:
+        residual = steady_residual(problem, here)
+        failed = NewtonResult(start, False, float(np.max(np.abs(residual))), 0, np.zeros_like(residual))
+        return BranchEnd(failed, Status.NOT_CONVERGED)
     end = _reached(trial)
     if end.status is Status.DONE and may_buckle(problem, trial.iterate) and not is_stable(problem, trial.iterate):
         return BranchEnd(trial, Status.UNSTABLE)
     return end
+
+
+def _in_shares(problem: Problem, here: Iterate) -> NewtonResult | None:
+    """Remove the residual of a candidate in shares, halved where Newton's iteration fails, None below the smallest."""
+    residual, left, share = steady_residual(problem, here), 1.0, 0.5
+    while share >= _SMALLEST_SHARE:
+        remaining = max(left - share, 0.0)
+        trial = _near(problem, here, _FARTHEST, remaining * residual if remaining else None)
+        if trial is None:
+            share /= 2.0
+        elif not remaining:
+            return trial
+        else:
+            here, left = trial.iterate, remaining
+    return None
 
 
 def reached_from_rest(problem: Problem, capillary_number: float, size_ratio: float) -> BranchEnd:
