@@ -4,8 +4,11 @@ Its errors are below 1e-5. Where the belly is compressed (no pre-inflation, a/R 
 unstable: the membrane wrinkles about the axis.
 """
 
+import json
+import runpy
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +19,8 @@ from capsbayes.physics.capsule.steady_state import steady_state
 from capsbayes.physics.capsule.transient import growth_rates
 from capsbayes.physics.continuation.branches import parachute
 from capsbayes.physics.stokes.circular import FourfoldTube
+
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def test_inflated_capsule_from_rest():
@@ -78,3 +83,19 @@ def test_wrinkled_capsule_is_longer_on_its_axis():
     assert profile(problem.mesh, nodes).axial_length == pytest.approx(1.02 * 2.1776, rel=0.005)
     assert profile(problem.mesh, nodes).axial_extent == pytest.approx(2.3615, rel=0.005)
     assert result.iterate.velocity == pytest.approx(1.18802, rel=0.005)
+
+
+@pytest.mark.slow
+def test_an_entry_of_the_table_of_falling_stiffness_is_found_again():
+    """Ca = 0.02, a/R = 0.8, B = 2e-4 at refinement 6, from `docs/bending.py`; L_z is within 1 % of the limit B -> 0."""
+    script = runpy.run_path(str(DOCS / "bending.py"))
+    stored = json.loads((DOCS / "data" / "bending.json").read_text())["tube 6 0.0002"]
+    assert script["tube"](6, 2e-4) == pytest.approx(stored, rel=1e-5)
+    assert stored[0] == pytest.approx(1.49586, rel=0.01)
+    assert stored[1] == pytest.approx(1.36403, rel=0.01)
+
+
+def test_the_page_on_bending_shows_what_is_stored():
+    script = runpy.run_path(str(DOCS / "bending.py"))
+    stored = json.loads((DOCS / "data" / "bending.json").read_text())
+    assert script["page"](stored) == (DOCS / "bending.md").read_text()
