@@ -25,6 +25,7 @@ from sessions import drawn_session
 from capsbayes.cli import app, main
 from capsbayes.cli.paths import Reads, Writes, option_name
 from capsbayes.surrogate import Surrogate
+from capsbayes.work import only_run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin"
 
@@ -147,7 +148,7 @@ def content(folder):
 
 
 def refuse(words, place, monkeypatch, capfd):
-    """Run a command line, which must end in one line, exit status 2, and nothing written."""
+    """Run a command line, which must end in one line, exit status 2, and nothing written; return the line."""
     before = content(place)
     monkeypatch.setattr(sys, "argv", ["capsbayes", *words])
     with within(5.0), pytest.raises(SystemExit) as end:
@@ -157,6 +158,7 @@ def refuse(words, place, monkeypatch, capfd):
     assert len(lines) == 1, lines
     assert lines[0].startswith("capsbayes")
     assert content(place) == before
+    return lines[0]
 
 
 # what is written: kinds of paths, by what makes the place ready and returns the path
@@ -386,6 +388,25 @@ def test_a_hostile_text(place, monkeypatch, capfd, command, option, text):
     if (command, option) == ("hide", "--effect-size"):
         words[words.index("--effect") + 1] = "halo"
     refuse(words, place, monkeypatch, capfd)
+
+
+LOCKED = sorted(
+    command
+    for command in USES
+    if "--out" in declared(command, Writes) and command not in ("hide", "exam")  # which first build shapes for minutes
+)
+
+
+@pytest.mark.parametrize("command", [*LOCKED, "population"])
+def test_a_second_run(place, monkeypatch, capfd, command):
+    out = place / "population.nc"
+    if command != "population":
+        out = place / f"made{next(iter(declared(command, Writes)['--out'].suffixes), '')}"
+        if not declared(command, Writes)["--out"].suffixes:
+            out.mkdir()
+    with only_run(out):
+        line = refuse([*command.split(), *USES[command].split()], place, monkeypatch, capfd)
+    assert "expected no other run that writes it" in line
 
 
 def test_every_command_is_tried():

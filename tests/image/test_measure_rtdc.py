@@ -1,13 +1,20 @@
 """Events of .rtdc files: a drawn one, and the recordings that come with the format's reference reader."""
 
+import io
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from command_line import written
 from drawn import circle
+from typer.testing import CliRunner
 
+from capsbayes.cli import app
+from capsbayes.cli.measure import film
+from capsbayes.cli.measure.picture import write_detection
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.files.rtdc import RtdcFile
@@ -107,6 +114,30 @@ def test_a_file_that_is_no_hdf5_is_refused(tmp_path):
         RtdcFile.open(tmp_path / "cells.rtdc")
     with pytest.raises(InputError, match="nothing there"):
         RtdcFile.open(tmp_path / "none.rtdc")
+
+
+def test_an_interrupted_run_goes_on_with_the_next_part(path, tmp_path, monkeypatch):
+    counted = []
+
+    def interrupted(folder, *rest):
+        counted.append(folder.name)
+        if len(counted) == 2:
+            raise KeyboardInterrupt
+        write_detection(folder, *rest)
+
+    monkeypatch.setattr(film, "_PART", 1)
+    monkeypatch.setattr(film, "write_detection", interrupted)
+    EXPERIMENT.write(tmp_path / "experiment.toml")
+    words = ["measure", str(path), "--experiment", str(tmp_path / "experiment.toml"), "--out", str(tmp_path / "made")]
+    words += ["--velocity", "150 +/- 5 mm/s", "--pixel-size", "0.34 +/- 0.003 um"]
+    for _ in range(2):
+        result = CliRunner().invoke(app, words)
+    assert counted == ["event-0", "event-1", "event-1", "event-2"]
+    assert "Status: 2 of 3 events measured." in result.output
+    whole = pd.DataFrame([event.row() for event in events(path)])
+    kept = pd.read_csv(tmp_path / "made" / "events.csv")
+    pd.testing.assert_frame_equal(kept, pd.read_csv(io.StringIO(whole.to_csv(index=False))))
+    assert written(tmp_path / "made") == {"events.csv", "event-0", "event-1", "event-2"}
 
 
 @recorded

@@ -24,9 +24,10 @@ def atlas(
     from capsbayes.database import Database
     from capsbayes.show.figures.atlas import atlas as figures_of
     from capsbayes.show.figures.style import write_figure
+    from capsbayes.work import resumable
 
     whole = Database.open(database)
-    with Console(stderr=True).status("Drawing ..."):
+    with resumable(out), Console(stderr=True).status("Drawing ..."):
         figures = figures_of(whole)
         paths = [out / f"{name}.png" for name in figures]
         with together():

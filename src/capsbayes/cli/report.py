@@ -33,10 +33,11 @@ def report(
 
     from capsbayes.infer import Posterior
     from capsbayes.show import opened, write_report
+    from capsbayes.work import only_run
 
     found, source = opened(result)
     if picture is not None and not isinstance(found, Posterior):
         raise InputError("report", "--picture", "a posterior with a picture", source)
-    with Console(stderr=True).status("Drawing ..."):
+    with only_run(out), Console(stderr=True).status("Drawing ..."):
         path = write_report(found, out, picture=picture, rows=rows, source=source)
     typer.echo(f"Written to {path}, {path.stat().st_size / 1e6:.1f} MB.")

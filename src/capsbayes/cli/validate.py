@@ -37,20 +37,22 @@ def validate(
     from capsbayes.database import Database
     from capsbayes.show.figures.error_maps import heat_maps
     from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
+    from capsbayes.work import resumable
 
     whole = Database.open(database)
     if whole.effect != "none":
         raise InputError("validate", "database", "one over Ca and a/l alone", f"one that varies {whole.effect} as well")
     sets = {"all": whole, "even": even_subset(whole)}
-    studies: Studies = {}
-    with Console(stderr=True).status("Holding out one case at a time ..."):
-        for name, cases in sets.items():
-            studies[name] = [validate_inverse(cases), validate_forward_map(cases)]
-    figures = _figures(studies, whole.sha256)
-    files: dict[str, Writer] = {"validation.json": json_file(figures)}
-    for name, pair in studies.items():
-        files[f"errors-{name}.png"] = figure_file(partial(heat_maps, *pair), dpi=150)
-    conclude(figures, lambda: [_table(studies)], files, out=out, as_json=as_json)
+    with resumable(out):
+        studies: Studies = {}
+        with Console(stderr=True).status("Holding out one case at a time ..."):
+            for name, cases in sets.items():
+                studies[name] = [validate_inverse(cases), validate_forward_map(cases)]
+        figures = _figures(studies, whole.sha256)
+        files: dict[str, Writer] = {"validation.json": json_file(figures)}
+        for name, pair in studies.items():
+            files[f"errors-{name}.png"] = figure_file(partial(heat_maps, *pair), dpi=150)
+        conclude(figures, lambda: [_table(studies)], files, out=out, as_json=as_json)
 
 
 def _figures(studies: Studies, sha256: str) -> dict[str, Any]:

@@ -5,7 +5,7 @@ Contours through the pixel centres of a mask lie half a pixel inside the edge; t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -74,6 +74,7 @@ def measure_rtdc(
     capsule_velocity: Quantity,
     pixel_size: Quantity,
     flow: str | None = None,
+    events: Iterable[int] | None = None,
 ) -> Iterator[Event]:
     """Measure event after event.
 
@@ -88,6 +89,8 @@ def measure_rtdc(
         With its standard error, which the file does not hold; its value must be about that of the file.
     flow : str, optional
         ``"right"`` or ``"left"``, which the file does not hold; by default it follows from the shape.
+    events : iterable of int, optional
+        Numbers of the events to measure, from 0; by default all.
 
     Raises
     ------
@@ -101,7 +104,8 @@ def measure_rtdc(
     empty = temporal_median([image for image, _ in file.pictures(sampled)])
     walls = _walls(empty, 0.5 * file.channel_width / pixel_size.value)
     gain = transmission(np.ones_like(empty), empty)
-    for number, (image, mask) in enumerate(file.pictures()):
+    chosen = range(file.events) if events is None else list(events)
+    for number, (image, mask) in zip(chosen, file.pictures(chosen), strict=True):
         picture = replace(Picture.from_array(image), source=f"{file.path}, event {number}", sha256=file.sha256)
         light = picture.grey * gain
         detection = analyse_blob(light, pixel_noise(light), walls, blob_of_mask(mask, walls), direction)

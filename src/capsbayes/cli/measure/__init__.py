@@ -69,6 +69,7 @@ def measure(
     """Measure the capsule in a picture, or all capsules in a film: lengths with their errors."""
     from capsbayes.cli.measure.film import measure_film, measure_rtdc
     from capsbayes.experiment import Experiment
+    from capsbayes.work import resumable
 
     kind = _kind(picture)
     options = {
@@ -84,18 +85,19 @@ def measure(
         if given is not None and option not in _TAKES[kind]:
             raise InputError("measure", option, f"one of {', '.join(_TAKES[kind])} for a {kind}", str(given))
     known = Experiment.read(experiment)
-    if kind == "film":
-        measure_film(picture, known, frame_rate=frame_rate, background=background, flow=flow, out=out)
-    elif kind == ".rtdc file":
-        measure_rtdc(
-            picture, known, velocity=speed_of(velocity), pixel_size=pixel_size_of(pixel_size), flow=flow, out=out
-        )
-    elif kind == "contour":
-        _measure_contour(
-            picture, known, speed_of(velocity), pixel_size, edge_error, contour_unit, contour_points, flow, out
-        )
-    else:
-        measured_picture(picture, known, speed_of(velocity), background, flow, out)
+    with resumable(out):
+        if kind == "film":
+            measure_film(picture, known, frame_rate=frame_rate, background=background, flow=flow, out=out)
+        elif kind == ".rtdc file":
+            measure_rtdc(
+                picture, known, velocity=speed_of(velocity), pixel_size=pixel_size_of(pixel_size), flow=flow, out=out
+            )
+        elif kind == "contour":
+            _measure_contour(
+                picture, known, speed_of(velocity), pixel_size, edge_error, contour_unit, contour_points, flow, out
+            )
+        else:
+            measured_picture(picture, known, speed_of(velocity), background, flow, out)
 
 
 def _kind(path: Path) -> str:

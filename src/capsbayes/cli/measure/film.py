@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image.measure_film import FilmMeasurement
     from capsbayes.quantity import Quantity
+
+_PART = 200  # events that are measured and written as one step
 
 
 def measure_film(
@@ -64,15 +67,26 @@ def measure_rtdc(
 
     from capsbayes.image.files.rtdc import RtdcFile
     from capsbayes.image.measure_rtdc import measure_rtdc
-    from capsbayes.work.progress import tracked
+    from capsbayes.work import progress_bar, step_of
 
     file = RtdcFile.open(path)
-    events = measure_rtdc(file, experiment, capsule_velocity=velocity, pixel_size=pixel_size, flow=flow)
-    rows = []
-    for event in tracked(events, file.events, "events"):
-        rows.append(event.row())
-        if out is not None:
-            write_detection(out / f"event-{event.number}", event.picture, event.detection, event.measurement)
+
+    def measured(events: range) -> list[dict[str, object]]:
+        how = {"capsule_velocity": velocity, "pixel_size": pixel_size}
+        rows = []
+        for event in measure_rtdc(file, experiment, flow=flow, events=events, **how):
+            rows.append(event.row())
+            if out is not None:
+                write_detection(out / f"event-{event.number}", event.picture, event.detection, event.measurement)
+        return rows
+
+    rows: list[dict[str, object]] = []
+    with progress_bar(file.events, "events") as update:
+        for start in range(0, file.events, _PART):
+            events = range(start, min(start + _PART, file.events))
+            key = "events", file.sha256, experiment, velocity, pixel_size, flow, events
+            rows += step_of(list, key, partial(measured, events))
+            update(events.stop)
     table = pd.DataFrame(rows)
     if out is not None:
         table_file(table, index=False)(out / "events.csv")

@@ -35,6 +35,7 @@ def budget(
     from capsbayes.plan import error_budget
     from capsbayes.show import budget_figure
     from capsbayes.show.tables.plan import budget_table
+    from capsbayes.work import resumable
 
     measurement = Measurement.read(capsule)
     known = named_experiment(measurement, experiment)
@@ -42,21 +43,22 @@ def budget(
         database, known.cross_section, None if measurement.outline is None else measurement.outline.view
     )
     prior = Prior.read(capsule)
-    with Console(stderr=True).status("Computing the budget ..."):
-        posterior = identify(measurement, model, known, engine="quadrature", seed=seed, prior=prior)
-        found = error_budget(posterior, model)
-    result = {**found.as_dict(), "seed": seed}
-    files: dict[str, Writer] = {
-        "budget.json": json_file(result),
-        "budget.csv": table_file(found.table(), index_label="input"),
-        "budget.png": figure_file(lambda: budget_figure(found)),
-    }
-    model_line = model_words(found.model_name, found.model_sha256, seed)
-    conclude(
-        result,
-        lambda: [budget_table(found), *found.notes, model_line],
-        files,
-        out=out,
-        as_json=as_json,
-        status=found.status,
-    )
+    with resumable(out):
+        with Console(stderr=True).status("Computing the budget ..."):
+            posterior = identify(measurement, model, known, engine="quadrature", seed=seed, prior=prior)
+            found = error_budget(posterior, model)
+        result = {**found.as_dict(), "seed": seed}
+        files: dict[str, Writer] = {
+            "budget.json": json_file(result),
+            "budget.csv": table_file(found.table(), index_label="input"),
+            "budget.png": figure_file(lambda: budget_figure(found)),
+        }
+        model_line = model_words(found.model_name, found.model_sha256, seed)
+        conclude(
+            result,
+            lambda: [budget_table(found), *found.notes, model_line],
+            files,
+            out=out,
+            as_json=as_json,
+            status=found.status,
+        )

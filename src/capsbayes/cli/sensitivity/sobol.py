@@ -46,26 +46,28 @@ def sobol(
     from capsbayes.plan import sobol_indices
     from capsbayes.show import sobol_figure
     from capsbayes.show.tables.plan import sobol_table
+    from capsbayes.work import resumable
 
     stated = _stated(ranges or [])
     measurement = Measurement.read(capsule)
     known = named_experiment(measurement, experiment)
     model = named_model(database, known.cross_section)
-    with Console(stderr=True).status("Answering the samples ..."):
-        study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
-    files: dict[str, Writer] = {
-        "sobol.json": json_file(study.as_dict()),
-        "sobol.png": figure_file(lambda: sobol_figure(study)),
-    }
-    model_line = model_words(study.model_name, study.model_sha256, study.seed)
-    conclude(
-        study.as_dict(),
-        lambda: [sobol_table(study), *_lines(study), model_line],
-        files,
-        out=out,
-        as_json=as_json,
-        status=study.status,
-    )
+    with resumable(out):
+        with Console(stderr=True).status("Answering the samples ..."):
+            study = sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
+        files: dict[str, Writer] = {
+            "sobol.json": json_file(study.as_dict()),
+            "sobol.png": figure_file(lambda: sobol_figure(study)),
+        }
+        model_line = model_words(study.model_name, study.model_sha256, study.seed)
+        conclude(
+            study.as_dict(),
+            lambda: [sobol_table(study), *_lines(study), model_line],
+            files,
+            out=out,
+            as_json=as_json,
+            status=study.status,
+        )
 
 
 def _stated(texts: list[str]) -> dict[str, Quantity]:

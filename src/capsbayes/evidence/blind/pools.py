@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable
 from dataclasses import replace
@@ -9,6 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from capsbayes.database import Database
+from capsbayes.errors import InputError
 from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect
 from capsbayes.physics.databases.build import build_database
 from capsbayes.physics.databases.grid import Cases
@@ -57,12 +59,29 @@ def simulator_with(effect: TrueEffect, size: float, refinement: int = _REFINEMEN
 def build_pools(
     names: Iterable[tuple[str, float]], folder: str | os.PathLike[str], *, workers: int | None = None
 ) -> dict[tuple[str, float], Database]:
-    """Build those of some pools, named by keys of `POOLS`, that a folder lacks, and return all of them."""
+    """Build those of some pools, named by keys of `POOLS`, that a folder lacks, and return all of them.
+
+    Raises
+    ------
+    InputError
+        If the folder holds a pool that was made with other settings or cases.
+    """
     pools = {}
     for effect, size in names:
         path = Path(folder) / f"{pool_name(effect, size)}.nc"
+        simulator = simulator_with(POOLS[effect, size], size)
         if not path.exists():
-            simulator = simulator_with(POOLS[effect, size], size)
             build_database(simulator, pool_cases(), out=path, workers=workers, compact=True)
-        pools[effect, size] = Database.read(path)
+        pools[effect, size] = pool = Database.read(path)
+        _check_pool(path, pool, simulator)
     return pools
+
+
+def _check_pool(path: Path, pool: Database, simulator: SteadySimulator) -> None:
+    asked, there = json.loads(json.dumps(dict(simulator.settings))), pool.settings
+    different = sorted(key for key in {*asked, *there} if asked.get(key) != there.get(key))
+    if not {*pool_cases()} <= {*zip(pool["capillary_number"].tolist(), pool["size_ratio"].tolist(), strict=True)}:
+        different.append("cases")
+    if different:
+        got = f"one made with other {', '.join(different)}"
+        raise InputError(str(path), "", "the pool of shapes of this name", got, "remove it to build it anew")
