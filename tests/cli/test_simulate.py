@@ -33,6 +33,13 @@ def test_text_names_every_quantity_with_its_symbol(monkeypatch, capsys):
         assert symbol in out
 
 
+def test_the_general_membrane_and_its_bending_are_named(monkeypatch, capsys):
+    law = "general:area_dilation_modulus=2,strain_hardening=0.5"
+    status, out, _ = run(monkeypatch, capsys, *COARSE, *CASE, "--law", law, "--bending-energy", "curvature")
+    assert status == 0
+    assert "general K_s/G_s = 2, h = 0.5, square cross-section, refinement 4, bending 0.001 of the curvature" in out
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -52,6 +59,10 @@ def test_text_names_every_quantity_with_its_symbol(monkeypatch, capsys):
             "--paraview: expected a file name that ends in .vtu",
         ),
         ([*CASE, "--plot", "no/such/s.png"], "--plot: expected a folder that exists"),
+        (
+            [*CASE, "--bending-energy", "rubber"],
+            "bending_energy: expected one of displacement, curvature, got 'rubber'",
+        ),
         ([*CASE, "--refinement", "2"], "refinement: expected at least 4, got 2"),
     ],
 )

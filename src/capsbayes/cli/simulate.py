@@ -70,7 +70,8 @@ def _print(state: SteadyState) -> None:
     from capsbayes.show.tables.table import print_parts, table
 
     settings, summary = state.settings, state.as_dict()
-    unusual = [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
+    unusual = [f" of the {settings['bending_energy']}"] if "bending_energy" in settings else []
+    unusual += [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
     typer.echo(
         f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['cross_section']} "
         f"cross-section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual)
