@@ -29,12 +29,13 @@ HERE = Path(__file__).parent
 STORE, PAGE = HERE / "data" / "bending.json", HERE / "bending.md"
 ENERGIES = ("displacement", "curvature")
 SHELL = [(height, n) for height in (0.8, 0.5) for n in (6, 8, 12)]
-CHANNEL = [  # Ca, a/l, B
-    *((ca, size, bending) for ca, size in ((0.05, 0.9), (0.08, 0.95)) for bending in (2e-4, 1e-3)),
-    (0.1, 0.7, 2e-4),
-    (0.02, 0.75, 2e-4),
+CHANNEL = [  # refinement, Ca, a/l, B
+    (8, 0.02, 0.75, 2e-4),
+    (8, 0.1, 0.7, 2e-4),
+    *((8, 0.05, 0.9, bending) for bending in (2e-4, 1e-3)),
+    (8, 0.08, 0.95, 1e-3),
+    *((n, 0.08, 0.95, 2e-4) for n in (8, 10, 12)),
 ]
-CHANNEL_REFINEMENT = 8
 TUBE, UNBENT = (0.02, 0.8), (1.49586, 1.36403)  # Ca, a/R; L_z/R, L_a/R
 MESHES, BENDINGS = (6, 8, 12, 16), (2e-4, 1e-4, 5e-5, 2e-5, 1e-5, 5e-6)
 Row = list[float]
@@ -57,11 +58,11 @@ def sharpest(points: Floats) -> float:
     return float(1.0 / np.max(bend / np.hypot(*first.T) ** 3))
 
 
-def channel(capillary_number: float, size_ratio: float, bending: float) -> Row:
+def channel(refinement: int, capillary_number: float, size_ratio: float, bending: float) -> Row:
     """Return L_z, L_a, V and the smallest radius of the mid-plane for each energy, over l and U."""
     row = []
     for energy in ENERGIES:
-        simulator = Simulator(refinement=CHANNEL_REFINEMENT, bending=bending, bending_energy=energy)
+        simulator = Simulator(refinement=refinement, bending=bending, bending_energy=energy)
         state = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio, start="parachute")
         assert state.status.ok, state.status
         outline = state.profile
@@ -100,7 +101,7 @@ def tasks() -> Iterator[tuple[str, Callable[[], Row]]]:
         for bending in BENDINGS:
             yield f"tube {n} {bending:g}", partial(tube, n, bending)
     for case in CHANNEL:
-        yield "channel {:g} {:g} {:g}".format(*case), partial(channel, *case)
+        yield "channel {:d} {:g} {:g} {:g}".format(*case), partial(channel, *case)
     for setting in SHELL:
         yield "shell {:g} {:d}".format(*setting), partial(shell, *setting)
 
@@ -134,10 +135,10 @@ def page(known: dict[str, Row]) -> str:
         ),
         rates=" and ".join(f"{value:.1f}" for value in rates),
         channel="\n".join(
-            "| {:g} | {:g} | {:g} | {} | {:.4f} | {:.4f} | {:.4f} | {:.4f} |".format(*case, energy, *values)
+            "| {:d} | {:g} | {:g} | {:g} | {} | {:.4f} | {:.4f} | {:.4f} | {:.4f} |".format(*case, energy, *values)
             for case in CHANNEL
             for energy, values in zip(
-                ENERGIES, np.reshape(known["channel {:g} {:g} {:g}".format(*case)], (2, 4)), strict=True
+                ENERGIES, np.reshape(known["channel {:d} {:g} {:g} {:g}".format(*case)], (2, 4)), strict=True
             )
         ),
         meshes=" | ".join(f"n = {n}" for n in MESHES),
@@ -175,12 +176,16 @@ the second has.
 
 ## In a square channel
 
-Parachutes at refinement {CHANNEL_REFINEMENT}; lengths over l. The last column is the smallest radius of curvature
-of the outline in the mid-plane, on the rear rim.
+Parachutes at refinement n; lengths over l. The last column is the smallest radius of curvature of the outline in
+the mid-plane, on the rear rim.
 
-| Ca | a/l | B | energy | L_z | L_a | v_o/U | rim |
-|---|---|---|---|---|---|---|---|
+| n | Ca | a/l | B | energy | L_z | L_a | v_o/U | rim |
+|---|---|---|---|---|---|---|---|---|
 {{channel}}
+
+L_z and v_o/U are the same within 0.04 % and L_a within 0.17 %, where the mesh resolves the rim. At Ca = 0.08,
+a/l = 0.95 and B = 2e-4 the rim is sharper than the elements: L_z still changes with the mesh, and the difference
+of the two energies falls from 0.17 to 0.04 %.
 
 ## As the stiffness falls
 
