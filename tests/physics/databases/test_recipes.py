@@ -1,5 +1,8 @@
+import json
+
 import pytest
 
+from capsbayes import Database
 from capsbayes.errors import InputError
 from capsbayes.physics.databases.recipes import RECIPES, recipe_named
 from capsbayes.physics.simulation.simulator import Simulator
@@ -21,6 +24,12 @@ def test_every_recipe_can_be_followed(name):
     else:
         assert len(recipe.cases) >= 200
         assert simulator.refinement == 12
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_has_the_settings_of_the_database_that_was_made_with_it(name):
+    stored = json.loads(Database.open(name).dataset.attrs["settings"])
+    assert json.loads(json.dumps(recipe_named(name).simulator.settings)) == stored
 
 
 def test_pre_inflation_covers_the_whole_range():

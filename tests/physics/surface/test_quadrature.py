@@ -12,7 +12,7 @@ def monomial(p, q):
     return factorial(p) * factorial(q) / factorial(p + q + 2)
 
 
-@pytest.mark.parametrize("degree", [2, 5, 6])
+@pytest.mark.parametrize("degree", [2, 4, 5, 6])
 @pytest.mark.parametrize("times", [0, 1, 2])
 def test_regular_rules_integrate_polynomials_of_their_degree(degree, times):
     rule = subdivided(dunavant(degree), times)

@@ -173,8 +173,9 @@ def stable_step(problem: Problem, start: Iterate) -> float:
 
     The fastest rate of the discrete membrane is about n / (Ca a/l) (2 (K_s + 1) + 140 B n^2) for refinement n, area
     dilation modulus K_s/G_s and bending B. This was measured for n from 4 to 12: it is right to 25 % at rest, too large
-    at steady states, and too small by up to 25 % for a large capsule squeezed into the channel. The midpoint rule bears
-    2 over the fastest rate; the step is 1.4 over this one.
+    at steady states, and too small by up to 25 % for a large capsule squeezed into the channel. With the bending
+    energy of the curvature it is too large, at B = 5e-3 by 1.6 to 2.8. The midpoint rule bears 2 over the fastest rate;
+    the step is 1.4 over this one.
     """
     n = problem.refinement
     stiffness = problem.law.area_dilation_modulus + 1.0 + 70.0 * problem.bending * n**2
