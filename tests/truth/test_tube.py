@@ -99,3 +99,16 @@ def test_the_page_on_bending_shows_what_is_stored():
     script = runpy.run_path(str(DOCS / "bending.py"))
     stored = json.loads((DOCS / "data" / "bending.json").read_text())
     assert script["page"](stored) == (DOCS / "bending.md").read_text()
+
+
+@pytest.mark.parametrize(("quantity", "unbent"), [(0, 1.49586), (1, 1.36403)])
+def test_lengths_tend_to_those_without_bending(quantity, unbent):
+    """Ca = 0.02, a/R = 0.8: at every B they are shorter, and their limit is that of the solver without bending."""
+    script = runpy.run_path(str(DOCS / "bending.py"))
+    stored = json.loads((DOCS / "data" / "bending.json").read_text())
+    lengths = [stored[f"tube {script['MESHES'][-1]} {bending:g}"][quantity] for bending in script["BENDINGS"]]
+    assert np.all(np.diff(lengths) > 0)
+    assert lengths[-1] < unbent
+    end, power = script["limit"](stored, quantity)
+    assert end == pytest.approx(unbent, rel=2e-3)
+    assert 0.2 < power < 0.8
