@@ -26,7 +26,7 @@ NUMBERS = {
     "own_effect/own_effect.py": ("v_o/U", 1.343, 0.0005),
     "film/film.py": ("G_s [mN/m]", 50.0, 0.02),
     "batch/batch.py": ("G_s [mN/m]", 50.0, 0.05),
-    "drifting_modulus/drifting_modulus.py": ("G_s [mN/m]", 50.0, 0.05),
+    "drifting_modulus/drifting_modulus.py": ("G_s [mN/m]", 50.0, 0.15),  # its inflation is known to a tenth
 }
 """For each script a name that it prints before an equals sign, its true value, and the relative tolerance."""
 
