@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
@@ -211,13 +212,7 @@ def hierarchy(
     if tails not in TAILS:
         raise InputError("hierarchy", "tails", " or ".join(TAILS), repr(tails))
     viscosity, half_width = _shared(population, experiment)
-    kept = (population["likelihood"][:, :, 0].sum(axis=1) > 0.0) & np.isin(population["status"], _TAKING_PART)
-    if least_stretch is not None:
-        _check_cut(least_stretch, model)
-        kept &= kept_rows(population, least_stretch)
-    if np.count_nonzero(kept) < FEWEST:
-        expected = f"at least {FEWEST} capsules with a result"
-        raise InputError("hierarchy", "population", expected, str(np.count_nonzero(kept)))
+    kept = _taking_part(population, least_stretch, model)
     selection = None
     if existence or least_stretch is not None:
         selection = Selection.of(
@@ -229,27 +224,20 @@ def hierarchy(
             least_stretch=least_stretch,
             pyramid=None if least_stretch is None or model is None else Pyramid.of(model),
         )
-    components = np.ascontiguousarray(population["likelihood"][kept])
-    components[:, :, 1] += np.float32(np.log(viscosity.value))
-    components[:, :, 2] += np.float32(np.log(half_width.value))
+    components = _components(population, kept, viscosity, half_width)
     if tails != NORMAL:
         components = merged(components, _MERGED)
     rng = np.random.default_rng([seed, 3])
     log_posterior = LogPosterior(components, selection if existence else _without_limit(selection), tails)
     place = mode(log_posterior)
     parameters, gates = drawn(log_posterior, place, rng)
-    count = len(parameters)
-    shifts = {
-        name: LogGrid.of(quantity).drawn(rng, count) / quantity.value
-        for name, quantity in (("viscosity", viscosity), ("half_width", half_width))
-    }
-    scale = np.exp(shared_velocity_error * rng.standard_normal(count))
     without = {"surface_shear_modulus": np.exp(parameters[:, 0]), "capsule_radius": np.exp(parameters[:, 1])}
-    draws = {
-        "surface_shear_modulus": without["surface_shear_modulus"] * shifts["viscosity"] * scale,
-        "capsule_radius": without["capsule_radius"] * shifts["half_width"],
-        **_spreads(log_posterior, parameters),
+    shifts = {
+        name: LogGrid.of(quantity).drawn(rng, len(parameters)) / quantity.value
+        for name, quantity in (("surface_shear_modulus", viscosity), ("capsule_radius", half_width))
     }
+    shifts["surface_shear_modulus"] *= np.exp(shared_velocity_error * rng.standard_normal(len(parameters)))
+    draws = {name: without[name] * shifts[name] for name in without} | _spreads(log_posterior, parameters)
     leaning = float(np.mean(population["status"][kept] == Status.LEANS_ON_BORDER.name))
     missing, changes = np.empty(0), dict[str, float]()
     if existence:
@@ -268,6 +256,34 @@ def hierarchy(
         missing,
         changes,
     )
+
+
+def _taking_part(population: Population, least_stretch: float | None, model: ForwardModel | None) -> NDArray[np.bool_]:
+    """Return which capsules take part : (n,) array.
+
+    Raises
+    ------
+    InputError
+        If they are too few, or the cut is none.
+    """
+    kept = (population["likelihood"][:, :, 0].sum(axis=1) > 0.0) & np.isin(population["status"], _TAKING_PART)
+    if least_stretch is not None:
+        _check_cut(least_stretch, model)
+        kept &= kept_rows(population, least_stretch)
+    if np.count_nonzero(kept) < FEWEST:
+        expected = f"at least {FEWEST} capsules with a result"
+        raise InputError("hierarchy", "population", expected, str(np.count_nonzero(kept)))
+    return np.asarray(kept)
+
+
+def _components(
+    population: Population, kept: NDArray[np.bool_], viscosity: Quantity, half_width: Quantity
+) -> NDArray[np.float32]:
+    """Return the likelihoods of the capsules in (log G_s, log a), at what they share : (n, c, 6) array."""
+    components = np.ascontiguousarray(population["likelihood"][kept])
+    components[:, :, 1] += np.float32(np.log(viscosity.value))
+    components[:, :, 2] += np.float32(np.log(half_width.value))
+    return components
 
 
 def _check_cut(least_stretch: float, model: ForwardModel | None) -> None:
