@@ -18,12 +18,14 @@ import numpy as np
 import pytest
 import typer
 from drawn import drawn
+from drawn_populations import drawn_population
 from png_header import png_of_size
-from results import population, posterior
+from results import posterior
 from sessions import drawn_session
 
 from capsbayes.cli import app, main
 from capsbayes.cli.paths import Reads, Writes, option_name
+from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.surrogate import Surrogate
 from capsbayes.work import only_run
 
@@ -112,7 +114,7 @@ def inputs(tmp_path_factory):
     (folder / "cases.csv").write_text("capillary_number,size_ratio\n0.05,0.9\n")
     manufactured.database(8, 6).write(folder / "database.nc")
     posterior().write(folder / "posterior.nc")
-    population().write(folder / "population.nc")
+    drawn_population(Pyramid.of(Surrogate.open("square-neo-hookean")), 6, seed=1).write(folder / "population.nc")
     return folder
 
 
