@@ -19,7 +19,6 @@ from capsbayes.database import Database
 from capsbayes.measured_outline import MID_PLANE, check_view
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
-from capsbayes.profile import with_extent
 from capsbayes.surrogate.branch_surrogate import CELLS, COLUMNS, BranchSurrogate, approximation_of
 from capsbayes.surrogate.branches import branches_of
 from capsbayes.surrogate.caveats import Caveats, with_unsure_shapes
@@ -78,8 +77,6 @@ class PlaneSurrogate(ForwardModel):
         for part in self.branches:
             part.predict(ca, size, values.T, covariance, inside)
         shapes = self._outlines(ca, size) if outline else None
-        if shapes is not None and self.view == MID_PLANE:
-            shapes = with_extent(shapes, values[0])
         return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
 
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from capsbayes.profile import with_extent
 from capsbayes.status import Status
 from capsbayes.work import Store
 
@@ -111,7 +110,7 @@ def variables_of(state: Any) -> dict[str, Any]:
         "wrinkling_rate": float(state.wrinkling_rate),
         "minimum_tension": float(np.min(state.principal_tensions)),
         "nodes": np.array(state.nodes, dtype=float),
-        "profile": with_extent(profile.resampled(OUTLINE_POINTS).points[None], np.array([profile.axial_extent]))[0],
+        "profile": np.array(profile.resampled(OUTLINE_POINTS).points),
         "silhouette": np.array(state.silhouette.resampled(OUTLINE_POINTS).points),
     }
 

@@ -18,10 +18,9 @@ from numpy.typing import ArrayLike
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
-from capsbayes.measured_outline import MID_PLANE
 from capsbayes.model import CoordinateRange, ForwardModel
 from capsbayes.prediction import Prediction
-from capsbayes.profile import vertex_normals, with_extent
+from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.branch_surrogate import COLUMNS, BranchSurrogate
 from capsbayes.surrogate.caveats import with_unsure_shapes
 from capsbayes.surrogate.joint.cardinal import FEWEST_KNOTS, CardinalCubics
@@ -116,8 +115,6 @@ class EffectSurrogate(ForwardModel):
         evaluate(ca, size, place, *tables, values, covariance, inside)
         shapes = self._outlines(ca, size, place) if outline else None
         columns = values.T.copy()
-        if shapes is not None and self.view == MID_PLANE:
-            shapes = with_extent(shapes, columns[0])
         return Prediction(columns[0], columns[1], columns[2], columns[3], covariance, inside, shapes)
 
     def outline_modes(self, **theta: float) -> Floats:
