@@ -179,7 +179,7 @@ def test_points_at_equal_distances_cut_a_sharp_rim_until_it_is_given_its_extent(
     fine = Profile.from_half(half)
     for count in (64, 90, 128, 256):
         coarse = fine.resampled(count)
-        mended = Profile(with_extent(coarse.points[None], np.array([fine.axial_extent]))[0])
+        mended = Profile(with_extent(coarse.points, fine.axial_extent))
         assert mended.axial_extent == pytest.approx(fine.axial_extent, rel=1e-9)
         assert mended.axial_length == pytest.approx(coarse.axial_length, rel=1e-9)
         assert mended.hausdorff(fine) <= coarse.hausdorff(fine)

@@ -240,23 +240,24 @@ def equally_spaced(points: Floats, count: int) -> Floats:
     return np.stack([np.interp(at, arc, closed[:, axis]) for axis in (0, 1)], axis=1)
 
 
-def with_extent(outlines: Floats, axial_extent: Floats) -> Floats:
-    """Give outlines of points at equal distances, which cut the rear rim, their known extent along the flow.
+def with_extent(outline: Floats, axial_extent: float) -> Floats:
+    """Give an outline of points at equal distances, which cut the rear rim, its known extent along the flow.
 
-    On either side the point furthest back moves back onto the plane of the rim; none lies behind it.
+    On either side the point furthest back moves back onto the plane of the rim; none lies behind it. Which point that
+    is changes from shape to shape: for outlines to be drawn, not for those to be fitted.
 
     Parameters
     ----------
-    outlines : (n, p, 2) array
+    outline : (p, 2) array
         Of which the first point is the nose, and point p / 2 the rear on the axis.
-    axial_extent : (n,) array
-        Their L_z, in the same unit.
+    axial_extent : float
+        Its L_z, in the same unit.
     """
-    mended, half, every = np.array(outlines, dtype=np.float64), outlines.shape[1] // 2, np.arange(len(outlines))
-    back = mended[:, 0, 0] - axial_extent
-    mended[..., 0] = np.maximum(mended[..., 0], back[:, None])
-    for first, last in ((1, half + 1), (half, outlines.shape[1])):
-        mended[every, first + np.argmin(outlines[:, first:last, 0], axis=1), 0] = back
+    mended, half = np.array(outline, dtype=np.float64), len(outline) // 2
+    back = mended[0, 0] - axial_extent
+    mended[:, 0] = np.maximum(mended[:, 0], back)
+    for first, last in ((1, half + 1), (half, len(outline))):
+        mended[first + np.argmin(outline[first:last, 0]), 0] = back
     return mended
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capsbayes.physics.capsule.derivatives import changed, parameter_derivatives
+from capsbayes.physics.capsule.derivatives import parameter_derivatives
+from capsbayes.physics.capsule.parameters import changed
 from capsbayes.physics.capsule.problem import Problem
 from capsbayes.physics.capsule.steady_state import steady_state
 from capsbayes.physics.membrane.general import GeneralLaw

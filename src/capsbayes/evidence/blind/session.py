@@ -177,5 +177,5 @@ def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Caps
         capsule_radius=float(capsule_radius(size_ratio=size_ratio, half_width=lab.half_width)),
         capsule_velocity=velocity,
         velocity_seen=velocity,
-        outline=with_extent(shapes["profile"][row : row + 1], shapes["axial_extent"][row : row + 1])[0],
+        outline=with_extent(shapes["profile"][row], float(shapes["axial_extent"][row])),
     )

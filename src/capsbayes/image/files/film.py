@@ -57,10 +57,11 @@ class Film:
         path = Path(path)
         where = str(path)
         if path.is_dir():
-            count = len(_pictures(path))
-            for picture in _pictures(path):
+            pictures = _pictures(path)
+            count = len(pictures)
+            for picture in pictures:
                 check_size(picture, str(picture), most=MOST_IN_FRAMES)
-            if not count:
+            if not pictures:
                 raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
         elif not path.is_file():
             raise InputError(where, "", "a film", "nothing there")

@@ -7,43 +7,18 @@ Newton's method. All parameters share its factors.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.physics.capsule.parameters import changed, parameters_of
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import bordered
 
 _STEP = 1e-5  # of parameters, for the differences of the density
-
-
-def changed(problem: Problem, name: str, value: float) -> Problem:
-    """Return the problem with another value of a parameter of the membrane: its law's, its bending or its inflation."""
-    if _of_law(problem, name):
-        return replace(problem, law=replace(problem.law, **{name: value}))
-    return replace(problem, **{name: value})  # type: ignore[arg-type]
-
-
-def value_of(problem: Problem, name: str) -> float:
-    """Return the value of a parameter of the membrane.
-
-    Raises
-    ------
-    InputError
-        If neither the problem nor its law has it.
-    """
-    owner = problem.law if _of_law(problem, name) else problem
-    value = getattr(owner, name, None)
-    if not isinstance(value, float):
-        raise InputError("parameter", "", "a parameter of the membrane or of its law", repr(name))
-    return value
-
-
-def _of_law(problem: Problem, name: str) -> bool:
-    return name in (item.name for item in fields(problem.law))
 
 
 def parameter_derivatives(problem: Problem, iterate: Iterate, names: Sequence[str]) -> Floats:
@@ -57,6 +32,11 @@ def parameter_derivatives(problem: Problem, iterate: Iterate, names: Sequence[st
     names : sequence of str
         ``"capillary_number"``, ``"size_ratio"``, or parameters of the problem or of its law, as ``"pre_inflation"``,
         ``"bending"`` or ``"strain_hardening"``.
+
+    Raises
+    ------
+    InputError
+        If neither the problem nor its law has such a parameter.
     """
     linearised = bordered(problem, iterate)
     along = np.zeros((len(iterate.free) + 2, len(names)))
@@ -75,7 +55,10 @@ def _density_slope(problem: Problem, iterate: Iterate, name: str) -> Floats:
 
     On spheres of other radii the density counts by their area, with which the velocity is proportional to it.
     """
-    value = iterate.size_ratio if name == "size_ratio" else value_of(problem, name)
+    known = {"size_ratio": iterate.size_ratio, **parameters_of(problem)}
+    if name not in known:
+        raise InputError("parameter", "", f"one of {', '.join(known)}", repr(name))
+    value = known[name]
     densities, values = [], []
     for end in (value - _STEP, value + _STEP):
         other, there = problem, iterate
@@ -87,6 +70,6 @@ def _density_slope(problem: Problem, iterate: Iterate, name: str) -> Floats:
             values.append(end)
         except InputError:  # beyond the range of the parameter
             values.append(value)
-        gradient = other.membrane(there.size_ratio).elasticity(there.free).gradient
+        gradient = other.membrane(there.size_ratio).gradient(there.free)
         densities.append(other.density(there, gradient) * (there.size_ratio / iterate.size_ratio) ** 2)
     return (densities[1] - densities[0]) / (values[1] - values[0])

@@ -7,7 +7,6 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -20,6 +19,7 @@ from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable, guarded
 from capsbayes.interruption import keeping
+from capsbayes.physics.capsule.parameters import changed, parameters_of
 from capsbayes.physics.databases.gather import gathered, pedigree
 from capsbayes.physics.databases.grid import Case
 from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error
@@ -192,7 +192,7 @@ def _null_value(simulator: Any, effect: str) -> float:
     InputError
         If there is no such parameter.
     """
-    known = _parameters(simulator) | _parameters(getattr(simulator, "law", None))
+    known = parameters_of(simulator)
     if effect not in known:
         raise InputError("build", "effect", f"one of {', '.join(known)}", repr(effect))
     return known[effect]
@@ -210,12 +210,4 @@ def _simulators_at(simulator: Any, effect: str, values: Iterable[float]) -> dict
     if len(ordered) < _FEWEST_VALUES or null not in ordered:
         expected = f"at least {_FEWEST_VALUES} values of {effect}, the simulator's own {null:g} among them"
         raise InputError("build", "values", expected, ", ".join(f"{value:g}" for value in ordered) or "none")
-    if effect in _parameters(simulator):
-        return {value: replace(simulator, **{effect: value}) for value in ordered}
-    return {value: replace(simulator, law=replace(simulator.law, **{effect: value})) for value in ordered}
-
-
-def _parameters(owner: Any) -> dict[str, float]:
-    """Return the fields of a dataclass that are numbers, but not whole ones."""
-    values = {field.name: getattr(owner, field.name) for field in fields(owner)} if is_dataclass(owner) else {}
-    return {name: value for name, value in values.items() if isinstance(value, float)}
+    return {value: changed(simulator, effect, value) for value in ordered}

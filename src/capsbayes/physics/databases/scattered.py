@@ -25,7 +25,8 @@ from capsbayes import __version__
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.interruption import keeping
-from capsbayes.physics.capsule.derivatives import changed, parameter_derivatives, value_of
+from capsbayes.physics.capsule.derivatives import parameter_derivatives
+from capsbayes.physics.capsule.parameters import changed, parameters_of
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import steady_state
 from capsbayes.physics.simulation.simulator import Simulator, SteadyState
@@ -51,30 +52,35 @@ class Axis:
     name : str
         ``"capillary_number"``, ``"size_ratio"``, or a parameter of the simulator or of its law.
     low, high : float
-    logarithmic : bool
-        True if places are spread evenly in its logarithm.
+    offset : float, optional
+        The coordinate is linear in the logarithm of the value and this together; None if it is linear in the value.
     """
 
     name: str
     low: float
     high: float
-    logarithmic: bool = False
+    offset: float | None = None
 
     def value(self, unit: float) -> float:
         """Return the value at a coordinate from 0 to 1."""
-        if self.logarithmic:
-            return float(self.low * (self.high / self.low) ** unit)
-        return self.low + (self.high - self.low) * unit
+        if self.offset is None:
+            return self.low + (self.high - self.low) * unit
+        return float((self.low + self.offset) * np.exp(unit * self._ratio)) - self.offset
 
     def unit(self, value: float) -> float:
         """Return the coordinate of a value."""
-        if self.logarithmic:
-            return float(np.log(value / self.low) / np.log(self.high / self.low))
-        return (value - self.low) / (self.high - self.low)
+        if self.offset is None:
+            return (value - self.low) / (self.high - self.low)
+        return float(np.log((value + self.offset) / (self.low + self.offset))) / self._ratio
 
     def slope(self, unit: float) -> float:
         """Return the derivative of the value along the coordinate."""
-        return self.value(unit) * float(np.log(self.high / self.low)) if self.logarithmic else self.high - self.low
+        return self.high - self.low if self.offset is None else (self.value(unit) + self.offset) * self._ratio
+
+    @property
+    def _ratio(self) -> float:
+        assert self.offset is not None
+        return float(np.log((self.high + self.offset) / (self.low + self.offset)))
 
 
 def sobol_places(count: int, dimensions: int) -> Floats:
@@ -120,6 +126,10 @@ class Continuation:
         for name in _OF_THE_CASE:
             if name not in self.names:
                 raise InputError("Continuation", "axes", f"{name} among the axes", ", ".join(self.names) or "none")
+        known = (*_OF_THE_CASE, *parameters_of(self.simulator.problem))
+        for name in self.names:
+            if name not in known:
+                raise InputError("Continuation", "axes", f"some of {', '.join(known)}", repr(name))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -134,7 +144,8 @@ class Continuation:
     def taken(self, state: SteadyState) -> ScatteredState:
         """Return a steady state of the simulator as a start."""
         problem = self.simulator.problem
-        values = [getattr(state, name) if name in _OF_THE_CASE else value_of(problem, name) for name in self.names]
+        known = parameters_of(problem)
+        values = [getattr(state, name) if name in _OF_THE_CASE else known[name] for name in self.names]
         place = np.array([axis.unit(value) for axis, value in zip(self.axes, values, strict=True)])
         unknowns = np.append(state.mesh.reduced(state.nodes), [state.velocity_ratio, state.slack])
         return self._with_derivatives(place, unknowns)

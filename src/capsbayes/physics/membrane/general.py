@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import starmap
 
 import numpy as np
 from scipy.special import exprel
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw
+from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw, mixed
 from capsbayes.physics.membrane.skalak import Skalak
 
 _LARGEST = 100.0  # modulus beyond which the power of a compressed area overflows
@@ -64,7 +63,7 @@ class GeneralLaw(MembraneLaw):
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
-        m, share = (self.area_dilation_modulus - 1.0) / 2.0, self.strain_hardening
+        m = (self.area_dilation_modulus - 1.0) / 2.0
         growth = np.log1p(i2)
         power = np.exp(-m * growth) / (1.0 + i2)
         zero = np.zeros_like(i1)
@@ -76,6 +75,4 @@ class GeneralLaw(MembraneLaw):
             zero,
             0.5 * (m + 1.0) * power / (1.0 + i2),
         )
-        both = zip(rubber, Skalak(hardening=m).derivatives(i1, i2), strict=True)
-        w, w1, w2, w11, w12, w22 = starmap(lambda soft, hard: (1.0 - share) * soft + share * hard, both)
-        return w, w1, w2, w11, w12, w22
+        return mixed(self.strain_hardening, rubber, Skalak(hardening=m).derivatives(i1, i2))

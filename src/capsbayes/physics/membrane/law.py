@@ -23,6 +23,12 @@ from capsbayes.arrays import Floats
 InvariantDerivatives = tuple[Floats, Floats, Floats, Floats, Floats, Floats]
 
 
+def mixed(share: float, soft: InvariantDerivatives, hard: InvariantDerivatives) -> InvariantDerivatives:
+    """Return the derivatives of the energy (1 - share) W_soft + share W_hard."""
+    w, w1, w2, w11, w12, w22 = ((1.0 - share) * one + share * other for one, other in zip(soft, hard, strict=True))
+    return w, w1, w2, w11, w12, w22
+
+
 @dataclass(frozen=True)
 class MembraneLaw(abc.ABC):
     """Abstract law of an isotropic hyperelastic membrane, over G_s.

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import starmap
 from typing import ClassVar
 
 import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw
+from capsbayes.physics.membrane.law import InvariantDerivatives, MembraneLaw, mixed
 from capsbayes.physics.membrane.neo_hookean import NeoHookean
 from capsbayes.physics.membrane.skalak import Skalak
 
@@ -58,7 +57,4 @@ class StrainHardening(MembraneLaw):
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
         """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
-        share = self.strain_hardening
-        both = zip(_RUBBER.derivatives(i1, i2), _HARDENING.derivatives(i1, i2), strict=True)
-        w, w1, w2, w11, w12, w22 = starmap(lambda soft, hard: (1.0 - share) * soft + share * hard, both)
-        return w, w1, w2, w11, w12, w22
+        return mixed(self.strain_hardening, _RUBBER.derivatives(i1, i2), _HARDENING.derivatives(i1, i2))
