@@ -109,5 +109,5 @@ def test_axes_without_the_case_are_refused():
 
 
 def test_a_parameter_that_the_membrane_lacks_is_refused():
-    with pytest.raises(InputError, match="axes: expected some of .*pre_inflation.*, got 'area_dilation_modulus'"):
+    with pytest.raises(InputError, match=r"axes: expected some of .*pre_inflation.*, got 'area_dilation_modulus'"):
         Continuation(Simulator(refinement=4), (*AXES[:2], Axis("area_dilation_modulus", 1.0, 5.0)))
