@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from capsbayes.arrays import Floats
 from capsbayes.physics.surface.facets import subdivision
@@ -38,9 +39,8 @@ def silhouette(mesh: OctaSphere, nodes: Floats) -> Profile:
     """
     starts, ends = _edges(mesh, nodes)
     middle = 0.5 * (np.max(starts[:, 0]) + np.min(starts[:, 0]))
-    start, change = starts - [middle, 0.0], ends - starts
     angles = np.linspace(0.0, np.pi, _DIRECTIONS)
-    radii = np.array([_farthest(start, change, np.cos(angle), np.sin(angle)) for angle in angles])
+    radii = _farthest(starts - [middle, 0.0], ends - [middle, 0.0], angles)
     half = np.column_stack([middle + radii * np.cos(angles), radii * np.sin(angles)])
     half[[0, -1], 1] = 0.0
     return Profile.from_half(half)
@@ -55,12 +55,22 @@ def _edges(mesh: OctaSphere, nodes: Floats) -> tuple[Floats, Floats]:
     return points[:, first].reshape(-1, 2), points[:, second].reshape(-1, 2)
 
 
-def _farthest(start: Floats, change: Floats, cosine: float, sine: float) -> float:
-    """Return the largest distance from the origin at which the ray (cosine, sine) meets one of the edges."""
-    offset_start = cosine * start[:, 1] - sine * start[:, 0]
-    offset_end = offset_start + cosine * change[:, 1] - sine * change[:, 0]
-    near = offset_start * offset_end <= 0.0
-    across = offset_start[near] - offset_end[near]
-    share = np.clip(offset_start[near] / np.where(across == 0.0, 1.0, across), 0.0, 1.0)
-    ahead = (start[near] + share[:, None] * change[near]) @ [cosine, sine]
-    return float(np.max(ahead))
+@njit(cache=True, nogil=True, error_model="numpy")
+def _farthest(starts, ends, angles):  # type: ignore[no-untyped-def]
+    """Return the largest distance from the origin at which the ray of each rising angle meets one of the edges."""
+    cosines, sines, radii = np.cos(angles), np.sin(angles), np.zeros(len(angles))
+    step = angles[1] - angles[0]
+    for edge in range(len(starts)):
+        (z, y), (z_end, y_end) = starts[edge], ends[edge]
+        angle, angle_end = np.arctan2(y, z), np.arctan2(y_end, z_end)
+        first = int(max(np.floor((min(angle, angle_end) - angles[0]) / step), 0.0))
+        last = int(min(np.ceil((max(angle, angle_end) - angles[0]) / step), len(angles) - 1.0))
+        for ray in range(first, last + 1):
+            offset = cosines[ray] * y - sines[ray] * z
+            offset_end = cosines[ray] * y_end - sines[ray] * z_end
+            if offset * offset_end <= 0.0:
+                across = offset - offset_end
+                share = min(max(offset / across, 0.0), 1.0) if across != 0.0 else 0.0
+                ahead = cosines[ray] * (z + share * (z_end - z)) + sines[ray] * (y + share * (y_end - y))
+                radii[ray] = max(radii[ray], ahead)
+    return radii
