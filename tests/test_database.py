@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from capsbayes.database import ATTRIBUTES, VARIABLES, Database, _content_hash
+from capsbayes.database import ATTRIBUTES, VARIABLES, Database, content_hash
 from capsbayes.errors import DatabaseError, InputError
 
 CASES, NODES, POINTS = 5, 7, 16
@@ -139,10 +139,10 @@ def test_the_cross_section_has_its_older_name_in_older_files(database, tmp_path)
     file = tmp_path / "older.nc"
     dataset = database.dataset.assign_attrs(section="square", settings='{"section": "square"}')
     del dataset.attrs["cross_section"]
-    dataset.assign_attrs(sha256=_content_hash(dataset)).to_netcdf(file, engine="h5netcdf")
+    dataset.assign_attrs(sha256=content_hash(dataset)).to_netcdf(file, engine="h5netcdf")
     older = Database.read(file)
     assert older.dataset.attrs["cross_section"] == older.settings["cross_section"] == "square"
-    assert older.sha256 == _content_hash(dataset)
+    assert older.sha256 == content_hash(dataset)
 
 
 def test_missing_file(tmp_path):
@@ -215,7 +215,7 @@ def test_open_finds_a_shipped_file(file, tmp_path, monkeypatch):
     import capsbayes.database as module
 
     shutil.copy(file, tmp_path / "square-test.nc")
-    monkeypatch.setattr(module, "_shipped_folders", lambda: (tmp_path / "none", tmp_path))
+    monkeypatch.setattr(module, "shipped_folders", lambda: (tmp_path / "none", tmp_path))
     assert len(Database.open("square-test")) == CASES
 
 

@@ -166,7 +166,7 @@ class Database:
                     raise DatabaseError(f"database: {name}: expected dimensions {dims}, got shape {array.shape}")
                 described = {"long_name": long_name, "symbol": symbol, "units": units}
                 dataset[name] = (dims, array.astype(kind if kind == "U" else f"{kind}8"), described)
-        dataset.attrs["sha256"] = _content_hash(dataset)
+        dataset.attrs["sha256"] = content_hash(dataset)
         _check(dataset, "database")
         return cls(dataset)
 
@@ -189,24 +189,11 @@ class Database:
         DatabaseError
             If the file is missing, cut short, lacks a variable or was changed.
         """
-        if not Path(path).is_file():
-            raise DatabaseError(f"{path}: no such file")
-        try:
-            with xr.open_dataset(path, engine="h5netcdf") as opened:
-                dataset = opened.load()
-        except Exception as error:  # h5py, h5netcdf and xarray each have their own errors for a damaged file
-            reason = " ".join(str(error).split())[:120]
-            raise DatabaseError(f"{path}: not a readable NetCDF file, damaged or cut short ({reason})") from error
-        for name in dataset.variables:
-            if dataset[name].dtype.kind in "OT":  # text of variable length comes back as objects
-                dataset[name] = dataset[name].astype("U")
-            elif dataset[name].dtype == np.float32:  # as outlines are stored where that loses nothing
-                dataset[name] = dataset[name].astype(np.float64)
+        dataset = read_dataset(path)
         present = dataset.copy()
         present.attrs = _renamed(dataset.attrs)
         _check(present, str(path))
-        if _content_hash(dataset) != dataset.attrs.get("sha256"):
-            raise DatabaseError(f"{path}: its content does not match its sha256; it was damaged or changed by hand")
+        check_content(dataset, path)
         return cls(present)
 
     @classmethod
@@ -230,7 +217,7 @@ class Database:
         name = str(source)
         if name.endswith(".nc") or isinstance(source, os.PathLike):
             return cls.read(source)
-        for folder in _shipped_folders():
+        for folder in shipped_folders():
             if (folder / f"{name}.nc").is_file():
                 return cls.read(folder / f"{name}.nc")
         raise DatabaseError(f"no database {name!r} comes with the library; it has {', '.join(cls.shipped()) or 'none'}")
@@ -238,7 +225,7 @@ class Database:
     @staticmethod
     def shipped() -> list[str]:
         """Return the names of the databases that come with the library."""
-        return sorted({path.stem for folder in _shipped_folders() for path in folder.glob("*.nc")})
+        return sorted({path.stem for folder in shipped_folders() for path in folder.glob("*.nc")})
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file whole or not at all.
@@ -255,7 +242,7 @@ class Database:
                 encoding[name] |= {"zlib": True, "complevel": 9, "shuffle": True}
                 if _is_single(self[name]):
                     encoding[name]["dtype"] = "f4"
-        write_dataset(path, self.dataset.assign_attrs(sha256=_content_hash(self.dataset)), encoding)
+        write_dataset(path, self.dataset.assign_attrs(sha256=content_hash(self.dataset)), encoding)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return np.asarray(self.dataset[name].values)
@@ -298,7 +285,7 @@ class Database:
 
     def plain_relative(self) -> Database | None:
         """Return the plain database of the same cross-section and law that comes with the library, if there is one."""
-        for folder in _shipped_folders():
+        for folder in shipped_folders():
             for path in sorted(folder.glob("*.nc")):
                 with xr.open_dataset(path, engine="h5netcdf") as opened:
                     attributes = _renamed(opened.attrs)
@@ -325,13 +312,48 @@ class Database:
         slim = self.dataset.isel(node=slice(0))
         single = {name: slim[name].astype(np.float32).astype(np.float64) for name in ("profile", "silhouette")}
         slim = slim.assign(single)
-        return Database(slim.assign_attrs(sha256=_content_hash(slim)))
+        return Database(slim.assign_attrs(sha256=content_hash(slim)))
 
 
-def _shipped_folders() -> tuple[Path, ...]:
-    """Return the folders of shipped files: in the installed package, and in the source tree."""
+def read_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Read a NetCDF file of this library into memory, single precision as double.
+
+    Raises
+    ------
+    DatabaseError
+        If the file is missing or cut short.
+    """
+    if not Path(path).is_file():
+        raise DatabaseError(f"{path}: no such file")
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as opened:
+            dataset = opened.load()
+    except Exception as error:  # h5py, h5netcdf and xarray each have their own errors for a damaged file
+        reason = " ".join(str(error).split())[:120]
+        raise DatabaseError(f"{path}: not a readable NetCDF file, damaged or cut short ({reason})") from error
+    for name in dataset.variables:
+        if dataset[name].dtype.kind in "OT":  # text of variable length comes back as objects
+            dataset[name] = dataset[name].astype("U")
+        elif dataset[name].dtype == np.float32:  # as outlines are stored where that loses nothing
+            dataset[name] = dataset[name].astype(np.float64)
+    return dataset
+
+
+def check_content(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
+    """Refuse a dataset whose content does not match the hash that it holds.
+
+    Raises
+    ------
+    DatabaseError
+    """
+    if content_hash(dataset) != dataset.attrs.get("sha256"):
+        raise DatabaseError(f"{path}: its content does not match its sha256; it was damaged or changed by hand")
+
+
+def shipped_folders(kind: str = "databases") -> tuple[Path, ...]:
+    """Return the folders of shipped files of a kind: in the installed package, and in the source tree."""
     package = Path(__file__).resolve().parent
-    return package / "databases", package.parents[1] / "data" / "databases"
+    return package / kind, package.parents[1] / "data" / kind
 
 
 def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
@@ -363,7 +385,7 @@ def _check(dataset: xr.Dataset, where: str) -> None:
         raise DatabaseError(f"{where}: status: expected names of capsbayes.Status, got {', '.join(unknown)}")
 
 
-def _content_hash(dataset: xr.Dataset) -> str:
+def content_hash(dataset: xr.Dataset) -> str:
     """sha256 of every variable in the order of names, then of the attributes that state the pedigree."""
     digest = hashlib.sha256()
     for name in sorted(map(str, dataset.variables)):

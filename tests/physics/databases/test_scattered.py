@@ -80,15 +80,29 @@ def test_what_is_missing_is_computed_again(start, states, folder):
     assert {part: part.stat().st_mtime_ns for part in before} == before
 
 
-def test_a_few_modes_hold_the_shapes(states):
-    dataset = scattered_dataset(CONTINUATION, [*states, None])
+def test_the_dataset_holds_what_is_seen_of_the_states_and_its_derivatives(states, start):
+    lost = np.full((1, len(AXES)), 0.25)
+    dataset = scattered_dataset(CONTINUATION, np.concatenate([PLACES, lost]), [*states, None])
     assert dataset.sizes["state"] == len(states)
-    shapes = dataset["mean"].values + dataset["coefficients"].values @ dataset["modes"].values.T
-    np.testing.assert_allclose(shapes, [state.unknowns[:-2] for state in states], atol=1e-4)
-    slopes = np.einsum("fm,nmp->nfp", dataset["modes"].values, dataset["coefficients_along"].values)
-    wanted = np.array([state.derivatives[:-2] for state in states])
-    assert np.sqrt(np.mean((slopes - wanted) ** 2)) < 0.05 * np.sqrt(np.mean(wanted**2))
-    np.testing.assert_allclose(dataset["pre_inflation"], 0.01 * (4.0 ** PLACES[:, 2] - 1.0), atol=1e-15)
+    np.testing.assert_allclose(dataset["lost"][0, :2], [0.04 * 1.5**0.25, 0.7625], rtol=1e-12)
+    np.testing.assert_allclose(dataset["values"][:, 2], 0.01 * (4.0 ** PLACES[:, 2] - 1.0), atol=1e-15)
+    meshes = dataset["mesh_mean"].values + dataset["mesh"].values @ dataset["mesh_modes"].values
+    np.testing.assert_allclose(meshes, [state.unknowns[:-2] for state in states], atol=1e-3)
+    chosen = int(np.argmin(np.linalg.norm(PLACES - start.place, axis=1)))
+    for step in (1e-3, -1e-3):
+        ca, size, inflation, hardening = (float(value) for value in dataset["values"][chosen])
+        law = GeneralLaw(3.0, hardening + 10 * step)
+        simulator = Simulator(law, refinement=4, bending=3e-3, pre_inflation=inflation, walls=SIMULATOR.walls)
+        state = simulator.run(capillary_number=ca * (1.0 + step), size_ratio=size)
+        change = dataset["numbers_along"].values[chosen] @ [ca * step, 0.0, 0.0, 10 * step]
+        seen = state.profile
+        wanted = [seen.axial_extent, seen.axial_length, state.velocity_ratio, seen.stretch_ratio(size)]
+        np.testing.assert_allclose(dataset["numbers"].values[chosen] + change, wanted, atol=5e-5)
+        for view in ("profile", "silhouette"):
+            along = dataset[f"{view}_along"].values[chosen] @ [ca * step, 0.0, 0.0, 10 * step]
+            modes = dataset[view].values[chosen] + along
+            outline = dataset[f"{view}_mean"].values + np.tensordot(modes, dataset[f"{view}_modes"].values, axes=1)
+            np.testing.assert_allclose(outline, getattr(state, view).resampled(len(outline)).points, atol=3e-4)
 
 
 def test_a_branch_that_ends_on_the_way_is_said(start, monkeypatch):

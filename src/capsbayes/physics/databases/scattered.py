@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -25,10 +25,12 @@ from capsbayes import __version__
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.interruption import keeping
+from capsbayes.physics.capsule import outlines
 from capsbayes.physics.capsule.derivatives import parameter_derivatives
 from capsbayes.physics.capsule.parameters import changed, parameters_of
 from capsbayes.physics.capsule.problem import Iterate, Problem
 from capsbayes.physics.capsule.steady_state import steady_state
+from capsbayes.physics.databases.outcome import OUTLINE_POINTS
 from capsbayes.physics.simulation.simulator import Simulator, SteadyState
 from capsbayes.work import Store, digest_of, only_run, progress_bar, run_tasks
 
@@ -40,7 +42,11 @@ _GROUPS = 32
 _SHORTEST = 0.05  # share of the way to a place, below which a step is not tried
 _FARTHEST = 0.05  # [l] between the prediction and the state, beyond which it may be one of another branch
 _ITERATIONS, _PATIENCE = 8, 4
-_OMITTED = 1e-5  # [l] rms of the coordinates, in modes that are left out
+_OMITTED = 3e-5  # [l] rms of the coordinates, in modes that are left out
+_STEP = 1e-4  # of coordinates from 0 to 1, for the differences of outlines
+
+NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
+"""Numbers of a state: L_z and L_a [l], v_o/U and Lambda [-]."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +141,11 @@ class Continuation:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(axis.name for axis in self.axes)
+
+    def values(self, places: Floats) -> Floats:
+        """Return the values (n, p) of the parameters at places (n, p)."""
+        columns = zip(self.axes, places.T.tolist(), strict=True)
+        return np.array([[axis.value(unit) for unit in column] for axis, column in columns]).T
 
     @property
     def settings(self) -> dict[str, object]:
@@ -285,46 +296,100 @@ def _ended(store: Store, places: Floats) -> tuple[int, str]:
     return sum(_name(place) in there for place in places), "states"
 
 
-def scattered_dataset(continuation: Continuation, states: Sequence[ScatteredState | None]) -> xr.Dataset:
-    """Return states in few modes of shape, as a dataset that is a hundred times smaller.
+def scattered_dataset(
+    continuation: Continuation, places: Floats, states: Sequence[ScatteredState | None]
+) -> xr.Dataset:
+    """Return what capsules look like in these states, as a dataset that is a hundred times smaller.
 
     Parameters
     ----------
     continuation : Continuation
+    places : (n, p) array
+        Coordinates from 0 to 1 along the axes.
     states : sequence of ScatteredState or None
-        Those that were not reached are left out.
+        Of each place; None where none was reached.
 
     Returns
     -------
     xarray.Dataset
-        The parameters, ``velocity_ratio`` and ``slack`` of each state; ``mean`` (F,) and ``modes`` (F, m) of the free
-        coordinates of the mesh over l, and the ``coefficients`` (n, m) of these; and the derivatives of all along the
-        coordinates from 0 to 1, ``velocity_ratio_along`` (n, p) and ``coefficients_along`` (n, m, p).
+        ``values`` (n, p) of the parameters; ``numbers`` (n, 4), see `NUMBERS`, and their derivatives along the
+        parameters, ``numbers_along`` (n, 4, p); for either view the outlines in few modes, ``profile`` (n, m), with
+        ``profile_along`` (n, m, p), ``profile_mean`` (q, 2) and ``profile_modes`` (m, q, 2) [l]; the free coordinates
+        of the mesh likewise, without derivatives, as starts of other states; the slack; and the values that were
+        ``lost`` (k, p).
     """
     import xarray as xr
 
     some = [state for state in states if state is not None]
-    unknowns, along = np.array([state.unknowns for state in some]), np.array([state.derivatives for state in some])
-    shapes = unknowns[:, :-2]
-    mean = shapes.mean(axis=0)
-    _, sizes, rows = np.linalg.svd(shapes - mean, full_matrices=False)
-    omitted = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / shapes.size)  # rms without a mode and those after it
-    modes = rows[: int(np.count_nonzero(omitted > _OMITTED))].T
-    places = np.array([state.place for state in some])
-    values = {
-        axis.name: ("state", np.array([axis.value(unit) for unit in column]))
-        for axis, column in zip(continuation.axes, places.T.tolist(), strict=True)
+    lost = places[[state is None for state in states]]
+    slopes = np.array([[axis.slope(unit) for axis, unit in zip(continuation.axes, s.place, strict=True)] for s in some])
+    seen = [_seen(continuation, state) for state in some]
+    variables: dict[str, tuple[tuple[str, ...], Floats]] = {
+        "values": (("state", "parameter"), continuation.values(np.array([state.place for state in some]))),
+        "lost": (("lost_state", "parameter"), continuation.values(lost)),
+        "slack": (("state",), np.array([state.unknowns[-1] for state in some])),
+        "numbers": (("state", "number"), np.array([one["numbers"][0] for one in seen])),
+        "numbers_along": (
+            ("state", "number", "parameter"),
+            np.array([one["numbers"][1] for one in seen]) / slopes[:, None],
+        ),
     }
-    return xr.Dataset(
-        {
-            **values,
-            "velocity_ratio": ("state", unknowns[:, -2]),
-            "slack": ("state", unknowns[:, -1]),
-            "mean": ("coordinate", mean),
-            "modes": (("coordinate", "mode"), modes),
-            "coefficients": (("state", "mode"), (shapes - mean) @ modes),
-            "velocity_ratio_along": (("state", "axis"), along[:, -2]),
-            "coefficients_along": (("state", "mode", "axis"), np.einsum("nfp,fm->nmp", along[:, :-2], modes)),
-        },
-        attrs={"settings": json.dumps(continuation.settings), "version": __version__},
-    )
+    for view in ("profile", "silhouette"):
+        modes = _in_modes(np.array([one[view][0] for one in seen]))
+        along = np.einsum("nqp,mq->nmp", np.array([one[view][1] for one in seen]), modes.modes) / slopes[:, None]
+        variables |= {
+            f"{view}_mean": (("point", "plane"), modes.mean.reshape(-1, 2)),
+            f"{view}_modes": ((f"{view}_mode", "point", "plane"), modes.modes.reshape(len(modes.modes), -1, 2)),
+            view: (("state", f"{view}_mode"), modes.coefficients),
+            f"{view}_along": (("state", f"{view}_mode", "parameter"), along),
+        }
+    shapes = _in_modes(np.array([state.unknowns[:-2] for state in some]))
+    variables |= {
+        "mesh_mean": (("coordinate",), shapes.mean),
+        "mesh_modes": (("mesh_mode", "coordinate"), shapes.modes),
+        "mesh": (("state", "mesh_mode"), shapes.coefficients),
+    }
+    names = {"parameter": list(continuation.names), "number": list(NUMBERS), "plane": ["z", "y"]}
+    return xr.Dataset(variables, names, {"settings": json.dumps(continuation.settings), "version": __version__})
+
+
+class _Modes(NamedTuple):
+    """Vectors as their mean (d,) and coefficients (n, m) of orthonormal modes (m, d)."""
+
+    mean: Floats
+    modes: Floats
+    coefficients: Floats
+
+
+def _in_modes(vectors: Floats) -> _Modes:
+    mean = vectors.mean(axis=0)
+    _, sizes, rows = np.linalg.svd(vectors - mean, full_matrices=False)
+    omitted = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / vectors.size)  # rms without a mode and those after it
+    modes = rows[: int(np.count_nonzero(omitted > _OMITTED))]
+    return _Modes(mean, modes, (vectors - mean) @ modes.T)
+
+
+def _seen(continuation: Continuation, state: ScatteredState) -> dict[str, tuple[Floats, Floats]]:
+    """Return numbers and outlines of a state, and their derivatives along the coordinates from 0 to 1."""
+    here = _looks(continuation, state.place, state.unknowns)
+    along: dict[str, list[Floats]] = {name: [] for name in here}
+    for number, slope in enumerate(state.derivatives.T):
+        step = _STEP * np.eye(len(state.place))[number]
+        ahead = _looks(continuation, state.place + step, state.unknowns + _STEP * slope)
+        behind = _looks(continuation, state.place - step, state.unknowns - _STEP * slope)
+        for name, values in along.items():
+            values.append((ahead[name] - behind[name]) / (2.0 * _STEP))
+    return {name: (values, np.stack(along[name], axis=-1)) for name, values in here.items()}
+
+
+def _looks(continuation: Continuation, place: Floats, unknowns: Floats) -> dict[str, Floats]:
+    mesh = continuation.simulator.problem.mesh
+    nodes = mesh.expanded(unknowns[:-2])
+    profile, outer = outlines.profile(mesh, nodes), outlines.silhouette(mesh, nodes)
+    number = continuation.names.index("size_ratio")
+    stretch = profile.stretch_ratio(continuation.axes[number].value(float(place[number])))
+    return {
+        "numbers": np.array([profile.axial_extent, profile.axial_length, unknowns[-2], stretch]),
+        "profile": profile.resampled(OUTLINE_POINTS).points.ravel(),
+        "silhouette": outer.resampled(OUTLINE_POINTS).points.ravel(),
+    }

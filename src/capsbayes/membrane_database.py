@@ -1,0 +1,182 @@
+"""Steady shapes over the parameters of flow and membrane: one NetCDF file per cross-section, with its pedigree.
+
+The states are scattered over six parameters, and each has its derivatives along all of them. Lengths are over the half
+width l of the channel, velocities over the mean undisturbed velocity U. The file is plain NetCDF-4.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from capsbayes.arrays import Booleans, Floats
+from capsbayes.database import check_content, content_hash, read_dataset, shipped_folders
+from capsbayes.errors import DatabaseError
+from capsbayes.files.output_file import write_dataset
+
+FREE_PARAMETERS = (
+    *("capillary_number", "size_ratio"),
+    *("pre_inflation", "area_dilation_modulus", "strain_hardening", "bending"),
+)
+"""Parameters over which the states are scattered, in their order."""
+
+RANGES = ((0.01, 0.208), (0.75, 1.1), (0.0, 0.1), (1.0, 5.0), (0.0, 1.0), (1e-5, 1e-3))
+"""Lowest and highest value of each."""
+
+NULL_VALUES = (0.05, 0.9, 0.0, 3.0, 0.0, 2e-4)
+"""Values of a neo-Hookean membrane without inflation, of the bending stiffness of the plain databases."""
+
+_HIGHEST, _NARROWING, _UNHINDERED, _HARDER = 0.13, 0.25, 0.9, 0.6
+_LOWEST, _NOT_INFLATED, _LOWEST_PARACHUTE, _RISE = 0.01, 0.02, 0.018, 0.9
+
+_DIMENSIONS = {
+    "values": ("state", "parameter"),
+    "lost": ("lost_state", "parameter"),
+    "slack": ("state",),
+    "numbers": ("state", "number"),
+    "numbers_along": ("state", "number", "parameter"),
+    "mesh_mean": ("coordinate",),
+    "mesh_modes": ("mesh_mode", "coordinate"),
+    "mesh": ("state", "mesh_mode"),
+    **{
+        f"{view}{part}": dims
+        for view in ("profile", "silhouette")
+        for part, dims in {
+            "": ("state", f"{view}_mode"),
+            "_along": ("state", f"{view}_mode", "parameter"),
+            "_mean": ("point", "plane"),
+            "_modes": (f"{view}_mode", "point", "plane"),
+        }.items()
+    },
+}
+_SINGLE = ("profile_along", "silhouette_along", "profile_modes", "silhouette_modes", "mesh_modes", "mesh")
+
+
+def highest_ca(size_ratio: ArrayLike, strain_hardening: ArrayLike) -> Floats:
+    """Return the highest Ca of the states: about where neo-Hookean parachutes end, and further for harder membranes."""
+    falling = _HIGHEST - _NARROWING * (np.asarray(size_ratio) - _UNHINDERED)
+    return np.minimum(_HIGHEST, falling) * (1.0 + _HARDER * np.asarray(strain_hardening))
+
+
+def lowest_ca(pre_inflation: ArrayLike) -> Floats:
+    """Return the lowest Ca of the states; with little inflation it lies above the snap-through to convex shapes."""
+    inflation = np.asarray(pre_inflation)
+    return np.where(inflation < _NOT_INFLATED, _LOWEST_PARACHUTE + _RISE * inflation, _LOWEST)
+
+
+def covered(values: Floats) -> Booleans:
+    """Return whether values (n, 6) of the parameters lie where states were sought : (n,) bool array."""
+    low, high = np.array(RANGES).T
+    ca, size, inflation, _, hardening, _ = values.T
+    within = np.all((values >= low) & (values <= high), axis=1)
+    return np.asarray(within & (ca >= lowest_ca(inflation)) & (ca <= highest_ca(size, hardening)))
+
+
+@dataclass(frozen=True, eq=False)
+class MembraneDatabase:
+    """Scattered states of one cross-section.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        As `capsbayes.physics.databases.scattered.scattered_dataset` makes it, over `FREE_PARAMETERS`.
+    """
+
+    dataset: xr.Dataset
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> MembraneDatabase:
+        """Check a dataset, round what single precision holds well enough, and note its hash."""
+        slim = dataset.assign({name: dataset[name].astype(np.float32).astype(np.float64) for name in _SINGLE})
+        _check(slim, "database")
+        return cls(slim.assign_attrs(sha256=content_hash(slim)))
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> MembraneDatabase:
+        """Read and check a file written by `write`.
+
+        Raises
+        ------
+        DatabaseError
+            If the file is missing, cut short, lacks a variable or was changed.
+        """
+        dataset = read_dataset(path)
+        _check(dataset, str(path))
+        check_content(dataset, path)
+        return cls(dataset)
+
+    @classmethod
+    def open(cls, source: str | os.PathLike[str]) -> MembraneDatabase:
+        """Read a database that comes with the library, as ``"square"``, or a file with its ending .nc.
+
+        Raises
+        ------
+        DatabaseError
+            If there is none of that name, or the file cannot be read.
+        """
+        name = str(source)
+        if name.endswith(".nc") or isinstance(source, os.PathLike):
+            return cls.read(source)
+        folders = shipped_folders("membranes")
+        for folder in folders:
+            if (folder / f"{name}.nc").is_file():
+                return cls.read(folder / f"{name}.nc")
+        known = ", ".join(sorted({path.stem for folder in folders for path in folder.glob("*.nc")})) or "none"
+        raise DatabaseError(f"no membrane database {name!r} comes with the library; it has {known}")
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the file whole or not at all."""
+        packed = {"zlib": True, "complevel": 9, "shuffle": True, "_FillValue": None}
+        encoding: dict[str, dict[str, Any]] = {
+            name: {**(packed if len(dims) > 1 and self.dataset[name].size else {"_FillValue": None})}
+            for name, dims in _DIMENSIONS.items()
+        }
+        for name in _SINGLE:
+            encoding[name]["dtype"] = "f4"
+        write_dataset(path, self.dataset, encoding)
+
+    def __len__(self) -> int:
+        return int(self.dataset.sizes["state"])
+
+    def __getitem__(self, name: str) -> Floats:
+        return np.asarray(self.dataset[name].values, dtype=np.float64)
+
+    def taken(self, states: ArrayLike) -> MembraneDatabase:
+        """Return some of the states, with the hash of the whole."""
+        return MembraneDatabase(self.dataset.isel(state=np.asarray(states)))
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the content, as kept in the file."""
+        return str(self.dataset.attrs["sha256"])
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings of the simulator that made it, and the axes."""
+        return dict(json.loads(self.dataset.attrs["settings"]))
+
+    @property
+    def cross_section(self) -> str:
+        """Cross-section of the channel."""
+        return str(self.settings["cross_section"])
+
+
+def _check(dataset: xr.Dataset, where: str) -> None:
+    for name, dims in _DIMENSIONS.items():
+        if name not in dataset.variables:
+            raise DatabaseError(f"{where}: variable {name} is missing")
+        if dataset[name].dims != dims:
+            raise DatabaseError(f"{where}: {name}: expected dimensions {dims}, got {dataset[name].dims}")
+    if "settings" not in dataset.attrs:
+        raise DatabaseError(f"{where}: attribute settings is missing")
+    found = tuple(map(str, dataset["parameter"].values)) if "parameter" in dataset.coords else ()
+    if found != FREE_PARAMETERS:
+        expected = ", ".join(FREE_PARAMETERS)
+        raise DatabaseError(f"{where}: parameter: expected {expected}, got {', '.join(found) or 'none'}")
