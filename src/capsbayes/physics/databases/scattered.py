@@ -42,7 +42,7 @@ _GROUPS = 32
 _SHORTEST = 0.05  # share of the way to a place, below which a step is not tried
 _FARTHEST = 0.05  # [l] between the prediction and the state, beyond which it may be one of another branch
 _ITERATIONS, _PATIENCE = 8, 4
-_OMITTED = 3e-5  # [l] rms of the coordinates, in modes that are left out
+_OMITTED = 1e-4  # [l] rms of the coordinates, in modes that are left out
 _STEP = 1e-4  # of coordinates from 0 to 1, for the differences of outlines
 
 NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")

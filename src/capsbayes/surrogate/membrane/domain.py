@@ -1,0 +1,100 @@
+"""Domain of existence of the surrogate over the membrane's parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from capsbayes.arrays import Booleans, Floats
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES, covered
+from capsbayes.model import Domain
+from capsbayes.surrogate.membrane.coordinates import Frame
+from capsbayes.surrogate.membrane.kernel import reached
+from capsbayes.surrogate.membrane.local_fits import LocalFits
+
+
+@dataclass(frozen=True, eq=False)
+class MembraneDomain(Domain):
+    """Points where states were sought that enough polynomials reach, and that are nearer to a state than to a lost one.
+
+    Parameters
+    ----------
+    frame : Frame
+    fits : LocalFits
+    lost : (k, 6) array
+        Scaled coordinates of the places where no state was reached.
+    """
+
+    frame: Frame
+    fits: LocalFits
+    lost: Floats
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Smallest box around it, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
+        return RANGES[0], RANGES[1]
+
+    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *further: ArrayLike) -> Booleans:
+        """Return whether each point lies in the domain : (n,) bool array; NaN is outside."""
+        columns = (capillary_number, size_ratio, *further, *NULL_VALUES[2 + len(further) :])
+        arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(column, np.float64)) for column in columns))
+        values = np.stack(arrays, axis=1)
+        inside = covered(values)
+        points = self.frame.points(values[inside])
+        good = reached(points, self.fits.places, self.fits.reaches)
+        if len(self.lost):
+            good &= self._found.query(points)[0] <= self._lost.query(points)[0]
+        inside[inside] = good
+        return inside
+
+    @cached_property
+    def _found(self) -> KDTree:
+        return KDTree(self.fits.places.T)
+
+    @cached_property
+    def _lost(self) -> KDTree:
+        return KDTree(self.lost)
+
+    def at(self, values: Mapping[str, float]) -> Domain:
+        """Return the domain over (Ca, a/l) at given values of further coordinates."""
+        known = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True)) | dict(values)
+        return FixedMembraneDomain(self, tuple(known[name] for name in FREE_PARAMETERS[2:]))
+
+    def reason(self, capillary_number: float, size_ratio: float, **further: float) -> str:
+        """Say why a point lies outside the domain."""
+        known = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True)) | further
+        known |= {"capillary_number": capillary_number, "size_ratio": size_ratio}
+        for name, (low, high) in zip(FREE_PARAMETERS, RANGES, strict=True):
+            if not low <= known[name] <= high:
+                return f"{name} = {known[name]:.4g} lies outside {low:.4g} to {high:.4g}"
+        return "no steady shape is stored there"
+
+
+@dataclass(frozen=True, eq=False)
+class FixedMembraneDomain(Domain):
+    """Part of the domain at given values of the membrane's parameters.
+
+    Parameters
+    ----------
+    whole : MembraneDomain
+    membrane : tuple of float
+        In the order of `FREE_PARAMETERS`.
+    """
+
+    whole: MembraneDomain
+    membrane: tuple[float, ...]
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Smallest box around the whole, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
+        return self.whole.bounds
+
+    def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *further: ArrayLike) -> Booleans:
+        """Return whether each point lies in the domain : (n,) bool array; NaN is outside."""
+        del further
+        return self.whole.contains(capillary_number, size_ratio, *self.membrane)

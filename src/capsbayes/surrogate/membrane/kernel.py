@@ -1,0 +1,109 @@
+"""Compiled evaluation of local polynomials: their weighted mean at each point, and how far they differ there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_DECAY = 4.0  # of the weights exp(-decay s^2) (1 - s^2)^2 at the share s of a reach
+_FEWEST = 4  # polynomials whose differences tell an error
+_SUMS = {"reassoc", "contract", "nsz"}  # sums in any order, so that they are vectors to the processor
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS)
+def _about(point, places, reaches, squares, taken, weights):  # type: ignore[no-untyped-def]
+    """Fill in the states that reach a point and their weights; return how many there are and the sum of the weights.
+
+    `places` are (6, n), `squares` (n,) is room to work in.
+    """
+    squares[:] = 0.0
+    for axis in range(6):
+        here = point[axis]
+        for state in range(len(squares)):
+            squares[state] += (here - places[axis, state]) ** 2
+    count, total = 0, 0.0
+    for state in range(len(squares)):
+        if squares[state] < reaches[state] ** 2:
+            share = squares[state] / reaches[state] ** 2
+            taken[count] = state
+            weights[count] = np.exp(-_DECAY * share) * (1.0 - share) ** 2
+            total += weights[count]
+            count += 1
+    return count, total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reached(points, places, reaches):  # type: ignore[no-untyped-def]
+    """Return whether enough polynomials reach each point : (n,) bool array."""
+    squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
+    enough = np.empty(len(points), np.bool_)
+    for n in range(len(points)):
+        enough[n] = _about(points[n], places, reaches, squares, taken, weights)[0] >= _FEWEST
+    return enough
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill_terms(point, terms):  # type: ignore[no-untyped-def]
+    """Fill in the terms (28,) of the polynomials at a point."""
+    terms[0] = 1.0
+    terms[1:7] = point
+    term = 7
+    for i in range(6):
+        for j in range(i, 6):
+            terms[term] = point[i] * point[j]
+            term += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS)
+def _polynomial(terms, coefficients, found):  # type: ignore[no-untyped-def]
+    """Fill in the values (q,) of a polynomial with coefficients (q, 28)."""
+    for q in range(len(found)):
+        value = 0.0
+        for term in range(len(terms)):
+            value += terms[term] * coefficients[q, term]
+        found[q] = value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def averaged(points, places, reaches, coefficients, spread):  # type: ignore[no-untyped-def]
+    """Return the means (n, q) at points (n, 6), and the covariances (n, spread, spread) of the first values about them.
+
+    Rows of points that too few reach are NaN.
+    """
+    count, width = len(points), coefficients.shape[1]
+    means, covariances = np.full((count, width), np.nan), np.full((count, spread, spread), np.nan)
+    squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
+    terms, found, origin = np.empty(coefficients.shape[2]), np.empty(width), np.empty(spread)
+    second = np.empty((spread, spread))
+    for n in range(count):
+        some, total = _about(points[n], places, reaches, squares, taken, weights)
+        if some >= _FEWEST:
+            _fill_terms(points[n], terms)
+            means[n], second[:] = 0.0, 0.0
+            for k in range(some):
+                weight = weights[k] / total
+                _polynomial(terms, coefficients[taken[k]], found)
+                if k == 0:
+                    origin[:] = found[:spread]  # differences to it lose no digits
+                for q in range(width):
+                    means[n, q] += weight * found[q]
+                for i in range(spread):
+                    for j in range(i + 1):
+                        second[i, j] += weight * (found[i] - origin[i]) * (found[j] - origin[j])
+            for i in range(spread):
+                for j in range(i + 1):
+                    centred = second[i, j] - (means[n, i] - origin[i]) * (means[n, j] - origin[j])
+                    covariances[n, i, j] = covariances[n, j, i] = centred
+    return means, covariances
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def each(point, places, reaches, coefficients):  # type: ignore[no-untyped-def]
+    """Return the weights (k,) of the polynomials that reach one point, and their values (k, q) there."""
+    squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
+    some, total = _about(point, places, reaches, squares, taken, weights)
+    values, terms = np.empty((some, coefficients.shape[1])), np.empty(coefficients.shape[2])
+    _fill_terms(point, terms)
+    for k in range(some):
+        _polynomial(terms, coefficients[taken[k]], values[k])
+    return weights[:some] / total, values

@@ -1,0 +1,113 @@
+"""Quadratic polynomials about each state, fitted to the values and the derivatives of its neighbours.
+
+A diffuse approximation whose weights are those of the states, so that its polynomials are computed once; a prediction
+is the mean of those about it, with weights that fall smoothly to zero.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from capsbayes.arrays import Floats, Integers
+
+_NEIGHBOURS = 30  # of a fit, the state itself included
+_DECAY = 4.0  # of the weights exp(-decay (r/R)^2) of a fit
+_SLOPES = 0.5  # weight of a derivative over the radius of the fit, beside a value
+_RIDGE = 1e-6
+_REACH = 20  # a state takes part in predictions up to its neighbour of this rank
+_CHUNK = 200
+
+PAIRS = tuple(combinations_with_replacement(range(6), 2))
+TERMS = 1 + 6 + len(PAIRS)
+
+
+class LocalFits(NamedTuple):
+    """Polynomials about n states in scaled coordinates.
+
+    Parameters
+    ----------
+    places : (6, n) array
+        Scaled coordinates of the states.
+    reaches : (n,) array
+        Distance up to which each takes part in predictions.
+    coefficients : (n, q, 28) array
+        Of 1, the six coordinates and their products in the order of `PAIRS`.
+    """
+
+    places: Floats
+    reaches: Floats
+    coefficients: Floats
+
+
+def local_fits(places: Floats, values: Floats, along: Floats) -> LocalFits:
+    """Fit the polynomials.
+
+    Parameters
+    ----------
+    places : (n, 6) array
+        Scaled coordinates.
+    values : (n, q) array
+    along : (n, q, 6) array
+        Their derivatives along the scaled coordinates.
+    """
+    distances, neighbours = map(np.asarray, KDTree(places).query(places, max(_NEIGHBOURS, _REACH)))
+    radii = 1.05 * distances[:, _NEIGHBOURS - 1]
+    parts = [
+        _fitted(places, values, along, neighbours[start : start + _CHUNK, :_NEIGHBOURS], radii[start : start + _CHUNK])
+        for start in range(0, len(places), _CHUNK)
+    ]
+    coefficients = _about_zero(np.concatenate(parts), places, radii)
+    reaches = np.ascontiguousarray(distances[:, _REACH - 1])
+    return LocalFits(np.ascontiguousarray(places.T), reaches, np.ascontiguousarray(coefficients.swapaxes(1, 2)))
+
+
+def _fitted(places: Floats, values: Floats, along: Floats, neighbours: Integers, radii: Floats) -> Floats:
+    """Fit the states whose neighbours (c, k), themselves first, and radii (c,) these are : (c, 28, q) array."""
+    away = (places[neighbours] - places[neighbours[:, :1]]) / radii[:, None, None]
+    weights = np.exp(-_DECAY * np.sum(away**2, axis=-1))[..., None]
+    rows = [weights * _terms(away)]
+    wanted = [weights * values[neighbours]]
+    for axis, slopes in enumerate(_slopes(away)):
+        rows.append(_SLOPES * weights * slopes)
+        wanted.append(_SLOPES * weights * radii[:, None, None] * along[neighbours, :, axis])
+    matrix, right = np.concatenate(rows, axis=1), np.concatenate(wanted, axis=1)
+    sizes = np.sqrt(np.sum(matrix**2, axis=1))[:, None]
+    matrix /= sizes
+    transposed = matrix.swapaxes(1, 2)
+    solved = np.linalg.solve(transposed @ matrix + _RIDGE * np.eye(TERMS), transposed @ right)
+    return np.asarray(solved / sizes.swapaxes(1, 2))
+
+
+def _about_zero(coefficients: Floats, places: Floats, radii: Floats) -> Floats:
+    """Turn polynomials (n, 28, q) in distances from a state over its radius into such in the coordinates."""
+    lines, columns = np.triu_indices(6)
+    squares = np.zeros((len(places), 6, 6, coefficients.shape[-1]))
+    squares[:, lines, columns] = coefficients[:, 7:] / radii[:, None, None] ** 2
+    slopes = coefficients[:, 1:7] / radii[:, None, None]
+    both = np.einsum("nijq,nj->niq", squares + squares.swapaxes(1, 2), places)
+    moved = np.empty_like(coefficients)
+    moved[:, 0] = coefficients[:, 0] + np.einsum("niq,ni->nq", 0.5 * both - slopes, places)
+    moved[:, 1:7] = slopes - both
+    moved[:, 7:] = squares[:, lines, columns]
+    return moved
+
+
+def _terms(away: Floats) -> Floats:
+    """Return the 28 terms (..., 28) at distances (..., 6)."""
+    products = [away[..., i] * away[..., j] for i, j in PAIRS]
+    return np.concatenate([np.ones((*away.shape[:-1], 1)), away, np.stack(products, axis=-1)], axis=-1)
+
+
+def _slopes(away: Floats) -> Floats:
+    """Return the derivatives of the terms along each coordinate : (6, ..., 28) array."""
+    slopes = np.zeros((6, *away.shape[:-1], TERMS))
+    for axis in range(6):
+        slopes[axis, ..., 1 + axis] = 1.0
+    for place, (i, j) in enumerate(PAIRS, start=7):
+        slopes[i, ..., place] += away[..., j]
+        slopes[j, ..., place] += away[..., i]
+    return slopes

@@ -1,0 +1,105 @@
+"""The surrogate over the membrane is exact for quadratics, finds left-out states within its error, and is a model."""
+
+import numpy as np
+import pytest
+
+from capsbayes.errors import OutsideDatabaseError
+from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
+from capsbayes.profile import Profile
+from capsbayes.surrogate.membrane.coordinates import along_coordinates, coordinates
+from capsbayes.surrogate.membrane.kernel import averaged
+from capsbayes.surrogate.membrane.local_fits import local_fits
+from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
+from capsbayes.surrogate.surrogate import Surrogate
+from capsbayes.testing import check_model
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return MembraneDatabase.open("square")
+
+
+@pytest.fixture(scope="module")
+def model(whole):
+    return MembraneSurrogate(whole)
+
+
+@pytest.fixture(scope="module")
+def left_out(whole):
+    """Every tenth state, and what is predicted of it from the others."""
+    out = np.arange(len(whole)) % 10 == 3
+    states, others = whole.taken(np.flatnonzero(out)), whole.taken(np.flatnonzero(~out))
+    return states, MembraneSurrogate(others)(dict(zip(FREE_PARAMETERS, states["values"].T, strict=True)), outline=True)
+
+
+def test_quadratics_are_reproduced():
+    rng = np.random.default_rng(0)
+    places, form, slope = rng.uniform(-2.0, 2.0, (300, 6)), rng.normal(size=(6, 6)), rng.normal(size=6)
+    values = np.einsum("ni,ij,nj->n", places, form, places) + places @ slope
+    along = places @ (form + form.T) + slope
+    fits = local_fits(places, np.stack([values, 2.0 * values], axis=1), np.stack([along, 2.0 * along], axis=1))
+    points = rng.uniform(-1.0, 1.0, (50, 6))
+    means, covariances = averaged(points, *fits, 2)
+    wanted = np.einsum("ni,ij,nj->n", points, form, points) + points @ slope
+    np.testing.assert_allclose(means, np.stack([wanted, 2.0 * wanted], axis=1), atol=1e-4)
+    assert np.abs(covariances).max() < 1e-8
+
+
+def test_derivatives_turn_with_the_coordinates(whole):
+    """Those of the coordinates themselves are the unit matrix."""
+    values = whole["values"][:20]
+    along = np.empty((len(values), 6, 6))
+    for axis in range(6):
+        step = 1e-6 * values[:, axis] + 1e-9
+        change = np.eye(6)[axis] * step[:, None]
+        along[..., axis] = (coordinates(values + change) - coordinates(values - change)) / (2.0 * step[:, None])
+    np.testing.assert_allclose(
+        along_coordinates(values, along), np.broadcast_to(np.eye(6), along.shape), rtol=1e-5, atol=1e-5
+    )
+
+
+def test_states_left_out_are_found_within_the_stated_error(left_out):
+    states, predicted = left_out
+    inside = predicted.inside
+    assert inside.mean() > 0.9
+    away = (predicted.values - states["numbers"][:, :3])[inside]
+    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance))[inside]
+    assert np.all(np.median(np.abs(score), axis=0) < 1.0)
+    assert np.all(np.mean(np.abs(score) < 2.0, axis=0) > 0.85)
+    assert np.all(np.median(np.abs(away) / states["numbers"][inside, :3], axis=0) < 3e-3)
+
+
+def test_lengths_are_those_of_the_outline(model, left_out):
+    _, predicted = left_out
+    some = np.flatnonzero(predicted.inside)
+    drawn = [Profile(predicted.outline[row]) for row in some]
+    extents, lengths = np.array([(outline.axial_extent, outline.axial_length) for outline in drawn]).T
+    for seen, told in ((extents, predicted.axial_extent[some]), (lengths, predicted.axial_length[some])):
+        assert np.median(np.abs(seen - told)) < 0.005
+        assert np.mean(np.abs(seen - told) < 0.03) > 0.9
+
+
+def test_a_neo_hookean_membrane_is_that_of_the_plain_database(model):
+    """But for the mesh and the kind of bending energy."""
+    plain = Surrogate.open("square-neo-hookean")
+    ca, size = (axis.ravel() for axis in np.meshgrid([0.03, 0.05, 0.08], [0.8, 0.9, 1.0]))
+    theta = {"capillary_number": ca, "size_ratio": size}
+    np.testing.assert_allclose(model(theta).values, plain(theta).values, rtol=0.02)
+
+
+def test_the_error_of_the_outline_is_of_the_size_of_that_of_the_lengths(model):
+    theta = {"capillary_number": 0.06, "size_ratio": 0.9, "pre_inflation": 0.03, "strain_hardening": 0.5}
+    modes = model.outline_modes(**theta)
+    assert modes.shape[1] == 256
+    of_length = np.sqrt(model.at(**theta).covariance[0, 0, 0])
+    assert 0.05 * of_length < np.sqrt(np.sum(modes**2, axis=0)).max() < 20.0 * of_length
+
+
+def test_beyond_the_domain_it_has_no_answer_and_says_why(model):
+    with pytest.raises(OutsideDatabaseError, match=r"pre_inflation = 0\.3 lies outside 0 to 0\.1"):
+        model.at(capillary_number=0.05, size_ratio=0.9, pre_inflation=0.3)
+    assert not model({"capillary_number": np.array([0.011, np.nan]), "size_ratio": np.array([0.9, 0.9])}).inside.any()
+
+
+def test_it_keeps_the_promises_of_a_model(model):
+    check_model(model)

@@ -1,0 +1,55 @@
+"""The file of scattered states: written and read the same, and refused when it was changed."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from capsbayes.errors import DatabaseError
+from capsbayes.membrane_database import NULL_VALUES, RANGES, MembraneDatabase, covered, highest_ca, lowest_ca
+
+
+@pytest.fixture(scope="module")
+def some():
+    return MembraneDatabase.of(MembraneDatabase.open("square").dataset.isel(state=slice(60)))
+
+
+def test_a_file_is_read_as_it_was_written(some, tmp_path):
+    some.write(tmp_path / "some.nc")
+    again = MembraneDatabase.open(tmp_path / "some.nc")
+    assert again.sha256 == some.sha256
+    for name in some.dataset.data_vars:
+        np.testing.assert_array_equal(again[name], some[name], err_msg=name)
+
+
+def test_a_changed_file_is_refused(some, tmp_path):
+    some.write(tmp_path / "some.nc")
+    with xr.open_dataset(tmp_path / "some.nc", engine="h5netcdf") as opened:
+        opened.load().assign(slack=2.0 * opened["slack"]).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    with pytest.raises(DatabaseError, match="does not match its sha256"):
+        MembraneDatabase.open(tmp_path / "other.nc")
+    with xr.open_dataset(tmp_path / "some.nc", engine="h5netcdf") as opened:
+        opened.load().drop_vars("numbers_along").to_netcdf(tmp_path / "less.nc", engine="h5netcdf")
+    with pytest.raises(DatabaseError, match="variable numbers_along is missing"):
+        MembraneDatabase.open(tmp_path / "less.nc")
+
+
+def test_an_unknown_name_is_refused():
+    with pytest.raises(DatabaseError, match=r"no membrane database 'oval' comes with the library; it has .*square"):
+        MembraneDatabase.open("oval")
+
+
+def test_its_states_lie_where_they_were_sought():
+    whole = MembraneDatabase.open("square")
+    assert covered(whole["values"]).all()
+    assert whole.cross_section == "square"
+    assert np.abs(whole["slack"]).max() < 5e-4  # [U], beyond which the mesh does not resolve a state
+
+
+def test_the_null_membrane_is_covered_from_the_parachutes_to_the_limit():
+    low, high = float(lowest_ca(0.0)), float(highest_ca(1.0, 0.0))
+    assert 0.015 < low < 0.02
+    assert 0.1 < high < 0.11
+    values = np.tile(NULL_VALUES, (3, 1))
+    values[:, 0], values[:, 1] = (0.99 * low, 0.06, 1.01 * high), 1.0
+    np.testing.assert_array_equal(covered(values), [False, True, False])
+    assert RANGES[0][1] == pytest.approx(float(highest_ca(0.8, 1.0)))
