@@ -156,6 +156,10 @@ class MembraneDatabase:
         """Hash of the content, as kept in the file."""
         return str(self.dataset.attrs["sha256"])
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the hash, and the numbers of states and of places where none was reached, ready for JSON."""
+        return {"sha256": self.sha256, "states": len(self), "lost": int(self.dataset.sizes["lost_state"])}
+
     @property
     def settings(self) -> dict[str, Any]:
         """Settings of the simulator that made it, and the axes."""

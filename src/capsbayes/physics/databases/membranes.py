@@ -1,0 +1,109 @@
+"""Recipe of the states over flow and membrane that come with the library.
+
+The places follow Sobol's sequence, stretched along Ca to where states are sought at each size, inflation and hardening.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from capsbayes.arrays import Floats
+from capsbayes.errors import InputError
+from capsbayes.files.output_file import check_replaceable, guarded
+from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase, highest_ca, lowest_ca
+from capsbayes.physics.databases.scattered import (
+    Axis,
+    Continuation,
+    ScatteredState,
+    scattered_dataset,
+    scattered_states,
+    sobol_places,
+)
+from capsbayes.physics.membrane.general import GeneralLaw
+from capsbayes.physics.simulation.simulator import Simulator
+
+MEMBRANES = {"membrane-square": "square"}
+"""Cross-sections of the shipped databases over the membrane, by their names."""
+
+STATES = 1024
+"""Number of places, those included where no state is reached."""
+
+_OFFSETS = (0.0, None, 0.01, 0.0, None, 0.0)  # of the logarithms along which places are spread; None: evenly
+_FARTHEST_CA = 0.25  # end of the axis of Ca, beyond the highest Ca of the states
+_START = {"capillary_number": 0.06, "size_ratio": 0.9}
+_FIRST = {"law": GeneralLaw(3.0, 0.3), "pre_inflation": 0.02, "bending": 1e-4, "bending_energy": "curvature"}
+
+
+def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuation:
+    """Return the continuation over `FREE_PARAMETERS` in a channel."""
+    ends = [(RANGES[0][0], _FARTHEST_CA), *RANGES[1:]]
+    axes = [
+        Axis(name, *low_high, offset) for name, low_high, offset in zip(FREE_PARAMETERS, ends, _OFFSETS, strict=True)
+    ]
+    return Continuation(Simulator(cross_section=cross_section, refinement=refinement, **_FIRST), tuple(axes))
+
+
+def membrane_start(continuation: Continuation) -> ScatteredState:
+    """Return the state from which the others are reached: a parachute, sought from rest."""
+    return continuation.taken(continuation.simulator.run(**_START))
+
+
+def membrane_places(continuation: Continuation, count: int) -> Floats:
+    """Return the places of the states : (count, 6) array of coordinates from 0 to 1."""
+    places = sobol_places(count, len(FREE_PARAMETERS))
+    _, size, inflation, _, hardening, _ = continuation.values(places).T
+    low, high = lowest_ca(inflation), highest_ca(size, hardening)
+    along = continuation.axes[0]
+    places[:, 0] = [along.unit(float(ca)) for ca in low * (high / low) ** places[:, 0]]
+    return places
+
+
+@guarded()
+def build_membranes(
+    name: str,
+    *,
+    out: str | os.PathLike[str],
+    states: int = STATES,
+    refinement: int = 8,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> MembraneDatabase:
+    """Simulate a shipped database over flow and membrane; finished states are kept in ``OUT.parts``.
+
+    Parameters
+    ----------
+    name : str
+        One of `MEMBRANES`.
+    out : path
+        NetCDF file.
+    states : int
+        Number of places.
+    refinement : int
+        Of the mesh.
+    scheduler, workers, progress
+        As of `build_database`.
+
+    Raises
+    ------
+    InputError
+        On an unknown name.
+    """
+    if name not in MEMBRANES:
+        raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
+    check_replaceable(Path(out))
+    continuation = membrane_continuation(MEMBRANES[name], refinement)
+    places = membrane_places(continuation, states)
+    found = scattered_states(
+        continuation,
+        membrane_start(continuation),
+        places,
+        folder=f"{os.fspath(out)}.parts",
+        scheduler=scheduler,
+        workers=workers,
+        progress=progress,
+    )
+    database = MembraneDatabase.of(scattered_dataset(continuation, places, found))
+    database.write(out)
+    return database

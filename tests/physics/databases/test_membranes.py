@@ -1,0 +1,51 @@
+"""The recipe of the states over the membrane: it gives the shipped states again."""
+
+import numpy as np
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.membrane_database import MembraneDatabase, covered
+from capsbayes.physics.databases.membranes import build_membranes, membrane_continuation, membrane_places
+from capsbayes.physics.databases.scattered import ScatteredState
+
+
+def test_places_lie_where_states_are_sought():
+    continuation = membrane_continuation("square")
+    assert covered(continuation.values(membrane_places(continuation, 512)[1:])).all()  # the first is a corner
+
+
+def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stored():
+    """Found again from the stored shape, and again a step away."""
+    shipped, continuation = MembraneDatabase.open("square"), membrane_continuation("square")
+    chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
+    values = shipped["values"][chosen]
+    place = np.array([axis.unit(value) for axis, value in zip(continuation.axes, values.tolist(), strict=True)])
+    shape = shipped["mesh_mean"] + shipped["mesh"][chosen] @ shipped["mesh_modes"]
+    unknowns = np.append(shape, [shipped["numbers"][chosen, 2], shipped["slack"][chosen]])
+    near = ScatteredState(place, unknowns, np.zeros((len(unknowns), len(place))))
+    state = continuation.reached(near, place)
+    assert state is not None
+    np.testing.assert_allclose(state.unknowns[:-2], shape, atol=5e-3)
+    assert state.unknowns[-2] == pytest.approx(shipped["numbers"][chosen, 2], rel=1e-5)
+    moved = place + 1e-3
+    ahead, slopes = (
+        continuation.reached(state, moved),
+        [axis.slope(unit) for axis, unit in zip(continuation.axes, place, strict=True)],
+    )
+    rate = shipped["numbers_along"][chosen, 2] * slopes
+    assert (ahead.unknowns[-2] - state.unknowns[-2]) / 1e-3 == pytest.approx(rate.sum(), rel=0.02, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_small_one_is_built_and_read(tmp_path):
+    built = build_membranes(
+        "membrane-square", out=tmp_path / "few.nc", states=3, refinement=5, scheduler="synchronous", progress=False
+    )
+    again = MembraneDatabase.open(tmp_path / "few.nc")
+    assert again.sha256 == built.sha256
+    assert built.as_dict()["states"] + built.as_dict()["lost"] == 3
+
+
+def test_an_unknown_name_is_refused(tmp_path):
+    with pytest.raises(InputError, match="membrane-square, got 'membrane-oval'"):
+        build_membranes("membrane-oval", out=tmp_path / "oval.nc")
