@@ -81,6 +81,7 @@ _TABLE = (
     _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
     _ratio("rest_aspect", "A_0", "A_0", "axis of the shape at rest along the flow over that across"),
     _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area relative to a shear"),
+    _ratio("area_dilation_modulus", "K", "K", "resistance of the membrane to a change of area at small strain", "G_s"),
     _ratio("strain_hardening", "h", "h", "share of Skalak's energy with C = 1 in that of a neo-Hookean membrane"),
     # of the experiment
     Parameter("half_width", "l", r"\ell", "m", "µm", 1e6, "half width of the channel"),

@@ -31,22 +31,26 @@ STATES = 1024
 
 _OFFSETS = (0.0, None, 0.01, 0.0, None, 0.0)  # of the logarithms along which places are spread; None: evenly
 _FARTHEST_CA = 0.25  # end of the axis of Ca, beyond the highest Ca of the states
-_START = {"capillary_number": 0.06, "size_ratio": 0.9}
-_FIRST = {"law": GeneralLaw(3.0, 0.3), "pre_inflation": 0.02, "bending": 1e-4, "bending_energy": "curvature"}
 
 
 def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuation:
     """Return the continuation over `FREE_PARAMETERS` in a channel."""
-    ends = [(RANGES[0][0], _FARTHEST_CA), *RANGES[1:]]
-    axes = [
-        Axis(name, *low_high, offset) for name, low_high, offset in zip(FREE_PARAMETERS, ends, _OFFSETS, strict=True)
-    ]
-    return Continuation(Simulator(cross_section=cross_section, refinement=refinement, **_FIRST), tuple(axes))
+    ranges = [(RANGES[0][0], _FARTHEST_CA), *RANGES[1:]]
+    axes = (Axis(name, *ends, offset) for name, ends, offset in zip(FREE_PARAMETERS, ranges, _OFFSETS, strict=True))
+    simulator = Simulator(
+        GeneralLaw(3.0, 0.3),
+        cross_section=cross_section,
+        refinement=refinement,
+        pre_inflation=0.02,
+        bending=1e-4,
+        bending_energy="curvature",
+    )
+    return Continuation(simulator, tuple(axes))
 
 
 def membrane_start(continuation: Continuation) -> ScatteredState:
     """Return the state from which the others are reached: a parachute, sought from rest."""
-    return continuation.taken(continuation.simulator.run(**_START))
+    return continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))
 
 
 def membrane_places(continuation: Continuation, count: int) -> Floats:
