@@ -2,18 +2,21 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.ndimage import gaussian_filter
+from scipy.optimize import brentq
+from scipy.stats import norm
 
-from capsbayes.image.edges.outline import locate_edge, pixel_noise
+from capsbayes.image.edges.outline import _blur_at, locate_edge, pixel_noise
 
 RADIUS, CENTRE, FINE = 20.0, np.array([34.3, 31.8]), 5
 
 
 def disc(blur=1.2, noise=0.0, seed=1):
-    """Light of a disc (rows, columns), drawn on pixels five times finer and blurred there."""
+    """Light of a disc (rows, columns), drawn on pixels five times finer and blurred there; a blur may be (x, y)."""
     fine = (np.arange(68 * FINE) + 0.5) / FINE - 0.5
     inside = np.hypot(fine - CENTRE[0], fine[: 64 * FINE, None] - CENTRE[1]) < RADIUS
-    light = gaussian_filter(1.0 - 0.4 * inside, blur * FINE, mode="nearest")
+    light = gaussian_filter(1.0 - 0.4 * inside, FINE * np.broadcast_to(blur, 2)[::-1], mode="nearest")
     light = light.reshape(64, FINE, 68, FINE).mean(axis=(1, 3))
     return light + noise * np.random.default_rng(seed).standard_normal(light.shape)
 
@@ -39,6 +42,41 @@ def test_the_edge_of_a_disc_is_its_circle_with_the_width_of_the_blur(blur):
     assert 1.0 < steps.min() <= steps.max() < 1.6
     assert np.all(np.diff(outline.arc) >= 0)
     assert 12.0 < 2.0 * np.pi * RADIUS / (outline.arc[-1] + 1) < 24.0
+
+
+@pytest.mark.parametrize("blur", [(2.0, 1.0), (1.0, 2.0)])
+def test_a_blur_in_one_direction_leaves_the_circle_where_it_is(blur):
+    """The width changes within each arc, and the shift by the blur along the edge from arc to arc."""
+    outline = locate_edge(disc(blur), polygon(), 1e-3)
+    assert np.sqrt(np.mean(off(outline) ** 2)) < 0.13
+    assert np.abs(off(outline)).max() < 0.25
+    for axis in (0, 1):
+        facing = np.abs(outline.normals[:, axis]) > 0.95
+        assert np.median(outline.edge_width[facing]) == pytest.approx(blur[axis], rel=0.3)
+
+
+@pytest.mark.parametrize(("x", "y"), [(2.0, 1.0), (1.0, 2.0), (1.5, 1.5)])
+def test_the_blur_along_the_edge_says_where_half_the_light_is(x, y):
+    """A parabolic edge seen through a Gaussian blur, by quadrature, with its normal at any angle."""
+    angle, bend = np.array([0.0, 0.8, np.pi / 2.0, 4.0]), 0.02
+    normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    tangents = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    covariance = np.diag([x**2, y**2])
+    widths = np.sqrt(np.einsum("ni,ij,nj->n", normals, covariance, normals))
+    across, along = _blur_at(widths, normals)
+    np.testing.assert_allclose(across, widths)
+    for normal, tangent, width in zip(normals, tangents, along, strict=True):
+        spread = np.sqrt(tangent @ covariance @ tangent)
+        slope = normal @ covariance @ tangent / spread**2
+        rest = np.sqrt(normal @ covariance @ normal - (slope * spread) ** 2)
+
+        def light(place, spread=spread, slope=slope, rest=rest):
+            def inside(t):
+                return norm.pdf(t, scale=spread) * norm.cdf((-place - 0.5 * bend * t**2 - slope * t) / rest)
+
+            return quad(inside, -8.0 * spread, 8.0 * spread)[0] - 0.5
+
+        assert -brentq(light, -0.5, 0.5) == pytest.approx(0.5 * bend * width**2, rel=0.03)
 
 
 def test_the_outline_moves_with_the_capsule_through_the_picture():

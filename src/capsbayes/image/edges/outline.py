@@ -105,9 +105,13 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> EdgeO
     arc_width = np.where(located, edge.width, np.median(edge.width[located]))
     # further inside, a concave rear darkens only parts of an arc
     outer = used * (samples <= width[:, None])
-    shift, shift_variance = _shifts(profiles, arc, means, edge.slope, outer)
     blur = arc_width[arc]
-    outward = 0.5 * curvature * _blur_along(blur, normals) ** 2 - place[arc] - shift
+    across, along = _blur_at(blur, normals)
+    # the samples end nearer inside than outside: a difference in width would be taken for one in place
+    wider = np.log(across) - (np.bincount(arc, np.log(across)) / count)[arc]
+    of_width = wider[:, None] * (samples - place[arc][:, None]) * edge.slope[arc]
+    shift, shift_variance = _shifts(profiles - of_width, arc, means, edge.slope, outer)
+    outward = 0.5 * curvature * along**2 - place[arc] - shift
     arc_variance = np.where(located, edge.place_variance / count, 1.0 / noise**2)
     return EdgeOutline(
         points=base + outward[:, None] * normals,
@@ -163,10 +167,17 @@ def _shifted(profiles, arc, means, slopes, used, shift, variance):  # type: igno
         shift[n], variance[n] = solved[0, 0], solved[0, 1]
 
 
-def _blur_along(width: Floats, normals: Floats) -> Floats:
-    """Return the blur along the tangent at each point: that across the edge where the normal points that way."""
+def _blur_at(width: Floats, normals: Floats) -> tuple[Floats, Floats]:
+    """Return the blur across and along the edge at each point : (n,) arrays [px].
+
+    The blur is Gaussian, with the standard deviations x and y along the rows and columns: those across the edge where
+    it faces that way. With X the blur along an edge of curvature c, and Y that across it, half the light is left where
+    Y + c X^2 / 2 has its median. For small c this is c / 2 times the variance of X given Y = 0, which is (x y)^2 over
+    the variance of Y. Its root is the blur along the edge.
+    """
     streamwise = np.abs(normals[:, 0]) > 0.8
     crosswise = np.abs(normals[:, 1]) > 0.8
     x = float(np.median(width[streamwise])) if streamwise.any() else float(np.median(width))
     y = float(np.median(width[crosswise])) if crosswise.any() else x
-    return np.hypot(x * normals[:, 1], y * normals[:, 0])
+    across = np.hypot(x * normals[:, 0], y * normals[:, 1])
+    return across, x * y / across
