@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from known_outlines import ellipse, noisy
+from scipy.signal import savgol_coeffs
 
 from capsbayes.image.edges.extent import furthest_point
 
@@ -61,3 +62,34 @@ def test_next_to_a_sharp_tip_few_points_count():
     """An ellipse twelve times as long as it is broad is no quartic over many points."""
     found = furthest_point(ellipse(60.0, 5.0, point=0.02), np.array([1.0, 0.0]), 0.0)
     assert found.distance == pytest.approx(100.0, abs=0.06)
+
+
+def parabola(bend=0.01, top=0.0, error=0.1):
+    """Outline whose distances along x are a parabola of the number of the point, highest at 120 and a part of one."""
+    outline, number = ellipse(30.0, 30.0, point=error), np.arange(240.0) - 120.0 - top
+    return replace(outline, points=np.stack([70.0 - bend * number**2, number], axis=1))
+
+
+@pytest.mark.parametrize(("misfit", "kept"), [(1.54, 15), (1.66, 10)])
+def test_a_neighbourhood_is_used_if_the_quartic_agrees_with_its_points_to_within_their_errors(misfit, kept):
+    """Errors beyond ten points from the top, in turn out and in, are no quartic; the rest is one exactly.
+
+    The variance of a quartic in its middle is the sum of the squares of the weights of Savitzky and Golay.
+    """
+    outline, error = parabola(), np.hypot(0.1, 0.03)
+    outer = np.abs(np.arange(240) - 120)
+    turn = np.where((outer > 10) & (outer <= 15), error * (-1.0) ** np.arange(240), 0.0)
+    t = np.arange(-15, 16)
+    left = turn[105:136] - np.polynomial.Polynomial.fit(t, turn[105:136], 4)(t)
+    turn *= error * np.sqrt(misfit * 26.0) / np.sqrt(left @ left)
+    outline = replace(outline, points=outline.points + turn[:, None] * np.array([1.0, 0.0]))
+    found = furthest_point(outline, np.array([1.0, 0.0]), 0.0)
+    own = error**2 * np.sum(savgol_coeffs(2 * kept + 1, 4) ** 2) * (misfit if kept == 15 else 1.0)
+    assert found.variance - found.systematic == pytest.approx(own, rel=0.05)
+
+
+@pytest.mark.parametrize("top", [-0.3, 0.3])
+def test_the_width_of_the_edge_is_that_at_the_furthest_point(top):
+    outline = replace(parabola(top=top), edge_width=1.0 + 0.05 * np.abs(np.arange(240) - 120))
+    found = furthest_point(outline, np.array([1.0, 0.0]), 0.1)
+    assert found.systematic == pytest.approx(0.1**2 + 0.03**2)

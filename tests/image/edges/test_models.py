@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import erfc
 
-from capsbayes.image.edges.models import Model, locate
+from capsbayes.image.edges.models import Model, _evaluated, locate
 
 SAMPLES = np.arange(-9.0, 10.0)
 COEFFICIENTS = {
@@ -57,6 +57,30 @@ def test_the_slope_is_the_change_by_a_shift_of_the_place(model):
     fit = located(model, drawn(model, 0.4, 1.8))
     change = (drawn(model, 0.41, 1.8) - drawn(model, 0.39, 1.8)) / 0.02
     np.testing.assert_allclose(fit.slope[0], change, atol=2e-3)
+
+
+@every_model
+def test_all_functions_and_derivatives_are_filled_in(model):
+    """Compared with central differences of the functions."""
+    place, width, step = 0.4, 1.8, 1e-3
+    shape = len(SAMPLES), len(COEFFICIENTS[model])
+    values, by_place, by_width = (np.full(shape, np.nan) for _ in range(3))
+    _evaluated(int(model), SAMPLES, place, width, values, by_place, by_width)
+    shifted = functions(model, place + step, width) - functions(model, place - step, width)
+    wider = functions(model, place, width * np.exp(step)) - functions(model, place, width * np.exp(-step))
+    np.testing.assert_allclose(values, functions(model, place, width), atol=2e-3)
+    np.testing.assert_allclose(by_place, shifted / (2.0 * step), atol=2e-3)
+    np.testing.assert_allclose(by_width, wider / (2.0 * step), atol=2e-3)
+
+
+def test_the_place_moves_by_twelve_steps_of_at_most_a_pixel():
+    """A broad line is followed from afar; one that is further off than that is not reached."""
+    samples, width = np.arange(-40.0, 41.0), np.array([9.0])
+    for far, reached in ((9.5, True), (12.5, False)):
+        line = 0.9 - 0.4 * np.exp(-0.5 * ((samples - far) / width) ** 2)
+        fit = locate(line[None], samples, Model.LINE, np.zeros(1), width, np.ones((1, len(samples))))
+        assert fit.converged[0] == reached
+        assert fit.place[0] == pytest.approx(far if reached else 12.0, abs=1e-3)
 
 
 @every_model

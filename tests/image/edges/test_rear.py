@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.image.edges.rear import find_rear
+from capsbayes.image.edges.rear import _coarse, find_rear
 
 END, LENGTH, HALF_HEIGHT = np.array([20.0, 40.0]), 100.0, 34.0
 
@@ -73,3 +73,30 @@ def test_where_no_band_is_distinct_there_is_no_rear(light):
 def test_a_band_within_the_noise_is_none():
     assert found(picture(dark=0.05), noise=0.001) is not None
     assert found(picture(dark=0.05), noise=0.1) is None
+
+
+def coarse(profile):
+    """What is found where all rays see the same light, so near to the axis that no curvature of the band matters."""
+    y = np.arange(-2.0, 3.0)
+    return _coarse(np.tile(profile, (len(y), 1)), y, HALF_HEIGHT, 1e-3)
+
+
+def dip(depth, dark, width=2.0):
+    return dark * np.exp(-0.5 * ((np.arange(45.0) - depth) / width) ** 2)
+
+
+@pytest.mark.parametrize(("behind", "seen"), [(9.5, True), (13.5, False)])
+def test_behind_the_band_it_brightens_again_within_ten_pixels(behind, seen):
+    """A shallow band in the dark, behind which the light comes back at once."""
+    depth = np.arange(45)
+    profile = np.where((depth > 12) & (depth < 24 + behind), 0.50, 0.55) - dip(24, 0.01)
+    assert (coarse(profile) is not None) == seen
+
+
+@pytest.mark.parametrize(("between", "seen"), [(0.005, False), (0.1, True)])
+def test_only_light_between_the_band_and_that_of_the_outer_edge_makes_them_two(between, seen):
+    """The outer edge is darkest at 8 px; outside of it there is light in any case."""
+    profile, depth = 0.9 - dip(24, 0.4) - dip(8, 0.4), np.arange(45)
+    middle = (depth >= 8) & (depth <= 24)
+    profile[middle] = 0.5 + between * np.sin(np.pi * (depth[middle] - 8) / 16.0)
+    assert (coarse(profile) is not None) == seen

@@ -191,6 +191,15 @@ def test_the_density_of_a_circle_is_that_of_its_distances_with_all_that_may_have
     np.testing.assert_allclose(found, expected, rtol=2e-3)
 
 
+@pytest.mark.parametrize("unit", [1e-7, 1e7])
+def test_in_another_unit_the_density_is_divided_by_that_unit_for_each_point(unit):
+    noise = OutlineNoise(unit * SMOOTH.scale, unit * SMOOTH.correlation_length, SMOOTH.white)
+    pose = Pose(unit * POSE.along, unit * POSE.across, POSE.tilt, unit * POSE.offset)
+    found = OutlineLikelihood(0.9 * unit * CIRCLE, noise, 0.9 * unit * CIRCLE, pose)
+    here, there = of_circle().log_density(0.93 * CIRCLE[None]), found.log_density(0.93 * unit * CIRCLE[None])
+    np.testing.assert_allclose(there, here - COUNT * np.log(unit), rtol=1e-5)
+
+
 def test_errors_of_the_model_add_to_the_covariance_where_the_points_are():
     modes = np.stack([np.cos(2.0 * ANGLE), np.full(COUNT, 0.5)]) * 0.01
     found = of_circle(modes=modes).log_density(0.92 * CIRCLE[None])
