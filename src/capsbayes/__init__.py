@@ -23,6 +23,7 @@ _HOME = {
     "LabErrors": "capsbayes.plan",
     "MeasuredOutline": "capsbayes.measured_outline",
     "Measurement": "capsbayes.measurement",
+    "MembraneSurrogate": "capsbayes.surrogate",
     "NeoHookean": "capsbayes.physics.membrane",
     "OutlineNoise": "capsbayes.measured_outline",
     "Population": "capsbayes.infer.many",
@@ -77,7 +78,7 @@ if TYPE_CHECKING:
     from capsbayes.quantity import Quantity
     from capsbayes.show.report import write_report
     from capsbayes.status import Status
-    from capsbayes.surrogate import Surrogate
+    from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
 
 def __getattr__(name: str) -> Any:

@@ -14,12 +14,13 @@ from capsbayes.cli.options import (
     Background,
     ExperimentFile,
     Flow,
+    MembraneKnown,
     ModelName,
     Priors,
     Seed,
     Velocity,
+    capsule_model,
     named_experiment,
-    named_model,
     prior_texts,
     speed_of,
 )
@@ -54,6 +55,7 @@ def identify(
     ] = None,
     experiment: ExperimentFile = None,
     database: ModelName = None,
+    membrane: MembraneKnown = None,
     prior: Priors = None,
     velocity: Velocity = None,
     background: Background = None,
@@ -87,9 +89,8 @@ def identify(
         measurement, written = Measurement.read(capsule), Prior.read(capsule)
     believed = written.with_texts(prior_texts(prior), where="--prior")
     known = named_experiment(measurement, experiment)
-    model = named_model(
-        database, known.cross_section, None if measurement.outline is None else measurement.outline.view
-    )
+    view = None if measurement.outline is None else measurement.outline.view
+    model = capsule_model(database, membrane, known.cross_section, view)
     with resumable(out):
         posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)

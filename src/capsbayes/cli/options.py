@@ -16,6 +16,7 @@ from capsbayes.errors import InputError
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.measurement import Measurement
+    from capsbayes.model import ForwardModel
     from capsbayes.physics.capsule.membrane_load import BendingEnergy
     from capsbayes.quantity import Quantity
     from capsbayes.surrogate import EffectSurrogate, Surrogate
@@ -54,6 +55,15 @@ ModelName = Annotated[
         help="Name of a shipped database, or path of a .nc file; default: neo-Hookean, with the experiment's channel.",
     ),
     Reads(),
+]
+
+MembraneKnown = Annotated[
+    str | None,
+    typer.Option(
+        "--membrane",
+        help="'unknown': K_s/G_s, strain hardening, pre-inflation and bending of the membrane are unknown too, each "
+        "with its --prior; in place of --database.",
+    ),
 ]
 
 Priors = Annotated[
@@ -253,3 +263,22 @@ def named_model(database: str | None, cross_section: str, view: str | None = Non
     from capsbayes.surrogate import Surrogate
 
     return Surrogate.open(database or f"{cross_section}-neo-hookean", view=view or MID_PLANE)
+
+
+def capsule_model(database: str | None, membrane: str | None, cross_section: str, view: str | None) -> ForwardModel:
+    """Return the model of the option ``--membrane``, or of ``--database`` without it.
+
+    Raises
+    ------
+    InputError
+        If both options are given, or ``--membrane`` is not ``unknown``.
+    """
+    from capsbayes.measured_outline import MID_PLANE
+    from capsbayes.surrogate import MembraneSurrogate
+
+    if membrane is None:
+        return named_model(database, cross_section, view)
+    choose("identify", "--membrane", membrane, {"unknown": None})
+    if database is not None:
+        raise InputError("identify", "--membrane, --database", "one of the two", "both")
+    return MembraneSurrogate.open(cross_section, view=view or MID_PLANE)

@@ -4,6 +4,7 @@ from capsbayes.surrogate.diffuse import DiffuseApproximation
 from capsbayes.surrogate.domain import DomainOfExistence
 from capsbayes.surrogate.inverse import Inverse, InverseResult, inverse
 from capsbayes.surrogate.joint.surrogate import EffectSurrogate
+from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
 from capsbayes.surrogate.surrogate import Surrogate
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "EffectSurrogate",
     "Inverse",
     "InverseResult",
+    "MembraneSurrogate",
     "Surrogate",
     "inverse",
 ]

@@ -27,11 +27,8 @@ def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stor
     assert state is not None
     np.testing.assert_allclose(state.unknowns[:-2], shape, atol=5e-3)
     assert state.unknowns[-2] == pytest.approx(shipped["numbers"][chosen, 2], rel=1e-5)
-    moved = place + 1e-3
-    ahead, slopes = (
-        continuation.reached(state, moved),
-        [axis.slope(unit) for axis, unit in zip(continuation.axes, place, strict=True)],
-    )
+    ahead = continuation.reached(state, place + 1e-3)
+    slopes = [axis.slope(unit) for axis, unit in zip(continuation.axes, place, strict=True)]
     rate = shipped["numbers_along"][chosen, 2] * slopes
     assert (ahead.unknowns[-2] - state.unknowns[-2]) / 1e-3 == pytest.approx(rate.sum(), rel=0.02, abs=1e-3)
 
