@@ -6,12 +6,14 @@ import pytest
 from capsbayes.errors import InputError
 from capsbayes.membrane_database import MembraneDatabase, covered
 from capsbayes.physics.databases.membranes import build_membranes, membrane_continuation, membrane_places
-from capsbayes.physics.databases.scattered import ScatteredState
+from capsbayes.physics.databases.scattered import ScatteredState, sobol_places
 
 
 def test_places_lie_where_states_are_sought():
     continuation = membrane_continuation("square")
-    assert covered(continuation.values(membrane_places(continuation, 512)[1:])).all()  # the first is a corner
+    assert covered(
+        continuation.values(membrane_places(continuation, sobol_places(512, 6))[1:])
+    ).all()  # the first is a corner
 
 
 def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stored():
@@ -19,7 +21,7 @@ def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stor
     shipped, continuation = MembraneDatabase.open("square"), membrane_continuation("square")
     chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
     values = shipped["values"][chosen]
-    place = np.array([axis.unit(value) for axis, value in zip(continuation.axes, values.tolist(), strict=True)])
+    place = continuation.places(values[None])[0]
     shape = shipped["mesh_mean"] + shipped["mesh"][chosen] @ shipped["mesh_modes"]
     unknowns = np.append(shape, [shipped["numbers"][chosen, 2], shipped["slack"][chosen]])
     near = ScatteredState(place, unknowns, np.zeros((len(unknowns), len(place))))

@@ -53,9 +53,9 @@ def membrane_start(continuation: Continuation) -> ScatteredState:
     return continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))
 
 
-def membrane_places(continuation: Continuation, count: int) -> Floats:
-    """Return the places of the states : (count, 6) array of coordinates from 0 to 1."""
-    places = sobol_places(count, len(FREE_PARAMETERS))
+def membrane_places(continuation: Continuation, points: Floats) -> Floats:
+    """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1 that are spread evenly."""
+    places = points.copy()
     _, size, inflation, _, hardening, _ = continuation.values(places).T
     low, high = lowest_ca(inflation), highest_ca(size, hardening)
     along = continuation.axes[0]
@@ -98,7 +98,7 @@ def build_membranes(
         raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
     check_replaceable(Path(out))
     continuation = membrane_continuation(MEMBRANES[name], refinement)
-    places = membrane_places(continuation, states)
+    places = membrane_places(continuation, sobol_places(states, len(FREE_PARAMETERS)))
     found = scattered_states(
         continuation,
         membrane_start(continuation),

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -112,6 +112,10 @@ class ScatteredState:
     unknowns: Floats
     derivatives: Floats
 
+    def moved(self, change: Floats) -> ScatteredState:
+        """Return what it predicts at another place, a change (p,) away."""
+        return replace(self, place=self.place + change, unknowns=self.unknowns + self.derivatives @ change)
+
 
 @dataclass(frozen=True)
 class Continuation:
@@ -147,6 +151,23 @@ class Continuation:
         columns = zip(self.axes, places.T.tolist(), strict=True)
         return np.array([[axis.value(unit) for unit in column] for axis, column in columns]).T
 
+    def places(self, values: Floats) -> Floats:
+        """Return the places (n, p) of values (n, p) of the parameters."""
+        columns = zip(self.axes, values.T.tolist(), strict=True)
+        return np.array([[axis.unit(value) for value in column] for axis, column in columns]).T
+
+    def seen(self, state: ScatteredState) -> dict[str, Floats]:
+        """Return the `NUMBERS` of a state and its outlines : (4,) and (512,) arrays by name."""
+        mesh = self.simulator.problem.mesh
+        nodes = mesh.expanded(state.unknowns[:-2])
+        profile, silhouette = outlines.profile(mesh, nodes), outlines.silhouette(mesh, nodes)
+        stretch = profile.stretch_ratio(self._values(state.place)["size_ratio"])
+        return {
+            "numbers": np.array([profile.axial_extent, profile.axial_length, state.unknowns[-2], stretch]),
+            "profile": profile.resampled(OUTLINE_POINTS).points.ravel(),
+            "silhouette": silhouette.resampled(OUTLINE_POINTS).points.ravel(),
+        }
+
     @property
     def settings(self) -> dict[str, object]:
         """What decides the states, in types that JSON has."""
@@ -176,7 +197,7 @@ class Continuation:
         return state
 
     def _solved(self, near: ScatteredState, place: Floats) -> ScatteredState | None:
-        guess = near.unknowns + near.derivatives @ (place - near.place)
+        guess = near.moved(place - near.place).unknowns
         problem, iterate = self._problem(place), self._iterate(place, guess)
         found = steady_state(problem, iterate, max_iterations=_ITERATIONS, patience=_PATIENCE)
         unknowns = np.append(found.iterate.free, [found.iterate.velocity, found.iterate.slack])
@@ -371,25 +392,10 @@ def _in_modes(vectors: Floats) -> _Modes:
 
 def _seen(continuation: Continuation, state: ScatteredState) -> dict[str, tuple[Floats, Floats]]:
     """Return numbers and outlines of a state, and their derivatives along the coordinates from 0 to 1."""
-    here = _looks(continuation, state.place, state.unknowns)
+    here = continuation.seen(state)
     along: dict[str, list[Floats]] = {name: [] for name in here}
-    for number, slope in enumerate(state.derivatives.T):
-        step = _STEP * np.eye(len(state.place))[number]
-        ahead = _looks(continuation, state.place + step, state.unknowns + _STEP * slope)
-        behind = _looks(continuation, state.place - step, state.unknowns - _STEP * slope)
+    for step in _STEP * np.eye(len(state.place)):
+        ahead, behind = continuation.seen(state.moved(step)), continuation.seen(state.moved(-step))
         for name, values in along.items():
             values.append((ahead[name] - behind[name]) / (2.0 * _STEP))
     return {name: (values, np.stack(along[name], axis=-1)) for name, values in here.items()}
-
-
-def _looks(continuation: Continuation, place: Floats, unknowns: Floats) -> dict[str, Floats]:
-    mesh = continuation.simulator.problem.mesh
-    nodes = mesh.expanded(unknowns[:-2])
-    profile, outer = outlines.profile(mesh, nodes), outlines.silhouette(mesh, nodes)
-    number = continuation.names.index("size_ratio")
-    stretch = profile.stretch_ratio(continuation.axes[number].value(float(place[number])))
-    return {
-        "numbers": np.array([profile.axial_extent, profile.axial_length, unknowns[-2], stretch]),
-        "profile": profile.resampled(OUTLINE_POINTS).points.ravel(),
-        "silhouette": outer.resampled(OUTLINE_POINTS).points.ravel(),
-    }

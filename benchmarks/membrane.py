@@ -1,0 +1,149 @@
+"""Compare the surrogate over flow and membrane with states left out, and with simulations on a finer mesh.
+
+Run ``python benchmarks/membrane.py``; ``--write`` renews the tables in ``docs/membrane.md``. Each state is predicted from
+nine tenths of the others. ``--simulate FOLDER`` first simulates shapes at random places, which are no states, on a mesh of
+refinement 12 where it lacks them; each finished one is kept in FOLDER, and what has ended is stored in
+``data/fresh-membrane.npz``. z is a difference over the stated error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import qmc
+from threadpoolctl import threadpool_limits
+
+from capsbayes.arrays import Floats
+from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
+from capsbayes.physics.databases.membranes import membrane_continuation, membrane_places
+from capsbayes.physics.databases.scattered import NUMBERS, ScatteredState
+from capsbayes.physics.surface.octasphere import prolonged
+from capsbayes.profile import vertex_normals
+from capsbayes.surrogate import MembraneSurrogate
+from capsbayes.work import Store
+
+ROOT = Path(__file__).parents[1]
+PAGE, STORED = ROOT / "docs" / "membrane.md", ROOT / "data" / "fresh-membrane.npz"
+FOLDS, COUNT, FINE = 10, 40, 12
+BEGIN, END = "<!-- errors -->", "<!-- end of errors -->"
+HEAD = """| | shapes | outline, rms, l/1000 | median | L_z, rms, % | median | L_a, rms, % | median | v_o/U, rms, % | median | z, rms | largest |
+|---|---|---|---|---|---|---|---|---|---|---|---|
+"""
+
+
+def left_out(database: MembraneDatabase) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return parameters, differences of (L_z, L_a, v_o/U) over their values, z, and rms displacements, of all states."""
+    fold = np.random.default_rng(0).permutation(len(database)) % FOLDS
+    found = []
+    for number in range(FOLDS):
+        states = database.taken(np.flatnonzero(fold == number))
+        model = MembraneSurrogate(database.taken(np.flatnonzero(fold != number)))
+        outline = states["profile_mean"] + np.tensordot(states["profile"], states["profile_modes"], axes=1)
+        found.append(compared(model, states["values"], states["numbers"][:, :3], outline))
+    values, relative, score, displaced = (np.concatenate(part) for part in zip(*found, strict=True))
+    return values, relative, score, displaced
+
+
+def compared(model: MembraneSurrogate, values: Floats, numbers: Floats, outline: Floats) -> tuple[Floats, ...]:
+    """Return the same of given shapes that lie in the domain of a model."""
+    seen = model(dict(zip(FREE_PARAMETERS, values.T, strict=True)), outline=True)
+    inside = seen.inside
+    away = (seen.values - numbers)[inside]
+    score = away / np.sqrt(np.einsum("nii->ni", seen.covariance[inside]))
+    normal = np.sum((seen.outline[inside] - outline[inside]) * vertex_normals(outline[inside]), axis=-1)
+    return values[inside], away / numbers[inside], score, np.sqrt(np.mean(normal**2, axis=1))
+
+
+def row(name: str, relative: Floats, score: Floats, displaced: Floats) -> str:
+    """Return a line of the table."""
+    cells = [f"{len(displaced)}", f"{1e3 * rms(displaced):.2g}", f"{1e3 * np.median(displaced):.2g}"]
+    for column in relative.T:
+        cells += [f"{100 * rms(column):.2g}", f"{100 * np.median(np.abs(column)):.2g}"]
+    cells += [f"{rms(score):.2g}", f"{np.abs(score).max():.2g}"]
+    return f"| {name} | {' | '.join(cells)} |\n"
+
+
+def rms(values: Floats) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def table() -> str:
+    """Return the table of errors."""
+    database = MembraneDatabase.open("square")
+    values, *found = left_out(database)
+    inflation, modulus = values[:, 2], values[:, 3]
+    chosen = {
+        "all": np.ones(len(values), dtype=bool),
+        "alpha up to 0.05": inflation <= 0.05,
+        "alpha up to 0.05, K from 1.5": (inflation <= 0.05) & (modulus >= 1.5),
+    }
+    lines = [row(f"left out, {name}", *(part[rows] for part in found)) for name, rows in chosen.items()]
+    with np.load(STORED) as fresh:
+        _, *of_fresh = compared(MembraneSurrogate(database), fresh["values"], fresh["numbers"], fresh["profile"])
+    lines.append(row("fresh, refinement 12", *of_fresh))
+    return HEAD + "".join(lines)
+
+
+def speed(count: int = 100_000) -> tuple[float, float]:
+    """Return points per second, without and with outlines."""
+    model = MembraneSurrogate.open("square")
+    values = model.membrane_database["values"]
+    rows = np.random.default_rng(1).integers(0, len(values), count)
+    rates = []
+    for outline, some in ((False, count), (True, count // 20)):
+        theta = dict(zip(FREE_PARAMETERS, values[rows[:some]].T, strict=True))
+        model({name: column[:10] for name, column in theta.items()}, outline=outline)
+        begin = time.perf_counter()
+        model(theta, outline=outline)
+        rates.append(some / (time.perf_counter() - begin))
+    return rates[0], rates[1]
+
+
+def simulate(folder: Path) -> None:
+    """Simulate the shapes that the folder lacks, each from the nearest state, and store those that were reached."""
+    database = MembraneDatabase.open("square")
+    coarse, fine = membrane_continuation("square"), membrane_continuation("square", FINE)
+    meshes = coarse.simulator.problem.mesh, fine.simulator.problem.mesh
+    units = fine.places(database["values"])
+    store, random = Store.open(folder, fine.settings), qmc.Sobol(len(FREE_PARAMETERS), rng=11).random(COUNT)
+    stretched = membrane_places(fine, random)
+    for number, place in enumerate(stretched):
+        name = f"shape-{number:03d}"
+        if store.holds(name):
+            continue
+        near = int(np.argmin(np.linalg.norm(units - place, axis=1)))
+        shape = database["mesh_mean"] + database["mesh"][near] @ database["mesh_modes"]
+        unknowns = np.append(prolonged(shape, *meshes), [database["numbers"][near, 2], database["slack"][near]])
+        start = ScatteredState(units[near], unknowns, np.zeros((len(unknowns), len(place))))
+        state = fine.reached(start, units[near])
+        state = None if state is None else fine.reached(state, place)
+        seen = {} if state is None else fine.seen(state)
+        store.save(name, {"values": fine.values(place[None])[0], "reached": state is not None, **seen})
+        print(f"{number + 1} of {COUNT}", flush=True)
+    parts = [part for name in sorted(store.names()) if (part := store.load(name)) is not None and part["reached"]]
+    columns = {
+        "values": [part["values"] for part in parts],
+        "numbers": [part["numbers"][: len(NUMBERS) - 1] for part in parts],
+        "profile": [part["profile"].reshape(-1, 2) for part in parts],
+    }
+    np.savez_compressed(STORED, **{name: np.array(column) for name, column in columns.items()})
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--simulate", type=Path, metavar="FOLDER")
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    if options.simulate is not None:
+        with threadpool_limits(limits=1):
+            simulate(options.simulate)
+    text = table()
+    print(text)
+    print("{:.0f} points a second, {:.0f} with outlines".format(*speed()))
+    if options.write:
+        before, _, rest = PAGE.read_text().partition(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{text}{END}{rest.partition(END)[2]}")
