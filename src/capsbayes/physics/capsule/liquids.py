@@ -74,7 +74,7 @@ def membrane_response(
         along_density -= response @ (basis.T @ far.velocity.T).T
         along_shape += response @ (basis.T @ far.source_slope.T).T
         along_target += images_gradient(targets, operator.sources, flow.symmetry.operations, strengths)
-    moved = (basis.T @ sp.block_diag(along_target, format="csr") @ basis).toarray()
+    moved = (basis.T @ sp.block_diag([sp.coo_array(block) for block in along_target], format="csr") @ basis).toarray()
     return basis.T @ velocity, along_density, along_shape + moved
 
 

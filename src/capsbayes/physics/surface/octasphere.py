@@ -75,7 +75,7 @@ class OctaSphere:
         if self.symmetry.axisymmetric:
             return sp.csr_matrix(_meridional(self.nodes[self.wedge], 4 * self.refinement))
         blocks = [self.symmetry.free_directions(point) for point in self.nodes[self.wedge]]
-        return sp.csr_matrix(sp.block_diag(blocks, format="csr"))
+        return sp.csr_matrix(sp.block_diag([sp.coo_array(block) for block in blocks], format="csr"))
 
     @cached_property
     def expansion(self) -> sp.csr_matrix:
