@@ -97,3 +97,14 @@ def test_a_mutant_of_a_compiled_function_is_run_and_what_is_done_is_kept(tmp_pat
     assert {what.split(": ")[1] for what in outcome["alive"]} == {"Add -> Sub", "0.0 -> 1.0"}
     assert sum(line.startswith("killed") for line in lines) == 3  # the second time only those alive are tried
     assert sum(line.startswith("ALIVE") for line in lines) == 4
+
+
+def test_the_errors_of_the_membrane_model_are_those_of_the_page():
+    import membrane
+
+    shown = membrane.PAGE.read_text().partition(membrane.BEGIN)[2].partition(membrane.END)[0]
+    numbers = [[float(cell) for cell in line.split("|")[2:-1]] for line in shown.strip().splitlines()[2:]]
+    now = [[float(cell) for cell in line.split("|")[2:-1]] for line in membrane.table().strip().splitlines()[2:]]
+    assert len(numbers) == len(now) == 4
+    for one, other in zip(numbers, now, strict=True):
+        assert one == pytest.approx(other, rel=0.15)  # of two digits
