@@ -3,7 +3,8 @@
 Run ``python benchmarks/mutation.py [--only laws] [--most 40] [--seed 1] [--out FILE]``. The mutants of a module are a
 random sample of its places, or all of them if there are no more than asked for. The first failing test kills a mutant,
 and so does work without end. What is done is kept in the file given by ``--out``, and a second run continues: killed
-mutants stay dead as long as their module is unchanged, those alive are tried again.
+mutants stay dead as long as their module is unchanged, the others are tried again. The share that is killed is that of
+the mutants that change a result: `EQUIVALENT` lists those that do not, with the reason.
 
 Nothing is changed in texts, type hints, defaults of arguments and errors that are raised. A mutant is tested in a copy
 of the tree by a process that is forked where the other libraries are imported already. Rooms with compiled functions
@@ -95,6 +96,40 @@ ROOMS = {
     ),
 }
 
+ENDS = ("killed", "equivalent", "alive")
+_NO_LENGTH = "without L_a nothing reads its covariance"
+EQUIVALENT = {
+    ("infer/likelihood.py", "float(c[0, 1]) if both else 0.0,", "0.0 -> 1.0"): _NO_LENGTH,
+    ("infer/likelihood.py", "float(c[1, 1]) if both else 0.0,", "0.0 -> 1.0"): _NO_LENGTH,
+    ("infer/likelihood.py", "share, other = (error / centre) ** 2, a or 0.0", "0.0 -> 1.0"): _NO_LENGTH,
+    (
+        "image/edges/extent.py",
+        "return np.asarray(sum(np.roll(values, shift) for shift in range(-2, 3)) / 5.0)",
+        "Div -> Mult",
+    ): "only the place of the largest mean counts",
+    (
+        "image/edges/models.py",
+        "jacobian, step, normal = np.empty((m, 2)), np.empty(2), np.empty((2, 2))",
+        "2 -> 3",
+    ): "a work array of which nothing reads what was added",
+    (
+        "image/edges/outline.py",
+        "samples = np.arange(-_REACH, _REACH + 1, dtype=float)  # positive inwards",
+        "1 -> 2",
+    ): "no window holds the sample that is added",
+    (
+        "image/edges/outline.py",
+        "normal, sides = np.empty((3, 3)), np.empty((3, 2))",
+        "2 -> 3",
+    ): "a right-hand side of which nothing reads the solution",
+    (
+        "image/edges/outline.py",
+        "sides[a, 0] += row[a] * (profiles[n, i] - mean[i])",
+        "Sub -> Add",
+    ): "the mean is one of the functions of the fit, whose coefficient takes it up",
+}
+"""Mutants that change no result, with the reason: module, line and change. A mutant that is killed is none of them."""
+
 BINARY = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -118,17 +153,15 @@ COMPARISON = {
 
 
 class Mutator(ast.NodeTransformer):
-    """Transformer that changes one place of a module, or with none chosen counts them."""
+    """Transformer that changes one place of a module, or none, and lists what can be changed: line and change."""
 
     def __init__(self, chosen: int = -1) -> None:
-        self.chosen, self.places, self.changed = chosen, 0, ""
+        self.chosen = chosen
+        self.changes: list[tuple[int, str]] = []
 
     def _here(self, node: ast.AST, what: str) -> bool:
-        self.places += 1
-        if self.places - 1 != self.chosen:
-            return False
-        self.changed = f"line {getattr(node, 'lineno', 0)}: {what}"
-        return True
+        self.changes.append((getattr(node, "lineno", 0), what))
+        return len(self.changes) - 1 == self.chosen
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         self.generic_visit(node)
@@ -190,15 +223,17 @@ class Source:
     text: str
 
     def __post_init__(self) -> None:
-        counter = Mutator()
-        counter.visit(ast.parse(self.text))
-        self.places = counter.places
+        mutator = Mutator()
+        mutator.visit(ast.parse(self.text))
+        lines = self.text.splitlines()
+        self.changes = [(lines[number - 1].strip(), what) for number, what in mutator.changes]
+        self.named = [f"{n}, line {number}: {what}" for n, (number, what) in enumerate(mutator.changes)]
+        self.places = len(self.changes)
 
     def mutant(self, place: int) -> tuple[str, str]:
         """Return the description of a mutant and its text."""
-        mutator = Mutator(place)
-        changed = ast.unparse(ast.fix_missing_locations(mutator.visit(ast.parse(self.text))))
-        return f"{place}, {mutator.changed}", changed
+        changed = Mutator(place).visit(ast.parse(self.text))
+        return self.named[place], ast.unparse(ast.fix_missing_locations(changed))
 
     def drawn(self, most: int, seed: int) -> list[int]:
         """Return the places to change, in random order; more of them begin with the same ones."""
@@ -324,29 +359,31 @@ def examine(bench: Bench, room: Room, done: dict, most: int, seed: int, keep: Ca
     for module, source in sources.items():
         digest = hashlib.sha256(source.text.encode()).hexdigest()[:16]
         if done.get(module, {}).get("sha256") != digest:
-            done[module] = {"sha256": digest, "places": source.places, "killed": [], "alive": []}
+            done[module] = {"sha256": digest, "places": source.places} | {end: [] for end in ENDS}
         outcome = done[module]
-        again = [int(what.partition(",")[0]) for what in outcome["alive"]]
+        again = [int(what.partition(",")[0]) for what in outcome["equivalent"] + outcome["alive"]]
         for place in [*(place for place in source.drawn(most, seed) if place not in again), *again]:
             what, text = source.mutant(place)
             if what in outcome["killed"]:
                 continue
-            alive = bench.survives(module, text, room.tests, CPU_SECONDS + 3.0 * seconds)
-            outcome["alive"] = [other for other in outcome["alive"] if other != what] + [what] * alive
-            outcome["killed"] += [what] * (not alive)
+            end = "killed"
+            if bench.survives(module, text, room.tests, CPU_SECONDS + 3.0 * seconds):
+                end = "equivalent" if (module, *source.changes[place]) in EQUIVALENT else "alive"
+            for other in ENDS:
+                outcome[other] = [mutant for mutant in outcome[other] if mutant != what] + [what] * (other == end)
             keep()
-            print("ALIVE " if alive else "killed", module, what, flush=True)
+            print(f"{end:10}", module, what, flush=True)
 
 
 def table(done: dict) -> str:
     """Return the counts by room and module as a table in Markdown."""
     lines = [
-        "| module | places | mutants | killed | alive | share killed |",
-        "| --- | ---: | ---: | ---: | ---: | --- |",
+        "| module | places | mutants | killed | equivalent | alive | share killed |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | --- |",
     ]
     rooms: list[list[int]] = []
     for room, modules in done.items():
-        counts = [[entry["places"], len(entry["killed"]), len(entry["alive"])] for entry in modules.values()]
+        counts = [[entry["places"], *(len(entry[end]) for end in ENDS)] for entry in modules.values()]
         lines += [_row(f"`{module}`", count) for module, count in zip(modules, counts, strict=True)]
         rooms.append([sum(column) for column in zip(*counts, strict=True)])
         lines.append(_row(f"**{room}**", rooms[-1]))
@@ -356,13 +393,12 @@ def table(done: dict) -> str:
 def _row(name: str, counts: list[int]) -> str:
     from scipy.stats import binomtest
 
-    places, killed, alive = counts
-    made = killed + alive
-    share = f"{100 * killed / made:.0f} %"
-    if made < places:
-        low, high = binomtest(killed, made).proportion_ci()
+    places, killed, equivalent, alive = counts
+    share = f"{100 * killed / (killed + alive):.0f} %"
+    if sum(counts[1:]) < places:
+        low, high = binomtest(killed, killed + alive).proportion_ci()
         share += f" ({100 * low:.0f} to {100 * high:.0f} %)"
-    return f"| {name} | {places} | {made} | {killed} | {alive} | {share} |"
+    return f"| {name} | {places} | {sum(counts[1:])} | {killed} | {equivalent} | {alive} | {share} |"
 
 
 def main() -> None:

@@ -63,6 +63,12 @@ def test_the_table_of_mutants_is_that_of_the_last_run():
     assert mutation.table(done) in EVIDENCE.read_text()
 
 
+def test_mutants_that_are_said_to_change_no_result_exist():
+    for module, line, change in mutation.EQUIVALENT:
+        text = (mutation.ROOT / "src" / mutation.PACKAGE / module).read_text()
+        assert (line, change) in mutation.Source(text).changes
+
+
 def test_mutants_differ_in_one_place_and_never_in_texts_defaults_or_errors():
     source = mutation.Source(LAW)
     texts = [source.mutant(place)[1] for place in range(source.places)]
@@ -96,7 +102,7 @@ def test_a_mutant_of_a_compiled_function_is_run_and_what_is_done_is_kept(tmp_pat
     assert {what.split(": ")[1] for what in outcome["killed"]} == {"Mult -> Div", "Lt -> GtE", "0 -> 1"}
     assert {what.split(": ")[1] for what in outcome["alive"]} == {"Add -> Sub", "0.0 -> 1.0"}
     assert sum(line.startswith("killed") for line in lines) == 3  # the second time only those alive are tried
-    assert sum(line.startswith("ALIVE") for line in lines) == 4
+    assert sum(line.startswith("alive") for line in lines) == 4
 
 
 def test_the_errors_of_the_membrane_model_are_those_of_the_page():

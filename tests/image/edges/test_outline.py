@@ -12,11 +12,11 @@ from capsbayes.image.edges.outline import _blur_at, locate_edge, pixel_noise
 RADIUS, CENTRE, FINE = 20.0, np.array([34.3, 31.8]), 5
 
 
-def disc(blur=1.2, noise=0.0, seed=1):
+def disc(blur=1.2, noise=0.0, seed=1, dark=0.4):
     """Light of a disc (rows, columns), drawn on pixels five times finer and blurred there; a blur may be (x, y)."""
     fine = (np.arange(68 * FINE) + 0.5) / FINE - 0.5
     inside = np.hypot(fine - CENTRE[0], fine[: 64 * FINE, None] - CENTRE[1]) < RADIUS
-    light = gaussian_filter(1.0 - 0.4 * inside, FINE * np.broadcast_to(blur, 2)[::-1], mode="nearest")
+    light = gaussian_filter(1.0 - dark * inside, FINE * np.broadcast_to(blur, 2)[::-1], mode="nearest")
     light = light.reshape(64, FINE, 68, FINE).mean(axis=(1, 3))
     return light + noise * np.random.default_rng(seed).standard_normal(light.shape)
 
@@ -110,6 +110,23 @@ def test_a_picture_without_a_jump_has_no_edge():
     noise = 0.01 * np.random.default_rng(1).standard_normal((64, 68))
     assert locate_edge(1.0 + noise, polygon(), 0.01) is None
     assert locate_edge(2.0 - disc(), polygon(), 0.01) is None  # brighter inside
+
+
+@pytest.mark.parametrize(("dark", "seen"), [(0.036, True), (0.024, False)])
+def test_a_jump_by_less_than_three_hundredths_of_the_light_is_no_edge(dark, seen):
+    assert (locate_edge(disc(dark=dark), polygon(), 1e-4) is not None) == seen
+
+
+def test_where_there_is_no_edge_the_outline_stays_with_an_error_of_a_pixel():
+    """The disc fades to the right; the curve given there is 0.7 px outside of it."""
+    y, x = np.mgrid[:64, :68]
+    away = np.abs(np.arctan2(y - CENTRE[1], x - CENTRE[0]))
+    outline = locate_edge(1.0 - (1.0 - disc()) * np.clip((away - 0.8) / 0.3, 0.0, 1.0), polygon(), 1e-3)
+    angle = np.abs(np.arctan2(*(outline.points - CENTRE).T[::-1]))
+    assert np.abs(off(outline)[angle < 0.3] - 0.7).max() < 0.4
+    np.testing.assert_allclose(outline.arc_error[angle < 0.3], 1.0)
+    assert np.abs(off(outline)[angle > 1.6]).max() < 0.1
+    assert outline.arc_error[angle > 1.6].max() < 0.05
 
 
 def test_the_noise_of_a_pixel_is_found_next_to_slopes_and_shapes():

@@ -85,6 +85,29 @@ def dip(depth, dark, width=2.0):
     return dark * np.exp(-0.5 * ((np.arange(45.0) - depth) / width) ** 2)
 
 
+@pytest.mark.parametrize(("dark", "seen"), [(0.018, False), (0.028, True)])
+def test_a_band_is_darker_than_its_surroundings_by_two_hundredths_of_the_light(dark, seen):
+    """The smoothing makes a band 3 px wide fainter by a tenth."""
+    assert (coarse(0.9 - dip(24, dark, 3.0)) is not None) == seen
+
+
+def test_the_search_knows_the_curvature_of_a_band_to_a_step_of_its_grid():
+    y, depth = np.arange(-10.0, 11.0)[:, None], np.arange(45.0)
+    rays = 0.9 - 0.3 * np.exp(-0.5 * ((depth - 24.0 + 0.5 * 0.05 * y**2) / 2.0) ** 2)
+    place, curvature, width = _coarse(rays, y[:, 0], HALF_HEIGHT, 1e-3)
+    assert place == pytest.approx(24, abs=1)
+    assert curvature == pytest.approx(-0.05, abs=0.2 / HALF_HEIGHT)
+    assert width == pytest.approx(2.0, abs=1.0)
+
+
+def test_a_broad_band_is_fitted_over_its_breadth():
+    """In a few pixels around its middle, the noise would leave nothing of it."""
+    assert found(picture(30.0, 0.0, 6.0)).depth == pytest.approx(30.0, abs=0.1)
+    for seed in range(8):
+        noisy = found(picture(30.0, 0.0, 6.0, noise=0.02, seed=seed), noise=0.02)
+        assert noisy.depth == pytest.approx(30.0, abs=1.5)
+
+
 @pytest.mark.parametrize(("behind", "seen"), [(9.5, True), (13.5, False)])
 def test_behind_the_band_it_brightens_again_within_ten_pixels(behind, seen):
     """A shallow band in the dark, behind which the light comes back at once."""

@@ -56,3 +56,13 @@ def test_without_enough_points_there_is_no_line():
     few = X < -0.85
     assert fit(np.zeros(len(X)), kept=few, enough=few.sum()) is not None
     assert fit(np.zeros(len(X)), kept=few, enough=few.sum() + 1) is None
+
+
+def test_three_points_leave_a_line_one_degree_of_freedom():
+    """The line through (0, 0), (1, 1) and (2, 0) is 1/3: the squares of what is left sum to 2/3."""
+    design = np.stack([np.ones(3), np.arange(3.0)], axis=1)
+    fit = fit_without_outliers(
+        design, np.array([0.0, 1.0, 0.0]), np.ones(3, bool), rounds=1, floor=1.0, enough=lambda kept: True
+    )
+    assert fit.coefficients == pytest.approx([1.0 / 3.0, 0.0])
+    assert fit.variance == pytest.approx(2.0 / 3.0)

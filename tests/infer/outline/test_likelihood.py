@@ -110,6 +110,14 @@ def test_a_circle_is_posed_though_nothing_tells_its_tilt():
     np.testing.assert_allclose(normal_distances(0.9 * circle[::10] + 0.1, circle[None], posed=True), -0.1, atol=1e-4)
 
 
+def test_an_outline_is_aligned_with_one_that_lies_elsewhere():
+    angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    there = np.stack([1.5 * np.cos(angle) + 6.0, np.sin(angle) - 4.0], axis=1)
+    points, feet = aligned_with(there[::10] + np.array([-9.0, 5.0]), there)
+    np.testing.assert_allclose(points, there[::10], atol=1e-3)
+    np.testing.assert_allclose(feet.distance, 0.0, atol=1e-3)
+
+
 def test_points_of_the_rear_do_not_jump_across_the_rim(model):
     """The rear rim is thinner than the step between two points."""
     outline = outlines(model, [0.1, 0.95])[0]
