@@ -99,6 +99,16 @@ ROOMS = {
 ENDS = ("killed", "equivalent", "alive")
 _NO_LENGTH = "without L_a nothing reads its covariance"
 EQUIVALENT = {
+    (
+        "infer/kernel.py",
+        "first, second = np.empty(arrays[0].size), np.empty(arrays[0].size)",
+        "0 -> 1",
+    ): "arrays that are broadcast have one size",
+    (
+        "infer/kernel.py",
+        "return first.reshape(arrays[0].shape), second.reshape(arrays[0].shape)",
+        "0 -> 1",
+    ): "arrays that are broadcast have one shape",
     ("infer/likelihood.py", "float(c[0, 1]) if both else 0.0,", "0.0 -> 1.0"): _NO_LENGTH,
     ("infer/likelihood.py", "float(c[1, 1]) if both else 0.0,", "0.0 -> 1.0"): _NO_LENGTH,
     ("infer/likelihood.py", "share, other = (error / centre) ** 2, a or 0.0", "0.0 -> 1.0"): _NO_LENGTH,
