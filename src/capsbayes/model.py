@@ -50,11 +50,15 @@ _DECLARATIONS = (
 
 
 class CoordinateRange(NamedTuple):
-    """Lowest and highest value of a further coordinate, and the value meant where none is given."""
+    """Lowest and highest value of a further coordinate, and the value meant where none is given.
+
+    Where nothing is known of it, each value is as likely as any other, or each logarithm if `logarithmic`.
+    """
 
     low: float
     high: float
     null_value: float
+    logarithmic: bool = False
 
 
 class Domain(ABC):

@@ -79,6 +79,7 @@ _TABLE = (
     Parameter("capsule_radius", "a", "a", "m", "µm", 1e6, "radius of the capsule at rest"),
     _ratio("bending", "B", "B", "bending modulus of the membrane", "G_s a^2"),
     _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
+    _ratio("area_dilation_modulus", "K", "K", "resistance of the membrane to a change of its area", "G_s"),
     _ratio("rest_aspect", "A_0", "A_0", "axis of the shape at rest along the flow over that across"),
     _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area relative to a shear"),
     _ratio("area_dilation_modulus", "K", "K", "resistance of the membrane to a change of area at small strain", "G_s"),
@@ -179,6 +180,7 @@ STATED: Mapping[str, Stated] = MappingProxyType(
 
 COORDINATES = (
     "pre_inflation",
+    "area_dilation_modulus",
     "bending",
     "hardening",
     "strain_hardening",

@@ -326,7 +326,14 @@ class Quantity:
 
     def ppf(self, shares: ArrayLike) -> Floats:
         """Return the values below which given shares of the probability lie : array of the shape of `shares`."""
-        return np.asarray(self.distribution.ppf(shares), dtype=np.float64)
+        if not self.is_range:
+            return np.asarray(self.distribution.ppf(shares), dtype=np.float64)
+        shares = np.asarray(shares, dtype=np.float64)  # scipy takes a hundred times as long for few of them
+        if self.power:
+            values = shares * (self.high - self.low) + self.low
+        else:
+            values = np.exp(math.log(self.low) + shares * math.log(self.high / self.low))
+        return np.where((shares >= 0.0) & (shares <= 1.0), values, np.nan)
 
     def drawn(self, rng: np.random.Generator, count: int) -> Floats:
         """Return independent draws : (count,) array."""
@@ -403,6 +410,9 @@ class Quantity:
         family = getattr(scipy.stats, stated["distribution"], None)
         if family is None:
             raise ValueError(f"a distribution of scipy.stats named {stated['distribution']!r}")
+        if stated["distribution"] == "loguniform" and len(stated["arguments"]) == 2 and not stated["keywords"]:
+            low, high = map(float, stated["arguments"])
+            return cls.log_uniform(low, high, unit)
         keywords = {name: float(value) for name, value in stated["keywords"].items()}
         return _of_frozen(family(*map(float, stated["arguments"]), **keywords), unit)
 

@@ -218,21 +218,37 @@ MODEL = SimpleNamespace(name="square with pre_inflation", coordinates={"pre_infl
 
 
 def of(distribution):
-    return Coordinate.of(MODEL, Prior(coordinates={"pre_inflation": distribution}))
+    return Coordinate.all_of(MODEL, Prior(coordinates={"pre_inflation": distribution}))[0]
 
 
 def test_a_model_without_a_coordinate_has_none_and_takes_no_prior_of_one(model):
-    assert Coordinate.of(model, Prior()) is None
+    assert Coordinate.all_of(model, Prior()) == ()
     with pytest.raises(InputError, match="bending: expected a coordinate of manufactured polynomial, got a model"):
-        Coordinate.of(model, Prior(coordinates={"bending": stats.uniform(0.0, 1.0)}))
+        Coordinate.all_of(model, Prior(coordinates={"bending": stats.uniform(0.0, 1.0)}))
     with pytest.raises(InputError, match=r"prior: bending: .* got a model of \(Ca, a/l, pre_inflation\)"):
-        Coordinate.of(MODEL, Prior(coordinates={"bending": stats.uniform(0.0, 1.0)}))
+        Coordinate.all_of(MODEL, Prior(coordinates={"bending": stats.uniform(0.0, 1.0)}))
 
 
 def test_the_default_is_uniform_over_the_range_of_the_model():
-    one = Coordinate.of(MODEL, Prior())
+    (one,) = Coordinate.all_of(MODEL, Prior())
     np.testing.assert_allclose(one.values([0.0, 0.3, 1.0]), [0.0, 0.03, 0.1])
     np.testing.assert_allclose(np.exp(one.log_density([0.0, 0.05, 0.1])), 10.0)
+
+
+def test_the_default_of_a_logarithmic_coordinate_is_uniform_in_its_logarithm():
+    several = {"bending": CoordinateRange(1e-5, 1e-3, 2e-4, logarithmic=True), **MODEL.coordinates}
+    model = SimpleNamespace(name="several", coordinates=several)
+    bending, inflation = Coordinate.all_of(model, Prior())
+    assert (bending.name, inflation.name) == ("bending", "pre_inflation")
+    np.testing.assert_allclose(bending.values([0.0, 0.5, 1.0]), [1e-5, 1e-4, 1e-3])
+    np.testing.assert_allclose(inflation.values(0.5), 0.05)
+    assert Quantity.of_record(bending.distribution.as_record()) == bending.distribution
+
+
+@pytest.mark.parametrize("quantity", [Quantity.uniform(-1.0, 3.0), Quantity.log_uniform(1e-5, 1e-3)])
+def test_values_below_shares_of_a_range_are_those_of_scipy(quantity):
+    shares = np.array([0.0, 0.1, 0.77, 1.0, 1.1])
+    np.testing.assert_allclose(quantity.ppf(shares), quantity.distribution.ppf(shares), rtol=1e-12)
 
 
 @pytest.mark.parametrize("distribution", [stats.norm(0.02, 0.015), stats.uniform(0.0, 0.06), stats.expon(scale=0.02)])

@@ -1,7 +1,7 @@
 """Posterior density over (log Ca, a/l), the other inputs integrated out; draws of these inputs given the shape.
 
-The shape depends on (Ca, a/l), on the further coordinate of the model if it has
-one, and on the half width l where the lengths are in metres. Viscosity mu and velocity v_o enter only through
+The shape depends on (Ca, a/l), on the further coordinates of the model if it has
+such, and on the half width l where the lengths are in metres. Viscosity mu and velocity v_o enter only through
 G_s = mu v_o / (Ca r), l only through a = l (a/l). With the prior density
 p(log G_s) p(a) l / v_o of `capsbayes.infer.prior` and power-law shapes
 p(log G_s) ~ G_s^g, p(log a) ~ a^k inside their ranges, everything factors:
@@ -56,8 +56,8 @@ class PosteriorDensity:
     inputs : Inputs
     error_scale : float
         Factor on the standard errors of the model, one except in sensitivity studies.
-    coordinate : Coordinate, optional
-        Further coordinate of the model, on which the shape depends too.
+    coordinates : tuple of Coordinate
+        Further coordinates of the model, on which the shape depends too.
     outline : OutlineLikelihood or TabulatedOutline, optional
         Replaces the likelihood of the lengths, which then only serves to find the posterior.
     """
@@ -66,7 +66,7 @@ class PosteriorDensity:
     prior: Prior
     inputs: Inputs
     error_scale: float = 1.0
-    coordinate: Coordinate | None = None
+    coordinates: tuple[Coordinate, ...] = ()
     outline: AnyOutline | None = None
     _tables: dict[Quantity, tuple[Floats, Floats]] = field(init=False, repr=False, default_factory=dict)
 
@@ -77,17 +77,17 @@ class PosteriorDensity:
         inputs: Inputs,
         prior: Prior,
         error_scale: float = 1.0,
-        coordinate: Coordinate | None = None,
+        coordinates: tuple[Coordinate, ...] = (),
     ) -> PosteriorDensity:
         """Return the posterior density given a measurement."""
-        return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale, coordinate)
+        return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale, coordinates)
 
     def evaluated(
         self,
         model: ForwardModel,
         ca: Floats,
         size: Floats,
-        coordinate: Mapping[str, Floats] | None = None,
+        further: Mapping[str, Floats] | None = None,
         *,
         outline: bool = True,
     ) -> ModelAtPoints:
@@ -97,12 +97,12 @@ class PosteriorDensity:
         ----------
         model : ForwardModel
         ca, size : (n,) arrays [-]
-        coordinate : mapping of (n,) array, optional
-            The further coordinate of the model by name.
+        further : mapping of (n,) arrays, optional
+            The further coordinates of the model by name.
         outline : bool
             Evaluate the log density of the outline too, which costs a hundred times as much as all else.
         """
-        theta = {"capillary_number": ca, "size_ratio": size, **(coordinate or {})}
+        theta = {"capillary_number": ca, "size_ratio": size, **(further or {})}
         prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
         if outline and self.outline is not None:
@@ -189,6 +189,23 @@ class PosteriorDensity:
             log_density = log_density - np.log(size)
         return log_density
 
+    def log_of_nodes(
+        self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
+    ) -> Floats:
+        """Return the log of the posterior density at nodes, without the priors of the further coordinates.
+
+        Parameters
+        ----------
+        model, log_ca, size, half_width
+            As of `log_density`.
+        """
+        place = model, log_ca, size, half_width
+        log_density = self.log_density(*place) + self.log_share(*place)
+        if half_width is None:
+            return log_density
+        power = self.prior.capsule_radius.power
+        return log_density + self.inputs.half_width.log_shape(half_width) + power * np.log(half_width)
+
     def log_share(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats | float:
@@ -246,7 +263,7 @@ class PosteriorDensity:
         rng : Generator
         nodes : mapping
             ``capillary_number``, ``size_ratio`` and, where they are dimensions, ``half_width`` and the further
-            coordinate of the model: (n,) arrays drawn from the integrated posterior.
+            coordinates of the model: (n,) arrays drawn from the integrated posterior.
         model : ModelAtPoints
             The model there.
 

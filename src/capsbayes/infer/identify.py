@@ -14,8 +14,10 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Agreement, Gate, agreement
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.deterministic import deterministic_answer
-from capsbayes.infer.grid.mixed import exact_engine
+from capsbayes.infer.exact import exact_engine
 from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
+from capsbayes.infer.grid.quadrature import Quadrature
+from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.misfit import Misfit, inertia, misfits_of, p_values
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
@@ -26,6 +28,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.infer.sampling.convergence import ess_gates
 from capsbayes.infer.sampling.ensembles import Chains, Effort, sampled
 from capsbayes.infer.sampling.log_density import LogDensity
+from capsbayes.infer.sampling.on_sheet import SheetDensity
 from capsbayes.infer.shares import variance_shares
 from capsbayes.infer.verdict import leanings, verdict
 from capsbayes.measurement import Measurement
@@ -59,7 +62,7 @@ def identify(
     measurement : Measurement
         Lengths and velocity, with their errors.
     model : ForwardModel
-        For example a `Surrogate`. If it has a further coordinate, as pre-inflation, this is a nuisance.
+        For example a `Surrogate`. Its further coordinates, as pre-inflation, are found too.
     experiment : Experiment
         Channel and liquid.
     engine : str
@@ -68,7 +71,7 @@ def identify(
     seed : int
         Of all randomness; stored in the result.
     prior : Prior, optional
-        Of G_s and a, and of a further coordinate of the model.
+        Of G_s and a, and of further coordinates of the model.
     effort : Effort, optional
         How much emcee samples.
 
@@ -126,6 +129,7 @@ def identify(
             outlines=drawn_outlines(model, draws, _OUTLINES)[1],
             status=verdict(gates, agreed, leans, misfits),
             p_values=predicted,
+            log_modulus_sd_if_known=_log_modulus_sd_if_known(grid, measurement, experiment),
         )
 
 
@@ -141,26 +145,37 @@ def check_applies(model: ForwardModel, measurement: Measurement, experiment: Exp
         check_view_of(model, measurement.outline, measurement.source or "measurement")
 
 
+def _log_modulus_sd_if_known(grid: ExactPosterior, measurement: Measurement, experiment: Experiment) -> float | None:
+    """Return the standard deviation of ln G_s at the likeliest values of several further coordinates."""
+    if not isinstance(grid, WeightedPosterior):
+        return None
+    density, likeliest = grid.density, grid.likeliest
+    known = grid.forward.fixed(**{coordinate.name: likeliest[coordinate.name] for coordinate in density.coordinates})
+    plain = Quadrature(known, experiment, replace(density.prior, coordinates={}))
+    found = plain(measurement, inputs=density.inputs, outline=density.outline)
+    return found.log_marginal("surface_shear_modulus").sd
+
+
 def _reported(grid: ExactPosterior) -> tuple[str, ...]:
-    coordinate = grid.density.coordinate
-    return REPORTED if coordinate is None else (*REPORTED, coordinate.name)
+    return (*REPORTED, *(coordinate.name for coordinate in grid.density.coordinates))
 
 
 def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
     """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
     density, table_gates = _tabulated(grid)
-    log_density = LogDensity(grid.forward, density)
+    on_sheet = SheetDensity(grid) if isinstance(grid, WeightedPosterior) else None
+    log_density = on_sheet or LogDensity(grid.forward, density)
     shape = {name: grid.log_marginal(name) for name in log_density.names}
 
     def agrees(chains: Chains) -> bool:
         return agreement(chains.named(), shape).passed
 
-    chains = sampled(log_density, seed=seed, effort=effort, enough=agrees)
+    beginning = {} if on_sheet is None else on_sheet.beginning(seed)
+    chains = sampled(log_density, seed=seed, effort=effort, enough=agrees, **beginning)
     kept = chains.thinned()
     steps, ensembles, walkers, _ = kept.coordinates.shape
     nodes = {name: np.ravel(values) for name, values in kept.named().items()}
-    coordinate = grid.density.coordinate
-    further = {} if coordinate is None else {coordinate.name: nodes[coordinate.name]}
+    further = {coordinate.name: nodes[coordinate.name] for coordinate in grid.density.coordinates}
     place = nodes["capillary_number"], nodes["size_ratio"]
     points = grid.density.evaluated(grid.forward, *place, further, outline=False)
     rng = np.random.default_rng([seed, 1])

@@ -18,7 +18,7 @@ import numpy as np
 
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.grid.mixed import ExactEngine
+from capsbayes.infer.exact import ExactEngine
 from capsbayes.infer.grid.posterior import ExactPosterior
 from capsbayes.infer.kernel import p_value, p_values_of_lengths
 from capsbayes.measurement import Measurement

@@ -18,7 +18,7 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.posterior_file import RECORD, WORK, read_fields, record_of
+from capsbayes.infer.posterior_file import LOG_MODULUS_SD, RECORD, WORK, read_fields, record_of
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.parameters import PARAMETERS
@@ -38,7 +38,9 @@ REPORTED = (
     "velocity_ratio",
     "stretch_ratio",
 )
-"""Quantities whose intervals are reported and whose chains are checked; a further coordinate of the model is added."""
+"""Quantities whose intervals are reported and whose chains are checked; further coordinates of the model are added."""
+
+_WITHIN_68 = 0.68
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +79,9 @@ class Posterior:
         Of capsbayes, when it was identified.
     p_values : mapping of float
         Predictive p-values of what was measured, see `capsbayes.infer.misfit`.
+    log_modulus_sd_if_known : float or None
+        Standard deviation of ln G_s, were several further coordinates of the model known to have their likeliest
+        values; None of a model without them.
     """
 
     draws: Mapping[str, Floats]
@@ -100,6 +105,7 @@ class Posterior:
     status: Status
     version: str = __version__
     p_values: Mapping[str, float] = field(default_factory=dict)
+    log_modulus_sd_if_known: float | None = None
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
@@ -135,13 +141,36 @@ class Posterior:
         return as_html(repr(self).strip("<>"), self.summary())
 
     def summary(self) -> pd.DataFrame:
-        """Return a table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI."""
+        """Return a table of the reported quantities: median and equal-tailed 68 % and 95 % intervals, SI.
+
+        With several further coordinates, one more column is `widths_over_prior`.
+        """
         import pandas as pd
 
         rows = {name: marginal.as_dict() for name, marginal in self.marginals.items()}
         table = pd.DataFrame.from_dict(rows, orient="index")
         table.insert(0, "unit", [PARAMETERS[name].unit for name in rows])
+        if len(self.prior.coordinates) > 1:
+            table["width_over_prior"] = pd.Series(self.widths_over_prior())
         return table
+
+    def widths_over_prior(self) -> dict[str, float]:
+        """Return of each further coordinate the width of its 68 % interval over that of its prior.
+
+        Widths are measured by the probability of the prior within the interval, so that it does not matter whether a
+        coordinate is stated by itself or by its logarithm: one if the coordinate kept its prior, zero if the data tell
+        it exactly.
+        """
+        found = {}
+        for name, quantity in self.prior.coordinates.items():
+            ends = self.marginals[name]
+            found[name] = float(np.diff(quantity.cdf([ends.lower_68, ends.upper_68]))[0]) / _WITHIN_68
+        return found
+
+    @property
+    def log_modulus_sd(self) -> float:
+        """Standard deviation of ln G_s."""
+        return float(np.std(np.log(self.draws["surface_shear_modulus"])))
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the draws, ready for JSON."""
@@ -158,6 +187,7 @@ class Posterior:
             "variance_of_log_surface_shear_modulus": dict(self.shares),
             "share_next_to_border": dict(self.leaning),
             "p_values": dict(self.p_values),
+            **self._of_coordinates(),
             "reynolds_number": float(self.experiment.reynolds_number(self.marginals["mean_velocity"].median)),
             "gates": [gate.as_dict() for gate in self.gates],
             "inputs": self._inputs(),
@@ -166,6 +196,14 @@ class Posterior:
             "engine": self.engine,
             "seed": self.seed,
             "version": self.version,
+        }
+
+    def _of_coordinates(self) -> dict[str, Any]:
+        if self.log_modulus_sd_if_known is None:
+            return {}
+        return {
+            "width_over_prior": self.widths_over_prior(),
+            LOG_MODULUS_SD: {"found": self.log_modulus_sd, "if_coordinates_known": self.log_modulus_sd_if_known},
         }
 
     def _priors(self) -> dict[str, Any]:

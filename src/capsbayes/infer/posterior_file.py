@@ -25,6 +25,9 @@ RECORD = "record"
 WORK = "work"
 """Attribute of the file that holds the hash of what the posterior is computed from, empty if it was not stated."""
 
+LOG_MODULUS_SD = "sd_of_log_surface_shear_modulus"
+"""Attribute of the file of a posterior over several further coordinates: with these free, and were they known."""
+
 _MEASURED = (
     "axial_extent",
     "axial_extent_error",
@@ -141,6 +144,7 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
         "status": Status[attributes["status"]],
         "version": str(attributes["version"]),
         "p_values": tables.get("p_values", {}),
+        "log_modulus_sd_if_known": tables.get(LOG_MODULUS_SD, {}).get("if_coordinates_known"),
     }
 
 

@@ -1,9 +1,9 @@
-"""Prior distributions, stated on physical quantities, and the further coordinate of a model with its prior.
+"""Prior distributions, stated on physical quantities, and the further coordinates of a model with their priors.
 
 G_s is log-uniform and a uniform by default, each over a range; the user can give
 any distribution. The mean velocity U of the flow is log-uniform without limits. They
-are independent of each other, of the inputs (viscosity, half width) and of a
-further coordinate of the model, which has any distribution and does not
+are independent of each other, of the inputs (viscosity, half width) and of the
+further coordinates of the model, which have any distribution and do not
 change what follows.
 
 The posterior is computed in (log Ca, a/l, v_o), the variables of the model and
@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.input_file import InputFile
-from capsbayes.model import ForwardModel
+from capsbayes.model import CoordinateRange, ForwardModel
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity
 
@@ -49,7 +49,7 @@ _MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e
 
 @dataclass(frozen=True)
 class Prior:
-    """Independent priors of the shear modulus, of the radius and of a further coordinate of the model.
+    """Independent priors of the shear modulus, of the radius and of the further coordinates of the model.
 
     Each may be given in any form that `Quantity.of` reads: ``"log-uniform 1 .. 1000 mN/m"``, ``"20 .. 80 mN/m"``,
     ``"50 +/- 10 mN/m"``, ``"log-normal 50 +/- 10 mN/m"`` or a frozen distribution of scipy.stats.
@@ -61,8 +61,8 @@ class Prior:
     capsule_radius : Quantity [m]
         Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
     coordinates : mapping of str to Quantity
-        Of the further coordinate of the model, as ``{"pre_inflation": "0 .. 0.1"}``. Default: uniform over the range
-        of the model.
+        Of further coordinates of the model, as ``{"pre_inflation": "0 .. 0.1"}``. Default: uniform over the range of
+        the model, or log-uniform where the model declares the coordinate logarithmic.
 
     Raises
     ------
@@ -229,26 +229,23 @@ class Coordinate:
     high: float
 
     @classmethod
-    def of(cls, model: ForwardModel, prior: Prior) -> Coordinate | None:
-        """Return the coordinate of a model, None if it has none; its prior is by default uniform over the whole range.
+    def all_of(cls, model: ForwardModel, prior: Prior) -> tuple[Coordinate, ...]:
+        """Return the coordinates of a model in their order; a prior that is not stated is that of `CoordinateRange`.
 
         Raises
         ------
         InputError
-            If the prior is of a name that is no coordinate of the model or reaches far beyond the range of the model,
-            or if the model has several further coordinates.
+            If the prior is of a name that is no coordinate of the model or reaches far beyond the range of the model.
         """
         check_coordinates(model, prior)
-        names = tuple(model.coordinates)
-        if len(names) > 1:
-            advice = "fix the others: model.fixed(name=value)"
-            raise InputError("identify", "model", "one further coordinate at most", ", ".join(names), advice)
-        if not names:
-            return None
-        name = names[0]
-        low, high, _ = model.coordinates[name]
+        return tuple(cls._of(name, ends, prior) for name, ends in model.coordinates.items())
+
+    @classmethod
+    def _of(cls, name: str, ends: CoordinateRange, prior: Prior) -> Coordinate:
+        low, high = ends.low, ends.high
         if name not in prior.coordinates:
-            return cls(name, Quantity.uniform(low, high), low, high)
+            known = Quantity.log_uniform if ends.logarithmic else Quantity.uniform
+            return cls(name, known(low, high), low, high)
         made = cls(name, prior.coordinates[name], low, high)
         if made.covered < _LEAST_COVERED:
             expected = f"a distribution within the range of the model, {low:g} to {high:g}"
@@ -260,9 +257,13 @@ class Coordinate:
         """Probability of the range under the distribution."""
         return float(self.distribution.cdf(self.high) - self.distribution.cdf(self.low))
 
+    @cached_property
+    def _below(self) -> float:
+        return float(self.distribution.cdf(self.low))
+
     def values(self, shares: ArrayLike) -> Floats:
         """Return the values below which given shares of the prior lie."""
-        shares = self.distribution.cdf(self.low) + np.asarray(shares) * self.covered
+        shares = self._below + np.asarray(shares) * self.covered
         return np.clip(self.distribution.ppf(shares), self.low, self.high)
 
     def log_density(self, values: ArrayLike) -> Floats:

@@ -13,11 +13,15 @@ and to the curvature of the model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from capsbayes.infer.grid.mixed import ExactEngine, MixedPosterior
+from capsbayes.infer.exact import ExactEngine
+from capsbayes.infer.grid.mixed import MixedPosterior
 from capsbayes.infer.grid.posterior import ExactPosterior
+from capsbayes.infer.importance.engine import ImportanceSampling
+from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.measurement import Measurement
 
 REST = "prior and curvature"
@@ -69,6 +73,9 @@ def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[
         shares["half_width"] = (own - 2.0 * by_rate) ** 2 * width / total
     if isinstance(posterior, MixedPosterior):
         shares[posterior.coordinate.name] = posterior.variance_between(quantity) / total
+    if isinstance(posterior, WeightedPosterior):
+        for coordinate in density.coordinates:
+            shares[coordinate.name] = posterior.variance_given(coordinate.name, quantity) / total
     if not density.shape_depends_on_half_width and flow is None:
         shares["half_width"] = 0.0 if of_modulus else density.half_width.variance / total
     return shares
@@ -82,21 +89,24 @@ def _each_halved(
     engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior
 ) -> Iterator[tuple[str, ExactPosterior]]:
     inputs = posterior.density.inputs
+    again: Callable[..., ExactPosterior] = engine
+    if isinstance(engine, ImportanceSampling) and isinstance(posterior, WeightedPosterior):
+        again = functools.partial(engine, near=posterior)
     if measurement.outline is not None:
         noise = measurement.outline.noise
         sharper = replace(measurement.outline, noise=replace(noise, scale=0.5 * noise.scale))
-        yield "outline", engine(replace(measurement, outline=sharper), inputs=inputs)
+        yield "outline", again(replace(measurement, outline=sharper), inputs=inputs)
         if measurement.length_with_outline is not None:
             half = replace(measurement, axial_length_error=0.5 * measurement.length_with_outline[1])
-            yield "axial_length", engine(half, inputs=inputs)
-        yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)
+            yield "axial_length", again(half, inputs=inputs)
+        yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)
         return
     half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
-    yield "axial_extent", engine(half, inputs=inputs)
+    yield "axial_extent", again(half, inputs=inputs)
     if measurement.axial_length_error is not None:
         half = replace(measurement, axial_length_error=0.5 * measurement.axial_length_error)
-        yield "axial_length", engine(half, inputs=inputs)
+        yield "axial_length", again(half, inputs=inputs)
     if posterior.density.shape_depends_on_half_width:
         narrow = replace(inputs, half_width=inputs.half_width.rescaled(inputs.half_width.value, 0.5))
-        yield "half_width", engine(measurement, inputs=narrow)
-    yield "surrogate", engine(measurement, inputs=inputs, error_scale=0.5)
+        yield "half_width", again(measurement, inputs=narrow)
+    yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)

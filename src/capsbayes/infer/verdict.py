@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -84,7 +85,8 @@ def _given(logs: Floats, held: Sequence[Floats]) -> Floats:
     """Return the residuals of each row after a regression on parabolas in the held quantities : (names, n) array."""
     if not held:
         return logs
-    basis = np.stack([np.ones(logs.shape[1]), *held, *(quantity**2 for quantity in held)], axis=1)
+    pairs = itertools.combinations_with_replacement(held, 2)
+    basis = np.stack([np.ones(logs.shape[1]), *held, *(first * second for first, second in pairs)], axis=1)
     return logs - (basis @ np.linalg.lstsq(basis, logs.T, rcond=None)[0]).T
 
 

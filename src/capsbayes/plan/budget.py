@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from capsbayes import __version__
 from capsbayes.database import Database
 from capsbayes.errors import InputError
-from capsbayes.infer.grid.mixed import exact_engine
+from capsbayes.infer.exact import exact_engine
 from capsbayes.infer.posterior import Posterior
 from capsbayes.infer.shares import QUANTITIES, REST, variance_shares
 from capsbayes.measured_outline import MID_PLANE

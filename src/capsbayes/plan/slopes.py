@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.infer.grid.mixed import ExactEngine
+from capsbayes.infer.exact import ExactEngine
 from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.shares import QUANTITIES

@@ -79,7 +79,7 @@ def test_its_error_grows_away_from_the_stored_values(model):
 
 
 def test_a_value_outside_is_refused_with_the_range(model):
-    low, high, _ = model.coordinates[model.coordinate]
+    low, high = model.coordinates[model.coordinate][:2]
     with pytest.raises(OutsideDatabaseError, match=f"at {model.coordinate} = "):
         model.at(capillary_number=0.06, size_ratio=0.9, **{model.coordinate: high + 0.1 * (high - low)})
 

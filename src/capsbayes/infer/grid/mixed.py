@@ -74,8 +74,7 @@ class MixedPosterior(ExactPosterior):
     @property
     def coordinate(self) -> Coordinate:
         """The further coordinate and its prior."""
-        assert self.density.coordinate is not None
-        return self.density.coordinate
+        return self.density.coordinates[0]
 
     @cached_property
     def weights(self) -> Floats:
@@ -153,8 +152,7 @@ class MixedQuadrature:
     """
 
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
-        coordinate = Coordinate.of(model, prior or Prior())
-        assert coordinate is not None
+        (coordinate,) = Coordinate.all_of(model, prior or Prior())
         self.model, self.experiment, self.coordinate = model, experiment, coordinate
         self.prior = replace(prior or Prior(), coordinates={coordinate.name: coordinate.distribution})
         self.inputs = Inputs.of_experiment(experiment)
@@ -179,7 +177,7 @@ class MixedQuadrature:
             If no case of the model has such a shape, or the prior excludes all that have it.
         """
         inputs = inputs or self.inputs.with_velocity_of(measurement)
-        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, self.coordinate)
+        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, (self.coordinate,))
         if measurement.outline is not None:  # one covariance for all values, so that their evidences can be compared
             density = replace(density, outline=self._outline(measurement, density))
         cells = np.arange(2**_FIRST)
@@ -231,16 +229,6 @@ class MixedQuadrature:
             plain = replace(self.prior, coordinates={})
             self._engines[share] = Quadrature(self.model.fixed(**{self.coordinate.name: value}), self.experiment, plain)
         return self._engines[share]
-
-
-ExactEngine = Quadrature | MixedQuadrature
-
-
-def exact_engine(model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> ExactEngine:
-    """Return a `MixedQuadrature` for a model with a further coordinate, else a `Quadrature`."""
-    if Coordinate.of(model, prior or Prior()) is None:
-        return Quadrature(model, experiment, prior)
-    return MixedQuadrature(model, experiment, prior)
 
 
 def _resolution(posterior: MixedPosterior) -> tuple[Gate, Gate]:

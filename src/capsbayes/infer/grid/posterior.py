@@ -73,8 +73,108 @@ class ExactPosterior(abc.ABC):
         return self.drawn(np.random.default_rng(0), _DRAWS // 5 if self.density.prior.is_general else _DRAWS)
 
 
+class NodePosterior(ExactPosterior):
+    """Posterior at weighted nodes, with the distributions of what the node and independent inputs determine."""
+
+    @property
+    @abc.abstractmethod
+    def cut(self) -> bool:
+        """True if a prior range of G_s or a cuts off part of the posterior, or a prior is no range."""
+
+    @property
+    @abc.abstractmethod
+    def _kept(self) -> tuple[Floats, Nodes, Floats | None]:
+        """Nodes that carry the posterior: probabilities (m,), nodes and l (m,) where it is a dimension."""
+
+    @property
+    @abc.abstractmethod
+    def _spacing(self) -> tuple[float, float, float]:
+        """Distance of neighbouring nodes in log Ca, in log(a/l) and in log l; zero if they are scattered."""
+
+    @cached_property
+    def _ratio(self) -> tuple[Floats, float]:
+        """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
+        weights, nodes, width = self._kept
+        mean, variance = self.density.velocity_ratio(nodes.model, width)
+        return np.log(mean), float(weights @ (np.maximum(variance, 0.0) / mean**2))
+
+    @cached_property
+    def _node_logs(self) -> dict[str, tuple[Floats, float]]:
+        """Logs of the quantities the node alone determines (m,), and the distance of their neighbours."""
+        nodes, (du, ds, _) = self._kept[1], self._spacing
+        return {
+            "capillary_number": (nodes.log_ca, du),
+            "size_ratio": (np.log(nodes.size), ds),
+            "axial_extent": (np.log(nodes.model.extent), 0.0),
+            "axial_length": (np.log(nodes.model.length), 0.0),
+            "stretch_ratio": (np.log(nodes.model.stretch_ratio), 0.0),
+        }
+
+    def is_exact(self, name: str) -> bool:
+        """See `ExactPosterior`."""
+        return not self.cut or name in self._node_logs
+
+    def distribution(self, name: str) -> LogGrid:
+        """See `ExactPosterior`."""
+        density = self.density
+        if name in self._node_logs:
+            return self._binned(*self._node_logs[name])
+        if density.flow_rate is not None and name != "viscosity":
+            return self._given_flow(name)
+        if name in ("viscosity", "capsule_velocity"):
+            return getattr(density, name)
+        if name in ("half_width", "capsule_radius"):
+            return self._length(name)
+        log_ratio, variance = self._ratio
+        if name == "velocity_ratio":
+            return self._binned(log_ratio, 0.0).times(LogGrid.normal(variance))
+        log_ca, du = self._node_logs["capillary_number"]
+        if name == "mean_velocity":
+            slower = self._binned(-log_ratio, 0.0).times(LogGrid.normal(variance))
+            return slower.times(density.capsule_velocity)
+        if name == "surface_shear_modulus":
+            divided = self._binned(-log_ca - log_ratio, du).times(LogGrid.normal(variance))
+            return divided.times(density.force_scale)
+        raise KeyError(name)
+
+    def _given_flow(self, name: str) -> LogGrid:
+        """Return the distribution of a quantity that the flow rate changes."""
+        density, (_, nodes, width) = self.density, self._kept
+        log_ratio, variance = self._ratio
+        flow = density.flow(width, nodes.model)
+        assert flow is not None
+        (flow_change, width_change, speed_change, ratio_change), variances = given_flow(log_ratio, variance, flow)
+        log_speed = np.full(len(log_ratio), density.capsule_velocity.mean)
+        log_width = np.full(len(log_ratio), density.half_width.mean) if width is None else np.log(width)
+        (log_ca, du), (log_size, ds) = (self._node_logs[key] for key in ("capillary_number", "size_ratio"))
+        log_flow = log_speed - log_ratio + flow_change
+        logs, least, spread = {
+            "mean_velocity": (log_flow, 0.0, variances[0]),
+            "surface_shear_modulus": (log_flow - log_ca, du, variances[0]),
+            "half_width": (log_width + width_change, 0.0, variances[1]),
+            "capsule_radius": (log_width + width_change + log_size, ds if width is None else 0.0, variances[1]),
+            "capsule_velocity": (log_speed + speed_change, 0.0, variances[2]),
+            "velocity_ratio": (log_ratio + ratio_change, 0.0, variances[3]),
+        }[name]
+        found = self._binned(logs, least).times(LogGrid.normal(float(spread)))
+        return found.times(density.viscosity) if name == "surface_shear_modulus" else found
+
+    def _length(self, name: str) -> LogGrid:
+        width = self._kept[2]
+        log_size, ds = self._node_logs["size_ratio"]
+        if width is None:
+            only = self.density.half_width
+            return only if name == "half_width" else self._binned(log_size, ds).times(only)
+        if name == "half_width":
+            return self._binned(np.log(width), self._spacing[2])
+        return self._binned(np.log(width) + log_size, 0.0)
+
+    def _binned(self, logs: Floats, least: float) -> LogGrid:
+        return laid(logs, self._kept[0], least)
+
+
 @dataclass(frozen=True, eq=False)
-class GridPosterior(ExactPosterior):
+class GridPosterior(NodePosterior):
     """Posterior of one capsule on a grid.
 
     Parameters
@@ -166,82 +266,8 @@ class GridPosterior(ExactPosterior):
             None if self.half_width is None else self.half_width[width],
         )
 
-    @cached_property
-    def _ratio(self) -> tuple[Floats, float]:
-        """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
-        weights, nodes, width = self._kept
-        mean, variance = self.density.velocity_ratio(nodes.model, width)
-        return np.log(mean), float(weights @ (np.maximum(variance, 0.0) / mean**2))
-
-    @cached_property
-    def _node_logs(self) -> dict[str, tuple[Floats, float]]:
-        """Logs of the quantities the node alone determines (m,), and the distance of their neighbours."""
-        nodes, (du, ds) = self._kept[1], self.window.step
-        return {
-            "capillary_number": (nodes.log_ca, du),
-            "size_ratio": (np.log(nodes.size), ds / self.window.low[1]),
-            "axial_extent": (np.log(nodes.model.extent), 0.0),
-            "axial_length": (np.log(nodes.model.length), 0.0),
-            "stretch_ratio": (np.log(nodes.model.stretch_ratio), 0.0),
-        }
-
-    def is_exact(self, name: str) -> bool:
-        """See `ExactPosterior`."""
-        return not self.cut or name in self._node_logs
-
-    def distribution(self, name: str) -> LogGrid:
-        """See `ExactPosterior`."""
-        density = self.density
-        if name in self._node_logs:
-            return self._binned(*self._node_logs[name])
-        if density.flow_rate is not None and name != "viscosity":
-            return self._given_flow(name)
-        if name in ("viscosity", "capsule_velocity"):
-            return getattr(density, name)
-        if name in ("half_width", "capsule_radius"):
-            return self._length(name)
-        log_ratio, variance = self._ratio
-        if name == "velocity_ratio":
-            return self._binned(log_ratio, 0.0).times(LogGrid.normal(variance))
-        log_ca, du = self._node_logs["capillary_number"]
-        if name == "mean_velocity":
-            slower = self._binned(-log_ratio, 0.0).times(LogGrid.normal(variance))
-            return slower.times(density.capsule_velocity)
-        if name == "surface_shear_modulus":
-            divided = self._binned(-log_ca - log_ratio, du).times(LogGrid.normal(variance))
-            return divided.times(density.force_scale)
-        raise KeyError(name)
-
-    def _given_flow(self, name: str) -> LogGrid:
-        """Return the distribution of a quantity that the flow rate changes."""
-        density, (_, nodes, width) = self.density, self._kept
-        log_ratio, variance = self._ratio
-        flow = density.flow(width, nodes.model)
-        assert flow is not None
-        (flow_change, width_change, speed_change, ratio_change), variances = given_flow(log_ratio, variance, flow)
-        log_speed = np.full(len(log_ratio), density.capsule_velocity.mean)
-        log_width = np.full(len(log_ratio), density.half_width.mean) if width is None else np.log(width)
-        (log_ca, du), (log_size, ds) = (self._node_logs[key] for key in ("capillary_number", "size_ratio"))
-        log_flow = log_speed - log_ratio + flow_change
-        logs, least, spread = {
-            "mean_velocity": (log_flow, 0.0, variances[0]),
-            "surface_shear_modulus": (log_flow - log_ca, du, variances[0]),
-            "half_width": (log_width + width_change, 0.0, variances[1]),
-            "capsule_radius": (log_width + width_change + log_size, ds if width is None else 0.0, variances[1]),
-            "capsule_velocity": (log_speed + speed_change, 0.0, variances[2]),
-            "velocity_ratio": (log_ratio + ratio_change, 0.0, variances[3]),
-        }[name]
-        found = self._binned(logs, least).times(LogGrid.normal(float(spread)))
-        return found.times(density.viscosity) if name == "surface_shear_modulus" else found
-
-    def _length(self, name: str) -> LogGrid:
-        width = self._kept[2]
-        log_size, ds = self._node_logs["size_ratio"]
-        if width is None or self.half_width is None:
-            only = self.density.half_width
-            return only if name == "half_width" else self._binned(log_size, ds).times(only)
-        gap = float(np.max(np.diff(np.log(self.half_width))))
-        return self._binned(np.log(width), gap) if name == "half_width" else self._binned(np.log(width) + log_size, 0.0)
-
-    def _binned(self, logs: Floats, least: float) -> LogGrid:
-        return laid(logs, self._kept[0], least)
+    @property
+    def _spacing(self) -> tuple[float, float, float]:
+        step = self.window.step
+        gap = 0.0 if self.half_width is None else float(np.max(np.diff(np.log(self.half_width))))
+        return step[0], step[1] / self.window.low[1], gap

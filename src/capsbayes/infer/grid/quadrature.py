@@ -47,7 +47,7 @@ _FINER = 3.0  # at most from window to window with an outline, where each node i
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
 _SETTLED = 1.0  # standard deviations of log Ca or a/l between pilot and likeliest shape, up to which it suffices
 _NARROWINGS, _NARROWER = 3, 0.7  # of a lattice to where the priors hold shapes: at most, while its cells get this small
-_UNSEEN = LengthsLikelihood(1.0, None, 1e6, 0.0, 0.0, over_half_width=True)  # L_z within a thousand l: any
+UNSEEN = LengthsLikelihood(1.0, None, 1e6, 0.0, 0.0, over_half_width=True)  # L_z within a thousand l: any
 _WIDTHS = (33, 129)  # fewest and most nodes of the half width
 _WIDTH_REACH = 5.5  # standard deviations of l on either side
 
@@ -99,7 +99,7 @@ class Quadrature:
         """
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale)
-        self.check_shape(measurement, density)
+        check_shape(self.model, measurement, with_error_of_half_width(density), self.table.nodes)
         window = self._first_window(measurement, density)
         if measurement.outline is None:
             return self._refined(window, density)
@@ -135,7 +135,7 @@ class Quadrature:
             Up to a constant of the capsule.
         """
         inputs = replace(density.inputs, flow_rate=None)
-        table, unseen = self.table, replace(density, likelihood=_UNSEEN, outline=None, inputs=inputs)
+        table, unseen = self.table, replace(density, likelihood=UNSEEN, outline=None, inputs=inputs)
         for _ in range(_NARROWINGS):
             narrower = table.window.around(table.carried(_log_prior(table, unseen)), table.window.shape, table.window)
             if np.prod(narrower.step) > _NARROWER * np.prod(table.window.step):
@@ -162,36 +162,13 @@ class Quadrature:
             posterior = self._on(posterior.window, nodes, density, widths)
         return replace(posterior, gates=(*(gate for gates in resolution for gate in gates), whole))
 
-    def check_shape(self, measurement: Measurement, density: PosteriorDensity) -> None:
-        """Refuse lengths that lie far from those of every shape of the model."""
-        width = density.inputs.half_width
-        nodes = self.table.nodes
-        distance = density.likelihood.with_half_width(width.value, width.error).distance(nodes.model)
-        nearest = int(np.nanargmin(distance))
-        if distance[nearest] <= FARTHEST:
-            return
-        scale = 1.0 if measurement.over_half_width else width.value
-        lengths = [("L_z", measurement.axial_extent, nodes.model.extent[nearest])]
-        if measurement.axial_length is not None:
-            lengths.append(("L_a", measurement.axial_length, nodes.model.length[nearest]))
-        nearest_lengths = ", ".join(f"{symbol}/l = {of_model:.3f}" for symbol, _, of_model in lengths)
-        raise NoShapeError(
-            measurement.source or "measurement",
-            "axial_extent, axial_length" if len(lengths) > 1 else "axial_extent",
-            f"a shape that a case of {self.model.name} has (nearest: {nearest_lengths}"
-            f" at Ca = {np.exp(nodes.log_ca[nearest]):.3g}, a/l = {nodes.size[nearest]:.3g})",
-            ", ".join(f"{symbol}/l = {seen / scale:.3f}" for symbol, seen, _ in lengths)
-            + f", {distance[nearest]:.0f} standard errors away",
-        )
-
     def _first_window(self, measurement: Measurement, density: PosteriorDensity) -> Window:
-        width = density.inputs.half_width
-        rough = replace(density, likelihood=density.likelihood.with_half_width(width.value, width.error))
+        rough = with_error_of_half_width(density)
         nodes = self.table.nodes
         args = (nodes.model, nodes.log_ca, nodes.size)
         log_density = rough.log_density(*args) + rough.log_share(*args)
         if not np.isfinite(np.nanmax(log_density)):
-            raise _no_shape_in(self.prior, rough, nodes, measurement.source or "prior")
+            raise no_shape_in(self.prior, rough, nodes, measurement.source or "prior")
         return self.table.window.around(self.table.carried(log_density), (_FIRST, _FIRST), self.table.window)
 
     def _on(
@@ -218,7 +195,48 @@ class Quadrature:
         )
 
 
-def _no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> InputError:
+def with_error_of_half_width(density: PosteriorDensity) -> PosteriorDensity:
+    """Return the density with the error of the half width in the covariance of the lengths: an approximation."""
+    width = density.inputs.half_width
+    return replace(density, likelihood=density.likelihood.with_half_width(width.value, width.error))
+
+
+def check_shape(model: ForwardModel, measurement: Measurement, density: PosteriorDensity, nodes: Nodes) -> None:
+    """Refuse lengths that lie far from those of every shape of the model.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    measurement : Measurement
+    density : PosteriorDensity
+        With the error of the half width in that of the lengths.
+    nodes : Nodes
+        Of the model, next to every shape.
+
+    Raises
+    ------
+    NoShapeError
+    """
+    distance = density.likelihood.distance(nodes.model)
+    nearest = int(np.nanargmin(distance))
+    if distance[nearest] <= FARTHEST:
+        return
+    scale = 1.0 if measurement.over_half_width else density.inputs.half_width.value
+    lengths = [("L_z", measurement.axial_extent, nodes.model.extent[nearest])]
+    if measurement.axial_length is not None:
+        lengths.append(("L_a", measurement.axial_length, nodes.model.length[nearest]))
+    nearest_lengths = ", ".join(f"{symbol}/l = {of_model:.3f}" for symbol, _, of_model in lengths)
+    raise NoShapeError(
+        measurement.source or "measurement",
+        "axial_extent, axial_length" if len(lengths) > 1 else "axial_extent",
+        f"a shape that a case of {model.name} has (nearest: {nearest_lengths}"
+        f" at Ca = {np.exp(nodes.log_ca[nearest]):.3g}, a/l = {nodes.size[nearest]:.3g})",
+        ", ".join(f"{symbol}/l = {seen / scale:.3f}" for symbol, seen, _ in lengths)
+        + f", {distance[nearest]:.0f} standard errors away",
+    )
+
+
+def no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> InputError:
     """Return the refusal of a prior that holds no shape with the measured lengths; it names the bound in the way."""
     lengths = density.likelihood.log_density(nodes.model)
     likely = lengths > np.nanmax(lengths) - COARSE_DROP

@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.grid.mixed import exact_engine
+from capsbayes.infer.exact import exact_engine
 from capsbayes.infer.identify import check_applies
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.run import Run

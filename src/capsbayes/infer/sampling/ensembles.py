@@ -13,7 +13,7 @@ Nelson, Ford, Payne 2013, ApJS 210, 11, doi:10.1088/0067-0049/210/1/11.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -26,6 +26,8 @@ from capsbayes.infer.sampling.convergence import autocorrelation_time, chain_gat
 from capsbayes.infer.sampling.initial_points import starting_points
 from capsbayes.infer.sampling.log_density import LogDensity
 from capsbayes.work.steps import step_of
+
+Moves = Sequence[tuple[Any, float]]
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ def sampled(
     seed: int,
     effort: Effort | None = None,
     enough: Callable[[Chains], bool] = lambda chains: True,
+    cloud: Floats | None = None,
+    moves: Moves | None = None,
 ) -> Chains:
     """Sample a posterior.
 
@@ -117,6 +121,10 @@ def sampled(
     effort : Effort, optional
     enough : callable
         Called once the gates hold; while it returns False the run is doubled, at most `Effort.doublings` times.
+    cloud : (n, d) array, optional
+        Points of the posterior about which the walkers start; by default they are sought over the whole domain.
+    moves : sequence of pairs of a move of emcee and its share, optional
+        By default differential evolution with some stretch.
 
     Returns
     -------
@@ -125,15 +133,16 @@ def sampled(
     """
     effort = effort or Effort()
     root = np.random.SeedSequence(seed)
-    starts = starting_points(log_density, effort.ensembles, effort.walkers, np.random.default_rng(root.spawn(1)[0]))
+    rng = np.random.default_rng(root.spawn(1)[0])
+    starts = starting_points(log_density, effort.ensembles, effort.walkers, rng, cloud)
     seeds = [int(word) for word in root.generate_state(effort.ensembles)]
     ensembles = [[_begun(log_density, *pair)] for pair in zip(starts, seeds, strict=True)]
     ahead, todo, doublings = 0, effort.steps, 0
     while True:
         for stretches in ensembles:
-            stretches.append(_continued(log_density, stretches[0], stretches[-1], todo))
+            stretches.append(_continued(log_density, stretches[0], stretches[-1], todo, moves))
         ahead += todo
-        chains = _gathered(ensembles, log_density.names)
+        chains = _gathered(ensembles, log_density)
         if ahead >= effort.budget:
             return chains
         growth = effort.extension
@@ -175,14 +184,14 @@ def _begun(log_density: LogDensity, start: Floats, seed: int) -> _Stretch:
     return _Stretch(start[None], log_density(start)[None], *random, 0)
 
 
-def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: int) -> _Stretch:
+def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: int, moves: Moves | None) -> _Stretch:
     """Continue an ensemble; the densities at its first points stand for the posterior among what this depends on."""
 
     def run() -> _Stretch:
         import emcee
 
-        moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]
-        sampler = emcee.EnsembleSampler(*last.chain[-1].shape, log_density, moves=moves, vectorize=True)
+        chosen = moves or [(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]
+        sampler = emcee.EnsembleSampler(*last.chain[-1].shape, log_density, moves=chosen, vectorize=True)
         sampler.random_state = ("MT19937", *last[2:6])
         before = log_density.not_a_number
         state = emcee.State(last.chain[-1], log_prob=last.log_density[-1])
@@ -194,9 +203,10 @@ def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: i
     return step_of(_Stretch, ("ensemble", first, last.chain[-1], last[2:6], todo), run)
 
 
-def _gathered(ensembles: list[list[_Stretch]], names: tuple[str, ...]) -> Chains:
+def _gathered(ensembles: list[list[_Stretch]], log_density: LogDensity) -> Chains:
     """Return the chains of all ensembles without the first points and the burn-in, and their gates."""
-    chain = np.stack([np.concatenate([each.chain for each in stretches[1:]]) for stretches in ensembles], axis=1)
+    moved = np.stack([np.concatenate([each.chain for each in stretches[1:]]) for stretches in ensembles], axis=1)
+    chain = log_density.unfolded(moved)
     steps, _, _, dimensions = chain.shape
     flat = chain[steps // 4 :].reshape(steps - steps // 4, -1, dimensions)
     time = max(autocorrelation_time(flat[..., k]) for k in range(dimensions))
@@ -206,4 +216,4 @@ def _gathered(ensembles: list[list[_Stretch]], names: tuple[str, ...]) -> Chains
     kept = chain[burn_in:]
     wrong = sum(each.wrong for stretches in ensembles for each in stretches)
     gates = [*chain_gates(kept), Gate("densities that are not a number", wrong, most=0)]
-    return Chains(names, kept, density[burn_in:], time, burn_in, steps - burn_in, gates)
+    return Chains(log_density.names, kept, density[burn_in:], time, burn_in, steps - burn_in, gates)

@@ -18,7 +18,9 @@ _ROUNDS = 24
 _WIDENING = 1.5
 
 
-def starting_points(log_density: LogDensity, ensembles: int, walkers: int, rng: np.random.Generator) -> Floats:
+def starting_points(
+    log_density: LogDensity, ensembles: int, walkers: int, rng: np.random.Generator, cloud: Floats | None = None
+) -> Floats:
     """Draw initial points for several ensembles.
 
     Parameters
@@ -26,6 +28,8 @@ def starting_points(log_density: LogDensity, ensembles: int, walkers: int, rng: 
     log_density : LogDensity
     ensembles, walkers : int
     rng : Generator
+    cloud : (n, d) array, optional
+        Points of the posterior; by default they are sought over the whole domain.
 
     Returns
     -------
@@ -37,6 +41,8 @@ def starting_points(log_density: LogDensity, ensembles: int, walkers: int, rng: 
     ValueError
         If no point of finite density was found.
     """
+    if cloud is not None:
+        return _finite(log_density, cloud, (ensembles, walkers), rng)
     cloud = _over_domain(log_density, rng)
     for _ in range(_ROUNDS):
         values = log_density(cloud)
@@ -57,8 +63,7 @@ def starting_points(log_density: LogDensity, ensembles: int, walkers: int, rng: 
 def _over_domain(log_density: LogDensity, rng: np.random.Generator) -> Floats:
     (ca_low, ca_high), (size_low, size_high) = log_density.model.domain.bounds
     columns = [rng.uniform(np.log(ca_low), np.log(ca_high), _CLOUD), rng.uniform(size_low, size_high, _CLOUD)]
-    if log_density.density.coordinate is not None:
-        columns.append(log_density.density.coordinate.values(rng.uniform(size=_CLOUD)))
+    columns += [each.values(rng.uniform(size=_CLOUD)) for each in log_density.density.coordinates]
     columns += [getattr(log_density.density, name).drawn(rng, _CLOUD) for name in log_density.sampled]
     return np.stack(columns, axis=1)
 

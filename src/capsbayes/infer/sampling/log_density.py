@@ -11,7 +11,7 @@ from capsbayes.model import ForwardModel
 
 
 class LogDensity:
-    """Log posterior density over (log Ca, a/l), the further coordinate of the model, and l if the shape depends on it.
+    """Log posterior density over (log Ca, a/l), the further coordinates of the model, and l if the shape depends on it.
 
     The inputs that the shape does not depend on are integrated out exactly and drawn afterwards.
 
@@ -33,7 +33,7 @@ class LogDensity:
     def __init__(self, model: ForwardModel, density: PosteriorDensity) -> None:
         self.model, self.density = model, density
         self.sampled = self._sampled()
-        further = () if density.coordinate is None else (density.coordinate.name,)
+        further = tuple(coordinate.name for coordinate in density.coordinates)
         self.names = ("capillary_number", "size_ratio", *further, *self.sampled)
         self.not_a_number = 0
 
@@ -44,13 +44,12 @@ class LogDensity:
         for name in self.sampled:
             impossible |= theta[name] <= 0.0
             theta[name] = np.where(impossible, getattr(self.density.inputs, name).value, theta[name])
-        coordinate = self.density.coordinate
-        further = {} if coordinate is None else {coordinate.name: theta[coordinate.name]}
+        further = {coordinate.name: theta[coordinate.name] for coordinate in self.density.coordinates}
         place = theta["capillary_number"], theta["size_ratio"]
         points = self.density.evaluated(self.model, *place, further)
         outside = np.isnan(points.extent)
         log_density = self._of_points(points, coordinates[:, 0], theta)
-        if coordinate is not None:
+        for coordinate in self.density.coordinates:
             log_density = log_density + coordinate.log_density(theta[coordinate.name])
         wrong = np.isnan(log_density)
         if wrong.any():
@@ -64,14 +63,12 @@ class LogDensity:
         theta["capillary_number"] = np.exp(theta["capillary_number"])
         return theta
 
+    def unfolded(self, coordinates: Floats) -> Floats:
+        """Return the coordinates `names` of points (..., d) in which the walkers move : the same here."""
+        return coordinates
+
     def _sampled(self) -> tuple[str, ...]:
         return ("half_width",) if self.density.shape_depends_on_half_width else ()
 
     def _of_points(self, points: ModelAtPoints, log_ca: Floats, theta: dict[str, Floats]) -> Floats:
-        width = theta.get("half_width")
-        place = (points, log_ca, theta["size_ratio"], width)
-        log_density = self.density.log_density(*place) + self.density.log_share(*place)
-        if width is not None:
-            power = self.density.prior.capsule_radius.power
-            log_density = log_density + self.density.inputs.half_width.log_shape(width) + power * np.log(width)
-        return log_density
+        return self.density.log_of_nodes(points, log_ca, theta["size_ratio"], theta.get("half_width"))

@@ -11,6 +11,7 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import per_cent
 
 _LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
+_KEPT = 0.9  # of the width of the prior, from which on a coordinate kept it
 _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
 _INPUTS = {
     "outline": "measured outline",
@@ -36,7 +37,7 @@ def status_words(posterior: Posterior) -> str:
 
 def caveats(posterior: Posterior) -> list[str]:
     """Return what a reader must keep in mind, one sentence each; empty if nothing."""
-    return [*_computation(posterior), *_borders(posterior), *_capsule(posterior)]
+    return [*_computation(posterior), *_borders(posterior), *_capsule(posterior), *_coordinates(posterior)]
 
 
 def agreement_words(posterior: Posterior) -> str:
@@ -90,3 +91,16 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
     factor = modulus.upper_95 / modulus.lower_95
     if factor > _LOOSE:
         yield f"The 95 % interval of G_s is wide: its ends differ by a factor of {factor:.2g}."
+
+
+def _coordinates(posterior: Posterior) -> Iterator[str]:
+    """Say of each of several further coordinates what the data tell, and what it costs not to know them."""
+    if posterior.log_modulus_sd_if_known is None:
+        return
+    for name, width in posterior.widths_over_prior().items():
+        told = "kept its prior" if width > _KEPT else "is told by the data"
+        yield f"{input_words(name)}, {told}: its 68 % interval is {per_cent(width)} as wide as that of its prior."
+    yield (
+        f"ln G_s has a standard deviation of {posterior.log_modulus_sd:.2g}; were the further coordinates known, "
+        f"{posterior.log_modulus_sd_if_known:.2g}."
+    )

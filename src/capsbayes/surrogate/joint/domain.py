@@ -89,8 +89,8 @@ class EffectDomain(Domain):
     def reason(self, capillary_number: float, size_ratio: float, **coordinates: float) -> str:
         """Say why a point lies outside the domain."""
         del capillary_number, size_ratio
-        low, high, null_value = self.ends
-        value = coordinates.get(self.coordinate, null_value)
+        value = coordinates.get(self.coordinate, self.ends.null_value)
+        low, high = self.ends.low, self.ends.high
         return f"at {self.coordinate} = {value:.4g}, of {low:.4g} to {high:.4g}, no steady shape is stored there"
 
     def borders(self, value: float) -> Floats:

@@ -22,6 +22,7 @@ from capsbayes.surrogate.membrane.kernel import averaged, each
 from capsbayes.surrogate.membrane.local_fits import LocalFits, local_fits
 
 _COLUMNS = 3  # L_z, L_a and v_o/U, which have a covariance
+_LOGARITHMIC = ("area_dilation_modulus", "bending")  # of which the order of magnitude is not known
 _ERROR = 0.8  # standard deviations of the error for one of the differences between local polynomials
 
 
@@ -59,7 +60,7 @@ class MembraneSurrogate(ForwardModel):
             for name in ("numbers", kind)
         ]
         ranges = {
-            name: CoordinateRange(*ends, null)
+            name: CoordinateRange(*ends, null, name in _LOGARITHMIC)
             for name, ends, null in zip(FREE_PARAMETERS[2:], RANGES[2:], NULL_VALUES[2:], strict=True)
         }
         made = {

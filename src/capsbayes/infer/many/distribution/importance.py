@@ -9,6 +9,7 @@ from scipy import optimize, stats
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
+from capsbayes.infer.importance.weights import effective, normalised
 from capsbayes.infer.many.distribution.log_posterior import SLOPES, LogPosterior
 from capsbayes.infer.many.distribution.tails import NORMAL
 
@@ -40,31 +41,21 @@ def drawn(
         tried = _drawn_from_t(centre, covariance, rng, count)
         proposal = stats.multivariate_t(centre, covariance, df=_FREEDOM)
         smoothed, pareto = _smoothed(log_posterior(tried) - proposal.logpdf(tried))
-        weights = _normalised(smoothed)
+        weights = normalised(smoothed)
         gates = [
-            Gate("effective draws of the population", _effective(weights), least=_LEAST_ESS),
+            Gate("effective draws of the population", effective(weights), least=_LEAST_ESS),
             Gate("Pareto k of the weights", pareto, most=_MOST_PARETO),
         ]
         if all(gate.passed for gate in gates):
             break
         tempered, power = weights, 1.0
-        while _effective(tempered) < _FEW * count:
+        while effective(tempered) < _FEW * count:
             power *= 0.7
-            tempered = _normalised(power * smoothed)
+            tempered = normalised(power * smoothed)
         centre, covariance = tempered @ tried, np.cov(tried.T, aweights=tempered)
     # stratified, so that resampling adds little noise
     places = (np.arange(_KEPT) + rng.uniform(size=_KEPT)) / _KEPT
     return tried[np.minimum(np.searchsorted(np.cumsum(weights), places), count - 1)], gates
-
-
-def _normalised(log_weights: Floats) -> Floats:
-    weights = np.exp(log_weights - log_weights.max())
-    return np.asarray(weights / weights.sum())
-
-
-def _effective(weights: Floats) -> float:
-    """Return the effective number of draws (Kish)."""
-    return 1.0 / float(np.sum(weights**2))
 
 
 def _drawn_from_t(centre: Floats, covariance: Floats, rng: np.random.Generator, count: int) -> Floats:

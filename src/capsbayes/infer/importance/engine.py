@@ -1,0 +1,277 @@
+"""The exact engine for a model with several further coordinates: a mixture fitted to the posterior, drawn and weighted.
+
+A cloud over the whole prior is weighted by a power of the posterior that keeps
+enough of its points alive, a mixture is fitted to them and drawn from, and so on
+until the power is one. The draws are a quasi-random sequence, so that
+sums over them converge faster than those over random ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from capsbayes.arrays import Floats
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.density import PosteriorDensity
+from capsbayes.infer.grid.lattice import Nodes
+from capsbayes.infer.grid.quadrature import UNSEEN, check_shape, no_shape_in, with_error_of_half_width
+from capsbayes.infer.importance.frame import Frame
+from capsbayes.infer.importance.posterior import WeightedPosterior
+from capsbayes.infer.importance.proposal import Proposal
+from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
+from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.likelihood import ModelAtPoints
+from capsbayes.infer.outline.likelihood import outline_likelihood
+from capsbayes.infer.prior import Coordinate, Prior
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+
+_CLOUD = 2**14  # points over the prior
+_TRIED = 2**12  # draws of a round
+_ROUNDS = 8  # at most, of each number of draws
+_GOOD = 0.25  # share of effective draws, below which rounds of more draws follow
+_ALIVE = 0.1  # share of effective draws to which a mixture is fitted
+_GAIN = 1.15  # of the share of effective draws by a round that leads to another one
+_BLOCK = 2**13  # draws, doubled until the effective ones are enough or the draws are the most
+_LENGTHS, _OUTLINE, _NEXT = (10_000.0, 2**16), (5_000.0, 2**15), (1_500.0, 2**14)  # enough effective draws, most draws
+_LEAST_EFFECTIVE, _MOST_PARETO = 1000.0, 0.7
+_REPEATS = 3  # of the last draws from a proposal fitted to them, while a gate fails
+_PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
+_SETTLED = 1.0  # standard deviations between pilot and centre of the posterior, up to which it suffices
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points (n, d) in a frame, the model there, the logs of the posterior density and of that they are drawn by."""
+
+    points: Floats
+    nodes: Nodes
+    log_density: Floats
+    log_drawn: Floats
+
+    @property
+    def log_weights(self) -> Floats:
+        """Logs of the weights : (n,) array, -inf where the density vanishes."""
+        return self.log_density - self.log_drawn
+
+    def joined(self, other: Cloud) -> Cloud:
+        """Return these points followed by others."""
+        arrays = (self.points, other.points), (self.log_density, other.log_density), (self.log_drawn, other.log_drawn)
+        points, log_density, log_drawn = map(np.concatenate, arrays)
+        return Cloud(points, self.nodes.joined(other.nodes), log_density, log_drawn)
+
+
+class ImportanceSampling:
+    """Engine for many capsules of one experiment and one model with several further coordinates.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    experiment : Experiment
+    prior : Prior, optional
+    """
+
+    def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
+        self.model, self.experiment = model, experiment
+        self.coordinates = Coordinate.all_of(model, prior or Prior())
+        known = {coordinate.name: coordinate.distribution for coordinate in self.coordinates}
+        self.prior = replace(prior or Prior(), coordinates=known)
+        self.inputs = Inputs.of_experiment(experiment)
+
+    def __call__(
+        self,
+        measurement: Measurement,
+        *,
+        inputs: Inputs | None = None,
+        error_scale: float = 1.0,
+        near: WeightedPosterior | None = None,
+    ) -> WeightedPosterior:
+        """Compute the posterior of one capsule.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        inputs : Inputs, optional
+            Replace those of the measurement and of the experiment.
+        error_scale : float
+            Factor on the model's own standard errors.
+        near : WeightedPosterior, optional
+            One that is nearly the same, from which the search begins.
+
+        Raises
+        ------
+        InputError
+            If no case of the model has such a shape, or the prior excludes all that have it.
+        """
+        inputs = inputs or self.inputs.with_velocity_of(measurement)
+        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, self.coordinates)
+        frame = self._frame(density)
+        if near is not None:
+            return self._next_to(near, frame, density, measurement)
+        cloud = self._over_prior(frame, density)
+        if not np.any(np.isfinite(cloud.log_density)):
+            where = measurement.source or "prior"
+            raise no_shape_in(self.prior, with_error_of_half_width(density), cloud.nodes, where)
+        proposal = self._fitted(frame, density, cloud)
+        tried = self._drawn(frame, density, proposal)
+        check_shape(self.model, measurement, with_error_of_half_width(density), cloud.joined(tried).nodes)
+        if measurement.outline is None:
+            return self._finished(frame, density, proposal, _LENGTHS)
+        return self._of_outline(frame, density, proposal, measurement)
+
+    def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
+        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities.
+
+        Half of them are drawn where L_z is as measured, which the p-value of L_a is predicted from; the weights
+        undo that choice.
+
+        Parameters
+        ----------
+        density : PosteriorDensity
+            Of the capsule.
+
+        Returns
+        -------
+        model : ModelAtPoints
+            Of (n,) arrays.
+        logs : (n,) array
+            Up to a constant of the capsule.
+        """
+        inputs, rough = replace(density.inputs, flow_rate=None), with_error_of_half_width(density)
+        extent = replace(rough, likelihood=replace(rough.likelihood, length=None), outline=None, inputs=inputs)
+        unseen = replace(extent, likelihood=UNSEEN)
+        frame = self._frame(extent)
+        cloud = self._over_prior(frame, extent)
+        proposal = self._fitted(frame, extent, cloud)
+        tried = self._drawn(frame, extent, proposal, _BLOCK)
+        both = cloud.joined(tried)
+        shares = np.log([[len(cloud.points)], [len(tried.points)]])
+        drawn = np.logaddexp(*(shares + np.stack([frame.log_of_prior(both.points), proposal.log_density(both.points)])))
+        logs = frame.log_density(unseen, both.points, both.nodes) - drawn
+        inside = np.isfinite(logs)
+        return both.nodes.model.taken(inside), logs[inside]
+
+    def _of_outline(
+        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, measurement: Measurement
+    ) -> WeightedPosterior:
+        """Compute the posterior given an outline, from a proposal near it; its covariance is that at a pilot shape."""
+        tried = self._drawn(frame, density, proposal)
+        there = proposal.middle(tried.points, normalised(tried.log_weights))
+        least, most = _PILOTS
+        for number in range(1, most + 1):
+            density = self._seen_from(frame, density, measurement, there)
+            proposal = self._fitted(frame, density, self._drawn(frame, density, proposal))
+            tried = self._drawn(frame, density, proposal)
+            weights = normalised(tried.log_weights)
+            before, there = there, proposal.middle(tried.points, weights)
+            sds = np.sqrt(weights @ (tried.points - weights @ tried.points) ** 2)
+            if number >= least and np.all(np.abs(there - before) <= _SETTLED * sds):
+                break
+        return self._finished(frame, density, proposal, _OUTLINE)
+
+    def _next_to(
+        self, near: WeightedPosterior, frame: Frame, density: PosteriorDensity, measurement: Measurement
+    ) -> WeightedPosterior:
+        """Compute a posterior that is nearly the same as another one, less precisely."""
+        if measurement.outline is not None:
+            density = self._seen_from(frame, density, measurement, near.proposal.middle(near.points, near.weights))
+        cloud = self._drawn(frame, density, near.proposal)
+        proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _TRIED))
+        return self._finished(frame, density, proposal, _NEXT)
+
+    def _seen_from(
+        self, frame: Frame, density: PosteriorDensity, measurement: Measurement, there: Floats
+    ) -> PosteriorDensity:
+        """Return the density with the likelihood of an outline whose pilot is the shape at a point (d,)."""
+        assert measurement.outline is not None, "an outline"
+        theta = {name: float(values[0]) for name, values in frame.theta(there[None]).items() if name != "half_width"}
+        length = measurement.length_with_outline
+        pilot = outline_likelihood(self.model, measurement.outline, theta, density.error_scale, length=length)
+        return replace(density, outline=pilot)
+
+    def _frame(self, density: PosteriorDensity) -> Frame:
+        width = density.inputs.half_width if density.shape_depends_on_half_width else None
+        return Frame(self.model.domain, self.coordinates, width)
+
+    def _over_prior(self, frame: Frame, density: PosteriorDensity) -> Cloud:
+        """Return a cloud over the prior; the likelihood of an outline is left out, as it needs a pilot."""
+        points = frame.of_prior(_uniform(frame.dimensions, _CLOUD, 0))
+        # of a half width that is a dimension, the density contains the very prior that it is drawn by
+        drawn = frame.log_prior(points)
+        if frame.half_width is not None:
+            drawn = drawn + frame.half_width.log_shape(frame.theta(points)["half_width"])
+        return self._evaluated(frame, density, points, drawn)
+
+    def _fitted(self, frame: Frame, density: PosteriorDensity, cloud: Cloud) -> Proposal:
+        """Return a proposal fitted to the posterior, from a cloud that is wider.
+
+        Where rounds of some draws gain no more and few of them are effective, there are more draws in each.
+        """
+        proposal, number = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _TRIED)), 0
+        for count in (_TRIED, 4 * _TRIED):
+            before = 0.0
+            for _ in range(_ROUNDS):
+                number += 1
+                cloud = self._drawn(frame, density, proposal, count, seed=number)
+                share = effective(normalised(cloud.log_weights)) / count
+                if share < _GAIN * before and before > 0.1 * _ALIVE:
+                    break
+                before = share
+                proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * count))
+            if share > _GOOD:
+                break
+        return proposal
+
+    def _drawn(
+        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, count: int = _TRIED, *, seed: int = 0
+    ) -> Cloud:
+        points = proposal.drawn(_uniform(frame.dimensions + 2, count, seed))
+        return self._evaluated(frame, density, points, proposal.log_density(points))
+
+    def _finished(
+        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, numbers: tuple[float, int]
+    ) -> WeightedPosterior:
+        """Draw and weigh; while a gate fails, fit a proposal to the draws and repeat."""
+        for number in range(_REPEATS + 1):
+            cloud = self._enough(frame, density, proposal, *numbers)
+            weights = normalised(cloud.log_weights)
+            gates = (
+                Gate("effective draws", effective(weights), least=_LEAST_EFFECTIVE),
+                Gate("Pareto k of the weights", pareto_shape(cloud.log_weights), most=_MOST_PARETO),
+            )
+            if number == _REPEATS or all(gate.passed for gate in gates):
+                break
+            proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _BLOCK))
+        kept = weights > 0.0
+        known = cloud.points[kept], cloud.log_density[kept], weights[kept], cloud.nodes.taken(kept), gates
+        return WeightedPosterior(self.model, density, frame, proposal, *known)
+
+    def _enough(self, frame: Frame, density: PosteriorDensity, proposal: Proposal, enough: float, most: int) -> Cloud:
+        """Draw until the effective draws are enough, or the draws the most."""
+        cloud = self._drawn(frame, density, proposal, _BLOCK, seed=-1)
+        while effective(normalised(cloud.log_weights)) < enough and len(cloud.points) < most:
+            ahead = len(cloud.points)
+            points = proposal.drawn(_uniform(frame.dimensions + 2, ahead, -1, ahead))
+            cloud = cloud.joined(self._evaluated(frame, density, points, proposal.log_density(points)))
+        return cloud
+
+    def _evaluated(self, frame: Frame, density: PosteriorDensity, points: Floats, log_drawn: Floats) -> Cloud:
+        nodes, log_density = frame.evaluated(self.model, density, points)
+        return Cloud(points, nodes, log_density, log_drawn)
+
+
+def _tempered(cloud: Cloud, least: float) -> Floats:
+    """Return the weights of a cloud to a power that leaves an effective number of at least `least` : (n,) array."""
+    return normalised(tempering(cloud.log_weights, least) * cloud.log_weights)
+
+
+def _uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
+    """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
+    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(abs(2 * seed + (seed < 0))))
+    if after:
+        sequence.fast_forward(after)
+    return np.clip(sequence.random(count), 1e-12, 1.0 - 1e-12)

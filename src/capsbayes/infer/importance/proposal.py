@@ -1,0 +1,298 @@
+"""Mixture of t distributions about a curved sheet, fitted to weighted points: what importance sampling draws from.
+
+Two lengths tell two numbers of the six or so: the posterior is a thin curved sheet.
+Polynomials follow it; what is left about it is nearly Gaussian, and a mixture of
+a few t distributions holds the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri, gammaln, ndtri
+
+from capsbayes.arrays import Floats, Integers
+from capsbayes.infer.importance.weights import effective
+from capsbayes.infer.kernel import compiled
+
+PLACE = 2  # first columns of a point: log Ca and a/l
+_FREEDOM = 5.0  # of the fitted t distributions
+_WIDE, _WIDENING, _WIDE_FREEDOM = 0.2, 1.5, 3.0  # share, factor and freedom of one more that holds all of them
+_MOST_COMPONENTS, _LEAST_SHARE = 16, 1e-3
+_POINTS_EACH, _POINTS_A_TERM = 60.0, 12.0  # effective ones
+_ITERATIONS = 12
+_LARGEST_DEGREE = 3
+_NEGLIGIBLE = 1e-5  # of the largest weight: such points are left out of a fit
+_REACH = 3.0  # standard deviations, beyond which the sheet goes on as it is there
+_FLOOR = 1e-4  # of the variances of all points, least of a component
+_GRAIN = 2.0**-26
+
+
+class Polynomial(NamedTuple):
+    """A column of points as a function of those after it.
+
+    Parameters
+    ----------
+    centre, scale : (m,) arrays
+        Of the arguments.
+    degree : int
+    coefficients : (terms,) array
+    """
+
+    centre: Floats
+    scale: Floats
+    degree: int
+    coefficients: Floats
+
+    @classmethod
+    def fitted(cls, arguments: Floats, values: Floats, weights: Floats) -> Polynomial:
+        """Fit it to weighted values (n,) at arguments (n, m); the degree is what their effective number allows."""
+        mean: Floats = np.asarray(weights @ arguments, dtype=np.float64)
+        spread: Floats = np.asarray(np.sqrt(weights @ (arguments - mean) ** 2) + 1e-9)
+        centre, scale = _to_grain(mean, spread), _to_grain(spread, spread)
+        allowed = effective(weights) / _POINTS_A_TERM
+        degree = max(k for k in range(_LARGEST_DEGREE + 1) if comb(arguments.shape[1] + k, k) <= max(allowed, 1.0))
+        blank = cls(centre, scale, degree, np.zeros(1))
+        terms = blank._terms(arguments)
+        weighted = weights[:, None] * terms
+        normal = weighted.T @ terms + 1e-9 * np.eye(terms.shape[1])
+        found: Floats = np.asarray(np.linalg.solve(normal, weighted.T @ values), dtype=np.float64)
+        return blank._replace(coefficients=_to_grain(found, np.full(len(found), np.abs(found).max() + 1e-300)))
+
+    def __call__(self, arguments: Floats) -> Floats:
+        """Return the values at arguments (n, m) : (n,) array."""
+        return np.asarray(self._terms(arguments) @ self.coefficients)
+
+    def _terms(self, arguments: Floats) -> Floats:
+        """Return the products of arguments up to the degree : (n, terms) array."""
+        x = np.clip((arguments - self.centre) / self.scale, -_REACH, _REACH)
+        terms, last = [np.ones((len(x), 1))], [np.ones((len(x), 1))]
+        for _ in range(self.degree):  # each argument times the terms of the degree before in those from it on
+            last = [x[:, [k]] * np.concatenate(last[k:] if len(last) > 1 else last, axis=1) for k in range(x.shape[1])]
+            terms += last
+        return np.concatenate(terms, axis=1)
+
+
+class Sheet(NamedTuple):
+    """Where the posterior lies: two columns of a point, each a polynomial of those that are left.
+
+    Parameters
+    ----------
+    columns : tuple of int
+        The first that is known if all others are, then that which is known if all but the first are.
+    polynomials : tuple of Polynomial
+    """
+
+    columns: tuple[int, ...]
+    polynomials: tuple[Polynomial, ...]
+
+    @classmethod
+    def fitted(cls, points: Floats, weights: Floats) -> Sheet:
+        """Fit it to weighted points (n, d), whose columns are chosen so that the least is left of them."""
+        columns: list[int] = []
+        polynomials = []
+        for _ in range(PLACE):
+            tried = {}
+            for column in set(range(points.shape[1])) - set(columns):
+                arguments, values = np.delete(points, [*columns, column], axis=1), points[:, column]
+                polynomial = Polynomial.fitted(arguments, values, weights)
+                left, mean = values - polynomial(arguments), weights @ values
+                tried[float(weights @ left**2 / (weights @ (values - mean) ** 2))] = column, polynomial
+            column, polynomial = tried[min(tried)]
+            columns.append(column)
+            polynomials.append(polynomial)
+        return cls(tuple(columns), tuple(polynomials))
+
+    def flattened(self, points: Floats) -> Floats:
+        """Return points (n, d) relative to the sheet; volumes stay as they are."""
+        flat = points.copy()
+        for number, polynomial in enumerate(self.polynomials):
+            given = self.columns[: number + 1]
+            flat[:, given[-1]] -= polynomial(np.delete(points, given, axis=1))
+        return flat
+
+    def raised(self, flat: Floats) -> Floats:
+        """Return the points of which `flattened` gave the flat ones."""
+        points = flat.copy()
+        for number in reversed(range(len(self.columns))):
+            given = self.columns[: number + 1]
+            points[:, given[-1]] += self.polynomials[number](np.delete(points, given, axis=1))
+        return points
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """Mixture of g t distributions in d dimensions, about a sheet.
+
+    Parameters
+    ----------
+    sheet : Sheet
+    shares : (g,) array
+        Probability of each.
+    centres : (g, d) array
+    factors : (g, d, d) array
+        Lower triangular, factors of the scale matrices.
+    freedoms : (g,) array
+    """
+
+    sheet: Sheet
+    shares: Floats
+    centres: Floats
+    factors: Floats
+    freedoms: Floats
+
+    @classmethod
+    def fitted(cls, points: Floats, weights: Floats) -> Proposal:
+        """Fit the mixture to points (n, d) with weights (n,) that sum to one; the last component is a wide one."""
+        kept = weights > _NEGLIGIBLE * weights.max()
+        points, weights = points[kept], weights[kept]
+        sheet = Sheet.fitted(points, weights)
+        flat = sheet.flattened(points)
+        centre = weights @ flat
+        whole = _covariance(flat - centre, weights)
+        number = int(np.clip(effective(weights) / _POINTS_EACH, 1, _MOST_COMPONENTS))
+        shares, centres, covariances = _mixture(flat, weights, number, whole)
+        centres = np.concatenate([centres, centre[None]])
+        factors = np.linalg.cholesky(np.concatenate([covariances, _WIDENING**2 * whole[None]]))
+        freedoms = np.full(len(centres), _FREEDOM)
+        freedoms[-1] = _WIDE_FREEDOM
+        scales = np.sqrt(np.diag(whole))
+        return cls(
+            sheet,
+            np.append((1.0 - _WIDE) * shares, _WIDE),
+            _to_grain(centres, scales),
+            _to_grain(factors, scales[:, None]),
+            freedoms,
+        )
+
+    def middle(self, points: Floats, weights: Floats) -> Floats:
+        """Return the one of weighted points (n, d) that is nearest to their mean along the sheet : (d,) array."""
+        flat = self.sheet.flattened(points)
+        mean = weights @ flat
+        variance = weights @ (flat - mean) ** 2 + np.finfo(float).tiny
+        square = np.sum((flat - mean) ** 2 / variance, axis=1)
+        return np.asarray(points[np.argmin(np.where(weights > 0.0, square, np.inf))])
+
+    def drawn(self, uniform: Floats) -> Floats:
+        """Return draws (n, d) of points of the unit cube (n, d + 2)."""
+        return self.sheet.raised(self.drawn_flat(uniform))
+
+    def log_density(self, points: Floats) -> Floats:
+        """Return the log density at points (n, d) : (n,) array."""
+        return self.log_density_flat(self.sheet.flattened(points))
+
+    def drawn_flat(self, uniform: Floats) -> Floats:
+        """Return draws (n, d) relative to the sheet of points of the unit cube (n, d + 2)."""
+        flat = np.empty((len(uniform), uniform.shape[1] - 2))
+        which = np.searchsorted(np.cumsum(self.shares)[:-1], uniform[:, 0], side="right")
+        for k in range(len(self.shares)):
+            rows = which == k
+            squares = chdtri(self.freedoms[k], uniform[rows, 1]) / self.freedoms[k]
+            normal = ndtri(uniform[rows, 2:]) / np.sqrt(squares)[:, None]
+            flat[rows] = self.centres[k] + np.einsum("nj,ij->ni", normal, self.factors[k])
+        return flat
+
+    def log_density_flat(self, flat: Floats) -> Floats:
+        """Return the log density at points (n, d) relative to the sheet : (n,) array."""
+        d = flat.shape[1]
+        constants = gammaln(0.5 * (self.freedoms + d)) - gammaln(0.5 * self.freedoms)
+        constants -= 0.5 * d * np.log(np.pi * self.freedoms) + _log_volumes(self.factors)
+        logs = _log_of_t(
+            flat, self.centres, np.linalg.inv(self.factors), self.freedoms, constants + np.log(self.shares)
+        )
+        return np.asarray(logs)
+
+
+def _covariance(away: Floats, weights: Floats) -> Floats:
+    found = (weights[:, None] * away).T @ away
+    return np.asarray(found + 1e-12 * np.diag(np.diag(found)) + 1e-18 * np.eye(len(found)))
+
+
+def _log_volumes(factors: Floats) -> Floats:
+    return np.asarray(np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)), axis=1))
+
+
+def _mixture(flat: Floats, weights: Floats, number: int, whole: Floats) -> tuple[Floats, Floats, Floats]:
+    """Fit a mixture of normal distributions to weighted points by expectation and maximisation."""
+    floor = _FLOOR * np.diag(np.diag(whole))
+    centres = flat[_spread_out(flat, weights, number, whole)]
+    covariances = np.repeat(whole[None] / number, number, axis=0)
+    shares = np.full(number, 1.0 / number)
+    for _ in range(_ITERATIONS if number > 1 else 1):
+        factors = np.asarray(np.linalg.cholesky(covariances), dtype=np.float64)
+        constants = np.log(shares) - _log_volumes(factors)
+        shares, sums, squares = _moments_of_each(flat, weights, centres, np.linalg.inv(factors), constants)
+        alive = shares > _LEAST_SHARE
+        shares, sums, squares = shares[alive], sums[alive], squares[alive]
+        moved = sums / shares[:, None]
+        covariances = squares / shares[:, None, None] - moved[:, :, None] * moved[:, None, :] + floor
+        centres, shares = centres[alive] + moved, shares / shares.sum()
+    return shares, centres, covariances
+
+
+@compiled
+def _square(point, centre, inverse):  # type: ignore[no-untyped-def]
+    """Return the squared Mahalanobis distance of a point; the inverse is that of the lower triangular factor."""
+    square = 0.0
+    for i in range(len(point)):
+        along = 0.0
+        for j in range(i + 1):
+            along += inverse[i, j] * (point[j] - centre[j])
+        square += along * along
+    return square
+
+
+@compiled
+def _log_of_t(flat, centres, inverses, freedoms, constants):  # type: ignore[no-untyped-def]
+    """Return the log density of a mixture of t distributions at points (n, d) : (n,) array."""
+    d, logs, each = flat.shape[1], np.empty(len(flat)), np.empty(len(centres))
+    for n in range(len(flat)):
+        for k in range(len(centres)):
+            square = _square(flat[n], centres[k], inverses[k])
+            each[k] = constants[k] - 0.5 * (freedoms[k] + d) * np.log1p(square / freedoms[k])
+        largest = each.max()
+        logs[n] = largest + np.log(np.sum(np.exp(each - largest)))
+    return logs
+
+
+@compiled
+def _moments_of_each(flat, weights, centres, inverses, constants):  # type: ignore[no-untyped-def]
+    """Return what belongs to each normal component: its weight, and sums of distances from its centre and products."""
+    (count, d), number = flat.shape, len(centres)
+    shares, sums, squares = np.zeros(number), np.zeros((number, d)), np.zeros((number, d, d))
+    each = np.empty(number)
+    for n in range(count):
+        for k in range(number):
+            each[k] = constants[k] - 0.5 * _square(flat[n], centres[k], inverses[k])
+        each[:] = np.exp(each - each.max())
+        each *= weights[n] / each.sum()
+        for k in range(number):
+            if each[k] <= 1e-6 * weights[n]:
+                continue
+            shares[k] += each[k]
+            for i in range(d):
+                away = each[k] * (flat[n, i] - centres[k, i])
+                sums[k, i] += away
+                for j in range(d):
+                    squares[k, i, j] += away * (flat[n, j] - centres[k, j])
+    return shares, sums, squares
+
+
+def _spread_out(flat: Floats, weights: Floats, number: int, whole: Floats) -> Integers:
+    """Return points far from each other: the heaviest, then each time the one that is farthest by weight."""
+    white = flat @ np.linalg.inv(np.linalg.cholesky(whole)).T
+    chosen = [int(np.argmax(weights))]
+    nearest = np.full(len(flat), np.inf)
+    for _ in range(number - 1):
+        nearest = np.minimum(nearest, np.sum((white - white[chosen[-1]]) ** 2, axis=1))
+        chosen.append(int(np.argmax(weights * nearest)))
+    return np.array(chosen)
+
+
+def _to_grain(values: Floats, scales: Floats) -> Floats:
+    """Round to a small part of scales, so that the last digits do not depend on the processor."""
+    grain = 2.0 ** np.floor(np.log2(_GRAIN * scales))
+    return np.asarray(grain * np.round(values / grain))
