@@ -106,7 +106,7 @@ def speed(count: int = 100_000) -> tuple[float, float]:
 
 
 def simulate(folder: Path) -> None:
-    """Simulate the shapes that the folder lacks, each from the nearest state, and store those that were reached."""
+    """Simulate the shapes that the folder lacks, each from the nearest state."""
     database = MembraneDatabase.open("square")
     coarse, fine = membrane_continuation("square"), membrane_continuation("square", FINE)
     meshes = coarse.simulator.problem.mesh, fine.simulator.problem.mesh
@@ -126,6 +126,11 @@ def simulate(folder: Path) -> None:
         seen = {} if state is None else fine.seen(state)
         store.save(name, {"values": fine.values(place[None])[0], "reached": state is not None, **seen})
         print(f"{number + 1} of {COUNT}", flush=True)
+
+
+def store_reached(folder: Path) -> None:
+    """Store the shapes of a folder that were reached."""
+    store = Store.open(folder, membrane_continuation("square", FINE).settings)
     parts = [part for name in sorted(store.names()) if (part := store.load(name)) is not None and part["reached"]]
     columns = {
         "values": [part["values"] for part in parts],
@@ -141,8 +146,11 @@ if __name__ == "__main__":
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     if options.simulate is not None:
-        with threadpool_limits(limits=1):
-            simulate(options.simulate)
+        try:
+            with threadpool_limits(limits=1):
+                simulate(options.simulate)
+        finally:
+            store_reached(options.simulate)
     text = table()
     print(text)
     print("{:.0f} points a second, {:.0f} with outlines".format(*speed()))

@@ -22,6 +22,7 @@ RUN = ("index.md", "tutorials/one-capsule.md", "tutorials/folder.md", "tutorials
 """Pages whose Python is run as a script, from a folder with the examples."""
 PRINTED = (
     "index.md",
+    "membrane.md",
     "sensitivity.md",
     "tutorials/one-capsule.md",
     "tutorials/folder.md",
