@@ -41,7 +41,7 @@ class MembraneSurrogate(ForwardModel):
     >>> model = MembraneSurrogate.open("square")
     >>> soft = model.at(capillary_number=0.05, size_ratio=0.9)
     >>> hard = model.at(capillary_number=0.05, size_ratio=0.9, strain_hardening=0.8, pre_inflation=0.03)
-    >>> bool(hard.axial_extent[0] < soft.axial_extent[0])
+    >>> bool(hard.parachute_depth[0] < soft.parachute_depth[0])
     True
     """
 
