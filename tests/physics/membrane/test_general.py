@@ -23,7 +23,7 @@ general_laws = st.builds(GeneralLaw, moduli, shares)
 def energy(law, l1, l2):
     """W in the stretches, with the limit K = 1 in its own form."""
     m, h, j2 = (law.area_dilation_modulus - 1) / 2, law.strain_hardening, (l1 * l2) ** 2
-    areal = -np.log(j2) if m == 0 else (j2**-m - 1) / m
+    areal = -np.log(j2) if m == 0 else np.expm1(-m * np.log(j2)) / m
     rubber = (l1**2 + l2**2 - 2 + areal) / 2
     return (1 - h) * rubber + h * ((l1**2 - 1) ** 2 + (l2**2 - 1) ** 2 + m * (j2 - 1) ** 2) / 4
 
