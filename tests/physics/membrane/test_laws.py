@@ -10,12 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from capsbayes.physics.membrane import LAWS, GeneralisedHooke, GeneralLaw, Skalak
+from capsbayes.physics.membrane import LAWS, EvansSkalak, GeneralisedHooke, GeneralLaw, Skalak
 from capsbayes.testing import check_law
 
 OTHERS = [
     *map(Skalak, (0.0, 0.1, 10.0)),
     *map(GeneralisedHooke, (-0.5, 0.0, 0.8)),
+    *map(EvansSkalak, (0.5, 10.0)),
     *(GeneralLaw(modulus, share) for modulus, share in ((1.0, 0.0), (1.0 + 1e-9, 0.3), (2.0, 0.7), (5.0, 0.5))),
 ]
 

@@ -9,7 +9,7 @@ import pytest
 from capsbayes.cli.build import build
 from capsbayes.cli.simulate import simulate
 from capsbayes.errors import InputError
-from capsbayes.physics.membrane import LAWS, GeneralisedHooke, GeneralLaw, NeoHookean, Skalak, law_named
+from capsbayes.physics.membrane import LAWS, EvansSkalak, GeneralisedHooke, GeneralLaw, NeoHookean, Skalak, law_named
 
 
 @pytest.mark.parametrize(
@@ -19,6 +19,7 @@ from capsbayes.physics.membrane import LAWS, GeneralisedHooke, GeneralLaw, NeoHo
         ("skalak", Skalak()),
         ("skalak:hardening=10", Skalak(10.0)),
         ("hooke:poisson_ratio=-.25", GeneralisedHooke(-0.25)),
+        ("evans-skalak:area_dilation_modulus=2", EvansSkalak(2.0)),
         ("general:area_dilation_modulus=2,strain_hardening=.25", GeneralLaw(2.0, 0.25)),
     ],
 )
@@ -35,7 +36,7 @@ def test_a_mistake_is_told_what_there_is(text):
         law_named(text)
     forms = (
         "neo-hookean, skalak:hardening=1.0, hooke:poisson_ratio=0.5, strain-hardening:strain_hardening=0.0, "
-        "general:area_dilation_modulus=3.0,strain_hardening=0.0"
+        "general:area_dilation_modulus=3.0,strain_hardening=0.0, evans-skalak:area_dilation_modulus=3.0"
     )
     assert str(caught.value) == f"law: expected one of {forms}, got {text!r}"
 

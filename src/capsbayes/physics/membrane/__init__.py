@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 from capsbayes.errors import InputError
+from capsbayes.physics.membrane.evans_skalak import EvansSkalak
 from capsbayes.physics.membrane.general import GeneralLaw
 from capsbayes.physics.membrane.hooke import GeneralisedHooke
 from capsbayes.physics.membrane.law import MembraneLaw
@@ -14,6 +15,7 @@ from capsbayes.physics.membrane.strain_hardening import StrainHardening
 
 __all__ = [
     "LAWS",
+    "EvansSkalak",
     "GeneralLaw",
     "GeneralisedHooke",
     "MembraneLaw",
@@ -29,6 +31,7 @@ LAWS: dict[str, type[MembraneLaw]] = {
     "hooke": GeneralisedHooke,
     "strain-hardening": StrainHardening,
     "general": GeneralLaw,
+    "evans-skalak": EvansSkalak,
 }
 """Every law of the library by the name used on the command line; each is checked by the tests."""
 
