@@ -8,9 +8,11 @@ from capsbayes.physics.databases.scattered import (
     Axis,
     Continuation,
     ScatteredState,
+    in_modes,
     scattered_dataset,
     scattered_states,
     sobol_places,
+    stored_states,
 )
 from capsbayes.physics.membrane.general import GeneralLaw
 from capsbayes.physics.simulation import Simulator
@@ -109,7 +111,7 @@ def test_a_branch_that_ends_on_the_way_is_said(start, monkeypatch):
     """As where Newton's method finds nothing beyond the middle of the way."""
     middle = start.place[0] + 0.2
 
-    def until_the_fold(self, near, place):
+    def until_the_fold(self, near, place, derivatives):
         return None if place[0] > middle else ScatteredState(place, near.unknowns, near.derivatives)
 
     monkeypatch.setattr(Continuation, "_solved", until_the_fold)
@@ -125,3 +127,25 @@ def test_axes_without_the_case_are_refused():
 def test_a_parameter_that_the_membrane_lacks_is_refused():
     with pytest.raises(InputError, match=r"axes: expected some of .*pre_inflation.*, got 'area_dilation_modulus'"):
         Continuation(Simulator(refinement=4), (*AXES[:2], Axis("area_dilation_modulus", 1.0, 5.0)))
+
+
+def test_what_a_folder_keeps_is_read_again(states, folder):
+    kept = stored_states(CONTINUATION, folder)
+    wanted = sorted(tuple(state.place) for state in states)
+    assert sorted(tuple(state.place) for state in kept) == wanted
+
+
+def test_a_state_without_derivatives_is_the_same(start):
+    place = start.place + 0.1
+    found = CONTINUATION.reached(start, place, derivatives=False)
+    np.testing.assert_allclose(found.unknowns, CONTINUATION.reached(start, place).unknowns, atol=1e-6)
+    assert np.all(np.isnan(found.derivatives))
+
+
+def test_vectors_in_modes_leave_out_no_more_than_is_said():
+    vectors = np.random.default_rng(3).standard_normal((20, 8)) * 10.0 ** -np.arange(8)
+    few, many = in_modes(vectors, 1e-3), in_modes(vectors, 1e-6)
+    assert len(few.modes) < len(many.modes)
+    for modes, omitted in ((few, 1e-3), (many, 1e-6)):
+        away = modes.mean + modes.coefficients @ modes.modes - vectors
+        assert np.sqrt(np.mean(away**2)) <= omitted

@@ -182,12 +182,16 @@ class Continuation:
         unknowns = np.append(state.mesh.reduced(state.nodes), [state.velocity_ratio, state.slack])
         return self._with_derivatives(place, unknowns)
 
-    def reached(self, start: ScatteredState, place: Floats) -> ScatteredState | None:
-        """Return the state at a place, on the branch of another state; None if that ends on the way."""
+    def reached(self, start: ScatteredState, place: Floats, *, derivatives: bool = True) -> ScatteredState | None:
+        """Return the state at a place, on the branch of another state; None if that ends on the way.
+
+        Without `derivatives` the state found has none: NaN.
+        """
         state, share, step = start, 0.0, 1.0
         while share < 1.0:
             step = min(step, 1.0 - share)
-            ahead = self._solved(state, start.place + (share + step) * (place - start.place))
+            last = share + step >= 1.0
+            ahead = self._solved(state, start.place + (share + step) * (place - start.place), derivatives or not last)
             if ahead is not None:
                 state, share, step = ahead, share + step, 2.0 * step
             elif step < 2.0 * _SHORTEST:
@@ -196,13 +200,15 @@ class Continuation:
                 step *= 0.5
         return state
 
-    def _solved(self, near: ScatteredState, place: Floats) -> ScatteredState | None:
+    def _solved(self, near: ScatteredState, place: Floats, derivatives: bool) -> ScatteredState | None:
         guess = near.moved(place - near.place).unknowns
         problem, iterate = self._problem(place), self._iterate(place, guess)
         found = steady_state(problem, iterate, max_iterations=_ITERATIONS, patience=_PATIENCE)
         unknowns = np.append(found.iterate.free, [found.iterate.velocity, found.iterate.slack])
         if not found.converged or np.max(np.abs(unknowns - guess)) > _FARTHEST:
             return None
+        if not derivatives:
+            return ScatteredState(place, unknowns, np.full_like(near.derivatives, np.nan))
         return self._with_derivatives(place, unknowns)
 
     def _with_derivatives(self, place: Floats, unknowns: Floats) -> ScatteredState:
@@ -276,7 +282,7 @@ def _grown(
     states: list[ScatteredState] = [root]
     found: list[ScatteredState | None] = [None] * len(places)
     with threadpool_limits(limits=1):
-        for number in _from_near_to_far(root.place, places):
+        for number in from_near_to_far(root.place, places):
             place, name = places[number], _name(places[number])
             if not store.holds(name):
                 near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
@@ -287,7 +293,7 @@ def _grown(
     return found
 
 
-def _from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
+def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
     """Yield the numbers of the places, always that which is nearest to those before it (Prim's algorithm)."""
     distance = np.linalg.norm(places - root, axis=1)
     left = np.ones(len(places), dtype=bool)
@@ -310,6 +316,13 @@ def _save(store: Store, name: str, state: ScatteredState | None) -> None:
 def _stored(store: Store, place: Floats) -> ScatteredState | None:
     values = store.load(_name(place))
     return ScatteredState(**values) if values is not None and values.pop("reached") else None
+
+
+def stored_states(continuation: Continuation, folder: str | os.PathLike[str]) -> list[ScatteredState]:
+    """Return the states that `scattered_states` has kept in a folder so far."""
+    store = Store.open(folder, continuation.settings)
+    parts = [store.load(name) for name in sorted(store.names("state-*"))]
+    return [ScatteredState(**part) for part in parts if part is not None and part.pop("reached")]
 
 
 def _ended(store: Store, places: Floats) -> tuple[int, str]:
@@ -356,7 +369,7 @@ def scattered_dataset(
         ),
     }
     for view in ("profile", "silhouette"):
-        modes = _in_modes(np.array([one[view][0] for one in seen]))
+        modes = in_modes(np.array([one[view][0] for one in seen]))
         along = np.einsum("nqp,mq->nmp", np.array([one[view][1] for one in seen]), modes.modes) / slopes[:, None]
         variables |= {
             f"{view}_mean": (("point", "plane"), modes.mean.reshape(-1, 2)),
@@ -364,7 +377,7 @@ def scattered_dataset(
             view: (("state", f"{view}_mode"), modes.coefficients),
             f"{view}_along": (("state", f"{view}_mode", "parameter"), along),
         }
-    shapes = _in_modes(np.array([state.unknowns[:-2] for state in some]))
+    shapes = in_modes(np.array([state.unknowns[:-2] for state in some]))
     variables |= {
         "mesh_mean": (("coordinate",), shapes.mean),
         "mesh_modes": (("mesh_mode", "coordinate"), shapes.modes),
@@ -374,7 +387,7 @@ def scattered_dataset(
     return xr.Dataset(variables, names, {"settings": json.dumps(continuation.settings), "version": __version__})
 
 
-class _Modes(NamedTuple):
+class Modes(NamedTuple):
     """Vectors as their mean (d,) and coefficients (n, m) of orthonormal modes (m, d)."""
 
     mean: Floats
@@ -382,12 +395,13 @@ class _Modes(NamedTuple):
     coefficients: Floats
 
 
-def _in_modes(vectors: Floats) -> _Modes:
+def in_modes(vectors: Floats, omitted: float = _OMITTED) -> Modes:
+    """Return vectors (n, d) [l] in the fewest modes that leave out no more than an rms."""
     mean = vectors.mean(axis=0)
     _, sizes, rows = np.linalg.svd(vectors - mean, full_matrices=False)
-    omitted = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / vectors.size)  # rms without a mode and those after it
-    modes = rows[: int(np.count_nonzero(omitted > _OMITTED))]
-    return _Modes(mean, modes, (vectors - mean) @ modes.T)
+    left = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / vectors.size)  # rms without a mode and those after it
+    modes = rows[: int(np.count_nonzero(left > omitted))]
+    return Modes(mean, modes, (vectors - mean) @ modes.T)
 
 
 def _seen(continuation: Continuation, state: ScatteredState) -> dict[str, tuple[Floats, Floats]]:

@@ -1,0 +1,229 @@
+"""Simulate capsules with random membranes, one by one, and store them in ``data/pools``.
+
+Run ``python benchmarks/membrane_pools.py capsules|batches FOLDER --states STATES``. STATES is the folder of parts of
+``capsbayes rebuild membrane-square``: each solve starts from the nearest state there, or from the nearest capsule of
+the same batch. Each finished capsule is kept in FOLDER, so that an interrupted run resumes; what has ended is then
+stored, without the unfinished batches. The mesh is that of the states, of refinement 8; no place is one of theirs.
+
+Capsules have the default priors of the membrane, and ln Ca and a/l uniform where states are sought.
+
+The capsules of a batch share a membrane drawn from these priors. Their moduli are log-normal with a spread of 10 to
+20 %, their radii normal with one of 5 to 8 %; a quarter of them flows at each of four flow rates, which are spread
+over up to a factor of five in Ca. A capsule outside the range where states are sought, or without a steady shape, is
+drawn anew: these are batches of capsules that are seen.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from capsbayes.arrays import Floats
+from capsbayes.membrane_database import RANGES, covered, highest_ca, lowest_ca
+from capsbayes.physics.databases.membranes import membrane_continuation
+from capsbayes.physics.databases.scattered import (
+    Continuation,
+    ScatteredState,
+    from_near_to_far,
+    in_modes,
+    stored_states,
+)
+from capsbayes.work import Store
+
+POOLS = Path(__file__).parents[1] / "data" / "pools"
+CAPSULES, BATCHES, MEMBERS = 540, 60, 40
+FLOW_RATES = np.array([1.0, 1.7, 3.0, 5.0])
+MODULUS_SPREADS, RADIUS_SPREADS, MEAN_SIZES = (0.1, 0.2), (0.05, 0.08), (0.84, 1.0)
+MARGIN = 1.2  # of Ca between the limits and the mean capsule at the lowest and the highest flow rate
+TRIED = 3  # starts from which a capsule is sought, and capsules without a steady shape that are drawn anew
+OMITTED = 2e-5  # [l] rms of the outlines, in modes that are left out
+LOGARITHMIC = (0, 3, 5)  # of the parameters
+OF_BATCHES = (
+    *("batch", "flow", "flow_factor"),
+    *("relative_modulus", "relative_radius", "modulus_spread", "radius_spread"),
+)
+SEED = 2024
+
+
+def stored(name: str) -> dict[str, Any]:
+    """Return a pool: arrays by name, one row a capsule; the outlines (n, p, 2) [l] in double precision.
+
+    ``values`` (n, 6) are the parameters in the order of `FREE_PARAMETERS`, ``numbers`` (n, 4) are `NUMBERS`,
+    ``profile`` and ``silhouette`` the outlines. Of batches further ``batch`` (n,), ``flow`` (n,), the number of the
+    flow rate, ``flow_factor`` (n,), its velocity over the lowest of the batch, ``relative_modulus`` and
+    ``relative_radius`` (n,), over the median and the mean of the batch, and ``modulus_spread`` and ``radius_spread``
+    (n,) of the batch. ``not_reached`` (k, 6) are capsules for which no steady shape was found.
+    """
+    with np.load(POOLS / f"membrane-{name}.npz") as file:
+        arrays = {key: np.asarray(value, np.float64) for key, value in file.items()}
+    for view in ("profile", "silhouette"):
+        flat = arrays.pop(f"{view}_mean") + arrays[view] @ arrays.pop(f"{view}_modes")
+        arrays[view] = flat.reshape(len(flat), -1, 2)
+    return arrays
+
+
+def drawn_values(random: np.random.Generator) -> Floats:
+    """Draw the parameters (6,) where states are sought."""
+    low, high = np.array(RANGES).T
+    logarithmic = np.isin(np.arange(len(low)), LOGARITHMIC)
+    while True:
+        share = random.random(len(low))
+        values = np.where(
+            logarithmic, low * (high / np.where(logarithmic, low, 1.0)) ** share, low + (high - low) * share
+        )
+        if covered(values[None])[0]:
+            return values
+
+
+def reached(
+    continuation: Continuation, starts: list[ScatteredState], place: Floats, *, derivatives: bool
+) -> ScatteredState | None:
+    """Return the state at a place from one of the nearest states, or None."""
+    away = np.linalg.norm(np.array([start.place for start in starts]) - place, axis=1)
+    for number in np.argsort(away)[:TRIED]:
+        state = continuation.reached(starts[number], place, derivatives=derivatives)
+        if state is not None:
+            return state
+    return None
+
+
+def simulate_capsules(store: Store, continuation: Continuation, starts: list[ScatteredState]) -> None:
+    """Simulate the single capsules that the store lacks."""
+    for number in range(CAPSULES):
+        name = f"capsule-{number:03d}"
+        if store.holds(name):
+            continue
+        values = drawn_values(np.random.default_rng([SEED, 0, number]))
+        state = reached(continuation, starts, continuation.places(values[None])[0], derivatives=False)
+        seen = {} if state is None else continuation.seen(state)
+        store.save(name, {"values": values, "reached": state is not None, **seen})
+        print(f"{number + 1} of {CAPSULES}", flush=True)
+
+
+class Batch(NamedTuple):
+    """Membrane, flow rates and population of a batch."""
+
+    number: int
+    values: Floats
+    factors: Floats
+    modulus_spread: float
+    radius_spread: float
+
+    @classmethod
+    def drawn(cls, number: int) -> Batch:
+        """Draw a batch; its values are those of the mean capsule at the lowest flow rate."""
+        random = np.random.default_rng([SEED, 1, number])
+        values = drawn_values(random)
+        values[1] = random.uniform(*MEAN_SIZES)
+        low, high = lowest_ca(values[2]) * MARGIN, highest_ca(values[1], values[4]) / MARGIN
+        factors = FLOW_RATES ** min(1.0, np.log(high / low) / np.log(FLOW_RATES[-1]))
+        values[0] = low * (high / (low * factors[-1])) ** random.random()
+        return cls(number, values, factors, random.uniform(*MODULUS_SPREADS), random.uniform(*RADIUS_SPREADS))
+
+    def capsules(self, member: int) -> Iterator[tuple[Floats, dict[str, float]]]:
+        """Yield candidates for one capsule that lie where states are sought, with what is stored of them."""
+        random, flow = np.random.default_rng([SEED, 2, self.number, member]), member % len(self.factors)
+        while True:
+            modulus = float(np.exp(self.modulus_spread * random.standard_normal()))
+            radius = 1.0 + self.radius_spread * float(random.standard_normal())
+            values = self.values.copy()
+            values[:2] *= self.factors[flow] / modulus, radius
+            if covered(values[None])[0]:
+                of_it = {"flow_factor": float(self.factors[flow]), "modulus_spread": self.modulus_spread}
+                of_it |= {"relative_modulus": modulus, "relative_radius": radius, "radius_spread": self.radius_spread}
+                yield values, {"batch": float(self.number), "flow": float(flow), **of_it}
+
+
+def simulate_batch(store: Store, continuation: Continuation, starts: list[ScatteredState], number: int) -> None:
+    """Simulate the capsules of a batch that the store lacks, each from the nearest state or capsule."""
+    batch = Batch.drawn(number)
+    members = [batch.capsules(member) for member in range(MEMBERS)]
+    firsts = [next(candidates) for candidates in members]
+    places = continuation.places(np.array([values for values, _ in firsts]))
+    known = list(starts)
+    for member in from_near_to_far(places.mean(axis=0), places):
+        name = f"batch-{number:02d}-capsule-{member:02d}"
+        part = store.load(name)
+        if part is None:
+            part = simulated_member(continuation, known, [firsts[member]], members[member])
+            store.save(name, part)
+        if part["reached"]:
+            known.append(ScatteredState(**{field.name: part[field.name] for field in fields(ScatteredState)}))
+
+
+def simulated_member(
+    continuation: Continuation,
+    starts: list[ScatteredState],
+    firsts: list[tuple[Floats, dict[str, float]]],
+    candidates: Iterator[tuple[Floats, dict[str, float]]],
+) -> dict[str, Any]:
+    """Simulate the first candidate that has a steady shape."""
+    lost: list[Floats] = []
+    while len(lost) < TRIED:
+        values, of_it = firsts.pop() if firsts else next(candidates)
+        state = reached(continuation, starts, continuation.places(values[None])[0], derivatives=True)
+        if state is not None:
+            of_state = {field.name: getattr(state, field.name) for field in fields(state)}
+            found = {"values": values, "lost": np.array(lost).reshape(-1, len(values))}
+            return {"reached": True, **found, **of_it, **of_state, **continuation.seen(state)}
+        lost.append(values)
+    return {"reached": False, "lost": np.array(lost)}
+
+
+def store_reached(kind: str, store: Store) -> None:
+    """Store the capsules of a folder that were reached; of batches those that are whole."""
+    parts = {name: part for name in sorted(store.names()) if (part := store.load(name)) is not None}
+    if kind == "batches":
+        whole = {name[:8] for name in parts if sum(other.startswith(name[:8]) for other in parts) == MEMBERS}
+        parts = {name: part for name, part in parts.items() if name[:8] in whole}
+    reached_ones = [part for part in parts.values() if part["reached"]]
+    if not reached_ones:
+        return
+    lost = [part["values"] for part in parts.values() if not part["reached"] and "values" in part]
+    lost += [values for part in parts.values() for values in part.get("lost", ())]
+    columns: dict[str, Any] = {"not_reached": np.array(lost).reshape(-1, len(RANGES))}
+    for key in ("values", "numbers"):
+        columns[key] = np.array([part[key] for part in reached_ones])
+    for key in OF_BATCHES:
+        if key in reached_ones[0]:
+            columns[key] = np.array([part[key] for part in reached_ones])
+    for view in ("profile", "silhouette"):
+        modes = in_modes(np.array([part[view] for part in reached_ones]), OMITTED)
+        of_view = {f"{view}_mean": modes.mean, f"{view}_modes": modes.modes, view: modes.coefficients}
+        columns |= {key: array.astype(np.float32) for key, array in of_view.items()}
+    path = POOLS / f"membrane-{kind}.npz"
+    np.savez_compressed(path, **columns)
+    print(f"{len(reached_ones)} capsules in {path.name}, {path.stat().st_size} bytes; {len(lost)} not reached")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", choices=("capsules", "batches"))
+    parser.add_argument("folder", type=Path, help="where finished capsules are kept")
+    parser.add_argument("--states", type=Path, help="parts of the states; without: store what has ended")
+    parser.add_argument("--first", type=int, default=BATCHES, help="number of batches")
+    options = parser.parse_args()
+    continuation = membrane_continuation("square")
+    store = Store.open(options.folder, continuation.settings)
+    try:
+        if options.states is not None:
+            starts = stored_states(continuation, options.states)
+            with threadpool_limits(limits=1):
+                if options.kind == "capsules":
+                    simulate_capsules(store, continuation, starts)
+                else:
+                    for number in range(options.first):
+                        simulate_batch(store, continuation, starts, number)
+                        print(f"{number + 1} of {options.first} batches", flush=True)
+    finally:
+        store_reached(options.kind, store)
+
+
+if __name__ == "__main__":
+    main()
