@@ -44,6 +44,27 @@ def test_the_rate_of_films_may_be_stated(tmp_path):
         Experiment.read(written(tmp_path, GOOD + 'frame_rate = "2000"\n'))
 
 
+def test_the_thickness_of_the_membrane_may_be_stated(tmp_path):
+    stated = Experiment.read(written(tmp_path, GOOD + 'membrane_thickness = "0.6 +/- 0.2 um"\n'))
+    thickness = stated.membrane_thickness
+    assert (thickness.value, thickness.error, thickness.unit) == (pytest.approx(6e-7), pytest.approx(2e-7), "m")
+    assert stated.described()["membrane_thickness"] == "0.6 +/- 0.2 µm"
+    stated.write(tmp_path / "again.toml")
+    assert Experiment.read(tmp_path / "again.toml").membrane_thickness == thickness
+    with pytest.raises(InputError, match=r"membrane_thickness: expected a value from .* m, got 0.6 m"):
+        Experiment(cross_section="square", half_width=25e-6, viscosity=0.85, membrane_thickness=0.6)
+
+
+def test_a_sheet_of_incompressible_material_bends_like_a_plate():
+    """Its modulus E t^3 / (12 (1 - nu^2)) over G_s a^2, with E t = 3 G_s at nu = 1/2."""
+    shear_modulus, thickness, radius = 0.04, 0.5e-6, 20e-6
+    young, poisson = 3.0 * shear_modulus / thickness, 0.5
+    plate = young * thickness**3 / (12.0 * (1.0 - poisson**2))
+    found = physics.bending(membrane_thickness=thickness, capsule_radius=radius)
+    assert found == pytest.approx(plate / (shear_modulus * radius**2))
+    assert physics.membrane_thickness(bending=found, capsule_radius=radius) == pytest.approx(thickness)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -53,7 +74,8 @@ def test_the_rate_of_films_may_be_stated(tmp_path):
         (("0.85", "nan"), "viscosity: expected a positive finite number"),
         (
             ("viscosity", "viscocity"),
-            "viscocity: expected one of cross_section, half_width, viscosity, frame_rate, density, got an unknown key",
+            "viscocity: expected one of cross_section, half_width, viscosity, frame_rate, density, membrane_thickness, "
+            "got an unknown key",
         ),
         (('viscosity = "0.85 Pa s"', ""), "viscosity: expected a value, got nothing"),
         (('"0.85 Pa s"', "0.85"), "viscosity: expected a text in Pa s"),

@@ -23,6 +23,8 @@ WATER = Quantity(998.0, unit="kg/m^3")
 AREAS = {"square": 4.0, "circular": math.pi}
 """Areas of the cross-sections over l^2."""
 
+_OPTIONAL = ("frame_rate", "density", "membrane_thickness")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Readable):
@@ -41,6 +43,8 @@ class Experiment(Readable):
         Pictures per second of films.
     density : Quantity [kg/m^3]
         Of the suspending liquid; by default that of water at 20 C. Only the Reynolds number is computed from it.
+    membrane_thickness : Quantity, optional [m]
+        Of the capsules, t. It tells the bending modulus where a model has it as a coordinate, see `bending`.
     source : str
         File the experiment was read from, empty if none.
     sha256 : str
@@ -67,14 +71,15 @@ class Experiment(Readable):
     sha256: str = ""
     frame_rate: Given | None = None
     density: Given = WATER
+    membrane_thickness: Given | None = None
 
     def __post_init__(self) -> None:
         where = self.source or "experiment"
         if self.cross_section not in AREAS:
             expected = " or ".join(f'"{name}"' for name in AREAS)
             raise InputError(where, "cross_section", expected, repr(self.cross_section))
-        for key in ("half_width", "viscosity", "frame_rate", "density"):
-            if key != "frame_rate" or self.frame_rate is not None:
+        for key in ("half_width", "viscosity", *_OPTIONAL):
+            if key not in _OPTIONAL or getattr(self, key) is not None:
                 object.__setattr__(self, key, Quantity.of(getattr(self, key), key, where=where))
 
     @classmethod
@@ -85,7 +90,8 @@ class Experiment(Readable):
         ----------
         path : path
             File with the keys ``cross_section`` (``section`` in older files), ``half_width`` and ``viscosity``, and
-            optionally ``frame_rate`` and ``density``; the last four are texts that `Quantity.read` reads.
+            optionally ``frame_rate``, ``density`` and ``membrane_thickness``; all but the first are texts that
+            `Quantity.read` reads.
 
         Returns
         -------
@@ -99,7 +105,7 @@ class Experiment(Readable):
         file = InputFile.read(path)
         table = file.table(
             required={"cross_section": unread, **{key: quantity(key) for key in ("half_width", "viscosity")}},
-            optional={key: quantity(key) for key in ("frame_rate", "density")},
+            optional={key: quantity(key) for key in _OPTIONAL},
             renamed={"section": "cross_section"},
         )
         return cls(**table, source=str(path), sha256=file.sha256)
@@ -110,9 +116,9 @@ class Experiment(Readable):
 
     def described(self) -> dict[str, str]:
         """Return channel and liquid in the units that people read."""
-        stated = {key: getattr(self, key) for key in ("half_width", "viscosity", "frame_rate")}
-        if self.density != WATER:
-            stated["density"] = self.density
+        stated = {key: getattr(self, key) for key in ("half_width", "viscosity", *_OPTIONAL)}
+        if self.density == WATER:
+            del stated["density"]
         found = {
             "cross_section": self.cross_section,
             **{key: value.shown(key) for key, value in stated.items() if value is not None},
@@ -136,10 +142,10 @@ class Experiment(Readable):
             f'half_width = "{_text(self.half_width, "half_width")}"',
             f'viscosity = "{_text(self.viscosity, "viscosity")}"',
         ]
-        if self.frame_rate is not None:
-            lines.append(f'frame_rate = "{_text(self.frame_rate, "frame_rate")}"')
-        if self.density != WATER:
-            lines.append(f'density = "{_text(self.density, "density")}"')
+        for key in _OPTIONAL:
+            value = getattr(self, key)
+            if value not in (None, WATER):
+                lines.append(f'{key} = "{_text(value, key)}"')
         write_file(path, "\n".join(lines) + "\n")
 
 
@@ -177,6 +183,24 @@ def size_ratio(*, capsule_radius: ArrayLike, half_width: ArrayLike) -> Floats:
 def capsule_radius(*, size_ratio: ArrayLike, half_width: ArrayLike) -> Floats:
     """Return the radius of the capsule a = (a/l) l [m]."""
     return np.asarray(size_ratio) * np.asarray(half_width)
+
+
+def bending(*, membrane_thickness: ArrayLike, capsule_radius: ArrayLike) -> Floats:
+    """Return the bending modulus over G_s a^2 of a shell of incompressible material, B = (t/a)^2 / 3 [-].
+
+    Its bending stiffness is E t^3 / (12 (1 - nu^2)) with nu = 1/2 and E t = 3 G_s.
+
+    Examples
+    --------
+    >>> float(bending(membrane_thickness=0.6e-6, capsule_radius=24e-6).round(7))
+    0.0002083
+    """
+    return (np.asarray(membrane_thickness) / np.asarray(capsule_radius)) ** 2 / 3.0
+
+
+def membrane_thickness(*, bending: ArrayLike, capsule_radius: ArrayLike) -> Floats:
+    """Return the thickness of the membrane t = a (3 B)^(1/2) [m], the inverse of `bending`."""
+    return np.asarray(capsule_radius) * np.sqrt(3.0 * np.asarray(bending))
 
 
 def _text(value: Quantity, key: str) -> str:

@@ -176,17 +176,21 @@ class ForwardModel(ABC):
         if unknown:
             raise InputError(self.name, "theta", f"names among {', '.join(known)}", ", ".join(map(repr, unknown)))
 
-    def check_cross_section(self, experiment: Experiment) -> None:
-        """Refuse an experiment in a channel of another cross-section than that of the model.
+    def check_experiment(self, experiment: Experiment) -> None:
+        """Refuse an experiment of another cross-section, or of a membrane whose thickness the model cannot use.
 
         Raises
         ------
         InputError
         """
+        where = experiment.source or "experiment"
         if self.cross_section not in (None, experiment.cross_section):
-            where = experiment.source or "experiment"
             expected = f'"{self.cross_section}", that of the model'
             raise InputError(where, "cross_section", expected, f'"{experiment.cross_section}"')
+        if experiment.membrane_thickness is not None and "bending" not in self.coordinates:
+            expected = f"none, as {self.name} has no unknown bending modulus"
+            advice = "omit it, or identify with --membrane unknown (in Python with a MembraneSurrogate)"
+            raise InputError(where, "membrane_thickness", expected, str(experiment.membrane_thickness), advice)
 
     def at(self, *, outline: bool = False, **theta: float) -> Prediction:
         """Predict one point, as ``at(capillary_number=0.05, size_ratio=0.9)``.

@@ -78,8 +78,8 @@ _TABLE = (
     Parameter("surface_shear_modulus", "G_s", r"G_\mathrm{s}", "N/m", "mN/m", 1e3, "shear modulus of the membrane"),
     Parameter("capsule_radius", "a", "a", "m", "µm", 1e6, "radius of the capsule at rest"),
     _ratio("bending", "B", "B", "bending modulus of the membrane", "G_s a^2"),
+    Parameter("membrane_thickness", "t", "t", "m", "µm", 1e6, "thickness of the membrane"),
     _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
-    _ratio("area_dilation_modulus", "K", "K", "resistance of the membrane to a change of its area", "G_s"),
     _ratio("rest_aspect", "A_0", "A_0", "axis of the shape at rest along the flow over that across"),
     _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area relative to a shear"),
     _ratio("area_dilation_modulus", "K", "K", "resistance of the membrane to a change of area at small strain", "G_s"),
@@ -174,6 +174,7 @@ STATED: Mapping[str, Stated] = MappingProxyType(
         "axial_extent": Stated("2.14 +/- 0.01", 1e-2, 20.0),
         "axial_length": Stated("1.81 +/- 0.01", 1e-4, 20.0),
         "frame_rate": Stated("2000 Hz", 1e-3, 1e9),
+        "membrane_thickness": Stated("0.6 +/- 0.2 um", 1e-10, 1e-2),
     }
 )
 """The quantities that a user states, by name."""

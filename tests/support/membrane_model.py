@@ -1,7 +1,7 @@
 """A manufactured model with four further coordinates, on top of the surrogate of a neo-Hookean membrane.
 
 Each coordinate does something simple to shapes that are smooth: pre-inflation makes the capsule stiffer, the area
-dilation modulus and the strain hardening change the lengths, the bending modulus does nothing.
+dilation modulus and the strain hardening change the lengths, the bending modulus does nothing unless asked to.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class MembraneDomain(Domain):
         return (low, high * (1.0 + STIFFER * RANGES["pre_inflation"].high)), sizes
 
     def contains(self, capillary_number, size_ratio, *coordinates):
-        values = dict(zip(RANGES, coordinates, strict=True)) if coordinates else dict(self.held)
+        others = [name for name in RANGES if name not in dict(self.held)]
+        values = dict(self.held) | (dict(zip(others, coordinates, strict=True)) if coordinates else {})
         inflation = np.asarray(values.get("pre_inflation", 0.0))
         within = self.of_surrogate.contains(np.atleast_1d(capillary_number / (1.0 + STIFFER * inflation)), size_ratio)
         for name, value in values.items():
@@ -55,10 +56,10 @@ class MembraneModel(ForwardModel):
     cross_section = "square"
     coordinates = RANGES
 
-    def __init__(self, shorter=SHORTER, shallower=SHALLOWER):
+    def __init__(self, shorter=SHORTER, shallower=SHALLOWER, blunter=0.0):
         self.surrogate = Surrogate.open("square-neo-hookean")
         self.domain = MembraneDomain(self.surrogate.domain)
-        self.shorter, self.shallower = shorter, shallower
+        self.shorter, self.shallower, self.blunter = shorter, shallower, blunter
 
     def __call__(self, theta, *, outline=False):
         self.check_names(theta)
@@ -71,6 +72,8 @@ class MembraneModel(ForwardModel):
             outline=outline,
         )
         shorter = self.shorter * np.log(known["area_dilation_modulus"] / RANGES["area_dilation_modulus"].null_value)
+        bending = np.where(inside, known["bending"], RANGES["bending"].null_value)
+        shorter = shorter + self.blunter * np.log(bending / RANGES["bending"].null_value)
         shallower = self.shallower * known["strain_hardening"]
         made = replace(plain, axial_extent=plain.axial_extent - shorter, axial_length=plain.axial_length + shallower)
         if outline:

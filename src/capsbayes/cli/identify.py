@@ -110,7 +110,7 @@ def _files(posterior: Posterior) -> dict[str, Writer]:
     from capsbayes.show import corner_plot, outline_figure
     from capsbayes.show.figures.corner import SHOWN
 
-    shown = (*SHOWN, *posterior.prior.coordinates)
+    shown = (*SHOWN, *posterior.prior.uncertain)
     files: dict[str, Writer] = {
         "posterior.nc": posterior.write,
         "summary.json": json_file(posterior.as_dict()),

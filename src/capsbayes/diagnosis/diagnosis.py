@@ -209,6 +209,7 @@ def diagnose(
         If the earlier study is of another session, or its capsules were divided with another seed.
     """
     session = Session.of(session)
+    model.check_experiment(session.experiment)
     if earlier is not None and (earlier.session is not session or earlier.seed != seed):
         raise ValueError("earlier: expected a study of the same session with the same seed")
     made = partial(Study, session=session, seed=seed, level=level)

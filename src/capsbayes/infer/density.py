@@ -26,13 +26,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from capsbayes.arrays import Booleans, Floats, Integers
-from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
+from capsbayes.experiment import capsule_radius, mean_velocity, membrane_thickness, surface_shear_modulus
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.kernel import Flow, flow_mismatch, given_flow
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.infer.log_grid import LogGrid, resampled, scaled
 from capsbayes.infer.outline.table import AnyOutline
-from capsbayes.infer.prior import Coordinate, Prior
+from capsbayes.infer.prior import THICKNESS, Coordinate, Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
@@ -113,8 +113,14 @@ class PosteriorDensity:
 
     @property
     def shape_depends_on_half_width(self) -> bool:
-        """True if l is a third dimension: the lengths are in metres and l is uncertain."""
-        return not (self.likelihood.over_half_width or self.inputs.half_width.known)
+        """True if l is a dimension: it is uncertain, and the lengths are in metres or a thickness is known."""
+        over = self.likelihood.over_half_width and not self.by_thickness
+        return not (over or self.inputs.half_width.known)
+
+    @property
+    def by_thickness(self) -> bool:
+        """True if the prior of a coordinate is that of the thickness of the membrane."""
+        return any(coordinate.by_thickness for coordinate in self.coordinates)
 
     def width_at(self, half_width: Floats | None) -> Floats | float:
         """Return the half width of a node: its own where l is a dimension, else the central value."""
@@ -300,7 +306,12 @@ class PosteriorDensity:
                 draws[name][found] = again[name][good[first]]
             out = out[~np.isin(out, found, assume_unique=True)]
         self._weigh(rng, draws, model, width, out)
-        return _derived(draws) | {
+        derived = _derived(draws)
+        if self.by_thickness:
+            derived[THICKNESS] = membrane_thickness(
+                bending=derived["bending"], capsule_radius=derived["capsule_radius"]
+            )
+        return derived | {
             "stretch_ratio": model.stretch_ratio,
             "axial_extent": model.extent,
             "axial_length": model.length,

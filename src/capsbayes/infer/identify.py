@@ -140,7 +140,7 @@ def check_applies(model: ForwardModel, measurement: Measurement, experiment: Exp
     ------
     InputError
     """
-    model.check_cross_section(experiment)
+    model.check_experiment(experiment)
     if measurement.outline is not None:
         check_view_of(model, measurement.outline, measurement.source or "measurement")
 
@@ -157,7 +157,9 @@ def _log_modulus_sd_if_known(grid: ExactPosterior, measurement: Measurement, exp
 
 
 def _reported(grid: ExactPosterior) -> tuple[str, ...]:
-    return (*REPORTED, *(coordinate.name for coordinate in grid.density.coordinates))
+    """Return the names of the quantities that are reported: a thickness of the membrane with the bending it tells."""
+    names = [coordinate.name for coordinate in grid.density.coordinates]
+    return (*REPORTED, *dict.fromkeys((*names, *grid.density.prior.uncertain)))
 
 
 def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:

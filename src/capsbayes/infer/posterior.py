@@ -150,7 +150,7 @@ class Posterior:
         rows = {name: marginal.as_dict() for name, marginal in self.marginals.items()}
         table = pd.DataFrame.from_dict(rows, orient="index")
         table.insert(0, "unit", [PARAMETERS[name].unit for name in rows])
-        if len(self.prior.coordinates) > 1:
+        if self.log_modulus_sd_if_known is not None:
             table["width_over_prior"] = pd.Series(self.widths_over_prior())
         return table
 
@@ -162,7 +162,7 @@ class Posterior:
         it exactly.
         """
         found = {}
-        for name, quantity in self.prior.coordinates.items():
+        for name, quantity in self.prior.uncertain.items():
             ends = self.marginals[name]
             found[name] = float(np.diff(quantity.cdf([ends.lower_68, ends.upper_68]))[0]) / _WITHIN_68
         return found

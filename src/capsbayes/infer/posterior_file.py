@@ -14,7 +14,7 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.prior import THICKNESS, Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity, json_number
@@ -66,6 +66,7 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
             "source": known.source,
             "sha256": known.sha256,
             "density": known.density.as_record(),
+            THICKNESS: None if known.membrane_thickness is None else known.membrane_thickness.as_record(),
             "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
@@ -179,7 +180,7 @@ def _measurement(table: Mapping[str, Any], points: Any) -> Measurement:
 
 
 def _experiment(table: Mapping[str, Any]) -> Experiment:
-    rate = table["frame_rate"]
+    rate, thickness = table["frame_rate"], table.get(THICKNESS)
     return Experiment(
         cross_section=table["cross_section"] if "cross_section" in table else table["section"],
         half_width=Quantity.of_record(table["half_width"], "m"),
@@ -188,4 +189,5 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
         sha256=table["sha256"],
         frame_rate=None if rate is None else Quantity(**rate),
         density=Quantity.of_record(table["density"], "kg/m^3") if "density" in table else WATER,
+        membrane_thickness=None if thickness is None else Quantity.of_record(thickness, "m"),
     )

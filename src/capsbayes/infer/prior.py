@@ -36,14 +36,19 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
 from capsbayes.files.input_file import InputFile
 from capsbayes.model import CoordinateRange, ForwardModel
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity
 
-_LEAST_COVERED = 0.8  # of the mass of the prior of a coordinate by the range of the model
+LEAST_COVERED = 0.8
+"""Of the mass of the prior of a coordinate, by the range of the model."""
+
 _RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
 _LIMITED = ("surface_shear_modulus", "capsule_radius")
+THICKNESS = "membrane_thickness"
+"""Name of the prior that takes the place of that of the bending modulus."""
 _MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e-6, 1e-3, "m")
 
 
@@ -62,7 +67,8 @@ class Prior:
         Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
     coordinates : mapping of str to Quantity
         Of further coordinates of the model, as ``{"pre_inflation": "0 .. 0.1"}``. Default: uniform over the range of
-        the model, or log-uniform where the model declares the coordinate logarithmic.
+        the model, or log-uniform where the model declares the coordinate logarithmic. A ``"membrane_thickness"`` [m],
+        known or not, takes the place of the prior of ``"bending"``, see `with_thickness`.
 
     Raises
     ------
@@ -87,6 +93,8 @@ class Prior:
                 raise InputError("prior", name, expected, str(stated))
             object.__setattr__(self, name, stated)
         read = {name: _coordinate(quantity, "prior", name) for name, quantity in self.coordinates.items()}
+        if THICKNESS in read and "bending" in read:
+            raise InputError("prior", f"bending, {THICKNESS}", "one of the two, as B = (t/a)^2 / 3", "both")
         object.__setattr__(self, "coordinates", read)
 
     @property
@@ -98,6 +106,11 @@ class Prior:
     def is_general(self) -> bool:
         """True unless G_s and a have ranges, whose densities are powers between two limits."""
         return not all(prior.is_range for prior in self.both)
+
+    @property
+    def uncertain(self) -> dict[str, Quantity]:
+        """Priors of the further coordinates, by name; a known thickness of the membrane is none."""
+        return {name: quantity for name, quantity in self.coordinates.items() if not quantity.known}
 
     @classmethod
     def read(cls, path: str | Path, default: Prior | None = None) -> Prior:
@@ -145,8 +158,26 @@ class Prior:
             else _RANGES[table["distribution"]](table["low"], table["high"])
             for table in stated
         )
-        known = {name: Quantity.of_record(record) for name, record in coordinates.items()}
+        known = {name: Quantity.of_record(record, PARAMETERS[name].si) for name, record in coordinates.items()}
         return cls(modulus, radius, known)
+
+    def with_thickness(self, experiment: Experiment) -> Prior:
+        """Return the same with the thickness of the membrane that an experiment states, if it states one.
+
+        Raises
+        ------
+        InputError
+            If the bending modulus has a prior already, or the thickness another one.
+        """
+        stated = experiment.membrane_thickness
+        if stated is None or self.coordinates.get(THICKNESS) == stated:
+            return self
+        for name in ("bending", THICKNESS):
+            if name in self.coordinates:
+                expected = f"one statement of what is known of the {PARAMETERS[name].meaning}"
+                got = f"{stated}, and {self.coordinates[name]} for {name}"
+                raise InputError(experiment.source or "experiment", THICKNESS, expected, got)
+        return replace(self, coordinates={**self.coordinates, THICKNESS: stated})
 
 
 def coordinate_prior(text: object, *, where: str, key: str) -> Quantity:
@@ -173,6 +204,8 @@ def coordinate_prior(text: object, *, where: str, key: str) -> Quantity:
 
 
 def _coordinate(given: Given, where: str, key: str) -> Quantity:
+    if key == THICKNESS:
+        return Quantity.of(given, key, where=where)
     expected = 'a range as "0 .. 0.1" or a value with its error as "0.03 +/- 0.01"'
     try:
         read = Quantity.of(given, key, where=where, units=("",), signed=True)
@@ -215,6 +248,9 @@ class Coordinate:
         Before the cut.
     low, high : float
         Range of the model.
+    by_thickness : bool
+        True if the distribution is that of a thickness [m], which tells the coordinate only together with the radius:
+        `values` are thicknesses then, and not cut.
 
     Examples
     --------
@@ -227,6 +263,7 @@ class Coordinate:
     distribution: Quantity
     low: float
     high: float
+    by_thickness: bool = False
 
     @classmethod
     def all_of(cls, model: ForwardModel, prior: Prior) -> tuple[Coordinate, ...]:
@@ -243,11 +280,13 @@ class Coordinate:
     @classmethod
     def _of(cls, name: str, ends: CoordinateRange, prior: Prior) -> Coordinate:
         low, high = ends.low, ends.high
+        if name == "bending" and THICKNESS in prior.coordinates:
+            return cls(name, prior.coordinates[THICKNESS], low, high, by_thickness=True)
         if name not in prior.coordinates:
             known = Quantity.log_uniform if ends.logarithmic else Quantity.uniform
             return cls(name, known(low, high), low, high)
         made = cls(name, prior.coordinates[name], low, high)
-        if made.covered < _LEAST_COVERED:
+        if made.covered < LEAST_COVERED:
             expected = f"a distribution within the range of the model, {low:g} to {high:g}"
             raise InputError("prior", name, expected, f"one with {made.covered:.0%} of its mass there")
         return made
@@ -263,6 +302,10 @@ class Coordinate:
 
     def values(self, shares: ArrayLike) -> Floats:
         """Return the values below which given shares of the prior lie."""
+        if self.distribution.known:
+            return np.full(np.shape(shares), self.distribution.value)
+        if self.by_thickness:
+            return self.distribution.ppf(shares)
         shares = self._below + np.asarray(shares) * self.covered
         return np.clip(self.distribution.ppf(shares), self.low, self.high)
 
@@ -282,6 +325,6 @@ def check_coordinates(model: ForwardModel, prior: Prior) -> None:
     """
     names = tuple(model.coordinates)
     for other in prior.coordinates:
-        if other not in names:
+        if ("bending" if other == THICKNESS else other) not in names:
             known = f"a coordinate of {model.name}" + (f" ({', '.join(names)})" if names else "")
             raise InputError("prior", other, known, f"a model of ({', '.join(('Ca', 'a/l', *names))})")

@@ -99,6 +99,8 @@ def _each_halved(
         if measurement.length_with_outline is not None:
             half = replace(measurement, axial_length_error=0.5 * measurement.length_with_outline[1])
             yield "axial_length", again(half, inputs=inputs)
+        if posterior.density.by_thickness:
+            yield from _of_half_width(again, measurement, posterior)
         yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)
         return
     half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
@@ -106,7 +108,14 @@ def _each_halved(
     if measurement.axial_length_error is not None:
         half = replace(measurement, axial_length_error=0.5 * measurement.axial_length_error)
         yield "axial_length", again(half, inputs=inputs)
+    yield from _of_half_width(again, measurement, posterior)
+    yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)
+
+
+def _of_half_width(
+    again: Callable[..., ExactPosterior], measurement: Measurement, posterior: ExactPosterior
+) -> Iterator[tuple[str, ExactPosterior]]:
     if posterior.density.shape_depends_on_half_width:
+        inputs = posterior.density.inputs
         narrow = replace(inputs, half_width=inputs.half_width.rescaled(inputs.half_width.value, 0.5))
         yield "half_width", again(measurement, inputs=narrow)
-    yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)

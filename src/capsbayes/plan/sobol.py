@@ -76,6 +76,7 @@ def sobol_indices(
     Saltelli et al., Computer Physics Communications 181 (2010) 259, doi:10.1016/j.cpc.2009.09.018.
     """
     _check(measurement, samples)
+    model.check_experiment(experiment)
     inputs = Inputs.of(measurement, experiment)
     varied = _ranges(measurement, inputs, ranges or {})
     answerer = Answerer.of(model, measurement, inputs, {name: quantity.error for name, quantity in varied.items()})

@@ -191,4 +191,4 @@ def check_model(model: ForwardModel, experiment: Experiment) -> None:
         name = ", ".join(model.coordinates)
         advice = f"fix it: model.fixed({name}=value)"
         raise InputError("sensitivity", "model", "a model of (Ca, a/l)", f"one of {name} too", advice)
-    model.check_cross_section(experiment)
+    model.check_experiment(experiment)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pressed_shell import BENDING, distances
 
-from capsbayes.physics.capsule.bending import BentShell, bending_of
+from capsbayes.physics.capsule.bending import BentShell
 from capsbayes.physics.capsule.element_integrals import spheroid
 from capsbayes.physics.capsule.membrane_load import MembraneLoad
 from capsbayes.physics.membrane import NeoHookean
@@ -64,11 +64,6 @@ def test_gradient_and_tangent_are_derivatives_of_the_energy():
     difference = (ahead.gradient - behind.gradient) / (2 * step)
     np.testing.assert_allclose(middle.tangent @ direction, difference, atol=1e-6 * np.abs(difference).max())
     np.testing.assert_allclose(middle.tangent, middle.tangent.T, atol=1e-11 * np.abs(middle.tangent).max())
-
-
-def test_stiffness_of_a_thickness():
-    """A membrane of 2.4 % of the radius has the usual B."""
-    assert bending_of(0.0245, 1.0) == pytest.approx(2e-4, rel=1e-3)
 
 
 def test_a_shell_pressed_in_has_the_shape_of_the_independent_one():

@@ -95,6 +95,22 @@ def test_the_error_of_the_outline_is_of_the_size_of_that_of_the_lengths(model):
     assert 0.05 * of_length < np.sqrt(np.sum(modes**2, axis=0)).max() < 20.0 * of_length
 
 
+def test_the_domain_at_some_known_parameters_is_that_of_the_whole_there(model):
+    held = {"area_dilation_modulus": 1.6, "pre_inflation": 0.04}
+    rng = np.random.default_rng(5)
+    ca, size = rng.uniform(0.01, 0.2, 400), rng.uniform(0.75, 1.1, 400)
+    hardening, bending = rng.uniform(0.0, 1.0, 400), 10.0 ** rng.uniform(-5.0, -3.0, 400)
+    whole = model.domain.contains(ca, size, np.full(400, 0.04), np.full(400, 1.6), hardening, bending)
+    assert 0 < whole.sum() < 400
+    some = model.fixed(**held)
+    assert list(some.coordinates) == ["strain_hardening", "bending"]
+    np.testing.assert_array_equal(some.domain.contains(ca, size, hardening, bending), whole)
+    more = some.fixed(strain_hardening=0.5)
+    expected = model.domain.contains(ca, size, np.full(400, 0.04), np.full(400, 1.6), np.full(400, 0.5), bending)
+    np.testing.assert_array_equal(more.domain.contains(ca, size, bending), expected)
+    assert "bending = 0.1 lies outside" in some.domain.reason(0.05, 0.9, bending=0.1)
+
+
 def test_beyond_the_domain_it_has_no_answer_and_says_why(model):
     with pytest.raises(OutsideDatabaseError, match=r"pre_inflation = 0\.3 lies outside 0 to 0\.1"):
         model.at(capillary_number=0.05, size_ratio=0.9, pre_inflation=0.3)

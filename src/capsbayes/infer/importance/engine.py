@@ -19,16 +19,17 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Nodes
 from capsbayes.infer.grid.quadrature import UNSEEN, check_shape, no_shape_in, with_error_of_half_width
-from capsbayes.infer.importance.frame import Frame
+from capsbayes.infer.importance.frame import Frame, check_thickness
 from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.importance.proposal import Proposal
 from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.outline.likelihood import outline_likelihood
-from capsbayes.infer.prior import Coordinate, Prior
+from capsbayes.infer.prior import THICKNESS, Coordinate, Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
+from capsbayes.quantity import Quantity
 
 _CLOUD = 2**14  # points over the prior
 _TRIED = 2**12  # draws of a round
@@ -77,9 +78,11 @@ class ImportanceSampling:
 
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         self.model, self.experiment = model, experiment
-        self.coordinates = Coordinate.all_of(model, prior or Prior())
-        known = {coordinate.name: coordinate.distribution for coordinate in self.coordinates}
-        self.prior = replace(prior or Prior(), coordinates=known)
+        stated = (prior or Prior()).with_thickness(experiment)
+        self.coordinates = Coordinate.all_of(model, stated)
+        check_thickness(self.coordinates, experiment, model.domain)
+        known = {THICKNESS if each.by_thickness else each.name: each.distribution for each in self.coordinates}
+        self.prior = replace(stated, coordinates=known)
         self.inputs = Inputs.of_experiment(experiment)
 
     def __call__(
@@ -142,6 +145,8 @@ class ImportanceSampling:
             Up to a constant of the capsule.
         """
         inputs, rough = replace(density.inputs, flow_rate=None), with_error_of_half_width(density)
+        if density.by_thickness:
+            inputs = replace(inputs, half_width=Quantity(inputs.half_width.value, unit="m"))
         extent = replace(rough, likelihood=replace(rough.likelihood, length=None), outline=None, inputs=inputs)
         unseen = replace(extent, likelihood=UNSEEN)
         frame = self._frame(extent)
@@ -188,14 +193,15 @@ class ImportanceSampling:
     ) -> PosteriorDensity:
         """Return the density with the likelihood of an outline whose pilot is the shape at a point (d,)."""
         assert measurement.outline is not None, "an outline"
-        theta = {name: float(values[0]) for name, values in frame.theta(there[None]).items() if name != "half_width"}
+        known = self.model.names
+        theta = {name: float(values[0]) for name, values in frame.theta(there[None]).items() if name in known}
         length = measurement.length_with_outline
         pilot = outline_likelihood(self.model, measurement.outline, theta, density.error_scale, length=length)
         return replace(density, outline=pilot)
 
     def _frame(self, density: PosteriorDensity) -> Frame:
         width = density.inputs.half_width if density.shape_depends_on_half_width else None
-        return Frame(self.model.domain, self.coordinates, width)
+        return Frame(self.model.domain, self.coordinates, width, density.inputs.half_width.value)
 
     def _over_prior(self, frame: Frame, density: PosteriorDensity) -> Cloud:
         """Return a cloud over the prior; the likelihood of an outline is left out, as it needs a pilot."""

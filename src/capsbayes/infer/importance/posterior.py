@@ -16,6 +16,7 @@ from capsbayes.infer.grid.posterior import NodePosterior
 from capsbayes.infer.importance.frame import Frame
 from capsbayes.infer.importance.proposal import Proposal
 from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.prior import THICKNESS
 from capsbayes.model import ForwardModel
 
 
@@ -57,7 +58,7 @@ class WeightedPosterior(NodePosterior):
     def likeliest(self) -> dict[str, float]:
         """The point of largest density, each coordinate measured by its prior: its names and values."""
         best = int(np.argmax(self.log_density))
-        return {name: float(values[best]) for name, values in self._theta.items() if name != "half_width"}
+        return {name: float(values[best]) for name, values in self._theta.items() if name in self.forward.names}
 
     @cached_property
     def cut(self) -> bool:
@@ -69,15 +70,17 @@ class WeightedPosterior(NodePosterior):
 
     def marginal(self, name: str) -> Marginal:
         """See `ExactPosterior`."""
-        return self._of_coordinate(name) if name in self._coordinates else super().marginal(name)
+        return self._summary(self._theta[name]) if name in self._own else super().marginal(name)
 
     def log_marginal(self, name: str) -> Marginal:
         """See `ExactPosterior`; of a coordinate, which may vanish, the summary of itself."""
-        return self._of_coordinate(name) if name in self._coordinates else super().log_marginal(name)
+        if name in self._coordinates:
+            return self._summary(self._theta[name])
+        return self._summary(np.log(self._theta[name])) if name in self._own else super().log_marginal(name)
 
     def probability_below(self, name: str, value: float) -> float:
         """See `ExactPosterior`."""
-        if name in self._coordinates:
+        if name in self._own:
             return float(self.weights @ (self._theta[name] <= value))
         return super().probability_below(name, value)
 
@@ -98,8 +101,11 @@ class WeightedPosterior(NodePosterior):
     def variance_given(self, coordinate: str, name: str) -> float:
         """Return the variance of the mean of the logarithm of a quantity over the values of a coordinate.
 
-        The mean at given value is a cubic polynomial of its normal score under the prior, by least squares.
+        The mean at given value is a cubic polynomial of its normal score under the prior, by least squares. One of a
+        known thickness adds none.
         """
+        if coordinate not in self.frame.columns:
+            return 0.0
         logs = self._mean_logs[name]
         column = self.points[:, self.frame.column(coordinate)]
         away = column - self.weights @ column
@@ -112,6 +118,10 @@ class WeightedPosterior(NodePosterior):
     @property
     def _coordinates(self) -> tuple[str, ...]:
         return tuple(coordinate.name for coordinate in self.density.coordinates)
+
+    @property
+    def _own(self) -> tuple[str, ...]:
+        return (*self._coordinates, THICKNESS) if self.density.by_thickness else self._coordinates
 
     @cached_property
     def _theta(self) -> Mapping[str, Floats]:
@@ -132,8 +142,7 @@ class WeightedPosterior(NodePosterior):
     def _spacing(self) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
 
-    def _of_coordinate(self, name: str) -> Marginal:
-        values = self._theta[name]
+    def _summary(self, values: Floats) -> Marginal:
         order = np.argsort(values)
         middles = np.cumsum(self.weights[order]) - 0.5 * self.weights[order]
         mean = float(self.weights @ values)

@@ -126,7 +126,7 @@ def identify_folder(
     run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
     check_coordinates(model, run.prior)
     if experiment is not None:
-        model.check_cross_section(experiment)
+        model.check_experiment(experiment)
     pool = _Pool(run, scheduler, workers, progress)
     store = Store(parts, run.fingerprint)
     with only_run(out), keeping(parts), refusing(parts, "a folder that can be written"):

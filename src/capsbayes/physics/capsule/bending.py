@@ -31,22 +31,6 @@ _DEGREE = 4  # of the rule of quadrature: curvatures are quadratic on an element
 _PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]])  # components of a symmetric tensor
 
 
-def bending_of(thickness: float, radius: float) -> float:
-    """Return the bending stiffness B = D / (G_s a^2) of a shell of incompressible material, (t/a)^2 / 3 [-].
-
-    Parameters
-    ----------
-    thickness, radius : float
-        Of the membrane and of the capsule at rest, in one unit.
-
-    Examples
-    --------
-    >>> round(bending_of(0.6e-6, 25e-6), 6)
-    0.000192
-    """
-    return (thickness / radius) ** 2 / 3.0
-
-
 class _Curvature(NamedTuple):
     """What turns second derivatives into curvatures at the points of quadrature, for an unstressed unit spheroid.
 

@@ -26,7 +26,7 @@ _WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
 def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, folder: Path | None = None) -> str:
     """Return a posterior as a whole page in HTML, with the pictures of `capsule_pictures` within it."""
     shown = [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN if name in posterior.marginals]
-    names = (*SHOWN, *posterior.prior.coordinates)
+    names = (*SHOWN, *posterior.prior.uncertain)
     caption = "Every pair: contours hold 68 % and 95 % of the probability. Each alone: median and 68 % interval."
     source = posterior.measurement.source
     name = Path(source).name if source else "without a name"

@@ -62,8 +62,7 @@ class MembraneDomain(Domain):
 
     def at(self, values: Mapping[str, float]) -> Domain:
         """Return the domain over (Ca, a/l) at given values of further coordinates."""
-        known = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True)) | dict(values)
-        return FixedMembraneDomain(self, tuple(known[name] for name in FREE_PARAMETERS[2:]))
+        return FixedMembraneDomain(self, dict(values))
 
     def reason(self, capillary_number: float, size_ratio: float, **further: float) -> str:
         """Say why a point lies outside the domain."""
@@ -77,17 +76,17 @@ class MembraneDomain(Domain):
 
 @dataclass(frozen=True, eq=False)
 class FixedMembraneDomain(Domain):
-    """Part of the domain at given values of the membrane's parameters.
+    """Part of the domain at given values of some of the membrane's parameters.
 
     Parameters
     ----------
     whole : MembraneDomain
-    membrane : tuple of float
-        In the order of `FREE_PARAMETERS`.
+    held : mapping of str to float
+        These values by name.
     """
 
     whole: MembraneDomain
-    membrane: tuple[float, ...]
+    held: Mapping[str, float]
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -96,5 +95,18 @@ class FixedMembraneDomain(Domain):
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *further: ArrayLike) -> Booleans:
         """Return whether each point lies in the domain : (n,) bool array; NaN is outside."""
-        del further
-        return self.whole.contains(capillary_number, size_ratio, *self.membrane)
+        others = [name for name in FREE_PARAMETERS[2:] if name not in self.held]
+        known = (
+            dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True))
+            | dict(self.held)
+            | dict(zip(others, further, strict=False))
+        )
+        return self.whole.contains(capillary_number, size_ratio, *(known[name] for name in FREE_PARAMETERS[2:]))
+
+    def at(self, values: Mapping[str, float]) -> Domain:
+        """Return the part at given values of further parameters too."""
+        return FixedMembraneDomain(self.whole, {**self.held, **values})
+
+    def reason(self, capillary_number: float, size_ratio: float, **further: float) -> str:
+        """Say why a point lies outside the domain."""
+        return self.whole.reason(capillary_number, size_ratio, **{**self.held, **further})
