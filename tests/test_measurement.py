@@ -83,7 +83,7 @@ def test_the_length_on_the_axis_may_be_missing(tmp_path):
         (("length_correlation = 0.5", 'length_correlation = "a"'), "length_correlation: expected a number between -1"),
         (
             ("[measurement]", "[seen]"),
-            "seen: expected one of measurement, experiment, prior, outline, got an unknown key",
+            "seen: expected one of measurement, experiment, prior, membrane, outline, got an unknown key",
         ),
         (
             ("[measurement]", '[measurement]\nflow_rate = "3 mm/s"'),

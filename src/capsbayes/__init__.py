@@ -23,6 +23,7 @@ _HOME = {
     "LabErrors": "capsbayes.plan",
     "MeasuredOutline": "capsbayes.measured_outline",
     "Measurement": "capsbayes.measurement",
+    "Membrane": "capsbayes.infer",
     "MembraneSurrogate": "capsbayes.surrogate",
     "NeoHookean": "capsbayes.physics.membrane",
     "OutlineNoise": "capsbayes.measured_outline",
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image.measure import measure
     from capsbayes.image.measure_film import measure_film
-    from capsbayes.infer import Posterior, Prior
+    from capsbayes.infer import Membrane, Posterior, Prior
     from capsbayes.infer.identify import identify
     from capsbayes.infer.many import Hierarchy, Population
     from capsbayes.infer.many.distribution.hierarchy import hierarchy

@@ -172,7 +172,8 @@ class Measurement(Readable):
             ``capsule_velocity``, and optionally ``axial_length`` and
             ``length_correlation``, or ``axial_length_bound``, and ``flow_rate``. It may name its experiment file
             (``experiment = "..."``, relative to itself) and state a ``[prior]``, which `capsbayes.infer.Prior.read`
-            reads, and an ``[outline]``, which `MeasuredOutline.read` reads.
+            reads, a ``[membrane]``, which `capsbayes.infer.Membrane.read` reads, and an ``[outline]``, which
+            `MeasuredOutline.read` reads.
 
         Returns
         -------
@@ -184,10 +185,8 @@ class Measurement(Readable):
             Naming file, key, what was expected and what was found.
         """
         file = InputFile.read(path)
-        top = file.table(
-            required=("measurement",),
-            optional={"experiment": file_name("experiment.toml"), "prior": unread, "outline": unread},
-        )
+        others = dict.fromkeys(("prior", "membrane", "outline"), unread)
+        top = file.table(required=("measurement",), optional={"experiment": file_name("experiment.toml"), **others})
         stated = file.content.get("measurement")
         if isinstance(stated, dict) and "flow_rate" in stated and "capsule_velocity" not in stated:
             advice = 'state v_o loosely where it was not measured: it is 1 to 1.5 times Q/A, as "6.0 +/- 0.9 mm/s"'

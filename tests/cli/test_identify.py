@@ -179,3 +179,28 @@ def test_a_picture_needs_an_experiment_and_a_velocity(picture):
 def test_what_belongs_to_a_picture_is_refused_with_a_measurement(capsule):
     result = run(capsule, "--velocity", "6.20 +/- 0.06 mm/s")
     assert "identify: --velocity: expected a picture (.png, .tif" in str(result.exception)
+
+
+def test_what_is_known_of_the_membrane_is_stated_in_the_file_and_changed_by_options(capsule):
+    table = '[membrane]\nlaw = "Skalak"\nhardening = 0.5\npre_inflation = 0.03\nbending = 2e-4\n'
+    capsule.write_text(capsule.read_text() + table)
+    stated = {"pre_inflation = 0.03", "bending = 0.0002"}
+    of_file = json.loads(run(capsule, "--engine", "quadrature", "--json").stdout)["model"]["name"]
+    assert {"strain_hardening = 1", "area_dilation_modulus = 2", *stated} == set(of_file.split(" at ")[1].split(", "))
+    other = "--membrane", "neo-hookean", "--membrane", "hardening=unknown"
+    changed = json.loads(run(capsule, "--engine", "quadrature", "--json", *other).stdout)["model"]["name"]
+    assert {"strain_hardening = 0", "area_dilation_modulus = 3", *stated} == set(changed.split(" at ")[1].split(", "))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--membrane", "rubber"), "--membrane: law: expected one of unknown, neo-Hookean"),
+        (("--membrane", "stiffness=3"), "--membrane: expected a law, or NAME=TEXT with one of the names"),
+        (("--membrane", "unknown", "--database", "square-skalak"), "expected one of the two, got both"),
+    ],
+)
+def test_mistakes_about_the_membrane_are_one_line(capsule, options, message):
+    result = run(capsule, *options)
+    assert isinstance(result.exception, CapsbayesError)
+    assert message in str(result.exception)

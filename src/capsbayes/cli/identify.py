@@ -20,6 +20,7 @@ from capsbayes.cli.options import (
     Seed,
     Velocity,
     capsule_model,
+    membrane_of,
     named_experiment,
     prior_texts,
     speed_of,
@@ -69,7 +70,7 @@ def identify(
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
     from capsbayes.experiment import Experiment
     from capsbayes.files.input_file import PICTURES
-    from capsbayes.infer import Prior
+    from capsbayes.infer import Membrane, Prior
     from capsbayes.infer import identify as identified
     from capsbayes.measurement import Measurement
     from capsbayes.show.terminal import posterior_parts
@@ -81,18 +82,21 @@ def identify(
             raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
         channel, speed = Experiment.read(experiment), speed_of(velocity)
         measurement = measured_picture(capsule, channel, speed, background, flow, out, quiet=as_json)
-        written = Prior()
+        written, stated = Prior(), None
     else:
         for option, given in {"--velocity": velocity, "--background": background, "--flow": flow}.items():
             if given is not None:
                 raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule))
-        measurement, written = Measurement.read(capsule), Prior.read(capsule)
+        measurement, written, stated = Measurement.read(capsule), Prior.read(capsule), Membrane.read(capsule)
     believed = written.with_texts(prior_texts(prior), where="--prior")
     known = named_experiment(measurement, experiment)
     view = None if measurement.outline is None else measurement.outline.view
-    model = capsule_model(database, membrane, known.cross_section, view)
+    sheet = membrane_of(stated, membrane)
+    model = capsule_model(database, sheet, known.cross_section, view)
     with resumable(out):
-        posterior = identified(measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed)
+        posterior = identified(
+            measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed, membrane=sheet
+        )
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
         conclude(
             posterior.as_dict(),

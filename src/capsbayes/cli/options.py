@@ -15,6 +15,7 @@ from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
+    from capsbayes.infer import Membrane
     from capsbayes.measurement import Measurement
     from capsbayes.model import ForwardModel
     from capsbayes.physics.capsule.membrane_load import BendingEnergy
@@ -58,11 +59,12 @@ ModelName = Annotated[
 ]
 
 MembraneKnown = Annotated[
-    str | None,
+    list[str] | None,
     typer.Option(
         "--membrane",
-        help="'unknown': K_s/G_s, strain hardening, pre-inflation and bending of the membrane are unknown too, each "
-        "with its --prior; in place of --database.",
+        help="What is known of the membrane, in place of --database: its law, as 'unknown', neo-Hookean, Blatz-Ko or "
+        "Skalak, and numbers, as area_dilation_modulus='1.5 +/- 0.3', hardening=1 (C of Skalak's law), "
+        "pre_inflation='0 .. 0.02', bending=2e-4 or membrane_thickness='0.6 +/- 0.2 um'; may be given several times.",
     ),
 ]
 
@@ -266,20 +268,42 @@ def named_model(database: str | None, cross_section: str, view: str | None = Non
     return Surrogate.open(database or f"{cross_section}-neo-hookean", view=view or MID_PLANE)
 
 
-def capsule_model(database: str | None, membrane: str | None, cross_section: str, view: str | None) -> ForwardModel:
-    """Return the model of the option ``--membrane``, or of ``--database`` without it.
+def membrane_of(stated: Membrane | None, options: list[str] | None) -> Membrane | None:
+    """Return what a capsule's file states of its membrane, changed by the options ``--membrane``; None if neither does.
 
     Raises
     ------
     InputError
-        If both options are given, or ``--membrane`` is not ``unknown``.
+        On an option that is neither a law nor NAME=TEXT.
+    """
+    from capsbayes.infer.membrane import KEYS, Membrane
+
+    texts = {}
+    for option in options or []:
+        name, equals, text = option.partition("=")
+        if equals and name not in ("law", *KEYS):
+            raise InputError(
+                "--membrane", "", f"a law, or NAME=TEXT with one of the names {', '.join(KEYS)}", repr(option)
+            )
+        texts[name if equals else "law"] = text if equals else option
+    return (stated or Membrane()).with_texts(texts, where="--membrane") if texts else stated
+
+
+def capsule_model(
+    database: str | None, membrane: Membrane | None, cross_section: str, view: str | None
+) -> ForwardModel:
+    """Return the model over the membrane if something is said of it, or that of ``--database``.
+
+    Raises
+    ------
+    InputError
+        If both are given.
     """
     from capsbayes.measured_outline import MID_PLANE
     from capsbayes.surrogate import MembraneSurrogate
 
     if membrane is None:
         return named_model(database, cross_section, view)
-    choose("identify", "--membrane", membrane, {"unknown": None})
     if database is not None:
-        raise InputError("identify", "--membrane, --database", "one of the two", "both")
+        raise InputError("identify", "--membrane (or [membrane]), --database", "one of the two", "both")
     return MembraneSurrogate.open(cross_section, view=view or MID_PLANE)

@@ -19,6 +19,7 @@ from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.membrane import Membrane
 from capsbayes.infer.misfit import Misfit, inertia, misfits_of, p_values
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
 from capsbayes.infer.outline.misfit import drawn_outlines, outline_misfit
@@ -53,6 +54,7 @@ def identify(
     engine: str = "emcee",
     seed: int,
     prior: Prior | None = None,
+    membrane: Membrane | None = None,
     effort: Effort | None = None,
 ) -> Posterior:
     """Identify one capsule.
@@ -72,6 +74,8 @@ def identify(
         Of all randomness; stored in the result.
     prior : Prior, optional
         Of G_s and a, and of further coordinates of the model.
+    membrane : Membrane, optional
+        What is known of it, if the model has its parameters as coordinates, as a `MembraneSurrogate`.
     effort : Effort, optional
         How much emcee samples.
 
@@ -92,6 +96,8 @@ def identify(
     """
     if engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
+    if membrane is not None:
+        model, prior = membrane.applied(model, prior or Prior())
     check_applies(model, measurement, experiment)
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
         quadrature = exact_engine(model, experiment, prior)

@@ -31,6 +31,7 @@ def budget(
     from rich.console import Console
 
     from capsbayes.infer import Prior, identify
+    from capsbayes.infer.membrane import refuse_membrane
     from capsbayes.measurement import Measurement
     from capsbayes.plan import error_budget
     from capsbayes.show import budget_figure
@@ -38,6 +39,7 @@ def budget(
     from capsbayes.work import resumable
 
     measurement = Measurement.read(capsule)
+    refuse_membrane(capsule, "an error budget")
     known = named_experiment(measurement, experiment)
     model = named_model(
         database, known.cross_section, None if measurement.outline is None else measurement.outline.view

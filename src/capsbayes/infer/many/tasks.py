@@ -25,6 +25,7 @@ from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.table_rows import rows_of_table
+from capsbayes.infer.membrane import refuse_membrane
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS, MeasuredLengths
@@ -273,7 +274,10 @@ def _content(file: Path) -> bytes:
 
 def prior_of_file(file: Path, default: Prior) -> Prior:
     """Return the prior that a measurement file states, with the default for what it does not state."""
-    return default if file.suffix.lower() in PICTURES else Prior.read(file, default)
+    if file.suffix.lower() in PICTURES:
+        return default
+    refuse_membrane(file, "a batch")
+    return Prior.read(file, default)
 
 
 def measured_file(file: Path, run: Run) -> Measurement:
