@@ -1,9 +1,10 @@
 """Simulate capsules with random membranes, one by one, and store them in ``data/pools``.
 
-Run ``python benchmarks/membrane_pools.py capsules|batches FOLDER --states STATES``. STATES is the folder of parts of
-``capsbayes rebuild membrane-square``: each solve starts from the nearest state there, or from the nearest capsule of
-the same batch. Each finished capsule is kept in FOLDER, so that an interrupted run resumes; what has ended is then
-stored, without the unfinished batches. The mesh is that of the states, of refinement 8; no place is one of theirs.
+Run ``python benchmarks/membrane_pools.py capsules|batches|others FOLDER --states STATES``. STATES is the folder of
+parts of ``capsbayes rebuild membrane-square``: each solve starts from the nearest state there, or from the nearest
+capsule of the same batch. Each finished capsule is kept in FOLDER, so that an interrupted run resumes; what has ended
+is then stored, without the unfinished batches. The mesh is that of the states, of refinement 8; no place is one of
+theirs.
 
 Capsules have the default priors of the membrane, and ln Ca and a/l uniform where states are sought.
 
@@ -11,19 +12,23 @@ The capsules of a batch share a membrane drawn from these priors. Their moduli a
 20 %, their radii normal with one of 5 to 8 %; a quarter of them flows at each of four flow rates, which are spread
 over up to a factor of five in Ca. A capsule outside the range where states are sought, or without a steady shape, is
 drawn anew: these are batches of capsules that are seen.
+
+Others obey laws that are no members of the general one; their places follow Sobol's sequence, and no states are needed.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from capsbayes import __version__
 from capsbayes.arrays import Floats
 from capsbayes.membrane_database import RANGES, covered, highest_ca, lowest_ca
 from capsbayes.physics.databases.membranes import membrane_continuation
@@ -32,8 +37,11 @@ from capsbayes.physics.databases.scattered import (
     ScatteredState,
     from_near_to_far,
     in_modes,
+    scattered_states,
+    sobol_places,
     stored_states,
 )
+from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke
 from capsbayes.work import Store
 
 POOLS = Path(__file__).parents[1] / "data" / "pools"
@@ -44,10 +52,13 @@ MARGIN = 1.2  # of Ca between the limits and the mean capsule at the lowest and 
 TRIED = 3  # starts from which a capsule is sought, and capsules without a steady shape that are drawn anew
 OMITTED = 2e-5  # [l] rms of the outlines, in modes that are left out
 LOGARITHMIC = (0, 3, 5)  # of the parameters
-OF_BATCHES = (
-    *("batch", "flow", "flow_factor"),
+OF_SOME = (
+    *("law", "batch", "flow", "flow_factor"),
     *("relative_modulus", "relative_radius", "modulus_spread", "radius_spread"),
 )
+OTHER_LAWS = {"generalised Hooke": GeneralisedHooke(0.5), "Evans-Skalak": EvansSkalak(3.0)}
+OF_EACH = 20  # capsules of each of these
+OF_THE_LAW = ("area_dilation_modulus", "strain_hardening")
 SEED = 2024
 
 
@@ -58,10 +69,11 @@ def stored(name: str) -> dict[str, Any]:
     ``profile`` and ``silhouette`` the outlines. Of batches further ``batch`` (n,), ``flow`` (n,), the number of the
     flow rate, ``flow_factor`` (n,), its velocity over the lowest of the batch, ``relative_modulus`` and
     ``relative_radius`` (n,), over the median and the mean of the batch, and ``modulus_spread`` and ``radius_spread``
-    (n,) of the batch. ``not_reached`` (k, 6) are capsules for which no steady shape was found.
+    (n,) of the batch; of others ``law`` (n,), the number of that of `OTHER_LAWS`, and no strain hardening.
+    ``not_reached`` (k, 6) are capsules for which no steady shape was found.
     """
     with np.load(POOLS / f"membrane-{name}.npz") as file:
-        arrays = {key: np.asarray(value, np.float64) for key, value in file.items()}
+        arrays = {key: np.asarray(value, np.float64) for key, value in file.items() if key != "settings"}
     for view in ("profile", "silhouette"):
         flat = arrays.pop(f"{view}_mean") + arrays[view] @ arrays.pop(f"{view}_modes")
         arrays[view] = flat.reshape(len(flat), -1, 2)
@@ -140,6 +152,13 @@ class Batch(NamedTuple):
                 yield values, {"batch": float(self.number), "flow": float(flow), **of_it}
 
 
+def simulate_batches(store: Store, continuation: Continuation, starts: list[ScatteredState], count: int) -> None:
+    """Simulate the capsules of the first batches that the store lacks."""
+    for number in range(count):
+        simulate_batch(store, continuation, starts, number)
+        print(f"{number + 1} of {count} batches", flush=True)
+
+
 def simulate_batch(store: Store, continuation: Continuation, starts: list[ScatteredState], number: int) -> None:
     """Simulate the capsules of a batch that the store lacks, each from the nearest state or capsule."""
     batch = Batch.drawn(number)
@@ -176,40 +195,72 @@ def simulated_member(
     return {"reached": False, "lost": np.array(lost)}
 
 
-def store_reached(kind: str, store: Store) -> None:
-    """Store the capsules of a folder that were reached; of batches those that are whole."""
+def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Simulate the capsules of other laws that the folder lacks, and return all of them by law."""
+    general, found = membrane_continuation("square"), {}
+    for name, law in OTHER_LAWS.items():
+        axes = tuple(axis for axis in general.axes if axis.name not in OF_THE_LAW)
+        continuation = Continuation(replace(general.simulator, law=law), axes)
+        points = sobol_places(OF_EACH, len(axes))
+        values = continuation.values(points)
+        low, high = lowest_ca(values[:, 2]), highest_ca(values[:, 1], 0.0)
+        values[:, 0] = low * (high / low) ** points[:, 0]
+        start = continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))
+        states = scattered_states(
+            continuation, start, continuation.places(values), folder=folder / name, scheduler="synchronous"
+        )
+        values = np.insert(values, 3, [[law.area_dilation_modulus], [np.nan]], axis=1)
+        found[name] = [
+            {"reached": state is not None, "values": row, **({} if state is None else continuation.seen(state))}
+            for row, state in zip(values, states, strict=True)
+        ]
+    return found
+
+
+def finished(kind: str, store: Store) -> dict[str, dict[str, Any]]:
+    """Return what has ended of the capsules of a folder by name; of batches those that are whole."""
     parts = {name: part for name in sorted(store.names()) if (part := store.load(name)) is not None}
     if kind == "batches":
         whole = {name[:8] for name in parts if sum(other.startswith(name[:8]) for other in parts) == MEMBERS}
         parts = {name: part for name, part in parts.items() if name[:8] in whole}
-    reached_ones = [part for part in parts.values() if part["reached"]]
-    if not reached_ones:
+    return parts
+
+
+def write(kind: str, parts: list[dict[str, Any]], settings: dict[str, object]) -> None:
+    """Store the capsules that were reached, the parameters of those that were not, and the settings."""
+    seen = [part for part in parts if part["reached"]]
+    if not seen:
         return
-    lost = [part["values"] for part in parts.values() if not part["reached"] and "values" in part]
-    lost += [values for part in parts.values() for values in part.get("lost", ())]
+    lost = [part["values"] for part in parts if not part["reached"] and "values" in part]
+    lost += [values for part in parts for values in part.get("lost", ())]
     columns: dict[str, Any] = {"not_reached": np.array(lost).reshape(-1, len(RANGES))}
-    for key in ("values", "numbers"):
-        columns[key] = np.array([part[key] for part in reached_ones])
-    for key in OF_BATCHES:
-        if key in reached_ones[0]:
-            columns[key] = np.array([part[key] for part in reached_ones])
+    columns["settings"] = np.array(json.dumps(settings | {"version": __version__}))
+    for key in ("values", "numbers", *OF_SOME):
+        if key in seen[0]:
+            columns[key] = np.array([part[key] for part in seen])
     for view in ("profile", "silhouette"):
-        modes = in_modes(np.array([part[view] for part in reached_ones]), OMITTED)
+        modes = in_modes(np.array([part[view] for part in seen]), OMITTED)
         of_view = {f"{view}_mean": modes.mean, f"{view}_modes": modes.modes, view: modes.coefficients}
         columns |= {key: array.astype(np.float32) for key, array in of_view.items()}
     path = POOLS / f"membrane-{kind}.npz"
     np.savez_compressed(path, **columns)
-    print(f"{len(reached_ones)} capsules in {path.name}, {path.stat().st_size} bytes; {len(lost)} not reached")
+    print(f"{len(seen)} capsules in {path.name}, {path.stat().st_size} bytes; {len(lost)} not reached")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("capsules", "batches"))
+    parser.add_argument("kind", choices=("capsules", "batches", "others"))
     parser.add_argument("folder", type=Path, help="where finished capsules are kept")
     parser.add_argument("--states", type=Path, help="parts of the states; without: store what has ended")
     parser.add_argument("--first", type=int, default=BATCHES, help="number of batches")
     options = parser.parse_args()
     continuation = membrane_continuation("square")
+    if options.kind == "others":
+        numbered = list(enumerate(simulate_others(options.folder).values()))
+        laws = {"law": [law.name for law in OTHER_LAWS.values()]}
+        parts = [{**part, "law": float(number)} for number, of_law in numbered for part in of_law]
+        write("others", parts, continuation.settings | laws)
+        return
     store = Store.open(options.folder, continuation.settings)
     try:
         if options.states is not None:
@@ -218,11 +269,9 @@ def main() -> None:
                 if options.kind == "capsules":
                     simulate_capsules(store, continuation, starts)
                 else:
-                    for number in range(options.first):
-                        simulate_batch(store, continuation, starts, number)
-                        print(f"{number + 1} of {options.first} batches", flush=True)
+                    simulate_batches(store, continuation, starts, options.first)
     finally:
-        store_reached(options.kind, store)
+        write(options.kind, list(finished(options.kind, store).values()), continuation.settings)
 
 
 if __name__ == "__main__":

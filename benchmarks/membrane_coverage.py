@@ -1,0 +1,205 @@
+"""Coverage of the intervals with the membrane unknown: ``python benchmarks/membrane_coverage.py FOLDER``.
+
+The capsules are those of ``data/pools/membrane-capsules.npz`` in the domain of the model: simulated one by one, with
+membranes drawn from the default priors. Each is measured with errors: its lengths to 0.01 l, or its mid-plane outline
+to 0.005 l; its velocity to 1 %, the viscosity to 1 %, the half width to 0.2 %. It is identified with the membrane
+unknown, and with the default model, which takes it as neo-Hookean and not inflated. Of each it is counted whether the
+68 % and 95 % intervals hold the truth.
+
+``--lengths N`` and ``--outlines N`` say how many capsules there are to be of each kind. Each finished one is kept in
+FOLDER, so that an interrupted run resumes. ``--write`` renews ``docs/data/membrane-coverage.json`` and the table in
+``docs/membrane.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import time
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import membrane_pools
+import numpy as np
+from population_coverage import share
+
+from capsbayes import Experiment, MeasuredOutline, Measurement, OutlineNoise, Surrogate
+from capsbayes.arrays import Floats
+from capsbayes.errors import InputError
+from capsbayes.infer import identify
+from capsbayes.membrane_database import FREE_PARAMETERS
+from capsbayes.model import ForwardModel
+from capsbayes.profile import vertex_normals
+from capsbayes.surrogate import MembraneSurrogate
+from capsbayes.work import Store
+
+ROOT = Path(__file__).parents[1]
+STORED, PAGE = ROOT / "docs" / "data" / "membrane-coverage.json", ROOT / "docs" / "membrane.md"
+MARKS = "<!-- coverage -->\n", "<!-- end of coverage -->\n"
+VISCOSITY, HALF_WIDTH, VELOCITY = (0.7, 0.007), (50e-6, 0.1e-6), (4e-3, 0.01)  # with errors, the last one relative
+LENGTH_ERROR, NOISE, EVERY = 0.01, OutlineNoise(0.005, 0.4, 0.1), 4
+QUANTITIES = {
+    "surface_shear_modulus": "G_s",
+    "capsule_radius": "a",
+    "pre_inflation": "alpha",
+    "area_dilation_modulus": "K",
+    "strain_hardening": "h",
+    "bending": "B",
+}
+LEVELS = (68, 95)
+KINDS = {"lengths": "lengths", "outline": "outline"}
+MODELS = {"unknown": "membrane unknown", "neo-Hookean": "neo-Hookean, no inflation"}
+NOT_TO_BE_USED = "do not use"  # in the sentence of a status
+
+
+@cache
+def model(name: str) -> ForwardModel:
+    """Return one of `MODELS`."""
+    return MembraneSurrogate.open("square") if name == "unknown" else Surrogate.open("square-neo-hookean")
+
+
+def capsules() -> dict[int, tuple[Floats, Floats, Floats]]:
+    """Return values (6,), numbers (4,) and mid-plane outline (p, 2) of the capsules in the domain, by their row."""
+    pool = membrane_pools.stored("capsules")
+    inside = model("unknown").domain.contains(*pool["values"].T)
+    return {
+        int(row): tuple(pool[key][row] for key in ("values", "numbers", "profile")) for row in np.flatnonzero(inside)
+    }
+
+
+def experiment() -> Experiment:
+    """Return channel and liquid as they are known."""
+    (viscosity, error), (width, width_error) = VISCOSITY, HALF_WIDTH
+    return Experiment(
+        cross_section="square",
+        viscosity=f"{viscosity} +/- {error} Pa s",
+        half_width=f"{1e6 * width} +/- {1e6 * width_error} um",
+    )
+
+
+def measured(
+    kind: str, values: Floats, numbers: Floats, outline: Floats, rng: np.random.Generator
+) -> tuple[Measurement, dict[str, float]]:
+    """Return the measurement of a capsule, and the truth."""
+    lengths = numbers[:2] + LENGTH_ERROR * rng.standard_normal(2)
+    if lengths[1] > lengths[0]:  # of a convex capsule, whose lengths are the same
+        lengths[:] = lengths.mean()
+    velocity, error = VELOCITY[0] * numbers[2], VELOCITY[1] * VELOCITY[0] * numbers[2]
+    viscosity, width = (rng.normal(*stated) for stated in (VISCOSITY, HALF_WIDTH))
+    vertices = outline[::EVERY]
+    away = NOISE.drawn(rng, vertices, 1)[0][:, None] * vertex_normals(outline)[::EVERY]
+    seen = Measurement(
+        axial_extent=float(lengths[0]),
+        axial_extent_error=LENGTH_ERROR,
+        axial_length=float(lengths[1]),
+        axial_length_error=LENGTH_ERROR,
+        capsule_velocity=float(velocity + error * rng.standard_normal()),
+        capsule_velocity_error=float(error),
+        outline=MeasuredOutline(vertices + away, NOISE) if kind == "outline" else None,
+    )
+    truth = {"surface_shear_modulus": viscosity * VELOCITY[0] / values[0], "capsule_radius": values[1] * width}
+    return seen, truth | dict(zip(FREE_PARAMETERS[2:], values[2:].tolist(), strict=True))
+
+
+def identified(kind: str, name: str, seen: Measurement, truth: dict[str, float]) -> dict[str, Any]:
+    """Return the truth, the intervals, the status and the time of one capsule."""
+    begin = time.process_time()
+    try:
+        posterior = identify(seen, model(name), experiment(), engine="quadrature", seed=1)
+    except InputError as error:
+        return {"truth": truth, "refused": str(error)}
+    found = {
+        quantity: asdict(posterior.marginals[quantity]) for quantity in QUANTITIES if quantity in posterior.marginals
+    }
+    refused = posterior.status.value if NOT_TO_BE_USED in posterior.status.value else ""
+    log_modulus_sd = float(np.log(posterior.draws["surface_shear_modulus"]).std())
+    further = {"status": posterior.status.name, "log_modulus_sd": log_modulus_sd, "kind": kind}
+    return {"truth": truth, "refused": refused, "found": found, "seconds": time.process_time() - begin, **further}
+
+
+def store_of(folder: Path, name: str) -> Store:
+    """Return the store of the capsules identified with a model."""
+    settings = {"model": name, "sha256": model(name).sha256, "errors": [VISCOSITY, HALF_WIDTH, VELOCITY, LENGTH_ERROR]}
+    return Store.open(folder / name, settings | {"outline": asdict(NOISE)})
+
+
+def run(folder: Path, kind: str, count: int) -> None:
+    """Identify the first capsules that the folder lacks."""
+    for number, (row, capsule) in enumerate(list(capsules().items())[:count], start=1):
+        for name in MODELS:
+            store, part = store_of(folder, name), f"{kind}-{row:03d}"
+            if not store.holds(part):
+                seen = measured(kind, *capsule, np.random.default_rng([7, row]))
+                store.save(part, identified(kind, name, *seen))
+        print(f"{kind}: {number} of {count}", flush=True)
+
+
+def counted(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return counts and medians of what a folder holds, by kind and model."""
+    rows, inside = {}, capsules()
+    for kind in KINDS:
+        for name in MODELS:
+            store = store_of(folder, name)
+            parts = [part for row in inside if (part := store.load(f"{kind}-{row:03d}")) is not None]
+            if parts:
+                rows[f"{kind}, {name}"] = counts_of(parts)
+    return rows
+
+
+def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return how many capsules there are, how many are refused, and of the others how many intervals hold the truth."""
+    used = [part for part in parts if not part["refused"]]
+    counts: dict[str, Any] = {"capsules": len(parts), "refused": len(parts) - len(used)}
+    for quantity in used[0]["found"] if used else ():
+        for level in LEVELS:
+            ends = [f"{end}_{level}" for end in ("lower", "upper")]
+            within = [
+                part["found"][quantity][ends[0]] <= part["truth"][quantity] <= part["found"][quantity][ends[1]]
+                for part in used
+            ]
+            counts[f"{quantity} {level}"] = sum(within)
+    if used:
+        counts["log_modulus_sd"] = float(f"{np.median([part['log_modulus_sd'] for part in used]):.2g}")
+    return counts
+
+
+def table(rows: dict[str, dict[str, Any]]) -> str:
+    """Return the counts as a Markdown table."""
+    head = ("measured", "model", "capsules", "refused", *QUANTITIES.values(), "sd of ln G_s, median")
+    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
+    for name, counts in rows.items():
+        kind, of_model = name.split(", ")
+        used = counts["capsules"] - counts["refused"]
+        cells = [KINDS[kind], MODELS[of_model], str(counts["capsules"]), str(counts["refused"])]
+        for quantity in QUANTITIES:
+            there = f"{quantity} 68" in counts
+            held = [counts[f"{quantity} {level}"] for level in LEVELS] if there else []
+            cells.append(f"{held[0] / used:.0%}, {share(held[1], used)}" if there else "")
+        cells.append(f"{counts['log_modulus_sd']:.2g}" if used else "")
+        lines.append(f"| {' | '.join(cells)} |\n")
+    return re.sub(" ?%", " %", "".join(lines))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="where identified capsules are kept")
+    parser.add_argument("--lengths", type=int, default=150)
+    parser.add_argument("--outlines", type=int, default=60)
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    run(options.folder, "lengths", options.lengths)
+    run(options.folder, "outline", options.outlines)
+    rows = counted(options.folder)
+    print(table(rows))
+    if options.write:
+        STORED.write_text(json.dumps(rows, indent=1) + "\n")
+        before, after = MARKS
+        text = re.sub(f"{before}.*{after}", lambda _: before + table(rows) + after, PAGE.read_text(), flags=re.DOTALL)
+        PAGE.write_text(text)
+
+
+if __name__ == "__main__":
+    main()

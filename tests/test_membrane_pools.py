@@ -1,0 +1,90 @@
+"""Capsules with random membranes are stored as drawn, and the table of coverage is that of what was identified."""
+
+import json
+
+import membrane_coverage
+import membrane_pools
+import numpy as np
+import pytest
+from scipy import stats
+
+from capsbayes.membrane_database import RANGES, covered
+from capsbayes.profile import Profile
+
+CAPSULES = membrane_pools.stored("capsules")
+
+
+@pytest.fixture(scope="module")
+def counts():
+    return json.loads(membrane_coverage.STORED.read_text())
+
+
+def test_capsules_are_those_drawn():
+    drawn = [
+        membrane_pools.drawn_values(np.random.default_rng([membrane_pools.SEED, 0, number]))
+        for number in range(len(CAPSULES["values"]) + len(CAPSULES["not_reached"]))
+    ]
+    stored = np.concatenate([CAPSULES["values"], CAPSULES["not_reached"]])
+    assert covered(np.array(drawn)).all()
+    np.testing.assert_allclose(np.sort(stored, axis=0), np.sort(drawn, axis=0), rtol=1e-12)
+
+
+def test_membranes_are_drawn_from_the_default_priors():
+    """Their parameters do not change where states are sought but for inflation and hardening, which do a little."""
+    drawn = np.array([membrane_pools.drawn_values(np.random.default_rng(seed)) for seed in range(1000)])
+    for column, (low, high) in enumerate(RANGES[2:], start=2):
+        values = drawn[:, column]
+        share = np.log(values / low) / np.log(high / low) if column in (3, 5) else (values - low) / (high - low)
+        assert stats.kstest(share, "uniform").statistic < (0.06 if column in (3, 5) else 0.15)
+
+
+def test_outlines_have_the_lengths_that_are_stored():
+    for outline, numbers in zip(CAPSULES["profile"], CAPSULES["numbers"], strict=True):
+        assert Profile.from_outline(outline).axial_extent == pytest.approx(numbers[0], abs=0.02)
+
+
+def test_the_members_of_a_batch_share_a_membrane_and_flow_at_four_rates():
+    batch = membrane_pools.Batch.drawn(3)
+    members = [next(batch.capsules(member)) for member in range(membrane_pools.MEMBERS)]
+    values = np.array([values for values, _ in members])
+    assert covered(values).all()
+    assert np.all(values[:, 2:] == batch.values[2:])
+    moduli, factors = (np.array([of_it[key] for _, of_it in members]) for key in ("relative_modulus", "flow_factor"))
+    np.testing.assert_allclose(values[:, 0] * moduli / factors, batch.values[0], rtol=1e-12)
+    assert sorted(set(factors)) == pytest.approx(list(batch.factors))
+    assert 0.5 * batch.modulus_spread < np.log(moduli).std() < 1.5 * batch.modulus_spread
+
+
+def test_the_page_shows_the_stored_counts(counts):
+    before, after = membrane_coverage.MARKS
+    assert before + membrane_coverage.table(counts) + after in membrane_coverage.PAGE.read_text()
+
+
+@pytest.mark.parametrize("kind", membrane_coverage.KINDS)
+def test_intervals_with_the_membrane_unknown_hold_the_truth_as_often_as_they_say(counts, kind):
+    row = counts[f"{kind}, unknown"]
+    used = row["capsules"] - row["refused"]
+    assert used >= 20
+    for quantity in membrane_coverage.QUANTITIES:
+        for level in membrane_coverage.LEVELS:
+            held = row[f"{quantity} {level}"]
+            assert stats.binomtest(held, used, level / 100).pvalue > 1e-3, (quantity, level, held)
+
+
+def test_the_default_is_wrong_about_other_membranes(counts):
+    for kind in membrane_coverage.KINDS:
+        row = counts[f"{kind}, neo-Hookean"]
+        assert row["surface_shear_modulus 95"] < 0.6 * (row["capsules"] - row["refused"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", membrane_coverage.KINDS)
+def test_a_capsule_is_identified_from_its_errors(kind):
+    row, capsule = next(iter(membrane_coverage.capsules().items()))
+    seen, truth = membrane_coverage.measured(kind, *capsule, np.random.default_rng([7, row]))
+    assert abs(seen.axial_extent - capsule[1][0]) < 5 * membrane_coverage.LENGTH_ERROR
+    found = membrane_coverage.identified(kind, "unknown", seen, truth)
+    assert not found["refused"]
+    interval = found["found"]["surface_shear_modulus"]
+    assert interval["lower_95"] < interval["median"] < interval["upper_95"]
+    assert truth["capsule_radius"] == pytest.approx(found["found"]["capsule_radius"]["median"], rel=0.1)
