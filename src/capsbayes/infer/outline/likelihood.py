@@ -27,6 +27,7 @@ from capsbayes.errors import InputError
 from capsbayes.infer.outline.normal_distance import Footing, normal_distances, posed_on
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.model import ForwardModel
+from capsbayes.profile import vertex_normals
 
 _SHARED = 0.9  # largest share of the error of L_a that is the error of the nose: the rest is that of the rear
 
@@ -152,6 +153,24 @@ class OutlineLikelihood:
         if self.length is not None:
             at_points = np.column_stack([at_points, at_points[:, np.argmax(self._aligned[:, 0])]])
         return self._independent(at_points)
+
+    def whitened_prediction(self, displacements: Floats) -> Floats:
+        """Return what `whitened` loses if the vertices of the pilot are displaced by vectors (k, p, 2) [l].
+
+        Returns
+        -------
+        (k, m) array, or (k, m + 1) with L_a, which is predicted apart
+        """
+        along = np.einsum("kpi,pi->kp", displacements, vertex_normals(self.pilot))
+        at_points = _at_places(along, self._place)
+        if self.length is not None:
+            at_points = np.column_stack([at_points, np.zeros(len(at_points))])
+        return self._independent(at_points)
+
+    def whitened_length(self) -> Floats:
+        """Return what `whitened` loses if L_a is predicted one half width longer : (m + 1,) array."""
+        assert self.length is not None, "L_a was measured"
+        return self._independent(np.eye(len(self._factor))[-1:])[0]
 
     def log_density(self, outlines: Floats, axial_lengths: Floats | None = None) -> Floats:
         """Return the log density given n outlines (n, p, 2), and L_a (n,) : (n,) array, NaN for a row of NaN."""

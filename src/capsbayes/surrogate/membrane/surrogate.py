@@ -131,19 +131,49 @@ class MembraneSurrogate(ForwardModel):
             raise self._outside(theta)
         weights, coefficients = each(points[0], *self._outline)
         mean = weights @ coefficients
-        modes = self._modes.reshape(len(self._modes), -1)
-        shape = self._mean + (mean @ modes).reshape(self._mean.shape)
-        away = (coefficients - mean) @ modes
-        along = np.einsum("kpi,pi->kp", away.reshape(len(away), *shape.shape), vertex_normals(shape))
+        shape = self.outlines_of(mean[None])[0]
+        away = self.outlines_of(coefficients) - shape
+        along = np.einsum("kpi,pi->kp", away, vertex_normals(shape))
         return np.asarray(_ERROR * np.sqrt(weights)[:, None] * along)
+
+    def outline_coefficients(self, theta: Mapping[str, Floats], errors: int) -> tuple[Floats, Floats]:
+        """Predict the outlines of a batch as coefficients of their modes; NaN outside the domain.
+
+        Parameters
+        ----------
+        theta : mapping
+            As of a call.
+        errors : int
+            Number e of leading modes whose error is stated.
+
+        Returns
+        -------
+        (n, k) array, (n, e, e) array [l]
+            The coefficients, and the covariance of their error.
+        """
+        points, inside = self._points(_columns(theta))
+        coefficients, covariances = averaged(points, *self._outline, errors)
+        coefficients[~inside], covariances[~inside] = np.nan, np.nan
+        return coefficients, _ERROR**2 * covariances
+
+    def outlines_of(self, coefficients: Floats) -> Floats:
+        """Return the outlines (n, p, 2) [l] that coefficients (n, k) of the modes mean."""
+        flat = coefficients @ self.mode_shapes.reshape(coefficients.shape[1], -1)
+        return self._mean + flat.reshape(-1, *self._mean.shape)
+
+    @property
+    def mode_shapes(self) -> Floats:
+        """Displacements of the outline's vertices by each mode : (k, p, 2) array."""
+        return self.membrane_database["profile_modes" if self.view == MID_PLANE else "silhouette_modes"]
+
+    @property
+    def stored_coefficients(self) -> Floats:
+        """Coefficients of the modes for each stored state : (states, k) array [l]."""
+        return self.membrane_database["profile" if self.view == MID_PLANE else "silhouette"]
 
     @property
     def _mean(self) -> Floats:
         return self.membrane_database["profile_mean" if self.view == MID_PLANE else "silhouette_mean"]
-
-    @property
-    def _modes(self) -> Floats:
-        return self.membrane_database["profile_modes" if self.view == MID_PLANE else "silhouette_modes"]
 
     def _points(self, values: Floats) -> tuple[Floats, Booleans]:
         inside = self.domain.contains(*values.T)
@@ -153,8 +183,7 @@ class MembraneSurrogate(ForwardModel):
     def _outlines(self, points: Floats, inside: Booleans) -> Floats:
         shapes = np.full((len(points), *self._mean.shape), np.nan)
         coefficients, _ = averaged(points[inside], *self._outline, 1)
-        flat = coefficients @ self._modes.reshape(coefficients.shape[1], -1)
-        shapes[inside] = self._mean + flat.reshape(-1, *self._mean.shape)
+        shapes[inside] = self.outlines_of(coefficients)
         return shapes
 
 

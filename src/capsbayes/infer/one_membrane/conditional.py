@@ -1,0 +1,395 @@
+"""The capsules of a batch at given membranes: their Ca and a/l found, and integrated out by Laplace's method.
+
+At a given membrane and spread of the population each capsule has two unknowns of its own, ln Ca and a/l. All have in
+common the means of ln G_s and of a/l, and what errs in the same way for all: the scale of the lengths, the flow rate,
+and the model, whose error is the same for capsules of one flow. The differences between measurement and prediction are
+nearly linear in all of these. So their best values follow from a few Gauss-Newton steps, and the integral over them
+from the curvature there (integrated nested Laplace approximation: Rue, Martino, Chopin 2009,
+doi:10.1111/j.1467-9868.2008.00700.x). The normal equations have the shape of an arrow, with a block of two for each
+capsule: the work is proportional to the number of capsules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.infer.one_membrane.measured import Batch
+from capsbayes.infer.one_membrane.numbers import ShapeModel, Shapes
+
+_LATTICE = 20, 10  # places along ln Ca and a/l, among which a capsule is looked for first
+_STEPS = (2e-3, 1e-3)  # of ln Ca and a/l, for differences
+STEP = 0.02
+"""Of a coordinate's normal score, for differences."""
+_LONGEST = np.array([0.5, 0.05])  # step
+_ITERATIONS, _SETTLED = 12, 1e-3  # largest decrease of minus twice the log density that is still expected
+_STALLED = 0.99  # of the decrease expected before, above which steps lead nowhere
+_HALVINGS = 5
+_FLAT = 1e-9  # of the diagonal, so that what the data tell nothing of has an inverse
+MODULUS, SIZE, SCALE, RATE, ERRORS = range(5)
+"""Columns of what is common; the model's errors in each flow follow."""
+
+Membranes = Mapping[str, Floats]
+
+
+class Spreads(NamedTuple):
+    """Standard deviations from capsule to capsule of ln G_s and of a/l, at d membranes : (d,) arrays."""
+
+    modulus: Floats
+    size: Floats
+
+
+class Conditional(NamedTuple):
+    """What is known at d membranes.
+
+    Parameters
+    ----------
+    log_evidence : (d,) array
+        Log density of the measurements, up to a constant of the batch; -inf where a capsule cannot have its shape.
+    settled : (d,) bool array
+        Whether the steps converged.
+    misfit : (d, n) array
+        Minus twice the log likelihood of each shape at the best values, beside the least possible one.
+    own : (d, n, 2) array
+        ln Ca and a/l: the best values, or one draw if draws were asked for.
+    common : (d, c) array
+        What is common, likewise.
+    log_ratio : (d, n) array
+        ln(v_o/U) at the best values.
+    """
+
+    log_evidence: Floats
+    settled: Booleans
+    misfit: Floats
+    own: Floats
+    common: Floats
+    log_ratio: Floats
+
+
+class Step(NamedTuple):
+    """A step along all unknowns of d membranes.
+
+    Parameters
+    ----------
+    scores : (d, f) array
+        Of the membranes' normal scores.
+    common, own : (d, c), (d, n, 2) arrays
+    decrease : (d,) array
+        Of minus twice the log density, as expected.
+    covariance : (d, f, f) array
+        Of the normal scores, by the curvature.
+    log_ratio : (d, n) array
+        ln(v_o/U) before the step.
+    """
+
+    scores: Floats
+    common: Floats
+    own: Floats
+    decrease: Floats
+    covariance: Floats
+    log_ratio: Floats
+
+
+class _Blocks(NamedTuple):
+    """Normal equations at d membranes, with blocks of the l = 5 + e unknowns that concern a capsule in common.
+
+    own (d, n, 2, 2), cross (d, n, l, 2), common (d, n, l, l), their right sides own_slope (d, n, 2) and common_slope
+    (d, n, l), and minus twice the log density (d, n).
+    """
+
+    own: Floats
+    cross: Floats
+    common: Floats
+    own_slope: Floats
+    common_slope: Floats
+    square: Floats
+
+
+class _Solved(NamedTuple):
+    """Steps to the best values, the expected decrease (d,), log determinants (d,) and what draws are made of."""
+
+    own_step: Floats
+    common_step: Floats
+    decrease: Floats
+    log_volume: Floats
+    factor: Floats
+    inverse: Floats
+
+
+class _There(NamedTuple):
+    """Shapes of d n capsules as (d, n, ...) arrays, and their derivatives along ln Ca and a/l."""
+
+    shapes: Shapes
+    along: Floats
+    ratio_along: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Capsules:
+    """The capsules of a batch, to be found at given membranes.
+
+    Parameters
+    ----------
+    batch : Batch
+    model : ShapeModel
+    log_viscosity : float
+        ln(mu / (Pa s)).
+    """
+
+    batch: Batch
+    model: ShapeModel
+    log_viscosity: float
+
+    def at(
+        self,
+        membranes: Membranes,
+        spreads: Spreads,
+        *,
+        rng: np.random.Generator | None = None,
+        iterations: int = _ITERATIONS,
+    ) -> Conditional:
+        """Find the capsules at d membranes, or draw them if a generator is given.
+
+        Parameters
+        ----------
+        membranes : mapping of (d,) arrays
+            The model's further coordinates by name.
+        spreads : Spreads
+        rng : Generator, optional
+        iterations : int
+            At most.
+        """
+        d, n = len(spreads.modulus), len(self.batch)
+        own, log_modulus = self._first(membranes)
+        common = np.zeros((d, ERRORS + self.flows * self.model.errors))
+        common[:, MODULUS], common[:, SIZE] = log_modulus.mean(axis=1), own[:, :, 1].mean(axis=1)
+        found = Conditional(
+            np.full(d, -np.inf), np.zeros(d, dtype=bool), np.full((d, n), np.nan), own, common, np.full((d, n), np.nan)
+        )
+        active = np.flatnonzero(np.isfinite(common[:, SIZE]))
+        before = np.full(d, np.inf)
+        for iteration in range(iterations):
+            if not len(active):
+                break
+            some = {name: values[active] for name, values in membranes.items()}
+            near = Spreads(*(values[active] for values in spreads))
+            there = self._there(some, own[active])
+            blocks, misfit = self._blocks(there, own[active], common[active], near)
+            solved = self._solved(blocks, common[active])
+            done = solved.decrease < _SETTLED
+            # at the border of the domain the decrease remains
+            last = done | (solved.decrease > _STALLED * before[active]) | (iteration == iterations - 1)
+            rows, before[active] = active[last], solved.decrease
+            found.log_evidence[rows] = self._log_evidence(blocks, solved, common[active], near)[last]
+            found.settled[rows], found.misfit[rows] = done[last], misfit[last]
+            found.log_ratio[rows] = there.shapes.log_ratio[last]
+            if rng is not None:
+                steps = self._drawn(blocks, solved, rng)
+                solved = solved._replace(own_step=np.where(last[:, None, None], steps[0], solved.own_step))
+                solved = solved._replace(common_step=np.where(last[:, None], steps[1], solved.common_step))
+            moving = np.ones(len(active), dtype=bool) if rng is not None else ~last
+            some = {name: values[moving] for name, values in some.items()}
+            own[active[moving]] = self.moved(some, own[active[moving]], solved.own_step[moving])
+            common[active[moving]] += solved.common_step[moving]
+            active = active[~last]
+        return found
+
+    def step(
+        self,
+        membranes: Membranes,
+        spreads: Spreads,
+        own: Floats,
+        common: Floats,
+        moved: Sequence[Membranes],
+        scores: Floats,
+    ) -> Step:
+        """Return the step towards the best membranes and capsules, from d membranes with normal scores (d, f).
+
+        `moved` are the membranes with one score after the other larger by `STEP`.
+        """
+        there = self._there(membranes, own, moved)
+        every = np.concatenate([common, scores], axis=1)
+        blocks, _ = self._blocks(there, own, common, spreads)
+        solved = self._solved(blocks, every)
+        c, white = common.shape[1], np.linalg.inv(solved.factor)[:, :, common.shape[1] :]
+        covariance = white.swapaxes(1, 2) @ white
+        whole = solved.common_step
+        return Step(
+            whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio
+        )
+
+    def _shapes(self, membranes: Membranes, own: Floats, *, errors: bool = False) -> Shapes:
+        """Return the shapes at (d, n, 2) places as (d, n, ...) arrays."""
+        d, n = own.shape[:2]
+        theta = {name: np.repeat(values, n) for name, values in membranes.items()}
+        place = {"capillary_number": np.exp(own[..., 0]).ravel(), "size_ratio": own[..., 1].ravel()}
+        flat = self.model({**place, **theta}, errors=errors)
+        return Shapes(*(values.reshape(d, n, *values.shape[1:]) for values in flat))
+
+    def _first(self, membranes: Membranes) -> tuple[Floats, Floats]:
+        """Return of a lattice of places that which looks most as measured, and ln G_s there : (d, n, 2), (d, n)."""
+        (low, high), (small, large) = self.model.bounds
+        axes = np.linspace(np.log(low), np.log(high), _LATTICE[0]), np.linspace(small, large, _LATTICE[1])
+        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        d = len(next(iter(membranes.values())))
+        shapes = self._shapes(membranes, np.broadcast_to(places, (d, *places.shape)))
+        near, seen = np.nan_to_num(self.batch.near), np.isfinite(self.batch.near).astype(float)
+        numbers = np.where(np.isnan(shapes.numbers), np.inf, shapes.numbers)
+        finite = np.where(np.isfinite(numbers), numbers, 0.0)
+        square = finite**2 @ seen.T - 2.0 * finite @ (seen * near).T
+        square[np.isinf(numbers[..., 0])] = np.inf
+        best = np.argmin(square, axis=1)
+        own = places[best]
+        own[~np.isfinite(square).any(axis=1)] = np.nan
+        ratio = np.take_along_axis(shapes.log_ratio, best, axis=1)
+        return own, self.log_moduli(own, ratio)
+
+    def log_moduli(self, own: Floats, log_ratio: Floats) -> Floats:
+        """Return ln(G_s / (N/m)) of the capsules, as the velocity or the flow rate says : (d, n) array."""
+        batch = self.batch
+        by_velocity = batch.log_velocity - log_ratio
+        speed = np.where(np.isnan(batch.log_mean_velocity), by_velocity, batch.log_mean_velocity)
+        return np.asarray(self.log_viscosity + speed - own[..., 0])
+
+    def _there(self, membranes: Membranes, own: Floats, moved: Sequence[Membranes] = ()) -> _There:
+        """Return the shapes of capsules, and their derivatives along ln Ca, a/l and to membranes moved by `STEP`."""
+        shapes = self._shapes(membranes, own, errors=True)
+        along, ratio_along = [], []
+        for axis, step in enumerate(_STEPS):
+            away = own.copy()
+            away[..., axis] += step
+            ahead = self._shapes(membranes, away)
+            lost = np.isnan(ahead.log_ratio)
+            if lost.any():  # just within the border
+                away[..., axis] -= 2.0 * step
+                behind = self._shapes(membranes, away)
+                mirrored = [2.0 * here - before for here, before in zip(shapes, behind, strict=True)]
+                parts = zip(ahead, mirrored, strict=True)
+                ahead = Shapes(*(np.where(_wide(lost, a), b, a) for a, b in parts))
+            along.append(np.nan_to_num((ahead.numbers - shapes.numbers) / step))
+            ratio_along.append(np.nan_to_num((ahead.log_ratio - shapes.log_ratio) / step))
+        for other in moved:
+            ahead = self._shapes(other, own)
+            along.append(np.nan_to_num((ahead.numbers - shapes.numbers) / STEP))
+            ratio_along.append(np.nan_to_num((ahead.log_ratio - shapes.log_ratio) / STEP))
+        return _There(shapes, np.stack(along, axis=-1), np.stack(ratio_along, axis=-1))
+
+    def _blocks(self, there: _There, own: Floats, common: Floats, spreads: Spreads) -> tuple[_Blocks, Floats]:
+        """Return the normal equations, and minus twice the log likelihood of each shape : (d, n) array."""
+        batch, shapes, e = self.batch, there.shapes, self.model.errors
+        (d, n), q, free = own.shape[:2], batch.target.shape[1], there.along.shape[-1] - 2
+        matrix, right = np.zeros((d, n, q + 3, 2 + ERRORS + e + free)), np.empty((d, n, q + 3))
+        # the shape
+        errors = common[:, ERRORS:].reshape(d, -1, e)[:, batch.group]
+        erring = np.einsum("nqk,dnke->dnqe", batch.rows[:, :, :e], shapes.factors)
+        right[:, :, :q] = batch.target - np.einsum("nqk,dnk->dnq", batch.rows, shapes.numbers)
+        right[:, :, :q] -= np.einsum("dnqe,dne->dnq", erring, errors)
+        right[:, :, :q] -= batch.scale * batch.scale_error * common[:, None, None, SCALE]
+        own_columns = [0, 1, *range(2 + ERRORS + e, 2 + ERRORS + e + free)]
+        matrix[:, :, :q, own_columns] = np.einsum("nqk,dnka->dnqa", batch.rows, there.along)
+        matrix[:, :, :q, 2 + SCALE] = batch.scale * batch.scale_error
+        matrix[:, :, :q, 2 + ERRORS : 2 + ERRORS + e] = erring
+        misfit = np.sum(right[:, :, :q] ** 2, axis=-1)
+        # shear modulus, velocity and size
+        by_rate = np.isfinite(batch.log_mean_velocity)
+        variance = spreads.modulus[:, None] ** 2 + np.where(
+            by_rate, 0.0, batch.velocity_error**2 + shapes.ratio_error**2
+        )
+        sd = np.sqrt(variance)
+        right[:, :, q] = (self.log_moduli(own, shapes.log_ratio) - common[:, None, MODULUS]) / sd
+        right[:, :, q] += by_rate * batch.rate_error * common[:, None, RATE] / sd
+        matrix[:, :, q, own_columns] = (~by_rate[:, None] * there.ratio_along) / sd[..., None]
+        matrix[:, :, q, 0] += 1.0 / sd
+        matrix[:, :, q, 2 + MODULUS] = 1.0 / sd
+        matrix[:, :, q, 2 + RATE] = np.where(by_rate, -batch.rate_error, 0.0) / sd
+        known = np.where(by_rate, 1.0 / np.hypot(batch.velocity_error, shapes.ratio_error), 0.0)
+        expected = np.nan_to_num(batch.log_velocity - batch.log_mean_velocity)
+        right[:, :, q + 1] = (expected - shapes.log_ratio - batch.rate_error * common[:, None, RATE]) * known
+        matrix[:, :, q + 1, own_columns] = there.ratio_along * known[..., None]
+        matrix[:, :, q + 1, 2 + RATE] = batch.rate_error * known
+        right[:, :, q + 2] = (common[:, None, SIZE] - own[..., 1]) / spreads.size[:, None]
+        matrix[:, :, q + 2, 1] = 1.0 / spreads.size[:, None]
+        matrix[:, :, q + 2, 2 + SIZE] = -1.0 / spreads.size[:, None]
+        transposed = matrix.swapaxes(-1, -2)
+        normal = transposed @ matrix
+        slope = (transposed @ right[..., None])[..., 0]
+        square = np.sum(right**2, axis=-1) + np.log(variance) + 2.0 * np.log(spreads.size[:, None])
+        blocks = normal[..., :2, :2], normal[..., 2:, :2], normal[..., 2:, 2:], slope[..., :2], slope[..., 2:]
+        return _Blocks(*blocks, square), misfit
+
+    def _solved(self, blocks: _Blocks, common: Floats) -> _Solved:
+        own, free = blocks.own + _FLAT * np.eye(2), blocks.cross.shape[2] - ERRORS - self.model.errors
+        inverse = np.linalg.inv(own)
+        carried = blocks.cross @ inverse
+        schur = blocks.common - carried @ blocks.cross.swapaxes(-1, -2)
+        slope = blocks.common_slope - (carried @ blocks.own_slope[..., None])[..., 0]
+        matrix, right = self._gathered(schur, slope, common)
+        factor = np.linalg.cholesky(matrix)
+        step = np.linalg.solve(matrix, right[..., None])[..., 0]
+        local = step[:, self._columns(free)]
+        own_slope = blocks.own_slope - (local[..., None, :] @ blocks.cross)[..., 0, :]
+        own_step = (inverse @ own_slope[..., None])[..., 0]
+        gained = np.einsum("dna,dnab,dnb->d", blocks.own_slope, inverse, blocks.own_slope)
+        decrease = gained + np.sum(right * step, axis=1)
+        volume = np.log(np.linalg.det(own)).sum(axis=1)
+        volume += 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+        return _Solved(own_step, step, decrease, volume, factor, inverse)
+
+    @property
+    def flows(self) -> int:
+        """Number of flows."""
+        return int(self.batch.group.max()) + 1
+
+    def _columns(self, free: int) -> Integers:
+        """Return the columns of what is common that concern each capsule; those free come last : (n, l) array."""
+        e, n = self.model.errors, len(self.batch)
+        of_flow = ERRORS + self.batch.group[:, None] * e + np.arange(e)
+        last = ERRORS + self.flows * e + np.arange(free)
+        return np.concatenate([np.tile(np.arange(ERRORS), (n, 1)), of_flow, np.tile(last, (n, 1))], axis=1)
+
+    def _gathered(self, schur: Floats, slope: Floats, common: Floats) -> tuple[Floats, Floats]:
+        """Add up the blocks of all capsules and the priors of what is common."""
+        (d, c), free = common.shape, schur.shape[-1] - ERRORS - self.model.errors
+        matrix, right = np.zeros((d, c, c)), np.zeros((d, c))
+        for flow in range(self.flows):
+            members = self.batch.group == flow
+            columns = self._columns(free)[np.argmax(members)]
+            matrix[:, columns[:, None], columns] += schur[:, members].sum(axis=1)
+            right[:, columns] += slope[:, members].sum(axis=1)
+        precision = np.ones(c)
+        precision[[MODULUS, SIZE]] = _FLAT
+        matrix[:, np.arange(c), np.arange(c)] += precision
+        right[:, SCALE:] -= common[:, SCALE:]
+        return matrix, right
+
+    def _log_evidence(self, blocks: _Blocks, solved: _Solved, common: Floats, spreads: Spreads) -> Floats:
+        square = blocks.square.sum(axis=1) + np.sum(common[:, SCALE:] ** 2, axis=1)
+        return np.asarray(-0.5 * (square + solved.log_volume))
+
+    def _drawn(self, blocks: _Blocks, solved: _Solved, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Draw steps from the Gaussian about the best values."""
+        white = rng.standard_normal(solved.common_step.shape)
+        step = np.linalg.solve(solved.factor.swapaxes(1, 2), white[..., None])[..., 0] + solved.common_step
+        slope = blocks.own_slope - (step[:, self._columns(0)][..., None, :] @ blocks.cross)[..., 0, :]
+        noise = np.linalg.cholesky(solved.inverse) @ rng.standard_normal((*slope.shape, 1))
+        return (solved.inverse @ slope[..., None] + noise)[..., 0], step
+
+    def moved(self, membranes: Membranes, own: Floats, step: Floats) -> Floats:
+        """Return the places (d, n, 2) after a step, a shorter one where the whole one is too long or leaves the domain."""
+        step = step / np.maximum(np.max(np.abs(step) / _LONGEST, axis=-1, keepdims=True), 1.0)
+        for _ in range(_HALVINGS):
+            lost = ~self.model.contains(membranes, own + step)
+            if not lost.any():
+                return np.asarray(own + step)
+            step = np.where(lost[..., None], 0.5 * step, step)
+        lost = ~self.model.contains(membranes, own + step)
+        return np.where(lost[..., None], own, own + step)
+
+
+def _wide(rows: Booleans, values: Floats) -> Booleans:
+    """Return rows (d, n) as a condition on values (d, n, ...)."""
+    return rows.reshape(rows.shape + (1,) * (values.ndim - rows.ndim))

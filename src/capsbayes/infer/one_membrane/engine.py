@@ -1,0 +1,185 @@
+"""Posterior of the membrane of a batch: importance sampling of the membrane, the capsules integrated out at each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.special import logsumexp
+from scipy.stats import qmc
+
+from capsbayes.arrays import Booleans, Floats
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.importance.proposal import Proposal
+from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
+from capsbayes.infer.one_membrane.conditional import Capsules
+from capsbayes.infer.one_membrane.search import Mode, modes
+from capsbayes.infer.one_membrane.unknowns import Unknowns
+
+_STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
+_USUAL = (0.2, 0.06)  # spreads of ln G_s and of a/l while modes are sought
+_CLOUD, _OF_MODE = 128, 128  # points over the prior and about each mode
+_FREEDOM, _WIDER = 5.0, 1.3
+_DISTINCT, _UNLIKELY = 1.0, 12.0  # least distance of modes in standard deviations; of the log density below the best
+_TRIED, _ROUNDS = 256, 6  # draws of a round
+_ALIVE, _GOOD = 0.1, 0.35  # share of effective draws to which a proposal is fitted, and which ends the rounds
+_ENOUGH, _MOST = 1000.0, 4096  # effective draws, draws
+_LEAST_EFFECTIVE, _MOST_PARETO, _LEAST_SETTLED = 400.0, 0.7, 0.98
+_AT_ONCE = 20_000  # capsules times membranes that are found together
+
+
+class Draws(NamedTuple):
+    """Weighted draws of the membrane.
+
+    Parameters
+    ----------
+    points : (d, p) array
+        Coordinates of `Unknowns`.
+    log_density, log_weights : (d,) arrays
+        Of the posterior, up to a constant of the batch; -inf of the latter is a weight of zero.
+    settled : (d,) bool array
+        Whether the capsules were found.
+    """
+
+    points: Floats
+    log_density: Floats
+    log_weights: Floats
+    settled: Booleans
+
+
+class Sampled(NamedTuple):
+    """Result of the sampling.
+
+    Parameters
+    ----------
+    draws : Draws
+    log_evidence : float
+        Log of the mean of the posterior density over the prior, up to a constant of the batch.
+    evidence_error : float
+        Its standard error.
+    gates : tuple of Gate
+    """
+
+    draws: Draws
+    log_evidence: float
+    evidence_error: float
+    gates: tuple[Gate, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class MembraneSampling:
+    """Engine for the membrane of a batch.
+
+    Parameters
+    ----------
+    capsules : Capsules
+    unknowns : Unknowns
+    """
+
+    capsules: Capsules
+    unknowns: Unknowns
+
+    def __call__(self) -> Sampled:
+        """Sample the posterior; there is no randomness in it but that of a fixed quasi-random sequence.
+
+        Raises
+        ------
+        NoSuchShape
+            If no membrane gives all capsules their shapes.
+        """
+        draws = self._first()
+        proposal = _fitted(draws)
+        for number in range(1, _ROUNDS + 1):
+            draws = self._drawn(proposal, _TRIED, number)
+            share = effective(normalised(draws.log_weights)) / _TRIED
+            if share > _GOOD:
+                break
+            proposal = _fitted(draws)
+        draws = self._drawn(proposal, 2 * _TRIED, 0)
+        while effective(normalised(draws.log_weights)) < _ENOUGH and len(draws.points) < _MOST:
+            more = self._drawn(proposal, len(draws.points), 0, len(draws.points))
+            draws = Draws(*(np.concatenate(both) for both in zip(draws, more, strict=True)))
+        return _result(draws)
+
+    def log_density(self, points: Floats) -> tuple[Floats, Booleans]:
+        """Return the log of the posterior density at points (d, p), and whether the capsules were found : (d,)."""
+        logs, settled = np.empty(len(points)), np.empty(len(points), dtype=bool)
+        for rows in self._parts(len(points)):
+            some = points[rows]
+            found = self.capsules.at(self.unknowns.membranes(some), self.unknowns.spreads_at(some))
+            logs[rows], settled[rows] = found.log_evidence, found.settled
+        return logs + self.unknowns.log_prior(points), settled
+
+    def _parts(self, count: int) -> Iterator[slice]:
+        size = max(_AT_ONCE // len(self.capsules.batch), 1)
+        yield from (slice(first, first + size) for first in range(0, count, size))
+
+    def _first(self) -> Draws:
+        """Return draws over the prior and about the modes."""
+        unknowns = self.unknowns
+        starts = unknowns.wide(_uniform(unknowns.dimensions, _STARTS, 0))
+        for column, which in enumerate(unknowns.sought, unknowns.scores):
+            starts[:, column] = np.log(_USUAL[which])
+        tried = self.capsules.at(unknowns.membranes(starts), unknowns.spreads_at(starts), iterations=2)
+        best = starts[np.argsort(-tried.log_evidence, kind="stable")[:_BEST]]
+        found = self._distinct(modes(self.capsules, unknowns, best) if unknowns.scores else [])
+        count, d = _OF_MODE, unknowns.dimensions
+        parts = [unknowns.wide(_uniform(d, _CLOUD, 1))]
+        kinds = [stats.multivariate_t(one.point, _WIDER**2 * one.covariance, df=_FREEDOM) for one in found]
+        for number, one in enumerate(found):
+            uniform = _uniform(d + 1, count, 2 + number)
+            normal = stats.norm.ppf(uniform[:, 1:]) @ np.linalg.cholesky(one.covariance).T
+            stretch = np.sqrt(_FREEDOM / stats.chi2.ppf(uniform[:, 0], _FREEDOM))
+            parts.append(one.point + _WIDER * stretch[:, None] * normal)
+        points = np.concatenate(parts)
+        logs = [np.log(_CLOUD / len(points)) + unknowns.log_wide(points)]
+        logs += [np.log(count / len(points)) + kind.logpdf(points) for kind in kinds]
+        density, settled = self.log_density(points)
+        return Draws(points, density, density - logsumexp(logs, axis=0), settled)
+
+    def _distinct(self, found: list[Mode]) -> list[Mode]:
+        """Return the modes that are likely and not the same."""
+        if not found:
+            return []
+        logs = self.log_density(np.array([one.point for one in found]))[0]
+        kept: list[Mode] = []
+        for number in np.argsort(-logs, kind="stable"):
+            one = found[number]
+            away = [np.linalg.solve(np.linalg.cholesky(one.covariance), one.point - other.point) for other in kept]
+            if logs[number] > logs.max() - _UNLIKELY and all(np.linalg.norm(each) > _DISTINCT for each in away):
+                kept.append(one)
+        return kept
+
+    def _drawn(self, proposal: Proposal, count: int, seed: int, after: int = 0) -> Draws:
+        points = proposal.drawn(_uniform(self.unknowns.dimensions + 2, count, seed, after))
+        density, settled = self.log_density(points)
+        return Draws(points, density, density - proposal.log_density(points), settled)
+
+
+def _fitted(draws: Draws) -> Proposal:
+    weights = draws.log_weights
+    return Proposal.fitted(draws.points, normalised(tempering(weights, _ALIVE * len(weights)) * weights))
+
+
+def _result(draws: Draws) -> Sampled:
+    weights = normalised(draws.log_weights)
+    count = effective(weights)
+    gates = (
+        Gate("effective draws", count, least=_LEAST_EFFECTIVE),
+        Gate("Pareto k of the weights", pareto_shape(draws.log_weights), most=_MOST_PARETO),
+        Gate("share of the draws with all capsules found", float(weights @ draws.settled), least=_LEAST_SETTLED),
+    )
+    evidence = float(logsumexp(draws.log_weights) - np.log(len(weights)))
+    error = float(np.sqrt(max(1.0 / count - 1.0 / len(weights), 0.0)))
+    return Sampled(draws, evidence, error, gates)
+
+
+def _uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
+    """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
+    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(seed))
+    if after:
+        sequence.fast_forward(after)
+    return np.clip(sequence.random(count), 1e-9, 1.0 - 1e-9)

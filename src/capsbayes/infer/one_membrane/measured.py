@@ -1,0 +1,214 @@
+"""The measurements of a batch, reduced to what depends on the shape: a few numbers of each capsule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from capsbayes.arrays import Floats, Integers
+from capsbayes.errors import InputError
+from capsbayes.experiment import AREAS, Experiment
+from capsbayes.infer.outline.likelihood import OutlineLikelihood, SilhouetteLength
+from capsbayes.infer.outline.normal_distance import normal_distances
+from capsbayes.measured_outline import MeasuredOutline
+from capsbayes.measurement import Measurement
+from capsbayes.surrogate import MembraneSurrogate
+
+_UNSEEN = 1e3  # [l] standard error of a length that was not measured
+_SAME_FLOW = 0.25  # of ln U, within which capsules share the model's error
+_TRIED = 20  # stored shapes of the size of an outline, of which the nearest is the first pilot
+_PILOTS = 2  # shapes about which the distances of an outline are linear, one after the other
+
+
+class Reduced(NamedTuple):
+    """One measured shape: up to a constant, minus twice its log likelihood is |target - rows numbers|^2.
+
+    Parameters
+    ----------
+    rows : (q, k) array
+    target : (q,) array
+    scale : (q,) array
+        Change of rows numbers if the capsule is larger, relative.
+    near : (k,) array
+        The numbers as measured, NaN where they were not.
+    left : float
+        Misfit that no shape takes away.
+    count : int
+        Of measured numbers.
+    """
+
+    rows: Floats
+    target: Floats
+    scale: Floats
+    near: Floats
+    left: float
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Measured capsules that share a membrane.
+
+    Parameters
+    ----------
+    rows, target, scale, near : arrays, (n, q, k), (n, q), (n, q), (n, k)
+        See `Reduced`.
+    left, count : (n,) arrays
+    log_velocity, velocity_error : (n,) arrays
+        ln(v_o / (m/s)) and the relative standard error.
+    log_mean_velocity : (n,) array
+        ln(U / (m/s)) by the flow rate, NaN where none was given.
+    group : (n,) array
+        Number of the flow, slow to fast.
+    scale_error, rate_error : float
+        Relative standard errors that all share: of the lengths, of U by the flow rate.
+    """
+
+    rows: Floats
+    target: Floats
+    scale: Floats
+    near: Floats
+    left: Floats
+    count: Integers
+    log_velocity: Floats
+    velocity_error: Floats
+    log_mean_velocity: Floats
+    group: Integers
+    scale_error: float
+    rate_error: float
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    def taken(self, some: Integers) -> Batch:
+        """Return some of the capsules."""
+        arrays = (self.rows, self.target, self.scale, self.near, self.left, self.count)
+        speeds = (self.log_velocity, self.velocity_error, self.log_mean_velocity)
+        _, group = np.unique(self.group[some], return_inverse=True)
+        return Batch(*(a[some] for a in (*arrays, *speeds)), group, self.scale_error, self.rate_error)
+
+
+def batch_of(
+    measurements: Sequence[Measurement], experiment: Experiment, model: MembraneSurrogate, *, scale_error: float = 0.0
+) -> Batch:
+    """Reduce the measurements of a batch.
+
+    Parameters
+    ----------
+    measurements : sequence of Measurement
+        All with outlines, or all with lengths alone.
+    experiment : Experiment
+        Of all.
+    model : MembraneSurrogate
+    scale_error : float
+        Relative standard error of the lengths that all capsules share, as that of the size of a pixel; an uncertain
+        half width adds to it where the lengths are in metres.
+
+    Raises
+    ------
+    InputError
+        If some capsules have outlines and others none.
+    """
+    with_outline = [measurement.outline is not None for measurement in measurements]
+    if any(with_outline) and not all(with_outline):
+        odd = measurements[with_outline.index(not with_outline[0])]
+        expected = "outlines of all capsules of a batch, or of none"
+        raise InputError(odd.source or "measurement", "outline", expected, "some with and some without")
+    if all(with_outline):
+        coefficients = model.stored_coefficients
+        shapes = model.outlines_of(coefficients)
+        reduced = [_of_outline(measurement, model, coefficients, shapes) for measurement in measurements]
+    else:
+        reduced = [_of_lengths(measurement, experiment.half_width.value) for measurement in measurements]
+    width = experiment.half_width
+    shared = 0.0 if measurements[0].over_half_width else width.error / width.value
+    rates = [measurement.flow_rate or np.nan for measurement in measurements]
+    rate_errors = [(m.flow_rate_error or 0.0) / m.flow_rate for m in measurements if m.flow_rate]
+    area = AREAS[experiment.cross_section] * width.value**2
+    velocity = np.array([measurement.capsule_velocity for measurement in measurements])
+    errors = np.array([measurement.capsule_velocity_error for measurement in measurements])
+    mean_velocity = np.log(np.array(rates) / area)
+    return Batch(
+        *(np.array(column) for column in zip(*reduced, strict=True)),
+        np.log(velocity),
+        errors / velocity,
+        mean_velocity,
+        _groups(np.where(np.isnan(mean_velocity), np.log(velocity), mean_velocity)),
+        float(np.hypot(scale_error, shared)),
+        float(np.hypot(max(rate_errors, default=0.0), 2.0 * width.error / width.value)),
+    )
+
+
+def _groups(log_speed: Floats) -> Integers:
+    """Return the number of the flow of each capsule, by gaps and steps in the logarithm of its speed : (n,) array."""
+    order = np.argsort(log_speed, kind="stable")
+    group, begin = np.zeros(len(order), dtype=np.int64), log_speed[order[0]]
+    for before, here in zip(order[:-1], order[1:], strict=True):
+        step = log_speed[here] - begin > _SAME_FLOW
+        begin = log_speed[here] if step else begin
+        group[here] = group[before] + step
+    return group
+
+
+def _of_lengths(measurement: Measurement, half_width: float) -> Reduced:
+    scale = 1.0 if measurement.over_half_width else half_width
+    extent, length = measurement.axial_extent / scale, measurement.axial_length
+    covariance = np.diag([0.0, _UNSEEN**2])
+    seen = measurement.covariance / scale**2
+    covariance[: len(seen), : len(seen)] = seen
+    measured = np.array([extent, extent if length is None else length / scale])
+    rows = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    near = measured if length is not None else np.array([extent, np.nan])
+    return Reduced(rows, rows @ measured, rows @ measured, near, 0.0, len(seen))
+
+
+def _of_outline(measurement: Measurement, model: MembraneSurrogate, coefficients: Floats, shapes: Floats) -> Reduced:
+    """Reduce an outline: its distances are linear in the coefficients of the modes about a pilot that is near it.
+
+    `coefficients` (s, k) and `shapes` (s, p, 2) are those of the stored states.
+    """
+    assert measurement.outline is not None
+    found = coefficients[_nearest(measurement.outline, shapes)]
+    length = measurement.length_with_outline
+    reduced = _linear(measurement.outline, length, model, found)
+    for _ in range(_PILOTS):
+        # of the shapes that the states have, the nearest to what was measured
+        spread = coefficients.std(axis=0)
+        ridge = np.column_stack([np.diag(1.0 / spread), np.zeros(len(spread))])
+        rows, right = np.concatenate([reduced.rows, ridge]), np.concatenate([reduced.target, found / spread])
+        found = np.linalg.lstsq(rows, right, rcond=None)[0][:-1]
+        reduced = _linear(measurement.outline, length, model, found)
+    return reduced
+
+
+def _nearest(outline: MeasuredOutline, shapes: Floats) -> int:
+    """Return the number of the shape (s, p, 2) that is nearest to an outline, of some that have its size."""
+    sizes, measured = np.ptp(shapes, axis=1), np.ptp(outline.points, axis=0)
+    some = np.argsort(np.sum((sizes - measured) ** 2, axis=1), kind="stable")[:_TRIED]
+    distances = normal_distances(outline.points, shapes[some], posed=True)
+    return int(some[np.argmin(np.sum(distances**2, axis=1))])
+
+
+def _linear(
+    outline: MeasuredOutline, length: tuple[float, float] | None, model: MembraneSurrogate, pilot: Floats
+) -> Reduced:
+    """Return a measured outline linear about a pilot, whose coefficients (k,) these are."""
+    shape = model.outlines_of(pilot[None])[0]
+    silhouette = None if length is None else SilhouetteLength(*length)
+    likelihood = OutlineLikelihood(outline.points, outline.noise, shape, outline.pose, length=silhouette)
+    axial = np.zeros(1) if length is not None else None
+    begin = likelihood.whitened(shape[None], axial)[0]
+    columns = likelihood.whitened_prediction(np.concatenate([model.mode_shapes, shape[None]]))
+    own = np.zeros((1, len(begin))) if length is None else likelihood.whitened_length()[None]
+    every = np.concatenate([columns[:-1], own, columns[-1:]]).T  # modes, L_a, scale
+    target = begin + columns[:-1].T @ pilot
+    q, r = scipy.linalg.qr(every, mode="economic")
+    reduced = q.T @ target
+    near = np.append(pilot, np.nan)  # L_a counts little beside an outline
+    left = float(target @ target - reduced @ reduced)
+    scale = r[:, -1] + (0.0 if length is None else length[0]) * r[:, -2]
+    return Reduced(r[:, :-1], reduced, scale, near, max(left, 0.0), len(begin))

@@ -1,0 +1,76 @@
+"""Where the posterior of the membrane of a batch has its modes: Gauss-Newton steps along all unknowns together."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from capsbayes.arrays import Floats
+from capsbayes.infer.one_membrane.conditional import STEP, Capsules, Spreads
+from capsbayes.infer.one_membrane.unknowns import Unknowns
+
+_STEPS, _SETTLED = 15, 1e-2
+_LONGEST = 0.7  # step of a normal score
+_FARTHEST = 3.0  # normal score
+_NARROWEST, _OF_SPREADS = (0.05, 0.02), 0.4  # spreads at first, and standard deviation of their logs
+
+
+class Mode(NamedTuple):
+    """A mode (p,) and the covariance (p, p) by the curvature there."""
+
+    point: Floats
+    covariance: Floats
+
+
+def modes(capsules: Capsules, unknowns: Unknowns, starts: Floats) -> list[Mode]:
+    """Return the modes that Gauss-Newton steps reach from points (d, p)."""
+    points, free = starts.copy(), unknowns.scores
+    found = capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), iterations=3)
+    alive = np.isfinite(found.log_evidence)
+    points, own, common = points[alive], found.own[alive], found.common[alive]
+    covariance = np.zeros((len(points), free, free))
+    for _ in range(_STEPS if len(points) else 0):
+        membranes, spreads = unknowns.membranes(points), unknowns.spreads_at(points)
+        moved = []
+        for column in range(free):
+            away = points.copy()
+            away[:, column] += STEP
+            moved.append(unknowns.membranes(away))
+        step = capsules.step(membranes, spreads, own, common, moved, points[:, :free])
+        covariance = step.covariance
+        scores = step.scores / np.maximum(np.max(np.abs(step.scores) / _LONGEST, axis=1, keepdims=True), 1.0)
+        share = np.ones(len(points))
+        for _ in range(4):  # shorter where a capsule would leave the domain
+            tried = points.copy()
+            tried[:, :free] = np.clip(points[:, :free] + share[:, None] * scores, -_FARTHEST, _FARTHEST)
+            inside = capsules.model.contains(unknowns.membranes(tried), own).all(axis=1)
+            if inside.all():
+                break
+            share = np.where(inside, share, 0.5 * share)
+        points = np.where(inside[:, None], tried, points)
+        common = common + share[:, None] * step.common
+        own = capsules.moved(unknowns.membranes(points), own, share[:, None, None] * step.own)
+        if np.all(step.decrease < _SETTLED):
+            break
+    if len(points):
+        points = _with_spreads(unknowns, points, capsules, own, step.log_ratio)
+    return [Mode(point, _whole(unknowns, one)) for point, one in zip(points, covariance, strict=True)]
+
+
+def _with_spreads(unknowns: Unknowns, points: Floats, capsules: Capsules, own: Floats, log_ratio: Floats) -> Floats:
+    """Return points with the spreads that the capsules have about their means."""
+    moduli = capsules.log_moduli(own, log_ratio)
+    spreads = Spreads(moduli.std(axis=1), own[..., 1].std(axis=1))
+    for column, which in enumerate(unknowns.sought, unknowns.scores):
+        points[:, column] = np.log(np.maximum(spreads[which], _NARROWEST[which]))
+    return points
+
+
+def _whole(unknowns: Unknowns, covariance: Floats) -> Floats:
+    """Return the covariance of a point, with that of the logs of spreads."""
+    whole = np.zeros((unknowns.dimensions, unknowns.dimensions))
+    whole[: unknowns.scores, : unknowns.scores] = covariance
+    sought = np.arange(unknowns.scores, unknowns.dimensions)
+    whole[sought, sought] = _OF_SPREADS**2
+    return whole

@@ -1,0 +1,89 @@
+"""Coordinates in which the membrane of a batch and the spreads of its population are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from capsbayes.arrays import Floats
+from capsbayes.infer.one_membrane.conditional import Spreads
+from capsbayes.infer.prior import Coordinate
+
+_WIDEST = (1.0, 0.5)  # scales of the half-normal priors of the spreads of ln G_s and of a/l
+_USUAL = (np.log(0.15), np.log(3.0)), (np.log(0.06), np.log(3.0))  # middles and widths where spreads are sought
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Points (normal scores of the unknown coordinates under their priors, logs of the unknown spreads).
+
+    Parameters
+    ----------
+    coordinates : tuple of Coordinate
+        Those that are unknown.
+    known : mapping of str to float
+        The others.
+    spreads : tuple of float or None
+        Standard deviations of ln G_s and of a/l from capsule to capsule, None if unknown.
+    """
+
+    coordinates: tuple[Coordinate, ...]
+    known: Mapping[str, float] = field(default_factory=dict)
+    spreads: tuple[float | None, float | None] = (None, None)
+
+    @property
+    def scores(self) -> int:
+        """Number of unknown coordinates: the first columns of a point."""
+        return len(self.coordinates)
+
+    @property
+    def dimensions(self) -> int:
+        """Number of columns of a point."""
+        return self.scores + len(self.sought)
+
+    @property
+    def sought(self) -> tuple[int, ...]:
+        """Which of the two spreads are unknown."""
+        return tuple(which for which, spread in enumerate(self.spreads) if spread is None)
+
+    def wide(self, uniform: Floats) -> Floats:
+        """Return points (d, p) of the unit cube (d, p) as draws of the priors, spreads about what is usual."""
+        points = ndtri(uniform)
+        for column, which in enumerate(self.sought, self.scores):
+            middle, width = _USUAL[which]
+            points[:, column] = middle + width * points[:, column]
+        return np.asarray(points)
+
+    def log_wide(self, points: Floats) -> Floats:
+        """Return the log density of `wide` : (d,) array."""
+        middle, width = np.zeros(self.dimensions), np.ones(self.dimensions)
+        for column, which in enumerate(self.sought, self.scores):
+            middle[column], width[column] = _USUAL[which]
+        away = (points - middle) / width
+        return np.asarray(-0.5 * np.sum(away**2 + np.log(2.0 * np.pi) + 2.0 * np.log(width), axis=1))
+
+    def membranes(self, points: Floats) -> dict[str, Floats]:
+        """Return the coordinates of the model at points (d, p), by name : (d,) arrays."""
+        shares = ndtr(points[:, : self.scores])
+        found = {one.name: one.values(share) for one, share in zip(self.coordinates, shares.T, strict=True)}
+        return found | {name: np.full(len(points), value) for name, value in self.known.items()}
+
+    def spreads_at(self, points: Floats) -> Spreads:
+        """Return the spreads at points (d, p)."""
+        columns = [np.full(len(points), spread) for spread in self.spreads]
+        for column, which in enumerate(self.sought, self.scores):
+            columns[which] = np.exp(points[:, column])
+        return Spreads(*columns)
+
+    def log_prior(self, points: Floats) -> Floats:
+        """Return the log of the prior density : (d,) array."""
+        scores = points[:, : self.scores]
+        logs = -0.5 * np.sum(scores**2 + np.log(2.0 * np.pi), axis=1)
+        for column, which in enumerate(self.sought, self.scores):
+            log_spread = points[:, column]
+            share = np.exp(log_spread) / _WIDEST[which]
+            logs = logs + 0.5 * np.log(2.0 / np.pi) - np.log(_WIDEST[which]) + log_spread - 0.5 * share**2
+        return np.asarray(logs)
