@@ -22,6 +22,7 @@ from capsbayes.infer.posterior_file import LOG_MODULUS_SD, RECORD, WORK, read_fi
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.parameters import PARAMETERS
+from capsbayes.quantity import Quantity
 from capsbayes.readable import as_html
 from capsbayes.status import Status
 
@@ -161,11 +162,7 @@ class Posterior:
         coordinate is stated by itself or by its logarithm: one if the coordinate kept its prior, zero if the data tell
         it exactly.
         """
-        found = {}
-        for name, quantity in self.prior.uncertain.items():
-            ends = self.marginals[name]
-            found[name] = float(np.diff(quantity.cdf([ends.lower_68, ends.upper_68]))[0]) / _WITHIN_68
-        return found
+        return {name: width_over_prior(self.marginals[name], prior) for name, prior in self.prior.uncertain.items()}
 
     @property
     def log_modulus_sd(self) -> float:
@@ -308,3 +305,8 @@ class Posterior:
 def _attributes(name: str) -> dict[str, str]:
     parameter = PARAMETERS[name]
     return {"long_name": parameter.meaning, "symbol": parameter.symbol, "units": parameter.unit}
+
+
+def width_over_prior(marginal: Marginal, prior: Quantity) -> float:
+    """Return the probability that the prior gives to a 68 % interval, over 68 %."""
+    return float(np.diff(prior.cdf([marginal.lower_68, marginal.upper_68]))[0]) / _WITHIN_68

@@ -218,16 +218,12 @@ class Capsules:
         c, white = common.shape[1], np.linalg.inv(solved.factor)[:, :, common.shape[1] :]
         covariance = white.swapaxes(1, 2) @ white
         whole = solved.common_step
-        return Step(
-            whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio
-        )
+        return Step(whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio)
 
     def _shapes(self, membranes: Membranes, own: Floats, *, errors: bool = False) -> Shapes:
         """Return the shapes at (d, n, 2) places as (d, n, ...) arrays."""
         d, n = own.shape[:2]
-        theta = {name: np.repeat(values, n) for name, values in membranes.items()}
-        place = {"capillary_number": np.exp(own[..., 0]).ravel(), "size_ratio": own[..., 1].ravel()}
-        flat = self.model({**place, **theta}, errors=errors)
+        flat = self.model(self.model.theta(membranes, own), errors=errors)
         return Shapes(*(values.reshape(d, n, *values.shape[1:]) for values in flat))
 
     def _first(self, membranes: Membranes) -> tuple[Floats, Floats]:
@@ -323,13 +319,13 @@ class Capsules:
 
     def _solved(self, blocks: _Blocks, common: Floats) -> _Solved:
         own, free = blocks.own + _FLAT * np.eye(2), blocks.cross.shape[2] - ERRORS - self.model.errors
-        inverse = np.linalg.inv(own)
+        inverse: Floats = np.asarray(np.linalg.inv(own), dtype=np.float64)
         carried = blocks.cross @ inverse
         schur = blocks.common - carried @ blocks.cross.swapaxes(-1, -2)
         slope = blocks.common_slope - (carried @ blocks.own_slope[..., None])[..., 0]
         matrix, right = self._gathered(schur, slope, common)
-        factor = np.linalg.cholesky(matrix)
-        step = np.linalg.solve(matrix, right[..., None])[..., 0]
+        factor: Floats = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+        step: Floats = np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], dtype=np.float64)
         local = step[:, self._columns(free)]
         own_slope = blocks.own_slope - (local[..., None, :] @ blocks.cross)[..., 0, :]
         own_step = (inverse @ own_slope[..., None])[..., 0]
@@ -379,7 +375,7 @@ class Capsules:
         return (solved.inverse @ slope[..., None] + noise)[..., 0], step
 
     def moved(self, membranes: Membranes, own: Floats, step: Floats) -> Floats:
-        """Return the places (d, n, 2) after a step, a shorter one where the whole one is too long or leaves the domain."""
+        """Return the places (d, n, 2) after a step, shortened where it is too long or leaves the domain."""
         step = step / np.maximum(np.max(np.abs(step) / _LONGEST, axis=-1, keepdims=True), 1.0)
         for _ in range(_HALVINGS):
             lost = ~self.model.contains(membranes, own + step)

@@ -22,12 +22,14 @@ from capsbayes.infer.one_membrane.unknowns import Unknowns
 _STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
 _USUAL = (0.2, 0.06)  # spreads of ln G_s and of a/l while modes are sought
 _CLOUD, _OF_MODE = 128, 128  # points over the prior and about each mode
-_FREEDOM, _WIDER = 5.0, 1.3
+_FREEDOM, _WIDER = 5, 1.3
 _DISTINCT, _UNLIKELY = 1.0, 12.0  # least distance of modes in standard deviations; of the log density below the best
 _TRIED, _ROUNDS = 256, 6  # draws of a round
 _ALIVE, _GOOD = 0.1, 0.35  # share of effective draws to which a proposal is fitted, and which ends the rounds
 _ENOUGH, _MOST = 1000.0, 4096  # effective draws, draws
-_LEAST_EFFECTIVE, _MOST_PARETO, _LEAST_SETTLED = 400.0, 0.7, 0.98
+_LEAST_EFFECTIVE, _MOST_PARETO = 400.0, 0.7
+_LEAST_WITHIN = 0.9  # share of the draws at which no capsule lies on the border of the domain
+WITHIN = "share of the draws with all capsules within the model"
 _AT_ONCE = 20_000  # capsules times membranes that are found together
 
 
@@ -41,7 +43,7 @@ class Draws(NamedTuple):
     log_density, log_weights : (d,) arrays
         Of the posterior, up to a constant of the batch; -inf of the latter is a weight of zero.
     settled : (d,) bool array
-        Whether the capsules were found.
+        Whether the best values of all capsules were found, and not on the border of the domain.
     """
 
     points: Floats
@@ -170,7 +172,7 @@ def _result(draws: Draws) -> Sampled:
     gates = (
         Gate("effective draws", count, least=_LEAST_EFFECTIVE),
         Gate("Pareto k of the weights", pareto_shape(draws.log_weights), most=_MOST_PARETO),
-        Gate("share of the draws with all capsules found", float(weights @ draws.settled), least=_LEAST_SETTLED),
+        Gate(WITHIN, float(weights @ draws.settled), least=_LEAST_WITHIN),
     )
     evidence = float(logsumexp(draws.log_weights) - np.log(len(weights)))
     error = float(np.sqrt(max(1.0 / count - 1.0 / len(weights), 0.0)))

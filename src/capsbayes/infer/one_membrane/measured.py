@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -37,8 +38,8 @@ class Reduced(NamedTuple):
         The numbers as measured, NaN where they were not.
     left : float
         Misfit that no shape takes away.
-    count : int
-        Of measured numbers.
+    known : int
+        Number of measured numbers.
     """
 
     rows: Floats
@@ -46,7 +47,7 @@ class Reduced(NamedTuple):
     scale: Floats
     near: Floats
     left: float
-    count: int
+    known: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class Batch:
     ----------
     rows, target, scale, near : arrays, (n, q, k), (n, q), (n, q), (n, k)
         See `Reduced`.
-    left, count : (n,) arrays
+    left, known : (n,) arrays
     log_velocity, velocity_error : (n,) arrays
         ln(v_o / (m/s)) and the relative standard error.
     log_mean_velocity : (n,) array
@@ -73,7 +74,7 @@ class Batch:
     scale: Floats
     near: Floats
     left: Floats
-    count: Integers
+    known: Integers
     log_velocity: Floats
     velocity_error: Floats
     log_mean_velocity: Floats
@@ -86,10 +87,10 @@ class Batch:
 
     def taken(self, some: Integers) -> Batch:
         """Return some of the capsules."""
-        arrays = (self.rows, self.target, self.scale, self.near, self.left, self.count)
-        speeds = (self.log_velocity, self.velocity_error, self.log_mean_velocity)
-        _, group = np.unique(self.group[some], return_inverse=True)
-        return Batch(*(a[some] for a in (*arrays, *speeds)), group, self.scale_error, self.rate_error)
+        arrays: dict[str, Any] = {
+            item.name: value[some] for item in fields(self) if isinstance(value := getattr(self, item.name), np.ndarray)
+        }
+        return replace(self, **arrays | {"group": np.unique(self.group[some], return_inverse=True)[1]})
 
 
 def batch_of(
@@ -100,13 +101,12 @@ def batch_of(
     Parameters
     ----------
     measurements : sequence of Measurement
-        All with outlines, or all with lengths alone.
+        All with outlines, or all with lengths alone, over l.
     experiment : Experiment
         Of all.
     model : MembraneSurrogate
     scale_error : float
-        Relative standard error of the lengths that all capsules share, as that of the size of a pixel; an uncertain
-        half width adds to it where the lengths are in metres.
+        Relative standard error of the lengths that all capsules share, as that of the size of a pixel.
 
     Raises
     ------
@@ -123,9 +123,8 @@ def batch_of(
         shapes = model.outlines_of(coefficients)
         reduced = [_of_outline(measurement, model, coefficients, shapes) for measurement in measurements]
     else:
-        reduced = [_of_lengths(measurement, experiment.half_width.value) for measurement in measurements]
+        reduced = [_of_lengths(measurement) for measurement in measurements]
     width = experiment.half_width
-    shared = 0.0 if measurements[0].over_half_width else width.error / width.value
     rates = [measurement.flow_rate or np.nan for measurement in measurements]
     rate_errors = [(m.flow_rate_error or 0.0) / m.flow_rate for m in measurements if m.flow_rate]
     area = AREAS[experiment.cross_section] * width.value**2
@@ -133,13 +132,18 @@ def batch_of(
     errors = np.array([measurement.capsule_velocity_error for measurement in measurements])
     mean_velocity = np.log(np.array(rates) / area)
     return Batch(
-        *(np.array(column) for column in zip(*reduced, strict=True)),
-        np.log(velocity),
-        errors / velocity,
-        mean_velocity,
-        _groups(np.where(np.isnan(mean_velocity), np.log(velocity), mean_velocity)),
-        float(np.hypot(scale_error, shared)),
-        float(np.hypot(max(rate_errors, default=0.0), 2.0 * width.error / width.value)),
+        rows=np.array([one.rows for one in reduced]),
+        target=np.array([one.target for one in reduced]),
+        scale=np.array([one.scale for one in reduced]),
+        near=np.array([one.near for one in reduced]),
+        left=np.array([one.left for one in reduced]),
+        known=np.array([one.known for one in reduced]),
+        log_velocity=np.log(velocity),
+        velocity_error=errors / velocity,
+        log_mean_velocity=mean_velocity,
+        group=_groups(np.where(np.isnan(mean_velocity), np.log(velocity), mean_velocity)),
+        scale_error=scale_error,
+        rate_error=float(np.hypot(max(rate_errors, default=0.0), 2.0 * width.error / width.value)),
     )
 
 
@@ -147,23 +151,21 @@ def _groups(log_speed: Floats) -> Integers:
     """Return the number of the flow of each capsule, by gaps and steps in the logarithm of its speed : (n,) array."""
     order = np.argsort(log_speed, kind="stable")
     group, begin = np.zeros(len(order), dtype=np.int64), log_speed[order[0]]
-    for before, here in zip(order[:-1], order[1:], strict=True):
+    for before, here in pairwise(order):
         step = log_speed[here] - begin > _SAME_FLOW
         begin = log_speed[here] if step else begin
         group[here] = group[before] + step
     return group
 
 
-def _of_lengths(measurement: Measurement, half_width: float) -> Reduced:
-    scale = 1.0 if measurement.over_half_width else half_width
-    extent, length = measurement.axial_extent / scale, measurement.axial_length
+def _of_lengths(measurement: Measurement) -> Reduced:
+    extent, length, seen = measurement.axial_extent, measurement.axial_length, measurement.covariance
     covariance = np.diag([0.0, _UNSEEN**2])
-    seen = measurement.covariance / scale**2
     covariance[: len(seen), : len(seen)] = seen
-    measured = np.array([extent, extent if length is None else length / scale])
-    rows = np.linalg.cholesky(np.linalg.inv(covariance)).T
-    near = measured if length is not None else np.array([extent, np.nan])
-    return Reduced(rows, rows @ measured, rows @ measured, near, 0.0, len(seen))
+    rows: Floats = np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)).T, dtype=np.float64)
+    target = rows @ np.array([extent, extent if length is None else length])
+    near = np.array([extent, np.nan if length is None else length])
+    return Reduced(rows, target, target, near, 0.0, len(seen))
 
 
 def _of_outline(measurement: Measurement, model: MembraneSurrogate, coefficients: Floats, shapes: Floats) -> Reduced:

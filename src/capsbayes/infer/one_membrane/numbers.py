@@ -10,6 +10,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from capsbayes.arrays import Booleans, Floats
+from capsbayes.experiment import bending
+from capsbayes.infer.prior import THICKNESS
 from capsbayes.surrogate import MembraneSurrogate
 
 _ERRORS = 12  # leading modes of outlines that have a model error
@@ -43,9 +45,11 @@ class ShapeModel(ABC):
     Parameters
     ----------
     model : MembraneSurrogate
+    half_width : float [m]
     """
 
     model: MembraneSurrogate
+    half_width: float
     errors: ClassVar[int]
     """Number of leading numbers with a model error."""
 
@@ -60,9 +64,19 @@ class ShapeModel(ABC):
 
     def contains(self, membranes: Mapping[str, Floats], own: Floats) -> Booleans:
         """Return whether places (d, n, 2) of ln Ca and a/l lie in the domain at d membranes : (d, n) array."""
-        further = [np.repeat(membranes[name], own.shape[1]) for name in self.model.coordinates]
-        ca, size = np.exp(own[..., 0]).ravel(), own[..., 1].ravel()
-        return self.model.domain.contains(ca, size, *further).reshape(own.shape[:2])
+        theta = self.theta(membranes, own)
+        further = (theta[name] for name in self.model.coordinates)
+        inside = self.model.domain.contains(theta["capillary_number"], theta["size_ratio"], *further)
+        return inside.reshape(own.shape[:2])
+
+    def theta(self, membranes: Mapping[str, Floats], own: Floats) -> dict[str, Floats]:
+        """Return what the model reads at places (d, n, 2), by name : (d n,) arrays."""
+        theta = {name: np.repeat(values, own.shape[1]) for name, values in membranes.items()}
+        size = own[..., 1].ravel()
+        if THICKNESS in theta:
+            thickness = theta.pop(THICKNESS)
+            theta["bending"] = bending(membrane_thickness=thickness, capsule_radius=size * self.half_width)
+        return {"capillary_number": np.exp(own[..., 0]).ravel(), "size_ratio": size, **theta}
 
 
 class Lengths(ShapeModel):

@@ -13,6 +13,7 @@ from capsbayes.infer.one_membrane.unknowns import Unknowns
 _STEPS, _SETTLED = 15, 1e-2
 _LONGEST = 0.7  # step of a normal score
 _FARTHEST = 3.0  # normal score
+_HALVINGS = 4
 _NARROWEST, _OF_SPREADS = (0.05, 0.02), 0.4  # spreads at first, and standard deviation of their logs
 
 
@@ -40,12 +41,12 @@ def modes(capsules: Capsules, unknowns: Unknowns, starts: Floats) -> list[Mode]:
         step = capsules.step(membranes, spreads, own, common, moved, points[:, :free])
         covariance = step.covariance
         scores = step.scores / np.maximum(np.max(np.abs(step.scores) / _LONGEST, axis=1, keepdims=True), 1.0)
-        share = np.ones(len(points))
-        for _ in range(4):  # shorter where a capsule would leave the domain
+        share, tried, inside = np.ones(len(points)), points, np.zeros(len(points), dtype=bool)
+        for _ in range(_HALVINGS):  # a shorter step where a capsule would leave the domain
             tried = points.copy()
             tried[:, :free] = np.clip(points[:, :free] + share[:, None] * scores, -_FARTHEST, _FARTHEST)
-            inside = capsules.model.contains(unknowns.membranes(tried), own).all(axis=1)
-            if inside.all():
+            inside = np.all(capsules.model.contains(unknowns.membranes(tried), own), axis=1)
+            if np.all(inside):
                 break
             share = np.where(inside, share, 0.5 * share)
         points = np.where(inside[:, None], tried, points)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.one_membrane.conditional import Spreads
-from capsbayes.infer.prior import Coordinate
+from capsbayes.infer.prior import THICKNESS, Coordinate
 
 _WIDEST = (1.0, 0.5)  # scales of the half-normal priors of the spreads of ln G_s and of a/l
 _USUAL = (np.log(0.15), np.log(3.0)), (np.log(0.06), np.log(3.0))  # middles and widths where spreads are sought
@@ -33,6 +33,19 @@ class Unknowns:
     coordinates: tuple[Coordinate, ...]
     known: Mapping[str, float] = field(default_factory=dict)
     spreads: tuple[float | None, float | None] = (None, None)
+
+    @classmethod
+    def of(cls, coordinates: Iterable[Coordinate], spreads: tuple[float | None, float | None]) -> Unknowns:
+        """Return those of coordinates with their priors, of which a thickness may be known."""
+        each = tuple(coordinates)
+        free = tuple(one for one in each if not one.distribution.known)
+        known = {key_of(one): one.distribution.value for one in each if one.distribution.known}
+        return cls(free, known, spreads)
+
+    def fixed(self, values: Mapping[str, float]) -> Unknowns:
+        """Return the same with known values of some coordinates."""
+        free = tuple(one for one in self.coordinates if one.name not in values)
+        return replace(self, coordinates=free, known={**self.known, **values})
 
     @property
     def scores(self) -> int:
@@ -66,9 +79,9 @@ class Unknowns:
         return np.asarray(-0.5 * np.sum(away**2 + np.log(2.0 * np.pi) + 2.0 * np.log(width), axis=1))
 
     def membranes(self, points: Floats) -> dict[str, Floats]:
-        """Return the coordinates of the model at points (d, p), by name : (d,) arrays."""
+        """Return the coordinates of the model at points (d, p), by name : (d,) arrays; thickness for bending."""
         shares = ndtr(points[:, : self.scores])
-        found = {one.name: one.values(share) for one, share in zip(self.coordinates, shares.T, strict=True)}
+        found = {key_of(one): one.values(share) for one, share in zip(self.coordinates, shares.T, strict=True)}
         return found | {name: np.full(len(points), value) for name, value in self.known.items()}
 
     def spreads_at(self, points: Floats) -> Spreads:
@@ -87,3 +100,8 @@ class Unknowns:
             share = np.exp(log_spread) / _WIDEST[which]
             logs = logs + 0.5 * np.log(2.0 / np.pi) - np.log(_WIDEST[which]) + log_spread - 0.5 * share**2
         return np.asarray(logs)
+
+
+def key_of(coordinate: Coordinate) -> str:
+    """Return the name of what a coordinate's distribution is of."""
+    return THICKNESS if coordinate.by_thickness else coordinate.name

@@ -1,0 +1,212 @@
+"""From the measurements of a batch to the membrane that its capsules share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from scipy import stats
+from threadpoolctl import threadpool_limits
+
+from capsbayes.arrays import Floats
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.identify import check_applies
+from capsbayes.infer.importance.weights import normalised
+from capsbayes.infer.log_grid import LogGrid
+from capsbayes.infer.one_membrane.conditional import MODULUS, RATE, SIZE, Capsules
+from capsbayes.infer.one_membrane.engine import WITHIN, MembraneSampling, Sampled
+from capsbayes.infer.one_membrane.measured import Batch, batch_of
+from capsbayes.infer.one_membrane.numbers import Lengths, Outlines
+from capsbayes.infer.one_membrane.shared_membrane import LawOdds, SharedMembrane
+from capsbayes.infer.one_membrane.unknowns import Unknowns, key_of
+from capsbayes.infer.prior import Coordinate, Prior
+from capsbayes.measured_outline import MID_PLANE
+from capsbayes.measurement import Measurement
+from capsbayes.measurements import check_comparable
+from capsbayes.status import Status
+from capsbayes.surrogate import MembraneSurrogate
+
+LAWS: Mapping[str, Mapping[str, float]] = {
+    "neo-Hookean": {"area_dilation_modulus": 3.0, "strain_hardening": 0.0},
+    "Skalak": {"strain_hardening": 1.0},
+}
+"""Laws whose odds against the general one are given, and what they fix; Skalak's has any C."""
+
+GENERAL = "neither of them"
+
+MISFIT = "p-value of the misfit of all shapes"
+
+_DRAWS = 1000
+_AT_ONCE = 50  # draws whose capsules are drawn together
+_ONE_CAPSULE = (1e-3, 1e-4)  # spreads of ln G_s and of a/l among pictures of one capsule
+_LEAST_P = 1e-3
+
+
+def identify_membrane(
+    measurements: Sequence[Measurement],
+    experiment: Experiment,
+    *,
+    seed: int,
+    model: MembraneSurrogate | None = None,
+    prior: Prior | None = None,
+    same_capsule: bool = False,
+    scale_error: float = 0.0,
+    laws: bool = True,
+    progress: Callable[[str], None] = lambda step: None,
+) -> SharedMembrane:
+    """Find the membrane that the capsules of a batch share, and the shear modulus and radius of each.
+
+    Parameters
+    ----------
+    measurements : sequence of Measurement
+        All with outlines, or all with lengths alone; at one flow rate or several.
+    experiment : Experiment
+        Channel and liquid of all.
+    seed : int
+        Of the draws of what is a capsule's own; stored in the result.
+    model : MembraneSurrogate, optional
+        Default: that which comes with the library for the channel and the view of the outlines.
+    prior : Prior, optional
+        Of the parameters of the membrane; those of G_s and a have no place, as the batch tells its own.
+    same_capsule : bool
+        All measurements are of one capsule, which has one G_s and one a.
+    scale_error : float
+        Relative standard error that all lengths share, as from the size of a pixel.
+    laws : bool
+        Also give the odds of known laws, and what G_s is under each: takes two or three times as long.
+    progress : callable
+        Called with the name of each step.
+
+    Returns
+    -------
+    SharedMembrane
+        Its status tells whether the intervals can be used.
+
+    Raises
+    ------
+    InputError
+        If a measurement cannot be used, or no membrane of the model gives all capsules their shapes.
+    """
+    if not measurements:
+        raise InputError("identify_membrane", "measurements", "at least one", "none")
+    for measurement in measurements:
+        check_comparable(measurement, measurement.source or "measurement")
+    outline = measurements[0].outline
+    view = MID_PLANE if outline is None else outline.view
+    model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
+    for measurement in measurements:
+        check_applies(model, measurement, experiment)
+    with threadpool_limits(limits=1):
+        batch = batch_of(measurements, experiment, model, scale_error=scale_error)
+        numbers = (Lengths if outline is None else Outlines)(model, experiment.half_width.value)
+        capsules = Capsules(batch, numbers, float(np.log(experiment.viscosity.value)))
+        stated = (prior or Prior()).with_thickness(experiment)
+        unknowns = Unknowns.of(
+            Coordinate.all_of(model, stated), _ONE_CAPSULE if same_capsule or len(batch) == 1 else (None, None)
+        )
+        progress("the membrane")
+        sampled = MembraneSampling(capsules, unknowns)()
+        draws = _drawn(capsules, unknowns, sampled, experiment, seed)
+        assumed = [(GENERAL, sampled, draws)]
+        for name, fixed in LAWS.items() if laws else ():
+            progress(name)
+            within = unknowns.fixed(fixed)
+            under = MembraneSampling(capsules, within)()
+            assumed.append((name, under, _drawn(capsules, within, under, experiment, seed)))
+    gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"], unknowns))
+    speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
+    return SharedMembrane(
+        draws=draws,
+        names=tuple(m.source or str(number + 1) for number, m in enumerate(measurements)),
+        flow=batch.group,
+        speed=np.exp(speeds),
+        misfit=_misfit_of_each(batch, draws["misfit"]),
+        laws=_with_odds(assumed) if laws else (),
+        prior={key_of(one): one.distribution for one in unknowns.coordinates},
+        experiment=experiment,
+        model_name=model.name,
+        model_sha256=model.sha256,
+        seed=seed,
+        gates=gates,
+        status=_status(gates),
+    )
+
+
+def _drawn(
+    capsules: Capsules, unknowns: Unknowns, sampled: Sampled, experiment: Experiment, seed: int
+) -> dict[str, Floats]:
+    """Draw membranes by their weights, and at each of them the capsules : (d,) and (d, n) arrays by name."""
+    rng = np.random.default_rng([seed, 7])
+    weights = normalised(sampled.draws.log_weights)
+    places = (np.arange(_DRAWS) + rng.uniform(size=_DRAWS)) / _DRAWS
+    rows = np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
+    points = sampled.draws.points[rows]
+    parts = []
+    for first in range(0, _DRAWS, _AT_ONCE):
+        some = points[first : first + _AT_ONCE]
+        parts.append(capsules.at(unknowns.membranes(some), unknowns.spreads_at(some), rng=rng))
+    own, common, log_ratio, misfit = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("own", "common", "log_ratio", "misfit")
+    )
+    spreads = unknowns.spreads_at(points)
+    log_moduli = _log_moduli(capsules, own, log_ratio, common, spreads.modulus, rng)
+    viscosity = LogGrid.of(experiment.viscosity).drawn(rng, _DRAWS) / experiment.viscosity.value
+    width = LogGrid.of(experiment.half_width).drawn(rng, _DRAWS)
+    membranes = unknowns.membranes(points)
+    return {
+        **membranes,
+        "surface_shear_modulus": np.exp(common[:, MODULUS]) * viscosity,
+        "capsule_radius": common[:, SIZE] * width,
+        "modulus_spread": spreads.modulus,
+        "radius_spread": spreads.size / common[:, SIZE],
+        "surface_shear_modulus_each": np.exp(log_moduli) * viscosity[:, None],
+        "capsule_radius_each": own[..., 1] * width[:, None],
+        "capillary_number_each": np.exp(own[..., 0]),
+        "misfit": misfit,
+    }
+
+
+def _log_moduli(
+    capsules: Capsules, own: Floats, log_ratio: Floats, common: Floats, spread: Floats, rng: np.random.Generator
+) -> Floats:
+    """Draw ln G_s of each capsule at central viscosity : (d, n) array; its velocity and the population both tell it."""
+    batch = capsules.batch
+    seen = capsules.log_moduli(own, log_ratio)
+    by_rate = np.isfinite(batch.log_mean_velocity)
+    seen = seen + by_rate * batch.rate_error * common[:, RATE, None]
+    variance = np.where(by_rate, 0.0, batch.velocity_error**2)
+    share = variance / (variance + spread[:, None] ** 2)
+    middle = (1.0 - share) * seen + share * common[:, MODULUS, None]
+    return np.asarray(middle + np.sqrt(share) * spread[:, None] * rng.standard_normal(seen.shape))
+
+
+def _with_odds(assumed: list[tuple[str, Sampled, dict[str, Floats]]]) -> tuple[LawOdds, ...]:
+    logs = np.array([sampled.log_evidence for _, sampled, _ in assumed])
+    shares = np.exp(logs - logs.max()) if len(logs) else logs
+    return tuple(
+        LawOdds(name, float(share / shares.sum()), sampled.evidence_error, all(g.passed for g in sampled.gates), draws)
+        for (name, sampled, draws), share in zip(assumed, shares, strict=True)
+    )
+
+
+def _misfit_gate(batch: Batch, misfit: Floats, unknowns: Unknowns) -> Gate:
+    """Return the gate on the probability of a larger misfit of all shapes together."""
+    square = float(np.median(misfit.sum(axis=1)) + batch.left.sum())
+    freedom = max(int(batch.known.sum()) - 2 * len(batch) - unknowns.scores, 1)
+    return Gate(MISFIT, float(stats.chi2.sf(square, freedom)), least=_LEAST_P)
+
+
+def _misfit_of_each(batch: Batch, misfit: Floats) -> Floats:
+    """Return the root mean square difference of each shape in standard errors : (n,) array."""
+    return np.asarray(np.sqrt((np.median(misfit, axis=0) + batch.left) / np.maximum(batch.known, 1)))
+
+
+def _status(gates: Sequence[Gate]) -> Status:
+    failed = {gate.name for gate in gates if not gate.passed}
+    if not failed:
+        return Status.DONE
+    if failed == {MISFIT}:
+        return Status.SHAPES_MISFIT
+    return Status.LEANS_ON_BORDER if failed == {WITHIN} else Status.NOT_SAMPLED
