@@ -25,7 +25,7 @@ _LONGEST = 1000  # characters of a message
 
 COMMANDS = {
     "Measure and identify": ("measure", "identify", "report"),
-    "Many capsules": ("batch", "population"),
+    "Many capsules": ("batch", "population", "membrane"),
     "What the model misses": ("diagnose",),
     "Plan measurements": ("sensitivity",),
     "Simulate and build": ("simulate", "transient", "build", "rebuild", "atlas"),

@@ -56,8 +56,12 @@ class Marginal:
 
     def contains(self, value: float, *, level: int) -> bool:
         """Return whether the 68 % or the 95 % interval holds a value."""
-        lower, upper = {68: (self.lower_68, self.upper_68), 95: (self.lower_95, self.upper_95)}[level]
+        lower, upper = self.ends(level)
         return lower <= value <= upper
+
+    def ends(self, level: int) -> tuple[float, float]:
+        """Return the ends of the 68 % or the 95 % interval."""
+        return {68: (self.lower_68, self.upper_68), 95: (self.lower_95, self.upper_95)}[level]
 
     def as_dict(self) -> dict[str, float]:
         """Return the fields by name, for files."""

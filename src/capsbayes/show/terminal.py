@@ -9,10 +9,13 @@ import pandas as pd
 from capsbayes.diagnosis import Study
 from capsbayes.infer import Posterior
 from capsbayes.infer.many import Hierarchy, Population
+from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
+from capsbayes.show.tables import membrane as of_membrane
 from capsbayes.show.tables import population as of_population
 from capsbayes.show.tables import posterior as of_posterior
 from capsbayes.show.tables import study as of_study
 from capsbayes.show.tables.table import Strong
+from capsbayes.show.words import membrane as membrane_words
 from capsbayes.show.words import population as population_words
 from capsbayes.show.words import posterior as posterior_words
 from capsbayes.show.words import study as study_words
@@ -48,6 +51,18 @@ def hierarchy_parts(hierarchy: Hierarchy) -> Parts:
     yield population_words.shared_words(stored)
     yield population_words.missing_words(stored)
     yield from population_words.caveats(stored)
+
+
+def membrane_parts(shared: SharedMembrane) -> Parts:
+    """Yield what is printed of the membrane that a batch shares."""
+    yield of_membrane.membrane_table(shared)
+    yield membrane_words.told_words(shared)
+    if len(shared.laws) > 1:
+        yield of_membrane.law_table(shared)
+        yield Strong(membrane_words.law_words(shared))
+    if shared.flow.max() > 0:
+        yield of_membrane.flow_table(shared)
+    yield from membrane_words.caveats(shared)
 
 
 def study_parts(study: Study) -> Parts:

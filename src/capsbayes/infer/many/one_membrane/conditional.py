@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from capsbayes.arrays import Booleans, Floats, Integers
-from capsbayes.infer.one_membrane.measured import Batch
-from capsbayes.infer.one_membrane.numbers import ShapeModel, Shapes
+from capsbayes.infer.many.one_membrane.measured import Batch
+from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
 
 _LATTICE = 20, 10  # places along ln Ca and a/l, among which a capsule is looked for first
 _STEPS = (2e-3, 1e-3)  # of ln Ca and a/l, for differences

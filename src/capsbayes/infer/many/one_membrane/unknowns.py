@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from capsbayes.arrays import Floats
-from capsbayes.infer.one_membrane.conditional import Spreads
+from capsbayes.infer.many.one_membrane.conditional import Spreads
 from capsbayes.infer.prior import THICKNESS, Coordinate
 
 _WIDEST = (1.0, 0.5)  # scales of the half-normal priors of the spreads of ln G_s and of a/l
@@ -35,12 +35,14 @@ class Unknowns:
     spreads: tuple[float | None, float | None] = (None, None)
 
     @classmethod
-    def of(cls, coordinates: Iterable[Coordinate], spreads: tuple[float | None, float | None]) -> Unknowns:
-        """Return those of coordinates with their priors, of which a thickness may be known."""
+    def of(
+        cls, coordinates: Iterable[Coordinate], known: Mapping[str, float], spreads: tuple[float | None, float | None]
+    ) -> Unknowns:
+        """Return those of coordinates with their priors, of which a thickness may be known, beside known ones."""
         each = tuple(coordinates)
         free = tuple(one for one in each if not one.distribution.known)
-        known = {key_of(one): one.distribution.value for one in each if one.distribution.known}
-        return cls(free, known, spreads)
+        thickness = {key_of(one): one.distribution.value for one in each if one.distribution.known}
+        return cls(free, {**known, **thickness}, spreads)
 
     def fixed(self, values: Mapping[str, float]) -> Unknowns:
         """Return the same with known values of some coordinates."""

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 EACH = ("surface_shear_modulus", "capsule_radius", "capillary_number")
-"""Quantities of each capsule: their draws are named with ``_each``."""
+PREDICTED = ("axial_extent", "axial_length", "velocity_ratio")
+"""Quantities of each capsule, and what is predicted of it: their draws are named with ``_each``."""
 
 _POPULATION = ("surface_shear_modulus", "modulus_spread", "capsule_radius", "radius_spread")
 
@@ -65,13 +66,15 @@ class SharedMembrane(Readable):
     draws : mapping of arrays
         The parameters of the membrane by name, ``surface_shear_modulus`` and ``capsule_radius``, means of the
         population (of ln G_s and of a) in SI, ``modulus_spread`` and ``radius_spread``, relative : (d,) arrays; and
-        for n capsules each of `EACH` with ``_each`` : (d, n) arrays.
+        for n capsules each of `EACH` and `PREDICTED` with ``_each`` : (d, n) arrays.
     names : tuple of str
         Of the capsules.
     flow : (n,) array
         Number of the flow of each capsule, slow to fast.
     speed : (n,) array [m/s]
         Mean velocity by the flow rate, or velocity of the capsule where none was given.
+    lengths : (n, 2) array [l]
+        L_z and L_a as measured, NaN where L_a was not.
     misfit : (n,) array
         Root mean square difference of each shape in standard errors.
     laws : tuple of LawOdds
@@ -89,6 +92,7 @@ class SharedMembrane(Readable):
     names: tuple[str, ...]
     flow: Integers
     speed: Floats
+    lengths: Floats
     misfit: Floats
     laws: tuple[LawOdds, ...]
     prior: Mapping[str, Quantity]

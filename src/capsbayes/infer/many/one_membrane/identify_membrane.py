@@ -15,26 +15,23 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.identify import check_applies
 from capsbayes.infer.importance.weights import normalised
 from capsbayes.infer.log_grid import LogGrid
-from capsbayes.infer.one_membrane.conditional import MODULUS, RATE, SIZE, Capsules
-from capsbayes.infer.one_membrane.engine import WITHIN, MembraneSampling, Sampled
-from capsbayes.infer.one_membrane.measured import Batch, batch_of
-from capsbayes.infer.one_membrane.numbers import Lengths, Outlines
-from capsbayes.infer.one_membrane.shared_membrane import LawOdds, SharedMembrane
-from capsbayes.infer.one_membrane.unknowns import Unknowns, key_of
+from capsbayes.infer.many.one_membrane.conditional import MODULUS, RATE, SIZE, Capsules
+from capsbayes.infer.many.one_membrane.engine import WITHIN, MembraneSampling, Sampled
+from capsbayes.infer.many.one_membrane.measured import Batch, batch_of
+from capsbayes.infer.many.one_membrane.numbers import Lengths, Outlines
+from capsbayes.infer.many.one_membrane.shared_membrane import LawOdds, SharedMembrane
+from capsbayes.infer.many.one_membrane.unknowns import Unknowns, key_of
+from capsbayes.infer.membrane import LAWS, Membrane
 from capsbayes.infer.prior import Coordinate, Prior
 from capsbayes.measured_outline import MID_PLANE
 from capsbayes.measurement import Measurement
 from capsbayes.measurements import check_comparable
+from capsbayes.model import FixedParameters
 from capsbayes.status import Status
 from capsbayes.surrogate import MembraneSurrogate
 
-LAWS: Mapping[str, Mapping[str, float]] = {
-    "neo-Hookean": {"area_dilation_modulus": 3.0, "strain_hardening": 0.0},
-    "Skalak": {"strain_hardening": 1.0},
-}
-"""Laws whose odds against the general one are given, and what they fix; Skalak's has any C."""
-
-GENERAL = "neither of them"
+NONE_OF_THEM = "none of them"
+"""The general law, beside those of `LAWS`."""
 
 MISFIT = "p-value of the misfit of all shapes"
 
@@ -50,11 +47,12 @@ def identify_membrane(
     *,
     seed: int,
     model: MembraneSurrogate | None = None,
+    membrane: Membrane | None = None,
     prior: Prior | None = None,
     same_capsule: bool = False,
     scale_error: float = 0.0,
     laws: bool = True,
-    progress: Callable[[str], None] = lambda step: None,
+    progress: Callable[[str, int, int], None] = lambda step, done, steps: None,
 ) -> SharedMembrane:
     """Find the membrane that the capsules of a batch share, and the shear modulus and radius of each.
 
@@ -68,16 +66,18 @@ def identify_membrane(
         Of the draws of what is a capsule's own; stored in the result.
     model : MembraneSurrogate, optional
         Default: that which comes with the library for the channel and the view of the outlines.
+    membrane : Membrane, optional
+        What is known of it; default: nothing.
     prior : Prior, optional
-        Of the parameters of the membrane; those of G_s and a have no place, as the batch tells its own.
+        Of the parameters of the membrane, by their names; those of G_s and a have no place, as the batch tells its own.
     same_capsule : bool
         All measurements are of one capsule, which has one G_s and one a.
     scale_error : float
         Relative standard error that all lengths share, as from the size of a pixel.
     laws : bool
-        Also give the odds of known laws, and what G_s is under each: takes two or three times as long.
+        Also give the odds of known laws, and what G_s is under each: takes three times as long.
     progress : callable
-        Called with the name of each step.
+        Called with the name of the step that begins, the number of those done, and of all.
 
     Returns
     -------
@@ -98,20 +98,19 @@ def identify_membrane(
     model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
     for measurement in measurements:
         check_applies(model, measurement, experiment)
+    spreads = _ONE_CAPSULE if same_capsule or len(measurements) == 1 else (None, None)
     with threadpool_limits(limits=1):
         batch = batch_of(measurements, experiment, model, scale_error=scale_error)
         numbers = (Lengths if outline is None else Outlines)(model, experiment.half_width.value)
         capsules = Capsules(batch, numbers, float(np.log(experiment.viscosity.value)))
-        stated = (prior or Prior()).with_thickness(experiment)
-        unknowns = Unknowns.of(
-            Coordinate.all_of(model, stated), _ONE_CAPSULE if same_capsule or len(batch) == 1 else (None, None)
-        )
-        progress("the membrane")
+        unknowns = _unknowns(model, membrane or Membrane(), (prior or Prior()).with_thickness(experiment), spreads)
+        tried = _possible(unknowns) if laws else []
+        progress("membrane unknown", 0, 1 + len(tried))
         sampled = MembraneSampling(capsules, unknowns)()
         draws = _drawn(capsules, unknowns, sampled, experiment, seed)
-        assumed = [(GENERAL, sampled, draws)]
-        for name, fixed in LAWS.items() if laws else ():
-            progress(name)
+        assumed = [(NONE_OF_THEM, sampled, draws)]
+        for done, (name, fixed) in enumerate(tried, start=1):
+            progress(name, done, 1 + len(tried))
             within = unknowns.fixed(fixed)
             under = MembraneSampling(capsules, within)()
             assumed.append((name, under, _drawn(capsules, within, under, experiment, seed)))
@@ -122,6 +121,9 @@ def identify_membrane(
         names=tuple(m.source or str(number + 1) for number, m in enumerate(measurements)),
         flow=batch.group,
         speed=np.exp(speeds),
+        lengths=np.array(
+            [[m.axial_extent, np.nan if m.axial_length is None else m.axial_length] for m in measurements]
+        ),
         misfit=_misfit_of_each(batch, draws["misfit"]),
         laws=_with_odds(assumed) if laws else (),
         prior={key_of(one): one.distribution for one in unknowns.coordinates},
@@ -132,6 +134,20 @@ def identify_membrane(
         gates=gates,
         status=_status(gates),
     )
+
+
+def _unknowns(
+    model: MembraneSurrogate, membrane: Membrane, prior: Prior, spreads: tuple[float | None, float | None]
+) -> Unknowns:
+    fixed, believed = membrane.applied(model, prior)
+    known = dict(fixed.values) if isinstance(fixed, FixedParameters) else {}
+    return Unknowns.of(Coordinate.all_of(fixed, believed), known, spreads)
+
+
+def _possible(unknowns: Unknowns) -> list[tuple[str, Mapping[str, float]]]:
+    """Return the laws that what is known of the membrane leaves open."""
+    free = {one.name for one in unknowns.coordinates}
+    return [(name, fixed) for name, fixed in LAWS.items() if fixed and free.issuperset(fixed)]
 
 
 def _drawn(
@@ -163,9 +179,18 @@ def _drawn(
         "radius_spread": spreads.size / common[:, SIZE],
         "surface_shear_modulus_each": np.exp(log_moduli) * viscosity[:, None],
         "capsule_radius_each": own[..., 1] * width[:, None],
-        "capillary_number_each": np.exp(own[..., 0]),
+        **_seen(capsules, membranes, own),
         "misfit": misfit,
     }
+
+
+def _seen(capsules: Capsules, membranes: Mapping[str, Floats], own: Floats) -> dict[str, Floats]:
+    """Return Ca of the capsules, and what is predicted of them : (d, n) arrays."""
+    theta = capsules.model.theta(membranes, own)
+    predicted = capsules.model.model(theta)
+    names = ("axial_extent", "axial_length", "velocity_ratio")
+    flat = {name: getattr(predicted, name) for name in names} | {"capillary_number": theta["capillary_number"]}
+    return {f"{name}_each": values.reshape(own.shape[:2]) for name, values in flat.items()}
 
 
 def _log_moduli(

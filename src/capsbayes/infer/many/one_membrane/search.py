@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from capsbayes.arrays import Floats
-from capsbayes.infer.one_membrane.conditional import STEP, Capsules, Spreads
-from capsbayes.infer.one_membrane.unknowns import Unknowns
+from capsbayes.infer.many.one_membrane.conditional import STEP, Capsules, Spreads
+from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 
 _STEPS, _SETTLED = 15, 1e-2
 _LONGEST = 0.7  # step of a normal score

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,13 +12,15 @@ from scipy import stats
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
+from capsbayes import __version__
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.importance.proposal import Proposal
 from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
-from capsbayes.infer.one_membrane.conditional import Capsules
-from capsbayes.infer.one_membrane.search import Mode, modes
-from capsbayes.infer.one_membrane.unknowns import Unknowns
+from capsbayes.infer.many.one_membrane.conditional import Capsules
+from capsbayes.infer.many.one_membrane.search import Mode, modes
+from capsbayes.infer.many.one_membrane.unknowns import Unknowns
+from capsbayes.work import digest_of, step_of
 
 _STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
 _USUAL = (0.2, 0.06)  # spreads of ln G_s and of a/l while modes are sought
@@ -49,6 +52,13 @@ class Draws(NamedTuple):
     points: Floats
     log_density: Floats
     log_weights: Floats
+    settled: Booleans
+
+
+class Densities(NamedTuple):
+    """Log densities of the measurements, and whether the capsules were found : (d,) arrays."""
+
+    log_evidence: Floats
     settled: Booleans
 
 
@@ -110,10 +120,24 @@ class MembraneSampling:
         """Return the log of the posterior density at points (d, p), and whether the capsules were found : (d,)."""
         logs, settled = np.empty(len(points)), np.empty(len(points), dtype=bool)
         for rows in self._parts(len(points)):
-            some = points[rows]
-            found = self.capsules.at(self.unknowns.membranes(some), self.unknowns.spreads_at(some))
-            logs[rows], settled[rows] = found.log_evidence, found.settled
+            key = "membrane", self.fingerprint, points[rows]
+            part = step_of(Densities, key, partial(self._densities, points[rows]))
+            logs[rows], settled[rows] = part.log_evidence, part.settled
         return logs + self.unknowns.log_prior(points), settled
+
+    def _densities(self, points: Floats) -> Densities:
+        found = self.capsules.at(self.unknowns.membranes(points), self.unknowns.spreads_at(points))
+        return Densities(found.log_evidence, found.settled)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of everything that decides the result."""
+        capsules, unknowns = self.capsules, self.unknowns
+        priors = [(one.name, one.distribution, one.by_thickness) for one in unknowns.coordinates]
+        model = capsules.model.model.sha256, capsules.model.model.view, capsules.model.half_width
+        return digest_of(
+            __version__, model, capsules.batch, capsules.log_viscosity, priors, dict(unknowns.known), unknowns.spreads
+        )
 
     def _parts(self, count: int) -> Iterator[slice]:
         size = max(_AT_ONCE // len(self.capsules.batch), 1)

@@ -1,0 +1,82 @@
+"""``capsbayes membrane``: the membrane that the capsules of a batch share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capsbayes.cli.options import AsJson, ExperimentFile, MembraneKnown, Priors, Seed, membrane_of, prior_texts
+from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
+from capsbayes.cli.paths import Reads, Writes
+
+
+def membrane(
+    capsules: Annotated[
+        Path,
+        typer.Argument(help="Folder of measurement files, .csv table of lengths, or .nc file of outlines."),
+        Reads(),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for membrane.nc, membrane.json and membrane.png."),
+        Writes(within=("membrane.nc", "membrane.json", "membrane.png")),
+    ] = None,
+    experiment: ExperimentFile = None,
+    known: MembraneKnown = None,
+    prior: Priors = None,
+    same_capsule: Annotated[
+        bool, typer.Option("--same-capsule", help="All measurements are of one capsule, at several flow rates.")
+    ] = False,
+    scale_error: Annotated[
+        float,
+        typer.Option(min=0.0, max=0.2, help="Relative standard error of all lengths together, as by the pixel size."),
+    ] = 0.0,
+    laws: Annotated[bool, typer.Option(help="Compare known laws, which takes three times as long.")] = True,
+    seed: Seed = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Find the membrane that the capsules of a batch share: law, moduli, inflation and bending, with G_s and a of each.
+
+    With --out, a run that was interrupted goes on where it was when it is started again.
+
+    Exit status: 0 if the intervals can be used, 1 if not, 2 on bad input.
+    """
+    from capsbayes.infer import Prior
+    from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
+    from capsbayes.measurements import read_set
+    from capsbayes.show.figures.membrane import membrane_figure
+    from capsbayes.show.terminal import membrane_parts
+    from capsbayes.work import progress_bar, resumable
+
+    measured = read_set(capsules, experiment)
+    believed = Prior().with_texts(prior_texts(prior), where="--prior")
+    with resumable(out):
+        with progress_bar(None, "membrane") as update:
+            found = identify_membrane(
+                measured.measurements,
+                measured.experiment,
+                seed=seed,
+                membrane=membrane_of(None, known),
+                prior=believed,
+                same_capsule=same_capsule,
+                scale_error=scale_error,
+                laws=laws,
+                progress=lambda step, done, steps: update(done, step, steps),
+            )
+        files: dict[str, Writer] = {
+            "membrane.nc": found.write,
+            "membrane.json": json_file(found.as_dict()),
+            "membrane.png": figure_file(lambda: membrane_figure(found)),
+        }
+        left_out = [f"Left out: {line}" for line in measured.left_out]
+        model_line = model_words(found.model_name, found.model_sha256, found.seed)
+        conclude(
+            found.as_dict(),
+            lambda: [*membrane_parts(found), *left_out, model_line],
+            files,
+            out=out,
+            as_json=as_json,
+            status=found.status,
+        )
