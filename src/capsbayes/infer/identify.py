@@ -21,6 +21,7 @@ from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.membrane import Membrane
 from capsbayes.infer.misfit import Misfit, inertia, misfits_of, p_values
+from capsbayes.infer.narrowing import expected_log_modulus_sds
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
 from capsbayes.infer.outline.misfit import drawn_outlines, outline_misfit
 from capsbayes.infer.outline.table import TabulatedOutline
@@ -136,6 +137,7 @@ def identify(
             status=verdict(gates, agreed, leans, misfits),
             p_values=predicted,
             log_modulus_sd_if_known=_log_modulus_sd_if_known(grid, measurement, experiment),
+            expected_log_modulus_sds=_expected(grid, measurement),
         )
 
 
@@ -160,6 +162,10 @@ def _log_modulus_sd_if_known(grid: ExactPosterior, measurement: Measurement, exp
     plain = Quadrature(known, experiment, replace(density.prior, coordinates={}))
     found = plain(measurement, inputs=density.inputs, outline=density.outline)
     return found.log_marginal("surface_shear_modulus").sd
+
+
+def _expected(grid: ExactPosterior, measurement: Measurement) -> dict[str, float]:
+    return expected_log_modulus_sds(grid, measurement) if isinstance(grid, WeightedPosterior) else {}
 
 
 def _reported(grid: ExactPosterior) -> tuple[str, ...]:

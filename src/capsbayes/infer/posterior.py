@@ -83,6 +83,9 @@ class Posterior:
     log_modulus_sd_if_known : float or None
         Standard deviation of ln G_s, were several further coordinates of the model known to have their likeliest
         values; None of a model without them.
+    expected_log_modulus_sds : mapping of float
+        Expected standard deviation of ln G_s after one more measurement, by name, see `capsbayes.infer.narrowing`;
+        empty of a model without several further coordinates.
     """
 
     draws: Mapping[str, Floats]
@@ -107,6 +110,7 @@ class Posterior:
     version: str = __version__
     p_values: Mapping[str, float] = field(default_factory=dict)
     log_modulus_sd_if_known: float | None = None
+    expected_log_modulus_sds: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
@@ -200,7 +204,11 @@ class Posterior:
             return {}
         return {
             "width_over_prior": self.widths_over_prior(),
-            LOG_MODULUS_SD: {"found": self.log_modulus_sd, "if_coordinates_known": self.log_modulus_sd_if_known},
+            LOG_MODULUS_SD: {
+                "found": self.log_modulus_sd,
+                "if_coordinates_known": self.log_modulus_sd_if_known,
+                "expected": dict(self.expected_log_modulus_sds),
+            },
         }
 
     def _priors(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ WORK = "work"
 """Attribute of the file that holds the hash of what the posterior is computed from, empty if it was not stated."""
 
 LOG_MODULUS_SD = "sd_of_log_surface_shear_modulus"
-"""Attribute of the file of a posterior over several further coordinates: with these free, and were they known."""
+"""Attribute of the file of a posterior over several further coordinates: found, were they known, and expected."""
 
 _MEASURED = (
     "axial_extent",
@@ -145,6 +145,7 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
         "status": Status[attributes["status"]],
         "version": str(attributes["version"]),
         "p_values": tables.get("p_values", {}),
+        "expected_log_modulus_sds": tables.get(LOG_MODULUS_SD, {}).get("expected", {}),
         "log_modulus_sd_if_known": tables.get(LOG_MODULUS_SD, {}).get("if_coordinates_known"),
     }
 

@@ -29,6 +29,8 @@ def posterior_parts(posterior: Posterior) -> Parts:
     yield posterior_words.agreement_words(posterior)
     yield of_posterior.budget_table(posterior)
     yield posterior_words.budget_sentence(posterior)
+    if posterior.expected_log_modulus_sds:
+        yield of_posterior.narrowing_table(posterior)
     yield of_posterior.input_table(posterior)
     yield of_posterior.prior_table(posterior)
     yield from posterior_words.caveats(posterior)

@@ -61,6 +61,12 @@ class WeightedPosterior(NodePosterior):
         return {name: float(values[best]) for name, values in self._theta.items() if name in self.forward.names}
 
     @cached_property
+    def middle(self) -> dict[str, float]:
+        """The one of the points that is nearest to their mean along the sheet, as `likeliest`."""
+        there = self.frame.theta(self.proposal.middle(self.points, self.weights)[None])
+        return {name: float(values[0]) for name, values in there.items() if name in self.forward.names}
+
+    @cached_property
     def cut(self) -> bool:
         """See `NodePosterior`."""
         if self.density.prior.is_general:

@@ -46,6 +46,7 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
         budget_sentence=typeset(words.budget_sentence(posterior)),
         budget=html_table(tables.budget_table(posterior)),
         modulus=typeset("G_s"),
+        narrowing=html_table(tables.narrowing_table(posterior)) if posterior.expected_log_modulus_sds else "",
         inputs=html_table(tables.input_table(posterior)),
         priors=html_table(tables.prior_table(posterior)),
         gates=html_table(tables.check_table(posterior)),

@@ -11,7 +11,7 @@ import pandas as pd
 from capsbayes.infer import Posterior
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.tables.table import Code, Strong, Symbols, table
-from capsbayes.show.words.posterior import input_words
+from capsbayes.show.words.posterior import input_words, later_words
 from capsbayes.show.words.rounding import interval_words, rounded, stated_in, two_digits, unit_of
 
 
@@ -40,6 +40,16 @@ def budget_table(posterior: Posterior) -> pd.DataFrame:
     rows = [(Symbols(input_words(name)), f"{100.0 * share:.1f} %") for name, share in ordered]
     head = ("owed to", Symbols("of the variance of ln G_s"))
     return table(head, rows, title="Error budget", numbers=(1,), bars=[share for _, share in ordered])
+
+
+def narrowing_table(posterior: Posterior) -> pd.DataFrame:
+    """Return the expected standard deviation of ln G_s after one more measurement, the narrowest first."""
+    expected = posterior.expected_log_modulus_sds
+    ordered = sorted(expected.items(), key=lambda item: item[1])
+    rows = [(Symbols("nothing"), f"{posterior.log_modulus_sd:.2g}")]
+    rows += [(Symbols(later_words(name)), f"{sd:.2g}") for name, sd in ordered]
+    head = ("measured in addition", Symbols("expected sd of ln G_s"))
+    return table(head, rows, title="What would narrow it", numbers=(1,))
 
 
 def input_table(posterior: Posterior) -> pd.DataFrame:

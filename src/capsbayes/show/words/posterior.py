@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from capsbayes.infer import Posterior
+from capsbayes.infer.narrowing import FLOWS, OUTLINE_NOISE, THICKNESS_ERROR
+from capsbayes.infer.prior import THICKNESS
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
@@ -56,6 +58,17 @@ def input_words(name: str) -> str:
     return f"{parameter.symbol}, {parameter.meaning}" if parameter else _INPUTS.get(name, name)
 
 
+def later_words(name: str) -> str:
+    """Return what may be measured later, as in `capsbayes.infer.narrowing`."""
+    if name == THICKNESS:
+        return f"the thickness of the membrane to {per_cent(THICKNESS_ERROR)}"
+    if name == "outline":
+        return f"the outline to {OUTLINE_NOISE.scale:g} l"
+    if name in FLOWS:
+        return f"the same capsule at {FLOWS[name]:g} times the flow rate"
+    return f"{PARAMETERS[name].symbol} known ({PARAMETERS[name].meaning})"
+
+
 def budget_sentence(posterior: Posterior) -> str:
     """Say which input to measure better first."""
     name, share = max(posterior.shares.items(), key=lambda item: item[1])
@@ -94,13 +107,17 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
 
 
 def _coordinates(posterior: Posterior) -> Iterator[str]:
-    """Say of each of several further coordinates what the data tell, and what it costs not to know them."""
+    """Say of several further coordinates what the data tell, what it costs not to know them, and what would help."""
     if posterior.log_modulus_sd_if_known is None:
         return
     for name, width in posterior.widths_over_prior().items():
         told = "kept its prior" if width > _KEPT else "is told by the data"
         yield f"{input_words(name)}, {told}: its 68 % interval is {per_cent(width)} as wide as that of its prior."
     yield (
-        f"ln G_s has a standard deviation of {posterior.log_modulus_sd:.2g}; were the further coordinates known, "
+        f"ln G_s has a standard deviation of {posterior.log_modulus_sd:.2g}; were the membrane known, "
         f"{posterior.log_modulus_sd_if_known:.2g}."
     )
+    expected = posterior.expected_log_modulus_sds
+    if expected:
+        best = min(expected, key=lambda name: expected[name])
+        yield f"Of one more measurement, {later_words(best)} would narrow ln G_s most: to {expected[best]:.2g}."
