@@ -204,3 +204,9 @@ def test_mistakes_about_the_membrane_are_one_line(capsule, options, message):
     result = run(capsule, *options)
     assert isinstance(result.exception, CapsbayesError)
     assert message in str(result.exception)
+
+
+def test_one_law_is_said_to_be_one_of_several(capsule):
+    plain = json.loads(run(capsule, "--engine", "quadrature", "--json").stdout)
+    low, high = plain["surface_shear_modulus_over_laws"]
+    assert low < plain["quantities"]["surface_shear_modulus"]["median"] < high

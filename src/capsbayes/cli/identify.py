@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,7 +28,7 @@ from capsbayes.cli.options import (
 )
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
 from capsbayes.cli.paths import Reads, Writes
-from capsbayes.errors import InputError
+from capsbayes.errors import DatabaseError, InputError
 
 if TYPE_CHECKING:
     from capsbayes.infer import Posterior
@@ -97,6 +98,8 @@ def identify(
         posterior = identified(
             measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed, membrane=sheet
         )
+        if not model.coordinates:
+            posterior = _with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
         conclude(
             posterior.as_dict(),
@@ -107,6 +110,18 @@ def identify(
             status=posterior.status,
             status_words=status_words(posterior),
         )
+
+
+def _with_other_laws(posterior: Posterior) -> Posterior:
+    """Return a posterior of one law with the range of G_s over others, where the cross-section has a model of them."""
+    from capsbayes.infer.other_laws import modulus_over_laws
+    from capsbayes.surrogate import MembraneSurrogate
+
+    try:
+        model = MembraneSurrogate.open(posterior.experiment.cross_section)
+    except DatabaseError:
+        return posterior
+    return replace(posterior, modulus_over_laws=modulus_over_laws(posterior.measurement, posterior.experiment, model))
 
 
 def _files(posterior: Posterior) -> dict[str, Writer]:

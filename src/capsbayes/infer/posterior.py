@@ -18,7 +18,7 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.posterior_file import LOG_MODULUS_SD, RECORD, WORK, read_fields, record_of
+from capsbayes.infer.posterior_file import LOG_MODULUS_SD, OVER_LAWS, RECORD, WORK, read_fields, record_of
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.parameters import PARAMETERS
@@ -86,6 +86,8 @@ class Posterior:
     expected_log_modulus_sds : mapping of float
         Expected standard deviation of ln G_s after one more measurement, by name, see `capsbayes.infer.narrowing`;
         empty of a model without several further coordinates.
+    modulus_over_laws : tuple of float or None [N/m]
+        Least and largest G_s that other laws of the membrane give, see `capsbayes.infer.other_laws`.
     """
 
     draws: Mapping[str, Floats]
@@ -111,6 +113,7 @@ class Posterior:
     p_values: Mapping[str, float] = field(default_factory=dict)
     log_modulus_sd_if_known: float | None = None
     expected_log_modulus_sds: Mapping[str, float] = field(default_factory=dict)
+    modulus_over_laws: tuple[float, float] | None = None
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
@@ -200,6 +203,8 @@ class Posterior:
         }
 
     def _of_coordinates(self) -> dict[str, Any]:
+        if self.modulus_over_laws is not None:
+            return {OVER_LAWS: list(self.modulus_over_laws)}
         if self.log_modulus_sd_if_known is None:
             return {}
         return {

@@ -28,6 +28,9 @@ WORK = "work"
 LOG_MODULUS_SD = "sd_of_log_surface_shear_modulus"
 """Attribute of the file of a posterior over several further coordinates: found, were they known, and expected."""
 
+OVER_LAWS = "surface_shear_modulus_over_laws"
+"""Attribute of the file of a posterior with one law: the least and the largest G_s of others."""
+
 _MEASURED = (
     "axial_extent",
     "axial_extent_error",
@@ -145,6 +148,7 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
         "status": Status[attributes["status"]],
         "version": str(attributes["version"]),
         "p_values": tables.get("p_values", {}),
+        "modulus_over_laws": tuple(tables[OVER_LAWS]) if OVER_LAWS in tables else None,
         "expected_log_modulus_sds": tables.get(LOG_MODULUS_SD, {}).get("expected", {}),
         "log_modulus_sd_if_known": tables.get(LOG_MODULUS_SD, {}).get("if_coordinates_known"),
     }

@@ -10,7 +10,7 @@ from capsbayes.infer.prior import THICKNESS
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
-from capsbayes.show.words.rounding import per_cent
+from capsbayes.show.words.rounding import interval_words, per_cent, two_digits
 
 _LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
 _KEPT = 0.9  # of the width of the prior, from which on a coordinate kept it
@@ -108,6 +108,13 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
 
 def _coordinates(posterior: Posterior) -> Iterator[str]:
     """Say of several further coordinates what the data tell, what it costs not to know them, and what would help."""
+    if posterior.modulus_over_laws is not None:
+        name, known = "surface_shear_modulus", PARAMETERS["surface_shear_modulus"]
+        ends = interval_words(name, *posterior.modulus_over_laws, two_digits(known.shown(posterior.marginals[name].sd)))
+        yield (
+            f"Other laws of the membrane give the same lengths with G_s of {ends} {known.shown_unit}, which the "
+            "intervals do not contain; --membrane unknown does."
+        )
     if posterior.log_modulus_sd_if_known is None:
         return
     for name, width in posterior.widths_over_prior().items():
