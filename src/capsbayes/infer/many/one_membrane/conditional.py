@@ -43,6 +43,13 @@ class Spreads(NamedTuple):
     size: Floats
 
 
+class Start(NamedTuple):
+    """Values at d membranes: ln Ca and a/l (d, n, 2) of the capsules, what is common (d, c)."""
+
+    own: Floats
+    common: Floats
+
+
 class Conditional(NamedTuple):
     """What is known at d membranes.
 
@@ -149,6 +156,7 @@ class Capsules:
         membranes: Membranes,
         spreads: Spreads,
         *,
+        start: Start | None = None,
         rng: np.random.Generator | None = None,
         iterations: int = _ITERATIONS,
     ) -> Conditional:
@@ -159,14 +167,14 @@ class Capsules:
         membranes : mapping of (d,) arrays
             The model's further coordinates by name.
         spreads : Spreads
+        start : Start, optional
+            Values near the best ones; default: they are looked for on a lattice.
         rng : Generator, optional
         iterations : int
             At most.
         """
         d, n = len(spreads.modulus), len(self.batch)
-        own, log_modulus = self._first(membranes)
-        common = np.zeros((d, ERRORS + self.flows * self.model.errors))
-        common[:, MODULUS], common[:, SIZE] = log_modulus.mean(axis=1), own[:, :, 1].mean(axis=1)
+        own, common = self._begin(membranes, start)
         found = Conditional(
             np.full(d, -np.inf), np.zeros(d, dtype=bool), np.full((d, n), np.nan), own, common, np.full((d, n), np.nan)
         )
@@ -197,6 +205,19 @@ class Capsules:
             common[active[moving]] += solved.common_step[moving]
             active = active[~last]
         return found
+
+    def _begin(self, membranes: Membranes, start: Start | None) -> Start:
+        """Return the start; where it leaves the domain, and where there is none, one from the lattice."""
+        if start is None:
+            own, log_modulus = self._first(membranes)
+            common = np.zeros((len(own), ERRORS + self.flows * self.model.errors))
+            common[:, MODULUS], common[:, SIZE] = log_modulus.mean(axis=1), own[:, :, 1].mean(axis=1)
+            return Start(own, common)
+        begin = Start(start.own.copy(), start.common.copy())
+        outside = ~np.all(self.model.contains(membranes, begin.own), axis=1)
+        if outside.any():
+            begin.own[outside], begin.common[outside] = self._begin({k: v[outside] for k, v in membranes.items()}, None)
+        return begin
 
     def step(
         self,

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
+from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
@@ -17,7 +18,7 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.importance.proposal import Proposal
 from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
-from capsbayes.infer.many.one_membrane.conditional import Capsules
+from capsbayes.infer.many.one_membrane.conditional import Capsules, Start
 from capsbayes.infer.many.one_membrane.search import Mode, modes
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 from capsbayes.work import digest_of, step_of
@@ -36,6 +37,25 @@ WITHIN = "share of the draws with all capsules within the model"
 _AT_ONCE = 20_000  # capsules times membranes that are found together
 
 
+class Found(NamedTuple):
+    """The capsules at d membranes.
+
+    Parameters
+    ----------
+    log_density : (d,) array
+        Of the posterior, up to a constant of the batch.
+    settled : (d,) bool array
+        Whether the best values of all capsules were found, and not on the border of the domain.
+    own, common : (d, n, 2), (d, c) arrays
+        The best values, see `Conditional`.
+    """
+
+    log_density: Floats
+    settled: Booleans
+    own: Floats
+    common: Floats
+
+
 class Draws(NamedTuple):
     """Weighted draws of the membrane.
 
@@ -43,23 +63,21 @@ class Draws(NamedTuple):
     ----------
     points : (d, p) array
         Coordinates of `Unknowns`.
-    log_density, log_weights : (d,) arrays
-        Of the posterior, up to a constant of the batch; -inf of the latter is a weight of zero.
-    settled : (d,) bool array
-        Whether the best values of all capsules were found, and not on the border of the domain.
+    log_weights : (d,) array
+        -inf is a weight of zero.
+    found : Found
+        The capsules there.
     """
 
     points: Floats
-    log_density: Floats
     log_weights: Floats
-    settled: Booleans
+    found: Found
 
-
-class Densities(NamedTuple):
-    """Log densities of the measurements, and whether the capsules were found : (d,) arrays."""
-
-    log_evidence: Floats
-    settled: Booleans
+    def joined(self, other: Draws) -> Draws:
+        """Return these draws followed by others."""
+        found = Found(*(np.concatenate(both) for both in zip(self.found, other.found, strict=True)))
+        points = np.concatenate([self.points, other.points])
+        return Draws(points, np.concatenate([self.log_weights, other.log_weights]), found)
 
 
 class Sampled(NamedTuple):
@@ -95,39 +113,34 @@ class MembraneSampling:
     unknowns: Unknowns
 
     def __call__(self) -> Sampled:
-        """Sample the posterior; there is no randomness in it but that of a fixed quasi-random sequence.
-
-        Raises
-        ------
-        NoSuchShape
-            If no membrane gives all capsules their shapes.
-        """
+        """Sample the posterior; there is no randomness in it but that of a fixed quasi-random sequence."""
         draws = self._first()
         proposal = _fitted(draws)
         for number in range(1, _ROUNDS + 1):
-            draws = self._drawn(proposal, _TRIED, number)
+            draws = self._drawn(proposal, _TRIED, number, draws)
             share = effective(normalised(draws.log_weights)) / _TRIED
             if share > _GOOD:
                 break
             proposal = _fitted(draws)
-        draws = self._drawn(proposal, 2 * _TRIED, 0)
-        while effective(normalised(draws.log_weights)) < _ENOUGH and len(draws.points) < _MOST:
-            more = self._drawn(proposal, len(draws.points), 0, len(draws.points))
-            draws = Draws(*(np.concatenate(both) for both in zip(draws, more, strict=True)))
-        return _result(draws)
+        last = self._drawn(proposal, 2 * _TRIED, 0, draws)
+        while effective(normalised(last.log_weights)) < _ENOUGH and len(last.points) < _MOST:
+            last = last.joined(self._drawn(proposal, len(last.points), 0, draws, len(last.points)))
+        return _result(last)
 
-    def log_density(self, points: Floats) -> tuple[Floats, Booleans]:
-        """Return the log of the posterior density at points (d, p), and whether the capsules were found : (d,)."""
-        logs, settled = np.empty(len(points)), np.empty(len(points), dtype=bool)
+    def found(self, points: Floats, near: Draws | None = None) -> Found:
+        """Find the capsules at points (d, p), each from those at the nearest of some draws if there are such."""
+        start = None if near is None else _nearest(near, points)
+        parts = []
         for rows in self._parts(len(points)):
+            begin = None if start is None else Start(*(values[rows] for values in start))
             key = "membrane", self.fingerprint, points[rows]
-            part = step_of(Densities, key, partial(self._densities, points[rows]))
-            logs[rows], settled[rows] = part.log_evidence, part.settled
-        return logs + self.unknowns.log_prior(points), settled
+            parts.append(step_of(Found, key, partial(self._computed, points[rows], begin)))
+        return Found(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
-    def _densities(self, points: Floats) -> Densities:
-        found = self.capsules.at(self.unknowns.membranes(points), self.unknowns.spreads_at(points))
-        return Densities(found.log_evidence, found.settled)
+    def _computed(self, points: Floats, start: Start | None) -> Found:
+        unknowns = self.unknowns
+        there = self.capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), start=start)
+        return Found(there.log_evidence + unknowns.log_prior(points), there.settled, there.own, there.common)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -163,14 +176,14 @@ class MembraneSampling:
         points = np.concatenate(parts)
         logs = [np.log(_CLOUD / len(points)) + unknowns.log_wide(points)]
         logs += [np.log(count / len(points)) + kind.logpdf(points) for kind in kinds]
-        density, settled = self.log_density(points)
-        return Draws(points, density, density - logsumexp(logs, axis=0), settled)
+        there = self.found(points)
+        return Draws(points, there.log_density - logsumexp(logs, axis=0), there)
 
     def _distinct(self, found: list[Mode]) -> list[Mode]:
         """Return the modes that are likely and not the same."""
         if not found:
             return []
-        logs = self.log_density(np.array([one.point for one in found]))[0]
+        logs = self.found(np.array([one.point for one in found])).log_density
         kept: list[Mode] = []
         for number in np.argsort(-logs, kind="stable"):
             one = found[number]
@@ -179,10 +192,19 @@ class MembraneSampling:
                 kept.append(one)
         return kept
 
-    def _drawn(self, proposal: Proposal, count: int, seed: int, after: int = 0) -> Draws:
+    def _drawn(self, proposal: Proposal, count: int, seed: int, near: Draws, after: int = 0) -> Draws:
         points = proposal.drawn(_uniform(self.unknowns.dimensions + 2, count, seed, after))
-        density, settled = self.log_density(points)
-        return Draws(points, density, density - proposal.log_density(points), settled)
+        found = self.found(points, near)
+        return Draws(points, found.log_density - proposal.log_density(points), found)
+
+
+def _nearest(draws: Draws, points: Floats) -> Start:
+    """Return the capsules as they are at the nearest of some draws, measured by the spread of these."""
+    possible = np.isfinite(draws.found.log_density)
+    known, found = draws.points[possible], draws.found
+    spread = np.std(known, axis=0) + np.finfo(float).tiny
+    nearest = np.argmin(cdist(points / spread, known / spread), axis=1)
+    return Start(found.own[possible][nearest], found.common[possible][nearest])
 
 
 def _fitted(draws: Draws) -> Proposal:
@@ -196,7 +218,7 @@ def _result(draws: Draws) -> Sampled:
     gates = (
         Gate("effective draws", count, least=_LEAST_EFFECTIVE),
         Gate("Pareto k of the weights", pareto_shape(draws.log_weights), most=_MOST_PARETO),
-        Gate(WITHIN, float(weights @ draws.settled), least=_LEAST_WITHIN),
+        Gate(WITHIN, float(weights @ draws.found.settled), least=_LEAST_WITHIN),
     )
     evidence = float(logsumexp(draws.log_weights) - np.log(len(weights)))
     error = float(np.sqrt(max(1.0 / count - 1.0 / len(weights), 0.0)))

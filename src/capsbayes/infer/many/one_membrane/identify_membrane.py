@@ -15,7 +15,7 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.identify import check_applies
 from capsbayes.infer.importance.weights import normalised
 from capsbayes.infer.log_grid import LogGrid
-from capsbayes.infer.many.one_membrane.conditional import MODULUS, RATE, SIZE, Capsules
+from capsbayes.infer.many.one_membrane.conditional import MODULUS, RATE, SIZE, Capsules, Start
 from capsbayes.infer.many.one_membrane.engine import WITHIN, MembraneSampling, Sampled
 from capsbayes.infer.many.one_membrane.measured import Batch, batch_of
 from capsbayes.infer.many.one_membrane.numbers import Lengths, Outlines
@@ -158,11 +158,13 @@ def _drawn(
     weights = normalised(sampled.draws.log_weights)
     places = (np.arange(_DRAWS) + rng.uniform(size=_DRAWS)) / _DRAWS
     rows = np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
-    points = sampled.draws.points[rows]
+    points, found = sampled.draws.points[rows], sampled.draws.found
     parts = []
     for first in range(0, _DRAWS, _AT_ONCE):
-        some = points[first : first + _AT_ONCE]
-        parts.append(capsules.at(unknowns.membranes(some), unknowns.spreads_at(some), rng=rng))
+        some = slice(first, first + _AT_ONCE)
+        start = Start(found.own[rows[some]], found.common[rows[some]])
+        place = unknowns.membranes(points[some]), unknowns.spreads_at(points[some])
+        parts.append(capsules.at(*place, start=start, rng=rng))
     own, common, log_ratio, misfit = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("own", "common", "log_ratio", "misfit")
     )
