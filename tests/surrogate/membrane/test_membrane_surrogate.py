@@ -7,7 +7,7 @@ from capsbayes.errors import OutsideDatabaseError
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
 from capsbayes.profile import Profile
 from capsbayes.surrogate.membrane.coordinates import along_coordinates, coordinates
-from capsbayes.surrogate.membrane.kernel import averaged
+from capsbayes.surrogate.membrane.kernel import averaged, reached
 from capsbayes.surrogate.membrane.local_fits import local_fits
 from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
 from capsbayes.surrogate.surrogate import Surrogate
@@ -37,12 +37,23 @@ def test_quadratics_are_reproduced():
     places, form, slope = rng.uniform(-2.0, 2.0, (300, 6)), rng.normal(size=(6, 6)), rng.normal(size=6)
     values = np.einsum("ni,ij,nj->n", places, form, places) + places @ slope
     along = places @ (form + form.T) + slope
-    fits = local_fits(places, np.stack([values, 2.0 * values], axis=1), np.stack([along, 2.0 * along], axis=1))
+    both, slopes = np.stack([values, 2.0 * values], axis=1), np.stack([along, 2.0 * along], axis=1)
+    fits = local_fits(places, both, slopes, lost=np.full((1, 6), 9.0))
     points = rng.uniform(-1.0, 1.0, (50, 6))
-    means, covariances = averaged(points, *fits, 2)
+    means, covariances = averaged(points, *fits, 2, 2)
     wanted = np.einsum("ni,ij,nj->n", points, form, points) + points @ slope
     np.testing.assert_allclose(means, np.stack([wanted, 2.0 * wanted], axis=1), atol=1e-4)
     assert np.abs(covariances).max() < 1e-8
+
+
+def test_nothing_is_said_nearer_to_a_lost_place_than_to_a_state():
+    places = np.random.default_rng(0).uniform(-2.0, 2.0, (300, 6))
+    fits = local_fits(places, places[:, :1], np.eye(6)[None, :1].repeat(300, axis=0), lost=np.full((1, 6), 0.25))
+    towards = np.linspace(0.0, 1.0, 41)[:, None] * (places[0] - 0.25) + 0.25
+    near_state = np.linalg.norm(towards[:, None] - places, axis=2).min(axis=1)
+    expected = near_state <= np.linalg.norm(towards - 0.25, axis=1)
+    assert 0 < expected.sum() < len(expected)
+    np.testing.assert_array_equal(reached(towards, *fits[:3]), expected)
 
 
 def test_derivatives_turn_with_the_coordinates(whole):

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Booleans
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES, covered
 from capsbayes.model import Domain
 from capsbayes.surrogate.membrane.coordinates import Frame
@@ -26,13 +24,10 @@ class MembraneDomain(Domain):
     ----------
     frame : Frame
     fits : LocalFits
-    lost : (k, 6) array
-        Scaled coordinates of the places where no state was reached.
     """
 
     frame: Frame
     fits: LocalFits
-    lost: Floats
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -45,20 +40,8 @@ class MembraneDomain(Domain):
         arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(column, np.float64)) for column in columns))
         values = np.stack(arrays, axis=1)
         inside = covered(values)
-        points = self.frame.points(values[inside])
-        good = reached(points, self.fits.places, self.fits.reaches)
-        if len(self.lost):
-            good &= self._found.query(points)[0] <= self._lost.query(points)[0]
-        inside[inside] = good
+        inside[inside] = reached(self.frame.points(values[inside]), *self.fits[:3])
         return inside
-
-    @cached_property
-    def _found(self) -> KDTree:
-        return KDTree(self.fits.places.T)
-
-    @cached_property
-    def _lost(self) -> KDTree:
-        return KDTree(self.lost)
 
     def at(self, values: Mapping[str, float]) -> Domain:
         """Return the domain over (Ca, a/l) at given values of further coordinates."""

@@ -11,10 +11,11 @@ _SUMS = {"reassoc", "contract", "nsz"}  # sums in any order, so that they are ve
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS)
-def _about(point, places, reaches, squares, taken, weights):  # type: ignore[no-untyped-def]
+def _about(point, places, reaches, lost, squares, taken, weights):  # type: ignore[no-untyped-def]
     """Fill in the states that reach a point and their weights; return how many there are and the sum of the weights.
 
-    `places` are (6, n), `squares` (n,) is room to work in.
+    None if they are too few, or if a place without a state is nearer than all. `places` are (6, n), `lost` (6, m),
+    `squares` (n,) is room to work in.
     """
     squares[:] = 0.0
     for axis in range(6):
@@ -29,16 +30,25 @@ def _about(point, places, reaches, squares, taken, weights):  # type: ignore[no-
             weights[count] = np.exp(-_DECAY * share) * (1.0 - share) ** 2
             total += weights[count]
             count += 1
+    if count < _FEWEST:
+        return 0, 0.0
+    nearest = squares.min()
+    for place in range(lost.shape[1]):
+        square = 0.0
+        for axis in range(6):
+            square += (point[axis] - lost[axis, place]) ** 2
+        if square < nearest:
+            return 0, 0.0
     return count, total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def reached(points, places, reaches):  # type: ignore[no-untyped-def]
-    """Return whether enough polynomials reach each point : (n,) bool array."""
+def reached(points, places, reaches, lost):  # type: ignore[no-untyped-def]
+    """Return whether the polynomials hold at each point : (n,) bool array."""
     squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
     enough = np.empty(len(points), np.bool_)
     for n in range(len(points)):
-        enough[n] = _about(points[n], places, reaches, squares, taken, weights)[0] >= _FEWEST
+        enough[n] = _about(points[n], places, reaches, lost, squares, taken, weights)[0] > 0
     return enough
 
 
@@ -65,19 +75,20 @@ def _polynomial(terms, coefficients, found):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def averaged(points, places, reaches, coefficients, spread):  # type: ignore[no-untyped-def]
-    """Return the means (n, q) at points (n, 6), and the covariances (n, spread, spread) of the first values about them.
+def averaged(points, places, reaches, lost, coefficients, width, spread):  # type: ignore[no-untyped-def]
+    """Return the means (n, width) of the first values at points (n, 6), and covariances (n, spread, spread).
 
-    Rows of points that too few reach are NaN.
+    The latter are those of the first `spread` values about their means. Rows of points where the polynomials do not
+    hold are NaN.
     """
-    count, width = len(points), coefficients.shape[1]
+    count = len(points)
     means, covariances = np.full((count, width), np.nan), np.full((count, spread, spread), np.nan)
     squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
     terms, found, origin = np.empty(coefficients.shape[2]), np.empty(width), np.empty(spread)
     second = np.empty((spread, spread))
     for n in range(count):
-        some, total = _about(points[n], places, reaches, squares, taken, weights)
-        if some >= _FEWEST:
+        some, total = _about(points[n], places, reaches, lost, squares, taken, weights)
+        if some:
             _fill_terms(points[n], terms)
             means[n], second[:] = 0.0, 0.0
             for k in range(some):
@@ -98,10 +109,10 @@ def averaged(points, places, reaches, coefficients, spread):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def each(point, places, reaches, coefficients):  # type: ignore[no-untyped-def]
+def each(point, places, reaches, lost, coefficients):  # type: ignore[no-untyped-def]
     """Return the weights (k,) of the polynomials that reach one point, and their values (k, q) there."""
     squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
-    some, total = _about(point, places, reaches, squares, taken, weights)
+    some, total = _about(point, places, reaches, lost, squares, taken, weights)
     values, terms = np.empty((some, coefficients.shape[1])), np.empty(coefficients.shape[2])
     _fill_terms(point, terms)
     for k in range(some):

@@ -34,16 +34,19 @@ class LocalFits(NamedTuple):
         Scaled coordinates of the states.
     reaches : (n,) array
         Distance up to which each takes part in predictions.
+    lost : (6, m) array
+        Scaled coordinates of places without a state: they hold nowhere that is nearer to one of these than to a state.
     coefficients : (n, q, 28) array
         Of 1, the six coordinates and their products in the order of `PAIRS`.
     """
 
     places: Floats
     reaches: Floats
+    lost: Floats
     coefficients: Floats
 
 
-def local_fits(places: Floats, values: Floats, along: Floats) -> LocalFits:
+def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats) -> LocalFits:
     """Fit the polynomials.
 
     Parameters
@@ -53,6 +56,8 @@ def local_fits(places: Floats, values: Floats, along: Floats) -> LocalFits:
     values : (n, q) array
     along : (n, q, 6) array
         Their derivatives along the scaled coordinates.
+    lost : (m, 6) array
+        Scaled coordinates of places without a state.
     """
     distances, neighbours = map(np.asarray, KDTree(places).query(places, max(_NEIGHBOURS, _REACH)))
     radii = 1.05 * distances[:, _NEIGHBOURS - 1]
@@ -62,7 +67,8 @@ def local_fits(places: Floats, values: Floats, along: Floats) -> LocalFits:
     ]
     coefficients = _about_zero(np.concatenate(parts), places, radii)
     reaches = np.ascontiguousarray(distances[:, _REACH - 1])
-    return LocalFits(np.ascontiguousarray(places.T), reaches, np.ascontiguousarray(coefficients.swapaxes(1, 2)))
+    transposed = np.ascontiguousarray(places.T), reaches, np.ascontiguousarray(lost.T)
+    return LocalFits(*transposed, np.ascontiguousarray(coefficients.swapaxes(1, 2)))
 
 
 def _fitted(places: Floats, values: Floats, along: Floats, neighbours: Integers, radii: Floats) -> Floats:

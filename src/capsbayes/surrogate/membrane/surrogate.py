@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.measured_outline import MID_PLANE, check_view
-from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES, MembraneDatabase
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES, MembraneDatabase, covered
 from capsbayes.model import CoordinateRange, ForwardModel
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
@@ -21,7 +21,7 @@ from capsbayes.surrogate.membrane.domain import MembraneDomain
 from capsbayes.surrogate.membrane.kernel import averaged, each
 from capsbayes.surrogate.membrane.local_fits import LocalFits, local_fits
 
-_COLUMNS = 3  # L_z, L_a and v_o/U, which have a covariance
+_NUMBERS, _ERRING = 4, 3  # L_z, L_a, v_o/U and Lambda, of which the first have a covariance; then follow the modes
 _LOGARITHMIC = ("area_dilation_modulus", "bending")  # of which the order of magnitude is not known
 _ERROR = 0.8  # standard deviations of the error for one of the differences between local polynomials
 
@@ -47,18 +47,16 @@ class MembraneSurrogate(ForwardModel):
 
     membrane_database: MembraneDatabase
     view: str = MID_PLANE
-    _numbers: LocalFits = field(init=False, repr=False)
-    _outline: LocalFits = field(init=False, repr=False)
+    _fits: LocalFits = field(init=False, repr=False)
     _frame: Frame = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         states = self.membrane_database
         values, kind = states["values"], "profile" if self.view == MID_PLANE else "silhouette"
         frame = Frame.of(values)
-        fits = [
-            local_fits(frame.points(values), states[name], frame.slopes(values, states[f"{name}_along"]))
-            for name in ("numbers", kind)
-        ]
+        both = np.concatenate([states["numbers"], states[kind]], axis=1)
+        along = np.concatenate([states["numbers_along"], states[f"{kind}_along"]], axis=1)
+        fits = local_fits(frame.points(values), both, frame.slopes(values, along), frame.points(states["lost"]))
         ranges = {
             name: CoordinateRange(*ends, null, name in _LOGARITHMIC)
             for name, ends, null in zip(FREE_PARAMETERS[2:], RANGES[2:], NULL_VALUES[2:], strict=True)
@@ -66,11 +64,10 @@ class MembraneSurrogate(ForwardModel):
         made = {
             "name": f"{states.cross_section}-membrane",
             "sha256": states.sha256,
-            "domain": MembraneDomain(frame, fits[0], frame.points(states["lost"])),
+            "domain": MembraneDomain(frame, fits),
             "cross_section": states.cross_section,
             "coordinates": ranges,
-            "_numbers": fits[0],
-            "_outline": fits[1],
+            "_fits": fits,
             "_frame": frame,
         }
         for key, value in made.items():
@@ -99,14 +96,8 @@ class MembraneSurrogate(ForwardModel):
         outline : bool
             Whether to predict the outlines of its view too.
         """
-        self.check_names(theta)
-        values = _columns(theta)
-        points, inside = self._points(values)
-        means, covariances = averaged(points, *self._numbers, _COLUMNS)
-        means[~inside], covariances[~inside] = np.nan, np.nan
-        shapes = self._outlines(points, inside) if outline else None
-        extent, length, velocity, stretch = means.T
-        return Prediction(extent, length, velocity, stretch, _ERROR**2 * covariances, inside, shapes)
+        means, covariances = self._averaged(theta, self._width if outline else _NUMBERS, _ERRING)
+        return self._prediction(means, covariances, outline=outline)
 
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
         """Return by kind whether a caveat concerns each point of a batch : (n,) arrays."""
@@ -126,18 +117,19 @@ class MembraneSurrogate(ForwardModel):
             When the point lies outside the domain.
         """
         self.check_names(theta)
-        points, inside = self._points(_columns({name: np.array([value]) for name, value in theta.items()}))
-        if not inside[0]:
+        values = _columns({name: np.array([value]) for name, value in theta.items()})
+        if not self.domain.contains(*values.T)[0]:
             raise self._outside(theta)
-        weights, coefficients = each(points[0], *self._outline)
+        weights, numbers = each(self._frame.points(values)[0], *self._fits)
+        coefficients = numbers[:, _NUMBERS:]
         mean = weights @ coefficients
         shape = self.outlines_of(mean[None])[0]
         away = self.outlines_of(coefficients) - shape
         along = np.einsum("kpi,pi->kp", away, vertex_normals(shape))
         return np.asarray(_ERROR * np.sqrt(weights)[:, None] * along)
 
-    def outline_coefficients(self, theta: Mapping[str, Floats], errors: int) -> tuple[Floats, Floats]:
-        """Predict the outlines of a batch as coefficients of their modes; NaN outside the domain.
+    def with_coefficients(self, theta: Mapping[str, Floats], errors: int) -> tuple[Prediction, Floats, Floats]:
+        """Predict a batch, its outlines as coefficients of their modes; NaN outside the domain.
 
         Parameters
         ----------
@@ -148,13 +140,12 @@ class MembraneSurrogate(ForwardModel):
 
         Returns
         -------
-        (n, k) array, (n, e, e) array [l]
-            The coefficients, and the covariance of their error.
+        Prediction, (n, k) array, (n, e, e) array [l]
+            The numbers, the coefficients, and the covariance of their error.
         """
-        points, inside = self._points(_columns(theta))
-        coefficients, covariances = averaged(points, *self._outline, errors)
-        coefficients[~inside], covariances[~inside] = np.nan, np.nan
-        return coefficients, _ERROR**2 * covariances
+        means, covariances = self._averaged(theta, self._width, _NUMBERS + errors)
+        covariance = _ERROR**2 * covariances[:, _NUMBERS:, _NUMBERS:]
+        return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], covariance
 
     def outlines_of(self, coefficients: Floats) -> Floats:
         """Return the outlines (n, p, 2) [l] that coefficients (n, k) of the modes mean."""
@@ -175,16 +166,25 @@ class MembraneSurrogate(ForwardModel):
     def _mean(self) -> Floats:
         return self.membrane_database["profile_mean" if self.view == MID_PLANE else "silhouette_mean"]
 
-    def _points(self, values: Floats) -> tuple[Floats, Booleans]:
-        inside = self.domain.contains(*values.T)
-        known = np.where(inside[:, None], values, NULL_VALUES)
-        return self._frame.points(known), inside
+    @property
+    def _width(self) -> int:
+        return self._fits.coefficients.shape[1]
 
-    def _outlines(self, points: Floats, inside: Booleans) -> Floats:
-        shapes = np.full((len(points), *self._mean.shape), np.nan)
-        coefficients, _ = averaged(points[inside], *self._outline, 1)
-        shapes[inside] = self.outlines_of(coefficients)
-        return shapes
+    def _averaged(self, theta: Mapping[str, Floats], width: int, spread: int) -> tuple[Floats, Floats]:
+        """Return the first values (n, width) and the covariance (n, spread, spread) of the differences there."""
+        self.check_names(theta)
+        values = _columns(theta)
+        inside = covered(values)
+        means, covariances = np.full((len(values), width), np.nan), np.full((len(values), spread, spread), np.nan)
+        means[inside], covariances[inside] = averaged(self._frame.points(values[inside]), *self._fits, width, spread)
+        return means, covariances
+
+    def _prediction(self, means: Floats, covariances: Floats, *, outline: bool) -> Prediction:
+        inside = np.isfinite(means[:, 0])
+        shapes = self.outlines_of(means[:, _NUMBERS:]) if outline else None
+        covariance = _ERROR**2 * covariances[:, :_ERRING, :_ERRING]
+        extent, length, velocity, stretch = means.T[:_NUMBERS]
+        return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 
 
 def _columns(theta: Mapping[str, ArrayLike]) -> Floats:

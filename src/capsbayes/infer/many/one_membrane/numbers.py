@@ -99,8 +99,7 @@ class Outlines(ShapeModel):
 
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
         """Return the shapes at n points."""
-        seen = self.model(theta)
-        coefficients, covariances = self.model.outline_coefficients(theta, self.errors if errors else 1)
+        seen, coefficients, covariances = self.model.with_coefficients(theta, self.errors if errors else 1)
         numbers = np.column_stack([coefficients, seen.axial_length])
         ratio_error = np.sqrt(seen.covariance[:, 2, 2]) / seen.velocity_ratio
         return Shapes(numbers, _factors(covariances, errors), np.log(seen.velocity_ratio), ratio_error)
