@@ -64,6 +64,10 @@ class Status(enum.Enum):
         "No membrane of the model gives all capsules their shapes: together they differ by more than their stated "
         "errors; check the errors, or diagnose what is missing, and do not use the intervals."
     )
+    TOO_FEW_DRAWS = (
+        "Too few draws of the importance sampling are effective, or a few of them weigh too much; do not use the "
+        "intervals."
+    )
     NO_SHAPE = "No shape of the model is near the lengths: they are more than five standard errors from every one."
     OUTLINE_MISFIT = (
         "The outline fits no shape of the model: even the best one is off by more than twice the stated errors; "

@@ -134,7 +134,7 @@ def identify(
             deterministic=deterministic_answer(measurement, model, grid.density.inputs),
             leaning=leans,
             outlines=drawn_outlines(model, draws, _OUTLINES)[1],
-            status=verdict(gates, agreed, leans, misfits),
+            status=verdict(gates, agreed, leans, misfits, grid.unresolved),
             p_values=predicted,
             log_modulus_sd_if_known=_log_modulus_sd_if_known(grid, measurement, experiment),
             expected_log_modulus_sds=_expected(grid, measurement),

@@ -91,17 +91,22 @@ def _given(logs: Floats, held: Sequence[Floats]) -> Floats:
 
 
 def verdict(
-    gates: Sequence[Gate], agreed: Agreement | None, leans: Mapping[str, float], misfits: Sequence[Misfit] = ()
+    gates: Sequence[Gate],
+    agreed: Agreement | None,
+    leans: Mapping[str, float],
+    misfits: Sequence[Misfit] = (),
+    unresolved: Status = Status.GRID_TOO_COARSE,
 ) -> Status:
     """Return the status of a posterior: first what makes the intervals wrong, then what makes them those of a border.
 
-    `misfits` are the gates on the measurement, the gravest first.
+    `misfits` are the gates on the measurement, the gravest first; `unresolved` is that of an exact posterior whose own
+    gates failed.
     """
     failed = next((misfit.status for misfit in misfits if not misfit.gate.passed), None)
     if failed not in (None, Status.INERTIA):
         return failed
     if not all(gate.passed for gate in gates):
-        return Status.NOT_MIXED if agreed is not None else Status.GRID_TOO_COARSE
+        return Status.NOT_MIXED if agreed is not None else unresolved
     if agreed is not None and not agreed.passed:
         return Status.ENGINES_DISAGREE
     return failed or leaning_status(shares_by_kind(leans))

@@ -12,6 +12,7 @@ from simulated_capsules import measured_capsule, mistakes
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.infer import Posterior, Prior, identify
 from capsbayes.infer.exact import exact_engine
+from capsbayes.infer.importance import engine as importance
 from capsbayes.infer.importance.engine import ImportanceSampling
 from capsbayes.show.words.posterior import caveats
 from capsbayes.status import Status
@@ -119,6 +120,13 @@ def test_a_posterior_next_to_another_is_that_from_the_beginning(engine, capsule)
         other = anew.log_marginal(name)
         assert next_to.log_marginal(name).mean == pytest.approx(other.mean, abs=0.15 * other.sd)
         assert next_to.log_marginal(name).sd == pytest.approx(other.sd, rel=0.1)
+
+
+def test_too_few_effective_draws_are_told_in_their_own_words(membrane, experiment, capsule, monkeypatch):
+    monkeypatch.setattr(importance, "_LEAST_EFFECTIVE", 1e9)
+    monkeypatch.setattr(importance, "_REPEATS", 0)
+    found = identify(capsule, membrane, experiment, seed=1, engine="quadrature")
+    assert found.status is Status.TOO_FEW_DRAWS
 
 
 def test_lengths_of_no_shape_are_refused(engine, capsule):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import abc
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from capsbayes.infer.kernel import given_flow
 from capsbayes.infer.log_grid import LogGrid, laid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
+from capsbayes.status import Status
 
 _NEGLIGIBLE = 1e-9  # of the largest probability of a node
 _DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape
@@ -33,12 +35,15 @@ class ExactPosterior(abc.ABC):
     forward : ForwardModel
     density : PosteriorDensity
     gates : tuple of Gate
-        Whether the grid resolves the posterior.
+        Whether it resolves the posterior.
+    unresolved : Status
+        If it does not.
     """
 
     forward: ForwardModel
     density: PosteriorDensity
     gates: tuple[Gate, ...]
+    unresolved: ClassVar[Status] = Status.GRID_TOO_COARSE
 
     @abc.abstractmethod
     def is_exact(self, name: str) -> bool:

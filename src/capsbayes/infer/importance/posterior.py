@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from capsbayes.infer.importance.proposal import Proposal
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.prior import THICKNESS
 from capsbayes.model import ForwardModel
+from capsbayes.status import Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,7 @@ class WeightedPosterior(NodePosterior):
     weights: Floats
     nodes: Nodes
     gates: tuple[Gate, ...]
+    unresolved: ClassVar[Status] = Status.TOO_FEW_DRAWS
 
     @property
     def likeliest(self) -> dict[str, float]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from capsbayes.arrays import Floats
-
-_FEWEST_IN_TAIL = 5
 
 
 def normalised(log_weights: Floats) -> Floats:
@@ -32,7 +32,7 @@ def tempering(log_weights: Floats, least: float) -> float:
 
 
 def pareto_shape(log_weights: Floats) -> float:
-    """Return the shape k of the generalised Pareto distribution of the largest weights.
+    """Return the shape k of the generalised Pareto distribution of the largest weights, infinite if they are too few.
 
     Means by the weights have a finite variance for k below 1/2, and a usable one up to 0.7.
 
@@ -43,28 +43,9 @@ def pareto_shape(log_weights: Floats) -> float:
 
     References
     ----------
-    Vehtari, Simpson, Gelman, Yao, Gabry 2024, J. Mach. Learn. Res. 25, 72: the size of the tail.
-    Zhang, Stephens 2009, Technometrics 51, 316, doi:10.1198/tech.2009.08017: the fit, with the prior of the former.
+    Vehtari, Simpson, Gelman, Yao, Gabry 2024, J. Mach. Learn. Res. 25, 72.
     """
-    logs = np.sort(log_weights[np.isfinite(log_weights)])
-    count = int(np.ceil(min(0.2 * len(log_weights), 3.0 * np.sqrt(len(log_weights)))))
-    if len(logs) <= max(count, _FEWEST_IN_TAIL):
-        return float("inf")
-    beyond = np.exp(logs[-count:] - logs[-1]) - np.exp(logs[-count - 1] - logs[-1])
-    if not beyond[0] > 0.0:
-        beyond = np.maximum(beyond, np.finfo(float).tiny)
-    return _generalised_pareto(beyond)
-
-
-def _generalised_pareto(sorted_values: Floats) -> float:
-    """Return the shape of the generalised Pareto distribution of sorted positive values (n,)."""
-    n = len(sorted_values)
-    tried = 30 + int(np.sqrt(n))
-    quarter = sorted_values[int(n / 4.0 + 0.5) - 1]
-    rates = 1.0 - np.sqrt(tried / (np.arange(1, tried + 1) - 0.5))
-    rates = rates / (3.0 * quarter) + 1.0 / sorted_values[-1]
-    shapes = np.log1p(-rates[:, None] * sorted_values).mean(axis=1)
-    likelihood = n * (np.log(-rates / shapes) - shapes - 1.0)
-    rate = float(np.sum(normalised(likelihood) * rates))
-    shape = float(np.log1p(-rate * sorted_values).mean())
-    return (n * shape + 5.0) / (n + 10.0)  # a weak prior about one half, worth ten draws
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
+        import arviz  # slow to import
+    return float(arviz.psislw(log_weights)[1])

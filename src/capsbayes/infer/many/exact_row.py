@@ -67,7 +67,7 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
         misfits.insert(0, Misfit(outline_misfit(measurement.outline, run.model, draws), Status.OUTLINE_MISFIT))
     misfits.append(inertia(float(own.reynolds_number(posterior.marginal("mean_velocity").median))))
     rows.reynolds_number[row] = misfits[-1].gate.value
-    rows.status[row] = verdict(posterior.gates, None, leans, misfits).name
+    rows.status[row] = verdict(posterior.gates, None, leans, misfits, posterior.unresolved).name
     # the likelihood: the posterior without the priors of G_s and a
     moduli, radii = np.log(draws["surface_shear_modulus"]), np.log(draws["capsule_radius"])
     flat = np.exp(-_log_prior(run.prior.surface_shear_modulus, moduli) - _log_prior(run.prior.capsule_radius, radii))
