@@ -33,6 +33,7 @@ _HOME = {
     "Profile": "capsbayes.profile",
     "Quantity": "capsbayes.quantity",
     "Session": "capsbayes.diagnosis",
+    "SharedMembrane": "capsbayes.infer.many",
     "Simulator": "capsbayes.physics.simulation",
     "Skalak": "capsbayes.physics.membrane",
     "Status": "capsbayes.status",
@@ -47,6 +48,7 @@ _HOME = {
     "identifiability_map": "capsbayes.plan",
     "identify": "capsbayes.infer",
     "identify_folder": "capsbayes.infer.many",
+    "identify_membrane": "capsbayes.infer.many",
     "measure": "capsbayes.image",
     "measure_film": "capsbayes.image.measure_film",
     "sobol_indices": "capsbayes.plan",
@@ -66,9 +68,10 @@ if TYPE_CHECKING:
     from capsbayes.image.measure_film import measure_film
     from capsbayes.infer import Membrane, Posterior, Prior
     from capsbayes.infer.identify import identify
-    from capsbayes.infer.many import Hierarchy, Population
+    from capsbayes.infer.many import Hierarchy, Population, SharedMembrane
     from capsbayes.infer.many.distribution.hierarchy import hierarchy
     from capsbayes.infer.many.identify_folder import identify_folder
+    from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
     from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
     from capsbayes.measurement import Measurement
     from capsbayes.physics.databases import build_database

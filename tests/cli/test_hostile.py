@@ -38,6 +38,7 @@ USES = {
     "report": "posterior.nc --out made.html",
     "batch": "set.csv --experiment experiment.toml --out made.nc --scheduler synchronous",
     "population": "population.nc",
+    "membrane": "set.csv --experiment experiment.toml --out made --no-laws",
     "diagnose": "set.csv --experiment experiment.toml --out made",
     "sensitivity budget": "capsule.toml --out made",
     "sensitivity sobol": "capsule.toml --out made",

@@ -94,7 +94,7 @@ class Sheet(NamedTuple):
         """Fit it to weighted points (n, d), whose columns are chosen so that the least is left of them."""
         columns: list[int] = []
         polynomials = []
-        for _ in range(PLACE):
+        for _ in range(min(PLACE, points.shape[1] - 1)):
             tried = {}
             for column in set(range(points.shape[1])) - set(columns):
                 arguments, values = np.delete(points, [*columns, column], axis=1), points[:, column]

@@ -114,6 +114,10 @@ class MembraneSampling:
 
     def __call__(self) -> Sampled:
         """Sample the posterior; there is no randomness in it but that of a fixed quasi-random sequence."""
+        if not self.unknowns.dimensions:
+            point = np.zeros((1, 0))
+            there = self.found(point)
+            return _result(Draws(point, there.log_density, there), certain=True)
         draws = self._first()
         proposal = _fitted(draws)
         for number in range(1, _ROUNDS + 1):
@@ -212,12 +216,16 @@ def _fitted(draws: Draws) -> Proposal:
     return Proposal.fitted(draws.points, normalised(tempering(weights, _ALIVE * len(weights)) * weights))
 
 
-def _result(draws: Draws) -> Sampled:
+def _result(draws: Draws, *, certain: bool = False) -> Sampled:
+    """Return the result; `certain` if nothing had to be sampled."""
     weights = normalised(draws.log_weights)
     count = effective(weights)
-    gates = (
+    sampling = (
         Gate("effective draws", count, least=_LEAST_EFFECTIVE),
         Gate("Pareto k of the weights", pareto_shape(draws.log_weights), most=_MOST_PARETO),
+    )
+    gates = (
+        *(() if certain else sampling),
         Gate(WITHIN, float(weights @ draws.found.settled), least=_LEAST_WITHIN),
     )
     evidence = float(logsumexp(draws.log_weights) - np.log(len(weights)))

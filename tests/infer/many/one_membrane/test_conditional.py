@@ -1,0 +1,151 @@
+"""Capsules at given membranes: for shapes that are linear in all unknowns every integral is that of a Gaussian."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from capsbayes.infer.many.one_membrane.conditional import MODULUS, SIZE, Capsules, Spreads
+from capsbayes.infer.many.one_membrane.engine import MembraneSampling
+from capsbayes.infer.many.one_membrane.measured import Batch
+from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
+from capsbayes.infer.many.one_membrane.unknowns import Unknowns
+from capsbayes.infer.prior import Coordinate
+from capsbayes.quantity import Quantity
+
+ALONG = np.array([[0.30, 1.7], [-0.25, 1.9], [0.1, -0.4]])  # of three numbers along ln Ca and a/l
+OF_MEMBRANE = np.array([0.4, 0.1, -0.3])
+FACTOR = np.array([[0.02, 0.0], [0.01, 0.03]])  # of the model's error in the first two
+RATIO = 0.2  # ln(v_o/U)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear(ShapeModel):
+    """Three numbers that are linear in ln Ca, a/l and one parameter of the membrane, everywhere."""
+
+    model: None = None
+    half_width: float = 25e-6
+    errors = 2
+
+    def __call__(self, theta, *, errors=True):
+        place = np.stack([np.log(theta["capillary_number"]), theta["size_ratio"]], axis=1)
+        numbers = place @ ALONG.T + theta["pre_inflation"][:, None] * OF_MEMBRANE
+        n = len(numbers)
+        return Shapes(numbers, np.tile(FACTOR, (n, 1, 1)), np.full(n, RATIO), np.zeros(n))
+
+    @property
+    def bounds(self):
+        return (0.005, 0.3), (0.6, 1.2)
+
+    def contains(self, membranes, own):
+        return np.ones(own.shape[:2], dtype=bool)
+
+
+@pytest.fixture
+def batch():
+    rng = np.random.default_rng(0)
+    n, q = 7, 4
+    rows = rng.normal(size=(n, q, 3)) / 0.05
+    truth = np.stack([np.log(0.05) + 0.3 * rng.normal(size=n), 0.9 + 0.05 * rng.normal(size=n)], axis=1)
+    numbers = truth @ ALONG.T + 0.05 * OF_MEMBRANE
+    target = np.einsum("nqk,nk->nq", rows, numbers) + rng.normal(size=(n, q))
+    velocity = 5e-3 * np.exp(0.2 * rng.normal(size=n))
+    return Batch(
+        rows=rows,
+        target=target,
+        scale=rng.normal(size=(n, q)),
+        near=numbers,
+        left=np.zeros(n),
+        known=np.full(n, q),
+        log_velocity=np.log(velocity),
+        velocity_error=np.full(n, 0.02),
+        log_mean_velocity=np.full(n, np.nan),
+        group=np.array([0, 0, 0, 1, 1, 1, 1]),
+        scale_error=0.5,
+        rate_error=0.0,
+    )
+
+
+def log_density(batch, inflation, spread, size_spread):
+    """Return the log density of all targets by dense matrices, the two means of the population integrated out."""
+    n, q = batch.target.shape
+    columns = 2 * n + 1 + 4  # a capsule's own two, the scale, the errors of two flows
+    latent, means = np.zeros((n, 2, columns)), np.zeros((n, 2, 2))
+    for k in range(n):
+        latent[k, 0, 2 * k] = np.hypot(spread, batch.velocity_error[k])
+        latent[k, 1, 2 * k + 1] = size_spread
+        means[k] = [[-1.0, 0.0], [0.0, 1.0]]
+    middle = np.stack([batch.log_velocity - RATIO, np.zeros(n)], axis=1)
+    away = batch.target - np.einsum("nqk,nk->nq", batch.rows, middle @ ALONG.T + inflation * OF_MEMBRANE)
+    seen = np.einsum("nqk,ka,nac->nqc", batch.rows, ALONG, latent)
+    seen[:, :, 2 * n] = batch.scale * batch.scale_error
+    for k in range(n):
+        first = 2 * n + 1 + 2 * batch.group[k]
+        seen[k, :, first : first + 2] += batch.rows[k, :, :2] @ FACTOR
+    seen, away = seen.reshape(n * q, columns), away.ravel()
+    free = np.einsum("nqk,ka,nac->nqc", batch.rows, ALONG, means).reshape(n * q, 2)
+    covariance = seen @ seen.T + np.eye(n * q)
+    precision = np.linalg.inv(covariance)
+    normal = free.T @ precision @ free
+    best = np.linalg.solve(normal, free.T @ precision @ away)
+    left = away - free @ best
+    volume = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(normal)[1]
+    return -0.5 * (left @ precision @ left + volume)
+
+
+def test_the_evidence_is_that_of_a_dense_normal_distribution(batch):
+    capsules = Capsules(batch, Linear(), log_viscosity=0.0)
+    inflation, spreads = np.array([0.02, 0.05, 0.09, 0.05]), Spreads(np.array([0.3, 0.3, 0.3, 0.1]), np.full(4, 0.05))
+    found = capsules.at({"pre_inflation": inflation}, spreads)
+    assert found.settled.all()
+    wanted = np.array([log_density(batch, *row) for row in zip(inflation, *spreads, strict=True)])
+    np.testing.assert_allclose(np.diff(found.log_evidence), np.diff(wanted), atol=2e-3)
+    assert np.ptp(wanted) > 1.0
+
+
+def test_a_start_does_not_change_the_answer(batch):
+    capsules = Capsules(batch, Linear(), log_viscosity=0.0)
+    membranes, spreads = {"pre_inflation": np.array([0.05])}, Spreads(np.array([0.2]), np.array([0.05]))
+    first = capsules.at(membranes, spreads)
+    moved = first.own + 0.02, first.common + 0.01
+    again = capsules.at(membranes, spreads, start=type("Start", (), {"own": moved[0], "common": moved[1]}))
+    np.testing.assert_allclose(again.log_evidence, first.log_evidence, atol=1e-3)
+    np.testing.assert_allclose(again.own, first.own, atol=1e-3)
+
+
+def test_draws_scatter_as_the_curvature_says(batch):
+    """The mean of the population is known to the spread over the root of the number, and no better."""
+    exact = replace(batch, rows=1e3 * batch.rows, target=1e3 * batch.target, scale_error=0.0)
+    count = 4000
+    membranes, spreads = {"pre_inflation": np.full(count, 0.05)}, Spreads(np.full(count, 0.2), np.full(count, 0.05))
+    known = Linear()
+    capsules = Capsules(exact, known, log_viscosity=0.0)
+    drawn = capsules.at(membranes, spreads, rng=np.random.default_rng(1))
+    assert np.isfinite(drawn.own).all()
+    assert drawn.common[:, MODULUS].std() == pytest.approx(0.2 / np.sqrt(7), rel=0.25)
+    assert drawn.common[:, SIZE].std() == pytest.approx(0.05 / np.sqrt(7), rel=0.25)
+
+
+def test_the_posterior_of_a_membrane_is_that_of_a_grid(batch):
+    coordinate = Coordinate("pre_inflation", Quantity.uniform(0.0, 0.3), 0.0, 0.3)
+    sampled = MembraneSampling(Capsules(batch, Linear(), 0.0), Unknowns((coordinate,), {}, (0.2, 0.05)))
+    sampled = _with_plain_fingerprint(sampled)()
+    assert all(gate.passed for gate in sampled.gates)
+    grid = np.linspace(0.0, 0.3, 601)
+    logs = np.array([log_density(batch, value, 0.2, 0.05) for value in grid])
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    mean = weights @ grid
+    values = coordinate.values(stats.norm.cdf(sampled.draws.points[:, 0]))
+    share = np.exp(sampled.draws.log_weights - sampled.draws.log_weights.max())
+    share /= share.sum()
+    sd = np.sqrt(weights @ (grid - mean) ** 2)
+    assert share @ values == pytest.approx(mean, abs=0.05 * sd)
+    assert np.sqrt(share @ (values - share @ values) ** 2) == pytest.approx(sd, rel=0.05)
+
+
+def _with_plain_fingerprint(sampling):
+    """Give a sampling the fingerprint that it takes from a shipped surrogate otherwise."""
+    vars(sampling)["fingerprint"] = "linear"
+    return sampling

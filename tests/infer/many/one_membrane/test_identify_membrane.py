@@ -1,0 +1,104 @@
+"""The membrane of a batch: found where it is told, its prior kept where not, and stated as the files say."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer import Membrane
+from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
+from capsbayes.measurement import Measurement
+from capsbayes.surrogate import MembraneSurrogate
+
+EXPERIMENT = Experiment(cross_section="square", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.02 Pa s")
+TRUTH = {"pre_inflation": 0.03, "area_dilation_modulus": 3.0, "strain_hardening": 0.0, "bending": 1e-4}
+MODULUS = 0.05
+
+
+@pytest.fixture(scope="module")
+def capsules():
+    """Eight capsules of the model at two flow rates, lengths to 0.005 l, neo-Hookean."""
+    model, rng = MembraneSurrogate.open("square"), np.random.default_rng(4)
+    found, moduli = [], []
+    for number in range(8):
+        modulus = MODULUS * np.exp(0.1 * rng.normal())
+        speed = (0.04, 0.08)[number % 2] * MODULUS / 0.85
+        theta = {"capillary_number": 0.85 * speed / modulus, "size_ratio": 0.9 + 0.04 * rng.normal(), **TRUTH}
+        seen = model.at(**theta)
+        extent, length = seen.axial_extent[0] + 0.005 * rng.normal(), seen.axial_length[0] + 0.005 * rng.normal()
+        velocity = float(speed * seen.velocity_ratio[0])
+        errors = {"axial_extent_error": 0.005, "axial_length_error": 0.005, "capsule_velocity_error": 0.01 * velocity}
+        found.append(
+            Measurement(extent, axial_length=length, capsule_velocity=velocity, **errors, source=f"no {number}")
+        )
+        moduli.append(modulus)
+    return found, np.array(moduli)
+
+
+@pytest.fixture(scope="module")
+def known(capsules):
+    """With a membrane of which inflation is unknown alone."""
+    membrane = Membrane("neo-Hookean", bending=1e-4)
+    return identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane, laws=False)
+
+
+def test_an_inflation_is_found(known):
+    assert list(known.prior) == ["pre_inflation"]
+    assert known.marginals["pre_inflation"].contains(0.03, level=95)
+    assert known.widths_over_prior()["pre_inflation"] < 0.5
+    assert known.marginals["surface_shear_modulus"].contains(MODULUS, level=95)
+
+
+def test_each_capsule_has_its_own_modulus_and_radius(known, capsules):
+    each = zip(known.of_each("surface_shear_modulus"), capsules[1], strict=True)
+    held = [one.contains(modulus, level=95) for one, modulus in each]
+    assert np.mean(held) > 0.7
+    assert all(abs(one.median / 22.5e-6 - 1.0) < 0.15 for one in known.of_each("capsule_radius"))
+    both = known.moduli_by_flow()
+    assert both[0].median == pytest.approx(both[1].median, rel=0.2)
+
+
+def test_the_file_holds_draws_and_summary(known, tmp_path):
+    with xr.open_dataset(known.write(tmp_path / "membrane.nc")) as stored:
+        assert dict(stored.sizes) == {"draw": 1000, "capsule": 8}
+        summary = json.loads(stored.attrs["summary"])
+        middle = np.median(stored["pre_inflation"])
+    assert summary["quantities"]["pre_inflation"]["median"] == pytest.approx(middle)
+    assert [capsule["name"] for capsule in summary["capsules"]] == list(known.names)
+    assert summary["status"] == known.status.name
+
+
+def test_nothing_changes_with_the_order_of_capsules_but_rounding(known, capsules):
+    membrane = Membrane("neo-Hookean", bending=1e-4)
+    turned = identify_membrane(capsules[0][::-1], EXPERIMENT, seed=1, membrane=membrane, laws=False)
+    here, there = known.marginals["pre_inflation"], turned.marginals["pre_inflation"]
+    assert there.median == pytest.approx(here.median, abs=0.1 * here.sd)
+
+
+def test_a_wrong_law_is_improbable_where_lengths_are_exact(capsules):
+    """Of a membrane known but for its law, h = 0 or 1."""
+    membrane = Membrane(pre_inflation=0.03, bending=1e-4, area_dilation_modulus=3.0)
+    found = identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane)
+    assert [law.name for law in found.laws] == ["none of them", "Blatz-Ko", "Skalak"]
+    assert sum(law.probability for law in found.laws) == pytest.approx(1.0)
+    assert found.laws[1].probability > found.laws[2].probability  # with K = 3 the first is neo-Hookean
+
+
+def test_pictures_of_one_capsule_have_one_modulus(capsules):
+    membrane = Membrane("neo-Hookean", bending=1e-4, pre_inflation=0.03)
+    one = [capsules[0][0]] * 3
+    found = identify_membrane(one, EXPERIMENT, seed=1, membrane=membrane, same_capsule=True, laws=False)
+    moduli = found.draws["surface_shear_modulus_each"]
+    assert np.ptp(moduli, axis=1).max() < 0.03 * moduli.mean()
+    assert not found.prior
+
+
+def test_measurements_must_be_there_and_alike(capsules):
+    with pytest.raises(InputError, match="at least one"):
+        identify_membrane([], EXPERIMENT, seed=1)
+    metres = Measurement(axial_extent="50.0 +/- 0.3 um", capsule_velocity="5.00 +/- 0.05 mm/s")
+    with pytest.raises(InputError, match="lengths over l"):
+        identify_membrane([metres], EXPERIMENT, seed=1)
