@@ -32,7 +32,8 @@ RANGES = ((0.01, 0.208), (0.75, 1.1), (0.0, 0.1), (1.0, 5.0), (0.0, 1.0), (1e-5,
 NULL_VALUES = (0.05, 0.9, 0.0, 3.0, 0.0, 2e-4)
 """Values of a neo-Hookean membrane without inflation, of the bending stiffness of the plain databases."""
 
-_HIGHEST, _NARROWING, _UNHINDERED, _HARDER = 0.13, 0.25, 0.9, 0.6
+_HIGHEST, _HARDER = 0.13, 0.6
+_UNHINDERED, _NARROWING = {"square": 0.9, "circular": 0.86}, {"square": 0.25, "circular": 0.31}
 _LOWEST, _NOT_INFLATED, _LOWEST_PARACHUTE, _RISE = 0.01, 0.02, 0.018, 0.9
 
 _DIMENSIONS = {
@@ -58,9 +59,9 @@ _DIMENSIONS = {
 _SINGLE = ("profile_along", "silhouette_along", "profile_modes", "silhouette_modes", "mesh_modes", "mesh")
 
 
-def highest_ca(size_ratio: ArrayLike, strain_hardening: ArrayLike) -> Floats:
+def highest_ca(size_ratio: ArrayLike, strain_hardening: ArrayLike, cross_section: str = "square") -> Floats:
     """Return the highest Ca of the states: about where neo-Hookean parachutes end, and further for harder membranes."""
-    falling = _HIGHEST - _NARROWING * (np.asarray(size_ratio) - _UNHINDERED)
+    falling = _HIGHEST - _NARROWING[cross_section] * (np.asarray(size_ratio) - _UNHINDERED[cross_section])
     return np.minimum(_HIGHEST, falling) * (1.0 + _HARDER * np.asarray(strain_hardening))
 
 
@@ -70,12 +71,12 @@ def lowest_ca(pre_inflation: ArrayLike) -> Floats:
     return np.where(inflation < _NOT_INFLATED, _LOWEST_PARACHUTE + _RISE * inflation, _LOWEST)
 
 
-def covered(values: Floats) -> Booleans:
+def covered(values: Floats, cross_section: str = "square") -> Booleans:
     """Return whether values (n, 6) of the parameters lie where states were sought : (n,) bool array."""
     low, high = np.array(RANGES).T
     ca, size, inflation, _, hardening, _ = values.T
     within = np.all((values >= low) & (values <= high), axis=1)
-    return np.asarray(within & (ca >= lowest_ca(inflation)) & (ca <= highest_ca(size, hardening)))
+    return np.asarray(within & (ca >= lowest_ca(inflation)) & (ca <= highest_ca(size, hardening, cross_section)))
 
 
 @dataclass(frozen=True, eq=False)

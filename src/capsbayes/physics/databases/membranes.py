@@ -23,7 +23,7 @@ from capsbayes.physics.databases.scattered import (
 from capsbayes.physics.membrane.general import GeneralLaw
 from capsbayes.physics.simulation.simulator import Simulator
 
-MEMBRANES = {"membrane-square": "square"}
+MEMBRANES = {"membrane-square": "square", "membrane-circular": "circular"}
 """Cross-sections of the shipped databases over the membrane, by their names."""
 
 STATES = 1024
@@ -57,7 +57,8 @@ def membrane_places(continuation: Continuation, points: Floats) -> Floats:
     """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1 that are spread evenly."""
     places = points.copy()
     _, size, inflation, _, hardening, _ = continuation.values(places).T
-    low, high = lowest_ca(inflation), highest_ca(size, hardening)
+    cross_section = str(continuation.settings["cross_section"])
+    low, high = lowest_ca(inflation), highest_ca(size, hardening, cross_section)
     along = continuation.axes[0]
     places[:, 0] = [along.unit(float(ca)) for ca in low * (high / low) ** places[:, 0]]
     return places

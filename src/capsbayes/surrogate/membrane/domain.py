@@ -24,10 +24,12 @@ class MembraneDomain(Domain):
     ----------
     frame : Frame
     fits : LocalFits
+    cross_section : str
     """
 
     frame: Frame
     fits: LocalFits
+    cross_section: str
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -39,7 +41,7 @@ class MembraneDomain(Domain):
         columns = (capillary_number, size_ratio, *further, *NULL_VALUES[2 + len(further) :])
         arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(column, np.float64)) for column in columns))
         values = np.stack(arrays, axis=1)
-        inside = covered(values)
+        inside = covered(values, self.cross_section)
         inside[inside] = reached(self.frame.points(values[inside]), *self.fits[:3])
         return inside
 

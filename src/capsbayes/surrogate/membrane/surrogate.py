@@ -64,7 +64,7 @@ class MembraneSurrogate(ForwardModel):
         made = {
             "name": f"{states.cross_section}-membrane",
             "sha256": states.sha256,
-            "domain": MembraneDomain(frame, fits),
+            "domain": MembraneDomain(frame, fits, states.cross_section),
             "cross_section": states.cross_section,
             "coordinates": ranges,
             "_fits": fits,
@@ -174,7 +174,7 @@ class MembraneSurrogate(ForwardModel):
         """Return the first values (n, width) and the covariance (n, spread, spread) of the differences there."""
         self.check_names(theta)
         values = _columns(theta)
-        inside = covered(values)
+        inside = covered(values, self.membrane_database.cross_section)
         means, covariances = np.full((len(values), width), np.nan), np.full((len(values), spread, spread), np.nan)
         means[inside], covariances[inside] = averaged(self._frame.points(values[inside]), *self._fits, width, spread)
         return means, covariances
