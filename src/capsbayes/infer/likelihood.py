@@ -58,6 +58,11 @@ class ModelAtPoints(NamedTuple):
         of_error = (c[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))
         return cls(*(prediction.axial_extent, prediction.axial_length, ratio, *of_error, stretch))
 
+    def rescaled(self, factor: float) -> ModelAtPoints:
+        """Return the same with the standard errors of the model times a factor."""
+        own = {name: factor**2 * getattr(self, name) for name in ("zz", "za", "aa", "zr", "ar", "rr")}
+        return self._replace(**own)
+
     def taken(self, index: Any) -> ModelAtPoints:
         """Return some of the points, by a numpy index."""
         return ModelAtPoints(*(values if values is None else values[index] for values in self))  # type: ignore[arg-type]

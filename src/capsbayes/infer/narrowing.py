@@ -40,7 +40,7 @@ Theta = Mapping[str, Floats]
 Data = Callable[[Theta], Floats]
 """What a measurement shows of shapes, as numbers (n, m) with independent errors of one; NaN where there is no shape."""
 
-_DRAWS, _PLACES = 1000, 24  # of the posterior, for either estimate
+_DRAWS, _PLACES = 1000, 16  # of the posterior, for either estimate
 _STEPS, _SCORE_STEP = (0.02, 0.003), 0.05  # of log Ca and a/l, and of a score, for differences
 _LEAST_INSIDE = 0.9  # share of the posterior for which the model has a shape at another flow rate
 _FREE = 1e-6  # information on log Ca and a/l that no data have

@@ -37,12 +37,16 @@ _ROUNDS = 8  # at most, of each number of draws
 _GOOD = 0.25  # share of effective draws, below which rounds of more draws follow
 _ALIVE = 0.1  # share of effective draws to which a mixture is fitted
 _GAIN = 1.15  # of the share of effective draws by a round that leads to another one
-_BLOCK = 2**13  # draws, doubled until the effective ones are enough or the draws are the most
-_LENGTHS, _OUTLINE, _NEXT = (10_000.0, 2**16), (5_000.0, 2**15), (1_500.0, 2**14)  # enough effective draws, most draws
+_FITS = 0.4  # share of effective draws that suffices
+_SHAPES = 2**13  # draws of what the priors predict
+_LENGTHS, _OUTLINE, _NEXT = (10_000.0, 2**13, 2**16), (5_000.0, 2**13, 2**15), (1_500.0, 2**12, 2**14)
+"""Effective draws that are enough, first and most draws."""
 _LEAST_EFFECTIVE, _MOST_PARETO = 1000.0, 0.7
 _REPEATS = 3  # of the last draws from a proposal fitted to them, while a gate fails
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
 _SETTLED = 1.0  # standard deviations between pilot and centre of the posterior, up to which it suffices
+_NEAR = 0.02  # share of effective draws at which the first pilot is left for one in their middle
+_SEARCHED = 50  # points of an outline, as many or up to twice as many, while a proposal is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +123,11 @@ class ImportanceSampling:
         if not np.any(np.isfinite(cloud.log_density)):
             where = measurement.source or "prior"
             raise no_shape_in(self.prior, with_error_of_half_width(density), cloud.nodes, where)
-        proposal = self._fitted(frame, density, cloud)
-        tried = self._drawn(frame, density, proposal)
+        proposal, tried = self._fitted(frame, density, cloud)
         check_shape(self.model, measurement, with_error_of_half_width(density), cloud.joined(tried).nodes)
         if measurement.outline is None:
             return self._finished(frame, density, proposal, _LENGTHS)
-        return self._of_outline(frame, density, proposal, measurement)
+        return self._of_outline(frame, density, (proposal, tried), measurement)
 
     def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
         """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities.
@@ -151,8 +154,8 @@ class ImportanceSampling:
         unseen = replace(extent, likelihood=UNSEEN)
         frame = self._frame(extent)
         cloud = self._over_prior(frame, extent)
-        proposal = self._fitted(frame, extent, cloud)
-        tried = self._drawn(frame, extent, proposal, _BLOCK)
+        proposal, _ = self._fitted(frame, extent, cloud)
+        tried = self._drawn(frame, extent, proposal, _SHAPES)
         both = cloud.joined(tried)
         shares = np.log([[len(cloud.points)], [len(tried.points)]])
         drawn = np.logaddexp(*(shares + np.stack([frame.log_of_prior(both.points), proposal.log_density(both.points)])))
@@ -161,32 +164,52 @@ class ImportanceSampling:
         return both.nodes.model.taken(inside), logs[inside]
 
     def _of_outline(
-        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, measurement: Measurement
+        self, frame: Frame, density: PosteriorDensity, fitted: tuple[Proposal, Cloud], measurement: Measurement
     ) -> WeightedPosterior:
-        """Compute the posterior given an outline, from a proposal near it; its covariance is that at a pilot shape."""
-        tried = self._drawn(frame, density, proposal)
-        there = proposal.middle(tried.points, normalised(tried.log_weights))
-        least, most = _PILOTS
+        """Compute the posterior given an outline, from a proposal near it; its covariance is that at a pilot shape.
+
+        While it is sought, some points of the outline stand for all.
+        """
+        assert measurement.outline is not None, "an outline"
+        every = max(1, len(measurement.outline.points) // _SEARCHED)
+        some = replace(measurement, outline=replace(measurement.outline, points=measurement.outline.points[::every]))
+        (proposal, cloud), (least, most) = fitted, _PILOTS
+        there = proposal.middle(cloud.points, normalised(cloud.log_weights))
         for number in range(1, most + 1):
-            density = self._seen_from(frame, density, measurement, there)
-            proposal = self._fitted(frame, density, self._drawn(frame, density, proposal))
-            tried = self._drawn(frame, density, proposal)
-            weights = normalised(tried.log_weights)
-            before, there = there, proposal.middle(tried.points, weights)
-            sds = np.sqrt(weights @ (tried.points - weights @ tried.points) ** 2)
+            rough = self._seen_from(frame, density, some, there)
+            first = self._drawn(frame, rough, proposal)
+            proposal, cloud = self._fitted(frame, rough, first, _NEAR if number < least else _FITS)
+            weights = normalised(cloud.log_weights)
+            before, there = there, proposal.middle(cloud.points, weights)
+            sds = np.sqrt(weights @ (cloud.points - weights @ cloud.points) ** 2)
             if number >= least and np.all(np.abs(there - before) <= _SETTLED * sds):
                 break
+        density = self._seen_from(frame, density, measurement, there)
+        proposal, _ = self._fitted(frame, density, self._drawn(frame, density, proposal))
         return self._finished(frame, density, proposal, _OUTLINE)
 
     def _next_to(
         self, near: WeightedPosterior, frame: Frame, density: PosteriorDensity, measurement: Measurement
     ) -> WeightedPosterior:
         """Compute a posterior that is nearly the same as another one, less precisely."""
-        if measurement.outline is not None:
+        if measurement.outline is None:
+            found = self._reweighted(near, density)
+            if all(gate.passed for gate in found.gates):
+                return found
+        else:
             density = self._seen_from(frame, density, measurement, near.proposal.middle(near.points, near.weights))
         cloud = self._drawn(frame, density, near.proposal)
         proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _TRIED))
         return self._finished(frame, density, proposal, _NEXT)
+
+    def _reweighted(self, near: WeightedPosterior, density: PosteriorDensity) -> WeightedPosterior:
+        """Return the posterior of lengths at the points of another one, where the model is known."""
+        frame, factor = near.frame, density.error_scale / near.density.error_scale
+        nodes = replace(near.nodes, model=near.nodes.model.rescaled(factor))
+        width = frame.theta(near.points).get("half_width")
+        log_density = frame.log_density(density, near.points, nodes, width)
+        drawn = near.log_density - np.log(near.weights)
+        return self._weighted(density, frame, near.proposal, Cloud(near.points, nodes, log_density, drawn))
 
     def _seen_from(
         self, frame: Frame, density: PosteriorDensity, measurement: Measurement, there: Floats
@@ -212,10 +235,13 @@ class ImportanceSampling:
             drawn = drawn + frame.half_width.log_shape(frame.theta(points)["half_width"])
         return self._evaluated(frame, density, points, drawn)
 
-    def _fitted(self, frame: Frame, density: PosteriorDensity, cloud: Cloud) -> Proposal:
-        """Return a proposal fitted to the posterior, from a cloud that is wider.
+    def _fitted(
+        self, frame: Frame, density: PosteriorDensity, cloud: Cloud, enough: float = _FITS
+    ) -> tuple[Proposal, Cloud]:
+        """Return a proposal fitted to the posterior and the last draws before it, from a cloud that is wider.
 
-        Where rounds of some draws gain no more and few of them are effective, there are more draws in each.
+        There are rounds until a share of the draws is effective that is enough. Where rounds of some draws gain no more
+        and few of them are effective, there are more draws in each.
         """
         proposal, number = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _TRIED)), 0
         for count in (_TRIED, 4 * _TRIED):
@@ -224,13 +250,15 @@ class ImportanceSampling:
                 number += 1
                 cloud = self._drawn(frame, density, proposal, count, seed=number)
                 share = effective(normalised(cloud.log_weights)) / count
-                if share < _GAIN * before and before > 0.1 * _ALIVE:
+                if share < _GAIN * before and before > _ALIVE:
                     break
                 before = share
                 proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * count))
-            if share > _GOOD:
+                if share >= enough:
+                    break
+            if share > min(_GOOD, enough):
                 break
-        return proposal
+        return proposal, cloud
 
     def _drawn(
         self, frame: Frame, density: PosteriorDensity, proposal: Proposal, count: int = _TRIED, *, seed: int = 0
@@ -239,26 +267,33 @@ class ImportanceSampling:
         return self._evaluated(frame, density, points, proposal.log_density(points))
 
     def _finished(
-        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, numbers: tuple[float, int]
+        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, numbers: tuple[float, int, int]
     ) -> WeightedPosterior:
         """Draw and weigh; while a gate fails, fit a proposal to the draws and repeat."""
-        for number in range(_REPEATS + 1):
+        for _ in range(_REPEATS + 1):
             cloud = self._enough(frame, density, proposal, *numbers)
-            weights = normalised(cloud.log_weights)
-            gates = (
-                Gate("effective draws", effective(weights), least=_LEAST_EFFECTIVE),
-                Gate("Pareto k of the weights", pareto_shape(cloud.log_weights), most=_MOST_PARETO),
-            )
-            if number == _REPEATS or all(gate.passed for gate in gates):
+            found = self._weighted(density, frame, proposal, cloud)
+            if all(gate.passed for gate in found.gates):
                 break
-            proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _BLOCK))
+            proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * numbers[1]))
+        return found
+
+    def _weighted(self, density: PosteriorDensity, frame: Frame, proposal: Proposal, cloud: Cloud) -> WeightedPosterior:
+        """Return the posterior at the points of a cloud, and the gates on their weights."""
+        weights = normalised(cloud.log_weights)
+        gates = (
+            Gate("effective draws", effective(weights), least=_LEAST_EFFECTIVE),
+            Gate("Pareto k of the weights", pareto_shape(cloud.log_weights), most=_MOST_PARETO),
+        )
         kept = weights > 0.0
         known = cloud.points[kept], cloud.log_density[kept], weights[kept], cloud.nodes.taken(kept), gates
         return WeightedPosterior(self.model, density, frame, proposal, *known)
 
-    def _enough(self, frame: Frame, density: PosteriorDensity, proposal: Proposal, enough: float, most: int) -> Cloud:
-        """Draw until the effective draws are enough, or the draws the most."""
-        cloud = self._drawn(frame, density, proposal, _BLOCK, seed=-1)
+    def _enough(
+        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, enough: float, first: int, most: int
+    ) -> Cloud:
+        """Draw some, and as many again until the effective draws are enough, or the draws the most."""
+        cloud = self._drawn(frame, density, proposal, first, seed=-1)
         while effective(normalised(cloud.log_weights)) < enough and len(cloud.points) < most:
             ahead = len(cloud.points)
             points = proposal.drawn(_uniform(frame.dimensions + 2, ahead, -1, ahead))

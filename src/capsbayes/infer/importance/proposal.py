@@ -8,6 +8,7 @@ a few t distributions holds the rest.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import comb
 from typing import NamedTuple
 
@@ -64,16 +65,29 @@ class Polynomial(NamedTuple):
 
     def __call__(self, arguments: Floats) -> Floats:
         """Return the values at arguments (n, m) : (n,) array."""
-        return np.asarray(self._terms(arguments) @ self.coefficients)
+        return np.asarray(_values(self._scaled(arguments), *_factors(len(self.centre), self.degree), self.coefficients))
 
     def _terms(self, arguments: Floats) -> Floats:
         """Return the products of arguments up to the degree : (n, terms) array."""
-        x = np.clip((arguments - self.centre) / self.scale, -_REACH, _REACH)
-        terms, last = [np.ones((len(x), 1))], [np.ones((len(x), 1))]
-        for _ in range(self.degree):  # each argument times the terms of the degree before in those from it on
-            last = [x[:, [k]] * np.concatenate(last[k:] if len(last) > 1 else last, axis=1) for k in range(x.shape[1])]
-            terms += last
-        return np.concatenate(terms, axis=1)
+        return np.asarray(_products(self._scaled(arguments), *_factors(arguments.shape[1], self.degree)))
+
+    def _scaled(self, arguments: Floats) -> Floats:
+        return np.clip((arguments - self.centre) / self.scale, -_REACH, _REACH)
+
+
+@cache
+def _factors(number: int, degree: int) -> tuple[Integers, Integers]:
+    """Return of each product of arguments the shorter product that it is a multiple of, and by which argument."""
+    shorter, by, last = [0], [0], {0: 0}  # the last: products of one degree and the first argument that may follow
+    for _ in range(degree):
+        longer = {}
+        for product, first in last.items():
+            for argument in range(first, number):
+                longer[len(shorter)] = argument
+                shorter.append(product)
+                by.append(argument)
+        last = longer
+    return np.array(shorter), np.array(by)
 
 
 class Sheet(NamedTuple):
@@ -231,6 +245,30 @@ def _mixture(flat: Floats, weights: Floats, number: int, whole: Floats) -> tuple
         covariances = squares / shares[:, None, None] - moved[:, :, None] * moved[:, None, :] + floor
         centres, shares = centres[alive] + moved, shares / shares.sum()
     return shares, centres, covariances
+
+
+@compiled
+def _products(x, shorter, by):  # type: ignore[no-untyped-def]
+    """Return products (n, terms) of arguments (n, m), see `_factors`."""
+    terms = np.empty((len(x), len(shorter)))
+    for n in range(len(x)):
+        terms[n, 0] = 1.0
+        for term in range(1, len(shorter)):
+            terms[n, term] = terms[n, shorter[term]] * x[n, by[term]]
+    return terms
+
+
+@compiled
+def _values(x, shorter, by, coefficients):  # type: ignore[no-untyped-def]
+    """Return the values (n,) of a polynomial with these coefficients of its products."""
+    values, terms = np.empty(len(x)), np.empty(len(shorter))
+    terms[0] = 1.0
+    for n in range(len(x)):
+        values[n] = coefficients[0]
+        for term in range(1, len(shorter)):
+            terms[term] = terms[shorter[term]] * x[n, by[term]]
+            values[n] += coefficients[term] * terms[term]
+    return values
 
 
 @compiled
