@@ -46,5 +46,5 @@ def test_a_small_one_is_built_and_read(tmp_path):
 
 
 def test_an_unknown_name_is_refused(tmp_path):
-    with pytest.raises(InputError, match="membrane-square, got 'membrane-oval'"):
+    with pytest.raises(InputError, match="membrane-circular, got 'membrane-oval'"):
         build_membranes("membrane-oval", out=tmp_path / "oval.nc")
