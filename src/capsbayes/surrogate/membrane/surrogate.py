@@ -23,6 +23,7 @@ from capsbayes.surrogate.membrane.local_fits import LocalFits, local_fits
 
 _NUMBERS, _ERRING = 4, 3  # L_z, L_a, v_o/U and Lambda, of which the first have a covariance; then follow the modes
 _LOGARITHMIC = ("area_dilation_modulus", "bending")  # of which the order of magnitude is not known
+_CHANGES = 0.3  # of the distance up to which states take part in predictions: over it the error changes
 _ERROR = 0.8  # standard deviations of the error for one of the differences between local polynomials
 
 
@@ -128,22 +129,22 @@ class MembraneSurrogate(ForwardModel):
         along = np.einsum("kpi,pi->kp", away, vertex_normals(shape))
         return np.asarray(_ERROR * np.sqrt(weights)[:, None] * along)
 
-    def with_coefficients(self, theta: Mapping[str, Floats], errors: int) -> tuple[Prediction, Floats, Floats]:
+    def with_coefficients(self, theta: Mapping[str, Floats], *, errors: bool) -> tuple[Prediction, Floats, Floats]:
         """Predict a batch, its outlines as coefficients of their modes; NaN outside the domain.
 
         Parameters
         ----------
         theta : mapping
             As of a call.
-        errors : int
-            Number e of leading modes whose error is stated.
+        errors : bool
+            Whether the error of the coefficients is wanted.
 
         Returns
         -------
-        Prediction, (n, k) array, (n, e, e) array [l]
-            The numbers, the coefficients, and the covariance of their error.
+        Prediction, (n, k) array, (n, k, k) array [l]
+            The numbers, the coefficients, and the covariance of their error, (n, 0, 0) if it is not wanted.
         """
-        means, covariances = self._averaged(theta, self._width, _NUMBERS + errors)
+        means, covariances = self._averaged(theta, self._width, self._width if errors else _NUMBERS)
         covariance = _ERROR**2 * covariances[:, _NUMBERS:, _NUMBERS:]
         return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], covariance
 
@@ -151,6 +152,14 @@ class MembraneSurrogate(ForwardModel):
         """Return the outlines (n, p, 2) [l] that coefficients (n, k) of the modes mean."""
         flat = coefficients @ self.mode_shapes.reshape(coefficients.shape[1], -1)
         return self._mean + flat.reshape(-1, *self._mean.shape)
+
+    @property
+    def error_lengths(self) -> Floats:
+        """Distances in ln Ca and a/l over which its own error changes : (2,) array.
+
+        Between simulated capsules of one membrane the correlation of the error falls as exp(-r^2 / 2), r in these.
+        """
+        return _CHANGES * float(np.median(self._fits.reaches)) * self._frame.scale[:2]
 
     @property
     def mode_shapes(self) -> Floats:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from capsbayes.infer.many.one_membrane.conditional import MODULUS, SIZE, Capsules, Spreads
+from capsbayes.infer.many.one_membrane.conditional import MODULUS, SIZE, Capsules, Spreads, Start
 from capsbayes.infer.many.one_membrane.engine import MembraneSampling
 from capsbayes.infer.many.one_membrane.measured import Batch
 from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
@@ -26,13 +26,18 @@ class Linear(ShapeModel):
 
     model: None = None
     half_width: float = 25e-6
-    errors = 2
+    apart: float = 1e-6
+
+    @property
+    def error_lengths(self):
+        """Far below what lies between the capsules, or far above."""
+        return np.full(2, self.apart)
 
     def __call__(self, theta, *, errors=True):
         place = np.stack([np.log(theta["capillary_number"]), theta["size_ratio"]], axis=1)
         numbers = place @ ALONG.T + theta["pre_inflation"][:, None] * OF_MEMBRANE
         n = len(numbers)
-        return Shapes(numbers, np.tile(FACTOR, (n, 1, 1)), np.full(n, RATIO), np.zeros(n))
+        return Shapes(numbers, np.tile(FACTOR @ FACTOR.T, (n, 1, 1)), np.full(n, RATIO), np.zeros(n))
 
     @property
     def bounds(self):
@@ -67,10 +72,13 @@ def batch():
     )
 
 
-def log_density(batch, inflation, spread, size_spread):
-    """Return the log density of all targets by dense matrices, the two means of the population integrated out."""
+def log_density(batch, inflation, spread, size_spread, sharing=1):
+    """Return the log density of all targets by dense matrices, the two means of the population integrated out.
+
+    The variance of the model's errors counts as often as capsules share it.
+    """
     n, q = batch.target.shape
-    columns = 2 * n + 1 + 4  # a capsule's own two, the scale, the errors of two flows
+    columns = 2 * n + 1 + 2 * n  # a capsule's own two, the scale, its model errors
     latent, means = np.zeros((n, 2, columns)), np.zeros((n, 2, 2))
     for k in range(n):
         latent[k, 0, 2 * k] = np.hypot(spread, batch.velocity_error[k])
@@ -81,8 +89,8 @@ def log_density(batch, inflation, spread, size_spread):
     seen = np.einsum("nqk,ka,nac->nqc", batch.rows, ALONG, latent)
     seen[:, :, 2 * n] = batch.scale * batch.scale_error
     for k in range(n):
-        first = 2 * n + 1 + 2 * batch.group[k]
-        seen[k, :, first : first + 2] += batch.rows[k, :, :2] @ FACTOR
+        first = 2 * n + 1 + 2 * k
+        seen[k, :, first : first + 2] += np.sqrt(sharing) * batch.rows[k, :, :2] @ FACTOR
     seen, away = seen.reshape(n * q, columns), away.ravel()
     free = np.einsum("nqk,ka,nac->nqc", batch.rows, ALONG, means).reshape(n * q, 2)
     covariance = seen @ seen.T + np.eye(n * q)
@@ -94,12 +102,13 @@ def log_density(batch, inflation, spread, size_spread):
     return -0.5 * (left @ precision @ left + volume)
 
 
-def test_the_evidence_is_that_of_a_dense_normal_distribution(batch):
-    capsules = Capsules(batch, Linear(), log_viscosity=0.0)
+@pytest.mark.parametrize(("apart", "sharing"), [(1e-6, 1), (1e6, 7)])
+def test_the_evidence_is_that_of_a_dense_normal_distribution(batch, apart, sharing):
+    capsules = Capsules(batch, Linear(apart=apart), log_viscosity=0.0)
     inflation, spreads = np.array([0.02, 0.05, 0.09, 0.05]), Spreads(np.array([0.3, 0.3, 0.3, 0.1]), np.full(4, 0.05))
     found = capsules.at({"pre_inflation": inflation}, spreads)
     assert found.settled.all()
-    wanted = np.array([log_density(batch, *row) for row in zip(inflation, *spreads, strict=True)])
+    wanted = np.array([log_density(batch, *row, sharing) for row in zip(inflation, *spreads, strict=True)])
     np.testing.assert_allclose(np.diff(found.log_evidence), np.diff(wanted), atol=2e-3)
     assert np.ptp(wanted) > 1.0
 
@@ -108,8 +117,7 @@ def test_a_start_does_not_change_the_answer(batch):
     capsules = Capsules(batch, Linear(), log_viscosity=0.0)
     membranes, spreads = {"pre_inflation": np.array([0.05])}, Spreads(np.array([0.2]), np.array([0.05]))
     first = capsules.at(membranes, spreads)
-    moved = first.own + 0.02, first.common + 0.01
-    again = capsules.at(membranes, spreads, start=type("Start", (), {"own": moved[0], "common": moved[1]}))
+    again = capsules.at(membranes, spreads, start=Start(first.own + 0.02, first.common + 0.01))
     np.testing.assert_allclose(again.log_evidence, first.log_evidence, atol=1e-3)
     np.testing.assert_allclose(again.own, first.own, atol=1e-3)
 

@@ -45,7 +45,7 @@ def test_differences_of_outlines_are_those_of_the_whole_likelihood(model):
     seen = with_outline(model, rng)
     batch = batch_of([seen], EXPERIMENT, model)
     theta = {name: value * (1.0 + 0.02 * rng.normal(size=30)) for name, value in PLACE.items()}
-    prediction, coefficients, _ = model.with_coefficients(theta, 1)
+    prediction, coefficients, _ = model.with_coefficients(theta, errors=False)
     numbers = np.column_stack([coefficients, prediction.axial_length])
     reduced = np.sum((batch.target[0] - numbers @ batch.rows[0].T) ** 2, axis=1) + batch.left[0]
     pilot = model.outlines_of(batch.near[:1, :-1])[0]

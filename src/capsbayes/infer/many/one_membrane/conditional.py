@@ -1,12 +1,15 @@
 """The capsules of a batch at given membranes: their Ca and a/l found, and integrated out by Laplace's method.
 
 At a given membrane and spread of the population each capsule has two unknowns of its own, ln Ca and a/l. All have in
-common the means of ln G_s and of a/l, and what errs in the same way for all: the scale of the lengths, the flow rate,
-and the model, whose error is the same for capsules of one flow. The differences between measurement and prediction are
-nearly linear in all of these. So their best values follow from a few Gauss-Newton steps, and the integral over them
-from the curvature there (integrated nested Laplace approximation: Rue, Martino, Chopin 2009,
-doi:10.1111/j.1467-9868.2008.00700.x). The normal equations have the shape of an arrow, with a block of two for each
-capsule: the work is proportional to the number of capsules.
+common the means of ln G_s and of a/l, and the errors of the scale of the lengths and of the flow rate. The differences
+between measurement and prediction are nearly linear in all of these. So their best values follow from a few
+Gauss-Newton steps, and the integral over them from the curvature there (integrated nested Laplace approximation: Rue,
+Martino, Chopin 2009, doi:10.1111/j.1467-9868.2008.00700.x). The normal equations have the shape of an arrow, with a
+block of two for each capsule: the work is proportional to the number of capsules.
+
+The model's own error is nearly the same for capsules that have nearly the same Ca and a/l: it must not be averaged away
+over them. Its variance, added to that of each measurement, is multiplied by the number of capsules that share it, which
+is the sum of the correlations; then the mean over them is as uncertain as it is.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer.many.one_membrane.measured import Batch
 from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
 
@@ -30,8 +33,9 @@ _ITERATIONS, _SETTLED = 12, 1e-3  # largest decrease of minus twice the log dens
 _STALLED = 0.99  # of the decrease expected before, above which steps lead nowhere
 _HALVINGS = 5
 _FLAT = 1e-9  # of the diagonal, so that what the data tell nothing of has an inverse
-MODULUS, SIZE, SCALE, RATE, ERRORS = range(5)
-"""Columns of what is common; the model's errors in each flow follow."""
+MODULUS, SIZE, SCALE, RATE = range(4)
+"""Columns of what is common."""
+_COMMON = 4
 
 Membranes = Mapping[str, Floats]
 
@@ -44,7 +48,7 @@ class Spreads(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Values at d membranes: ln Ca and a/l (d, n, 2) of the capsules, what is common (d, c)."""
+    """Values at d membranes: ln Ca and a/l (d, n, 2) of the capsules, what is common (d, 4)."""
 
     own: Floats
     common: Floats
@@ -63,7 +67,7 @@ class Conditional(NamedTuple):
         Minus twice the log likelihood of each shape at the best values, beside the least possible one.
     own : (d, n, 2) array
         ln Ca and a/l: the best values, or one draw if draws were asked for.
-    common : (d, c) array
+    common : (d, 4) array
         What is common, likewise.
     log_ratio : (d, n) array
         ln(v_o/U) at the best values.
@@ -84,7 +88,7 @@ class Step(NamedTuple):
     ----------
     scores : (d, f) array
         Of the membranes' normal scores.
-    common, own : (d, c), (d, n, 2) arrays
+    common, own : (d, 4), (d, n, 2) arrays
     decrease : (d,) array
         Of minus twice the log density, as expected.
     covariance : (d, f, f) array
@@ -102,10 +106,10 @@ class Step(NamedTuple):
 
 
 class _Blocks(NamedTuple):
-    """Normal equations at d membranes, with blocks of the l = 5 + e unknowns that concern a capsule in common.
+    """Normal equations of each capsule at d membranes; c unknowns are common to all, those of the membranes last.
 
-    own (d, n, 2, 2), cross (d, n, l, 2), common (d, n, l, l), their right sides own_slope (d, n, 2) and common_slope
-    (d, n, l), and minus twice the log density (d, n).
+    own (d, n, 2, 2), cross (d, n, c, 2), common (d, n, c, c), their right sides own_slope (d, n, 2) and common_slope
+    (d, n, c), and minus twice the log density (d, n).
     """
 
     own: Floats
@@ -210,7 +214,7 @@ class Capsules:
         """Return the start; where it leaves the domain, and where there is none, one from the lattice."""
         if start is None:
             own, log_modulus = self._first(membranes)
-            common = np.zeros((len(own), ERRORS + self.flows * self.model.errors))
+            common = np.zeros((len(own), _COMMON))
             common[:, MODULUS], common[:, SIZE] = log_modulus.mean(axis=1), own[:, :, 1].mean(axis=1)
             return Start(own, common)
         begin = Start(start.own.copy(), start.common.copy())
@@ -281,14 +285,14 @@ class Capsules:
             away[..., axis] += step
             ahead = self._shapes(membranes, away)
             lost = np.isnan(ahead.log_ratio)
+            numbers, ratio = ahead.numbers - shapes.numbers, ahead.log_ratio - shapes.log_ratio
             if lost.any():  # just within the border
                 away[..., axis] -= 2.0 * step
                 behind = self._shapes(membranes, away)
-                mirrored = [2.0 * here - before for here, before in zip(shapes, behind, strict=True)]
-                parts = zip(ahead, mirrored, strict=True)
-                ahead = Shapes(*(np.where(_wide(lost, a), b, a) for a, b in parts))
-            along.append(np.nan_to_num((ahead.numbers - shapes.numbers) / step))
-            ratio_along.append(np.nan_to_num((ahead.log_ratio - shapes.log_ratio) / step))
+                numbers = np.where(lost[..., None], shapes.numbers - behind.numbers, numbers)
+                ratio = np.where(lost, shapes.log_ratio - behind.log_ratio, ratio)
+            along.append(np.nan_to_num(numbers / step))
+            ratio_along.append(np.nan_to_num(ratio / step))
         for other in moved:
             ahead = self._shapes(other, own)
             along.append(np.nan_to_num((ahead.numbers - shapes.numbers) / STEP))
@@ -297,19 +301,19 @@ class Capsules:
 
     def _blocks(self, there: _There, own: Floats, common: Floats, spreads: Spreads) -> tuple[_Blocks, Floats]:
         """Return the normal equations, and minus twice the log likelihood of each shape : (d, n) array."""
-        batch, shapes, e = self.batch, there.shapes, self.model.errors
+        batch, shapes = self.batch, there.shapes
         (d, n), q, free = own.shape[:2], batch.target.shape[1], there.along.shape[-1] - 2
-        matrix, right = np.zeros((d, n, q + 3, 2 + ERRORS + e + free)), np.empty((d, n, q + 3))
+        matrix, right = np.zeros((d, n, q + 3, 2 + _COMMON + free)), np.empty((d, n, q + 3))
+        own_columns = [0, 1, *range(2 + _COMMON, 2 + _COMMON + free)]
         # the shape
-        errors = common[:, ERRORS:].reshape(d, -1, e)[:, batch.group]
-        erring = np.einsum("nqk,dnke->dnqe", batch.rows[:, :, :e], shapes.factors)
         right[:, :, :q] = batch.target - np.einsum("nqk,dnk->dnq", batch.rows, shapes.numbers)
-        right[:, :, :q] -= np.einsum("dnqe,dne->dnq", erring, errors)
         right[:, :, :q] -= batch.scale * batch.scale_error * common[:, None, None, SCALE]
-        own_columns = [0, 1, *range(2 + ERRORS + e, 2 + ERRORS + e + free)]
         matrix[:, :, :q, own_columns] = np.einsum("nqk,dnka->dnqa", batch.rows, there.along)
         matrix[:, :, :q, 2 + SCALE] = batch.scale * batch.scale_error
-        matrix[:, :, :q, 2 + ERRORS : 2 + ERRORS + e] = erring
+        factor = self._noise_factor(shapes, own)
+        both = np.linalg.solve(factor, np.concatenate([matrix[:, :, :q], right[:, :, :q, None]], axis=-1))
+        matrix[:, :, :q], right[:, :, :q] = both[..., :-1], both[..., -1]
+        noise_volume = 2.0 * np.log(np.diagonal(factor, axis1=2, axis2=3)).sum(axis=-1)
         misfit = np.sum(right[:, :, :q] ** 2, axis=-1)
         # shear modulus, velocity and size
         by_rate = np.isfinite(batch.log_mean_velocity)
@@ -334,12 +338,22 @@ class Capsules:
         transposed = matrix.swapaxes(-1, -2)
         normal = transposed @ matrix
         slope = (transposed @ right[..., None])[..., 0]
-        square = np.sum(right**2, axis=-1) + np.log(variance) + 2.0 * np.log(spreads.size[:, None])
+        square = np.sum(right**2, axis=-1) + noise_volume + np.log(variance) + 2.0 * np.log(spreads.size[:, None])
         blocks = normal[..., :2, :2], normal[..., 2:, :2], normal[..., 2:, 2:], slope[..., :2], slope[..., 2:]
         return _Blocks(*blocks, square), misfit
 
+    def _noise_factor(self, shapes: Shapes, places: Floats) -> Floats:
+        """Return the Cholesky factor of the covariance of the reduced measurements, the model's error in it."""
+        scaled = places / self.model.error_lengths
+        apart = np.sum((scaled[:, :, None] - scaled[:, None]) ** 2, axis=-1)
+        sharing = np.exp(-0.5 * apart).sum(axis=-1)
+        rows = self.batch.rows[:, :, : shapes.covariances.shape[-1]]
+        own = rows @ shapes.covariances @ rows.swapaxes(-1, -2)
+        covariance = sharing[..., None, None] * own + np.eye(rows.shape[1])
+        return np.asarray(np.linalg.cholesky(covariance))
+
     def _solved(self, blocks: _Blocks, common: Floats) -> _Solved:
-        own, free = blocks.own + _FLAT * np.eye(2), blocks.cross.shape[2] - ERRORS - self.model.errors
+        own = blocks.own + _FLAT * np.eye(2)
         inverse: Floats = np.asarray(np.linalg.inv(own), dtype=np.float64)
         carried = blocks.cross @ inverse
         schur = blocks.common - carried @ blocks.cross.swapaxes(-1, -2)
@@ -347,8 +361,7 @@ class Capsules:
         matrix, right = self._gathered(schur, slope, common)
         factor: Floats = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
         step: Floats = np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], dtype=np.float64)
-        local = step[:, self._columns(free)]
-        own_slope = blocks.own_slope - (local[..., None, :] @ blocks.cross)[..., 0, :]
+        own_slope = blocks.own_slope - (step[:, None, None, :] @ blocks.cross)[..., 0, :]
         own_step = (inverse @ own_slope[..., None])[..., 0]
         gained = np.einsum("dna,dnab,dnb->d", blocks.own_slope, inverse, blocks.own_slope)
         decrease = gained + np.sum(right * step, axis=1)
@@ -356,27 +369,10 @@ class Capsules:
         volume += 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return _Solved(own_step, step, decrease, volume, factor, inverse)
 
-    @property
-    def flows(self) -> int:
-        """Number of flows."""
-        return int(self.batch.group.max()) + 1
-
-    def _columns(self, free: int) -> Integers:
-        """Return the columns of what is common that concern each capsule; those free come last : (n, l) array."""
-        e, n = self.model.errors, len(self.batch)
-        of_flow = ERRORS + self.batch.group[:, None] * e + np.arange(e)
-        last = ERRORS + self.flows * e + np.arange(free)
-        return np.concatenate([np.tile(np.arange(ERRORS), (n, 1)), of_flow, np.tile(last, (n, 1))], axis=1)
-
-    def _gathered(self, schur: Floats, slope: Floats, common: Floats) -> tuple[Floats, Floats]:
+    @staticmethod
+    def _gathered(schur: Floats, slope: Floats, common: Floats) -> tuple[Floats, Floats]:
         """Add up the blocks of all capsules and the priors of what is common."""
-        (d, c), free = common.shape, schur.shape[-1] - ERRORS - self.model.errors
-        matrix, right = np.zeros((d, c, c)), np.zeros((d, c))
-        for flow in range(self.flows):
-            members = self.batch.group == flow
-            columns = self._columns(free)[np.argmax(members)]
-            matrix[:, columns[:, None], columns] += schur[:, members].sum(axis=1)
-            right[:, columns] += slope[:, members].sum(axis=1)
+        matrix, right, c = schur.sum(axis=1), slope.sum(axis=1), common.shape[1]
         precision = np.ones(c)
         precision[[MODULUS, SIZE]] = _FLAT
         matrix[:, np.arange(c), np.arange(c)] += precision
@@ -391,7 +387,7 @@ class Capsules:
         """Draw steps from the Gaussian about the best values."""
         white = rng.standard_normal(solved.common_step.shape)
         step = np.linalg.solve(solved.factor.swapaxes(1, 2), white[..., None])[..., 0] + solved.common_step
-        slope = blocks.own_slope - (step[:, self._columns(0)][..., None, :] @ blocks.cross)[..., 0, :]
+        slope = blocks.own_slope - (step[:, None, None, :] @ blocks.cross)[..., 0, :]
         noise = np.linalg.cholesky(solved.inverse) @ rng.standard_normal((*slope.shape, 1))
         return (solved.inverse @ slope[..., None] + noise)[..., 0], step
 
@@ -405,8 +401,3 @@ class Capsules:
             step = np.where(lost[..., None], 0.5 * step, step)
         lost = ~self.model.contains(membranes, own + step)
         return np.where(lost[..., None], own, own + step)
-
-
-def _wide(rows: Booleans, values: Floats) -> Booleans:
-    """Return rows (d, n) as a condition on values (d, n, ...)."""
-    return rows.reshape(rows.shape + (1,) * (values.ndim - rows.ndim))

@@ -20,7 +20,7 @@ from capsbayes.measurement import Measurement
 from capsbayes.surrogate import MembraneSurrogate
 
 _UNSEEN = 1e3  # [l] standard error of a length that was not measured
-_SAME_FLOW = 0.25  # of ln U, within which capsules share the model's error
+_SAME_FLOW = 0.25  # of ln U, within which capsules are of one flow
 _TRIED = 20  # stored shapes of the size of an outline, of which the nearest is the first pilot
 _PILOTS = 2  # shapes about which the distances of an outline are linear, one after the other
 

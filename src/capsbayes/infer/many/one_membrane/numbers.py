@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.experiment import bending
 from capsbayes.infer.prior import THICKNESS
 from capsbayes.surrogate import MembraneSurrogate
-
-_ERRORS = 12  # leading modes of outlines that have a model error
 
 
 class Shapes(NamedTuple):
@@ -24,8 +22,8 @@ class Shapes(NamedTuple):
     ----------
     numbers : (n, k) array
         L_z and L_a [l], or coefficients of the modes of outlines [l], and L_a behind them.
-    factors : (n, e, e) array
-        Lower triangular, factors of the covariance of the model's own error in the first e numbers.
+    covariances : (n, e, e) array
+        Of the model's own error in the first e numbers; empty if it was not asked for.
     log_ratio : (n,) array
         ln(v_o/U).
     ratio_error : (n,) array
@@ -33,7 +31,7 @@ class Shapes(NamedTuple):
     """
 
     numbers: Floats
-    factors: Floats
+    covariances: Floats
     log_ratio: Floats
     ratio_error: Floats
 
@@ -50,17 +48,20 @@ class ShapeModel(ABC):
 
     model: MembraneSurrogate
     half_width: float
-    errors: ClassVar[int]
-    """Number of leading numbers with a model error."""
 
     @abstractmethod
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
-        """Return the shapes at n points, with the model's error in them or without (factors of NaN)."""
+        """Return the shapes at n points, with the model's error or perhaps without."""
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Smallest box about the domain, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         return self.model.domain.bounds
+
+    @property
+    def error_lengths(self) -> Floats:
+        """Distances in ln Ca and a/l over which the model's own error changes : (2,) array."""
+        return self.model.error_lengths
 
     def contains(self, membranes: Mapping[str, Floats], own: Floats) -> Booleans:
         """Return whether places (d, n, 2) of ln Ca and a/l lie in the domain at d membranes : (d, n) array."""
@@ -82,37 +83,20 @@ class ShapeModel(ABC):
 class Lengths(ShapeModel):
     """Shapes as their lengths L_z and L_a."""
 
-    errors = 2
-
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
         """Return the shapes at n points."""
         seen = self.model(theta)
         numbers = np.stack([seen.axial_extent, seen.axial_length], axis=1)
         ratio_error = np.sqrt(seen.covariance[:, 2, 2]) / seen.velocity_ratio
-        return Shapes(numbers, _factors(seen.covariance[:, :2, :2], errors), np.log(seen.velocity_ratio), ratio_error)
+        return Shapes(numbers, seen.covariance[:, :2, :2], np.log(seen.velocity_ratio), ratio_error)
 
 
 class Outlines(ShapeModel):
     """Shapes as the coefficients of the modes of their outlines, and L_a."""
 
-    errors = _ERRORS
-
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
         """Return the shapes at n points."""
-        seen, coefficients, covariances = self.model.with_coefficients(theta, self.errors if errors else 1)
+        seen, coefficients, covariances = self.model.with_coefficients(theta, errors=errors)
         numbers = np.column_stack([coefficients, seen.axial_length])
         ratio_error = np.sqrt(seen.covariance[:, 2, 2]) / seen.velocity_ratio
-        return Shapes(numbers, _factors(covariances, errors), np.log(seen.velocity_ratio), ratio_error)
-
-
-def _factors(covariances: Floats, wanted: bool) -> Floats:
-    """Return the Cholesky factors of covariances (n, e, e), NaN where these are or if they are not wanted."""
-    factors = np.full_like(covariances, np.nan)
-    if not wanted:
-        return factors
-    known = np.isfinite(covariances[:, 0, 0])
-    diagonal = np.eye(covariances.shape[1])
-    sizes = np.trace(covariances[known], axis1=1, axis2=2)
-    # of few polynomials the covariance has no full rank
-    factors[known] = np.linalg.cholesky(covariances[known] + (1e-6 * sizes + 1e-18)[:, None, None] * diagonal)
-    return factors
+        return Shapes(numbers, covariances, np.log(seen.velocity_ratio), ratio_error)
