@@ -40,6 +40,7 @@ from capsbayes.status import Status
 ENGINES = ("emcee", "quadrature")
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
 _OUTLINES = 200
+_WALKERS_ON_SHEET = 256  # of an ensemble: many points at once cost little more than few
 _TRIED, _TABLE_ERROR, _BEYOND = (
     500,
     0.02,
@@ -185,7 +186,8 @@ def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
         return agreement(chains.named(), shape).passed
 
     beginning = {} if on_sheet is None else on_sheet.beginning(seed)
-    chains = sampled(log_density, seed=seed, effort=effort, enough=agrees, **beginning)
+    usual = None if on_sheet is None else Effort(walkers=_WALKERS_ON_SHEET)
+    chains = sampled(log_density, seed=seed, effort=effort or usual, enough=agrees, **beginning)
     kept = chains.thinned()
     steps, ensembles, walkers, _ = kept.coordinates.shape
     nodes = {name: np.ravel(values) for name, values in kept.named().items()}

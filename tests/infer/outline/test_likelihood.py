@@ -291,6 +291,23 @@ def test_the_likelihood_of_a_measurement_has_the_own_error_of_the_model_at_the_p
     )
 
 
+class ErringCircles(CircleModel):
+    """The own error grows with the size."""
+
+    def outline_modes(self, **theta):
+        return np.full((1, COUNT), 0.01 * theta["size_ratio"] / 0.9)
+
+
+def test_the_own_error_is_averaged_over_other_places_if_some_are_given():
+    """Variances of 0.01^2, (0.02)^2 and (0.03)^2 at three places."""
+    model, seen = ErringCircles(), MeasuredOutline(0.9 * CIRCLE, SMOOTH, Pose(offset=0.0))
+    others = [{"size_ratio": 1.8}, {"size_ratio": 2.7}]
+    found = outline_likelihood(model, seen, {"size_ratio": 0.9}, others=others)
+    covariance = covariance_of_circle(pose=Pose()) + (0.01**2 + 0.02**2 + 0.03**2) / 3.0
+    expected = multivariate_normal(cov=covariance).logpdf(np.zeros(COUNT))
+    assert found.at(model, {"size_ratio": np.array([0.9])})[0] == pytest.approx(expected, rel=1e-3)
+
+
 def test_a_model_of_another_view_is_refused():
     seen = MeasuredOutline(0.9 * CIRCLE, SMOOTH, view="silhouette")
     with pytest.raises(InputError, match=r'outline.view: expected "mid-plane", that of .* circles, got "silhouette"'):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Floats, Integers
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
@@ -22,7 +22,7 @@ from capsbayes.infer.grid.quadrature import UNSEEN, check_shape, no_shape_in, wi
 from capsbayes.infer.importance.frame import Frame, check_thickness
 from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.importance.proposal import Proposal
-from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
+from capsbayes.infer.importance.weights import effective, normalised, smoothed, tempering
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.outline.likelihood import outline_likelihood
@@ -39,12 +39,13 @@ _ALIVE = 0.1  # share of effective draws to which a mixture is fitted
 _GAIN = 1.15  # of the share of effective draws by a round that leads to another one
 _FITS = 0.4  # share of effective draws that suffices
 _SHAPES = 2**13  # draws of what the priors predict
-_LENGTHS, _OUTLINE, _NEXT = (10_000.0, 2**13, 2**16), (5_000.0, 2**13, 2**15), (1_500.0, 2**12, 2**14)
+_LENGTHS, _OUTLINE, _NEXT = (10_000.0, 2**13, 2**16), (15_000.0, 2**14, 2**15), (1_500.0, 2**12, 2**14)
 """Effective draws that are enough, first and most draws."""
 _LEAST_EFFECTIVE, _MOST_PARETO = 1000.0, 0.7
 _REPEATS = 3  # of the last draws from a proposal fitted to them, while a gate fails
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
 _SETTLED = 1.0  # standard deviations between pilot and centre of the posterior, up to which it suffices
+_OTHERS = 31  # further shapes over which the model's own error is averaged
 _NEAR = 0.02  # share of effective draws at which the first pilot is left for one in their middle
 _SEARCHED = 50  # points of an outline, as many or up to twice as many, while a proposal is sought
 
@@ -174,9 +175,10 @@ class ImportanceSampling:
         every = max(1, len(measurement.outline.points) // _SEARCHED)
         some = replace(measurement, outline=replace(measurement.outline, points=measurement.outline.points[::every]))
         (proposal, cloud), (least, most) = fitted, _PILOTS
-        there = proposal.middle(cloud.points, normalised(cloud.log_weights))
+        weights = normalised(cloud.log_weights)
+        there = proposal.middle(cloud.points, weights)
         for number in range(1, most + 1):
-            rough = self._seen_from(frame, density, some, there)
+            rough = self._seen_from(frame, density, some, there, cloud.points[_spread(weights)])
             first = self._drawn(frame, rough, proposal)
             proposal, cloud = self._fitted(frame, rough, first, _NEAR if number < least else _FITS)
             weights = normalised(cloud.log_weights)
@@ -184,7 +186,7 @@ class ImportanceSampling:
             sds = np.sqrt(weights @ (cloud.points - weights @ cloud.points) ** 2)
             if number >= least and np.all(np.abs(there - before) <= _SETTLED * sds):
                 break
-        density = self._seen_from(frame, density, measurement, there)
+        density = self._seen_from(frame, density, measurement, there, cloud.points[_spread(weights)])
         proposal, _ = self._fitted(frame, density, self._drawn(frame, density, proposal))
         return self._finished(frame, density, proposal, _OUTLINE)
 
@@ -197,7 +199,8 @@ class ImportanceSampling:
             if all(gate.passed for gate in found.gates):
                 return found
         else:
-            density = self._seen_from(frame, density, measurement, near.proposal.middle(near.points, near.weights))
+            there = near.proposal.middle(near.points, near.weights)
+            density = self._seen_from(frame, density, measurement, there, near.points[_spread(near.weights)])
         cloud = self._drawn(frame, density, near.proposal)
         proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _TRIED))
         return self._finished(frame, density, proposal, _NEXT)
@@ -212,14 +215,22 @@ class ImportanceSampling:
         return self._weighted(density, frame, near.proposal, Cloud(near.points, nodes, log_density, drawn))
 
     def _seen_from(
-        self, frame: Frame, density: PosteriorDensity, measurement: Measurement, there: Floats
+        self, frame: Frame, density: PosteriorDensity, measurement: Measurement, there: Floats, others: Floats
     ) -> PosteriorDensity:
-        """Return the density with the likelihood of an outline whose pilot is the shape at a point (d,)."""
+        """Return the density with the likelihood of an outline whose pilot is the shape at a point (d,).
+
+        The model's own error is averaged over this and other points (k, d): it may change much from place to place.
+        """
         assert measurement.outline is not None, "an outline"
-        known = self.model.names
-        theta = {name: float(values[0]) for name, values in frame.theta(there[None]).items() if name in known}
+        values = frame.theta(np.concatenate([there[None], others]))
+        theta, *rest = (
+            {name: float(column[row]) for name, column in values.items() if name in self.model.names}
+            for row in range(1 + len(others))
+        )
         length = measurement.length_with_outline
-        pilot = outline_likelihood(self.model, measurement.outline, theta, density.error_scale, length=length)
+        pilot = outline_likelihood(
+            self.model, measurement.outline, theta, density.error_scale, length=length, others=rest
+        )
         return replace(density, outline=pilot)
 
     def _frame(self, density: PosteriorDensity) -> Frame:
@@ -280,10 +291,11 @@ class ImportanceSampling:
 
     def _weighted(self, density: PosteriorDensity, frame: Frame, proposal: Proposal, cloud: Cloud) -> WeightedPosterior:
         """Return the posterior at the points of a cloud, and the gates on their weights."""
-        weights = normalised(cloud.log_weights)
+        log_weights, shape = smoothed(cloud.log_weights)
+        weights = normalised(log_weights)
         gates = (
-            Gate("effective draws", effective(weights), least=_LEAST_EFFECTIVE),
-            Gate("Pareto k of the weights", pareto_shape(cloud.log_weights), most=_MOST_PARETO),
+            Gate("effective draws", effective(normalised(cloud.log_weights)), least=_LEAST_EFFECTIVE),
+            Gate("Pareto k of the weights", shape, most=_MOST_PARETO),
         )
         kept = weights > 0.0
         known = cloud.points[kept], cloud.log_density[kept], weights[kept], cloud.nodes.taken(kept), gates
@@ -316,3 +328,9 @@ def _uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
     if after:
         sequence.fast_forward(after)
     return np.clip(sequence.random(count), 1e-12, 1.0 - 1e-12)
+
+
+def _spread(weights: Floats) -> Integers:
+    """Return rows (k,) of points spread evenly over the probability."""
+    shares = (np.arange(_OTHERS) + 0.5) / _OTHERS
+    return np.searchsorted(np.cumsum(weights), shares * weights.sum())

@@ -31,10 +31,11 @@ def tempering(log_weights: Floats, least: float) -> float:
     return low
 
 
-def pareto_shape(log_weights: Floats) -> float:
-    """Return the shape k of the generalised Pareto distribution of the largest weights, infinite if they are too few.
+def smoothed(log_weights: Floats) -> tuple[Floats, float]:
+    """Return log weights whose tail is that of a generalised Pareto distribution fitted to it, and its shape k.
 
-    Means by the weights have a finite variance for k below 1/2, and a usable one up to 0.7.
+    Means by the weights have a finite variance for k below 1/2, and a usable one up to 0.7; k is infinite where they
+    are too few.
 
     Parameters
     ----------
@@ -46,6 +47,13 @@ def pareto_shape(log_weights: Floats) -> float:
     Vehtari, Simpson, Gelman, Yao, Gabry 2024, J. Mach. Learn. Res. 25, 72.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
+        warnings.simplefilter("ignore")  # of ArviZ itself
         import arviz  # slow to import
-    return float(arviz.psislw(log_weights)[1])
+
+        found, shape = arviz.psislw(log_weights)
+    return np.asarray(found), float(shape)
+
+
+def pareto_shape(log_weights: Floats) -> float:
+    """Return the shape k of the tail of the weights, see `smoothed`."""
+    return smoothed(log_weights)[1]

@@ -15,7 +15,7 @@ picture, whose error it shares.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -205,6 +205,7 @@ def outline_likelihood(
     error_scale: float = 1.0,
     *,
     length: tuple[float, float] | None = None,
+    others: Sequence[Mapping[str, float]] = (),
 ) -> OutlineLikelihood:
     """Return the likelihood of a measured outline with the shape of a model as its pilot.
 
@@ -218,6 +219,8 @@ def outline_likelihood(
         Factor on the model's own error.
     length : tuple of two float, optional [l]
         L_a and its standard error, where they count in addition to the outline.
+    others : sequence of mappings
+        Further places, over which and the pilot the covariance of the model's own error is averaged.
 
     Raises
     ------
@@ -227,9 +230,9 @@ def outline_likelihood(
     check_view_of(model, measured)
     there = model({name: np.array([value]) for name, value in theta.items()}, outline=True)
     assert there.outline is not None, "asked for"
-    pilot, modes = there.outline[0], model.outline_modes(**theta)
-    if modes is not None:
-        modes = error_scale * modes
+    pilot, own = there.outline[0], [model.outline_modes(**place) for place in (theta, *others)]
+    stated = [each for each in own if each is not None]
+    modes = error_scale / np.sqrt(len(own)) * np.concatenate(stated) if stated else None
     with_length = None
     if length is not None:
         with_length = SilhouetteLength(*length, error_scale * float(np.sqrt(there.covariance[0, 1, 1])))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from scipy import optimize, stats
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.importance.weights import effective, normalised
+from capsbayes.infer.importance.weights import effective, normalised, smoothed
 from capsbayes.infer.many.distribution.log_posterior import SLOPES, LogPosterior
 from capsbayes.infer.many.distribution.tails import NORMAL
 
@@ -40,8 +38,8 @@ def drawn(
     for _ in range(_ROUNDS):
         tried = _drawn_from_t(centre, covariance, rng, count)
         proposal = stats.multivariate_t(centre, covariance, df=_FREEDOM)
-        smoothed, pareto = _smoothed(log_posterior(tried) - proposal.logpdf(tried))
-        weights = normalised(smoothed)
+        tailed, pareto = smoothed(log_posterior(tried) - proposal.logpdf(tried))
+        weights = normalised(tailed)
         gates = [
             Gate("effective draws of the population", effective(weights), least=_LEAST_ESS),
             Gate("Pareto k of the weights", pareto, most=_MOST_PARETO),
@@ -51,7 +49,7 @@ def drawn(
         tempered, power = weights, 1.0
         while effective(tempered) < _FEW * count:
             power *= 0.7
-            tempered = normalised(power * smoothed)
+            tempered = normalised(power * tailed)
         centre, covariance = tempered @ tried, np.cov(tried.T, aweights=tempered)
     # stratified, so that resampling adds little noise
     places = (np.arange(_KEPT) + rng.uniform(size=_KEPT)) / _KEPT
@@ -89,13 +87,3 @@ def mode(log_posterior: LogPosterior, start: Floats | None = None) -> tuple[Floa
             break
         found = found + step
     return found, np.asarray(np.linalg.inv(curvature(found)))
-
-
-def _smoothed(log_weights: Floats) -> tuple[Floats, float]:
-    """Return Pareto-smoothed log weights and the shape k of their tail."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of ArviZ itself
-        import arviz
-
-        smoothed, pareto = arviz.psislw(log_weights)
-    return np.asarray(smoothed), float(pareto)
