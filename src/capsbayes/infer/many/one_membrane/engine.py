@@ -220,17 +220,15 @@ def _result(draws: Draws, *, certain: bool = False) -> Sampled:
     """Return the result; `certain` if nothing had to be sampled."""
     weights = normalised(draws.log_weights)
     count = effective(weights)
-    sampling = (
-        Gate("effective draws", count, least=_LEAST_EFFECTIVE),
-        Gate("Pareto k of the weights", pareto_shape(draws.log_weights), most=_MOST_PARETO),
-    )
-    gates = (
-        *(() if certain else sampling),
-        Gate(WITHIN, float(weights @ draws.found.settled), least=_LEAST_WITHIN),
-    )
+    gates = [Gate(WITHIN, float(weights @ draws.found.settled), least=_LEAST_WITHIN)]
+    if not certain:
+        gates += [
+            Gate("effective draws", count, least=_LEAST_EFFECTIVE),
+            Gate("Pareto k of the weights", pareto_shape(draws.log_weights), most=_MOST_PARETO),
+        ]
     evidence = float(logsumexp(draws.log_weights) - np.log(len(weights)))
     error = float(np.sqrt(max(1.0 / count - 1.0 / len(weights), 0.0)))
-    return Sampled(draws, evidence, error, gates)
+    return Sampled(draws, evidence, error, tuple(gates))
 
 
 def _uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
