@@ -16,7 +16,6 @@ from capsbayes.quantity import Quantity
 
 ALONG = np.array([[0.30, 1.7], [-0.25, 1.9], [0.1, -0.4]])  # of three numbers along ln Ca and a/l
 OF_MEMBRANE = np.array([0.4, 0.1, -0.3])
-FACTOR = np.array([[0.02, 0.0], [0.01, 0.03]])  # of the model's error in the first two
 RATIO = 0.2  # ln(v_o/U)
 
 
@@ -26,18 +25,12 @@ class Linear(ShapeModel):
 
     model: None = None
     half_width: float = 25e-6
-    apart: float = 1e-6
-
-    @property
-    def error_lengths(self):
-        """Far below what lies between the capsules, or far above."""
-        return np.full(2, self.apart)
 
     def __call__(self, theta, *, errors=True):
         place = np.stack([np.log(theta["capillary_number"]), theta["size_ratio"]], axis=1)
         numbers = place @ ALONG.T + theta["pre_inflation"][:, None] * OF_MEMBRANE
         n = len(numbers)
-        return Shapes(numbers, np.tile(FACTOR @ FACTOR.T, (n, 1, 1)), np.full(n, RATIO), np.zeros(n))
+        return Shapes(numbers, np.zeros((n, 0, 0)), np.full(n, RATIO), np.zeros(n))
 
     @property
     def bounds(self):
@@ -72,13 +65,10 @@ def batch():
     )
 
 
-def log_density(batch, inflation, spread, size_spread, sharing=1):
-    """Return the log density of all targets by dense matrices, the two means of the population integrated out.
-
-    The variance of the model's errors counts as often as capsules share it.
-    """
+def log_density(batch, inflation, spread, size_spread):
+    """Return the log density of all targets by dense matrices, the two means of the population integrated out."""
     n, q = batch.target.shape
-    columns = 2 * n + 1 + 2 * n  # a capsule's own two, the scale, its model errors
+    columns = 2 * n + 1  # a capsule's own two, the scale
     latent, means = np.zeros((n, 2, columns)), np.zeros((n, 2, 2))
     for k in range(n):
         latent[k, 0, 2 * k] = np.hypot(spread, batch.velocity_error[k])
@@ -88,9 +78,6 @@ def log_density(batch, inflation, spread, size_spread, sharing=1):
     away = batch.target - np.einsum("nqk,nk->nq", batch.rows, middle @ ALONG.T + inflation * OF_MEMBRANE)
     seen = np.einsum("nqk,ka,nac->nqc", batch.rows, ALONG, latent)
     seen[:, :, 2 * n] = batch.scale * batch.scale_error
-    for k in range(n):
-        first = 2 * n + 1 + 2 * k
-        seen[k, :, first : first + 2] += np.sqrt(sharing) * batch.rows[k, :, :2] @ FACTOR
     seen, away = seen.reshape(n * q, columns), away.ravel()
     free = np.einsum("nqk,ka,nac->nqc", batch.rows, ALONG, means).reshape(n * q, 2)
     covariance = seen @ seen.T + np.eye(n * q)
@@ -102,13 +89,12 @@ def log_density(batch, inflation, spread, size_spread, sharing=1):
     return -0.5 * (left @ precision @ left + volume)
 
 
-@pytest.mark.parametrize(("apart", "sharing"), [(1e-6, 1), (1e6, 7)])
-def test_the_evidence_is_that_of_a_dense_normal_distribution(batch, apart, sharing):
-    capsules = Capsules(batch, Linear(apart=apart), log_viscosity=0.0)
+def test_the_evidence_is_that_of_a_dense_normal_distribution(batch):
+    capsules = Capsules(batch, Linear(), log_viscosity=0.0)
     inflation, spreads = np.array([0.02, 0.05, 0.09, 0.05]), Spreads(np.array([0.3, 0.3, 0.3, 0.1]), np.full(4, 0.05))
     found = capsules.at({"pre_inflation": inflation}, spreads)
     assert found.settled.all()
-    wanted = np.array([log_density(batch, *row, sharing) for row in zip(inflation, *spreads, strict=True)])
+    wanted = np.array([log_density(batch, *row) for row in zip(inflation, *spreads, strict=True)])
     np.testing.assert_allclose(np.diff(found.log_evidence), np.diff(wanted), atol=2e-3)
     assert np.ptp(wanted) > 1.0
 

@@ -85,3 +85,14 @@ def test_capsules_of_one_speed_are_of_one_flow(model):
     batch = batch_of([measured(velocity=speed) for speed in speeds], EXPERIMENT, model)
     assert batch.group.tolist() == [1, 0, 1, 0, 2]
     assert batch.taken(np.array([0, 2, 4])).group.tolist() == [0, 0, 1]
+
+
+def test_the_error_of_the_model_counts_as_often_as_capsules_share_it(model):
+    batch = batch_of([measured(), measured((1.9, 1.85))], EXPERIMENT, model)
+    own, sharing = np.array([[4e-4, 1e-4], [1e-4, 9e-4]]), np.array([1.0, 2.5])
+    erring = batch.with_model_error(np.stack([own, own]), sharing)
+    for number, share in enumerate(sharing):
+        whole = np.linalg.inv(batch.rows[number].T @ batch.rows[number]) + share * own
+        np.testing.assert_allclose(erring.rows[number].T @ erring.rows[number], np.linalg.inv(whole), rtol=1e-9)
+        best = np.linalg.solve(batch.rows[number], batch.target[number])
+        np.testing.assert_allclose(np.linalg.solve(erring.rows[number], erring.target[number]), best)

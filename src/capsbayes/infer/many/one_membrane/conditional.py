@@ -6,10 +6,6 @@ between measurement and prediction are nearly linear in all of these. So their b
 Gauss-Newton steps, and the integral over them from the curvature there (integrated nested Laplace approximation: Rue,
 Martino, Chopin 2009, doi:10.1111/j.1467-9868.2008.00700.x). The normal equations have the shape of an arrow, with a
 block of two for each capsule: the work is proportional to the number of capsules.
-
-The model's own error is nearly the same for capsules that have nearly the same Ca and a/l: it must not be averaged away
-over them. Its variance, added to that of each measurement, is multiplied by the number of capsules that share it, which
-is the sum of the correlations; then the mean over them is as uncertain as it is.
 """
 
 from __future__ import annotations
@@ -245,8 +241,8 @@ class Capsules:
         whole = solved.common_step
         return Step(whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio)
 
-    def _shapes(self, membranes: Membranes, own: Floats, *, errors: bool = False) -> Shapes:
-        """Return the shapes at (d, n, 2) places as (d, n, ...) arrays."""
+    def shapes(self, membranes: Membranes, own: Floats, *, errors: bool = False) -> Shapes:
+        """Return the shapes at d membranes and (d, n, 2) places as (d, n, ...) arrays."""
         d, n = own.shape[:2]
         flat = self.model(self.model.theta(membranes, own), errors=errors)
         return Shapes(*(values.reshape(d, n, *values.shape[1:]) for values in flat))
@@ -257,7 +253,7 @@ class Capsules:
         axes = np.linspace(np.log(low), np.log(high), _LATTICE[0]), np.linspace(small, large, _LATTICE[1])
         places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         d = len(next(iter(membranes.values())))
-        shapes = self._shapes(membranes, np.broadcast_to(places, (d, *places.shape)))
+        shapes = self.shapes(membranes, np.broadcast_to(places, (d, *places.shape)))
         near, seen = np.nan_to_num(self.batch.near), np.isfinite(self.batch.near).astype(float)
         numbers = np.where(np.isnan(shapes.numbers), np.inf, shapes.numbers)
         finite = np.where(np.isfinite(numbers), numbers, 0.0)
@@ -278,23 +274,23 @@ class Capsules:
 
     def _there(self, membranes: Membranes, own: Floats, moved: Sequence[Membranes] = ()) -> _There:
         """Return the shapes of capsules, and their derivatives along ln Ca, a/l and to membranes moved by `STEP`."""
-        shapes = self._shapes(membranes, own, errors=True)
+        shapes = self.shapes(membranes, own)
         along, ratio_along = [], []
         for axis, step in enumerate(_STEPS):
             away = own.copy()
             away[..., axis] += step
-            ahead = self._shapes(membranes, away)
+            ahead = self.shapes(membranes, away)
             lost = np.isnan(ahead.log_ratio)
             numbers, ratio = ahead.numbers - shapes.numbers, ahead.log_ratio - shapes.log_ratio
             if lost.any():  # just within the border
                 away[..., axis] -= 2.0 * step
-                behind = self._shapes(membranes, away)
+                behind = self.shapes(membranes, away)
                 numbers = np.where(lost[..., None], shapes.numbers - behind.numbers, numbers)
                 ratio = np.where(lost, shapes.log_ratio - behind.log_ratio, ratio)
             along.append(np.nan_to_num(numbers / step))
             ratio_along.append(np.nan_to_num(ratio / step))
         for other in moved:
-            ahead = self._shapes(other, own)
+            ahead = self.shapes(other, own)
             along.append(np.nan_to_num((ahead.numbers - shapes.numbers) / STEP))
             ratio_along.append(np.nan_to_num((ahead.log_ratio - shapes.log_ratio) / STEP))
         return _There(shapes, np.stack(along, axis=-1), np.stack(ratio_along, axis=-1))
@@ -310,10 +306,6 @@ class Capsules:
         right[:, :, :q] -= batch.scale * batch.scale_error * common[:, None, None, SCALE]
         matrix[:, :, :q, own_columns] = np.einsum("nqk,dnka->dnqa", batch.rows, there.along)
         matrix[:, :, :q, 2 + SCALE] = batch.scale * batch.scale_error
-        factor = self._noise_factor(shapes, own)
-        both = np.linalg.solve(factor, np.concatenate([matrix[:, :, :q], right[:, :, :q, None]], axis=-1))
-        matrix[:, :, :q], right[:, :, :q] = both[..., :-1], both[..., -1]
-        noise_volume = 2.0 * np.log(np.diagonal(factor, axis1=2, axis2=3)).sum(axis=-1)
         misfit = np.sum(right[:, :, :q] ** 2, axis=-1)
         # shear modulus, velocity and size
         by_rate = np.isfinite(batch.log_mean_velocity)
@@ -338,19 +330,9 @@ class Capsules:
         transposed = matrix.swapaxes(-1, -2)
         normal = transposed @ matrix
         slope = (transposed @ right[..., None])[..., 0]
-        square = np.sum(right**2, axis=-1) + noise_volume + np.log(variance) + 2.0 * np.log(spreads.size[:, None])
+        square = np.sum(right**2, axis=-1) + np.log(variance) + 2.0 * np.log(spreads.size[:, None])
         blocks = normal[..., :2, :2], normal[..., 2:, :2], normal[..., 2:, 2:], slope[..., :2], slope[..., 2:]
         return _Blocks(*blocks, square), misfit
-
-    def _noise_factor(self, shapes: Shapes, places: Floats) -> Floats:
-        """Return the Cholesky factor of the covariance of the reduced measurements, the model's error in it."""
-        scaled = places / self.model.error_lengths
-        apart = np.sum((scaled[:, :, None] - scaled[:, None]) ** 2, axis=-1)
-        sharing = np.exp(-0.5 * apart).sum(axis=-1)
-        rows = self.batch.rows[:, :, : shapes.covariances.shape[-1]]
-        own = rows @ shapes.covariances @ rows.swapaxes(-1, -2)
-        covariance = sharing[..., None, None] * own + np.eye(rows.shape[1])
-        return np.asarray(np.linalg.cholesky(covariance))
 
     def _solved(self, blocks: _Blocks, common: Floats) -> _Solved:
         own = blocks.own + _FLAT * np.eye(2)

@@ -11,7 +11,6 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
-from scipy.stats import qmc
 
 from capsbayes import __version__
 from capsbayes.arrays import Booleans, Floats
@@ -19,12 +18,10 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.importance.proposal import Proposal
 from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
 from capsbayes.infer.many.one_membrane.conditional import Capsules, Start
-from capsbayes.infer.many.one_membrane.search import Mode, modes
+from capsbayes.infer.many.one_membrane.search import Mode, modes, starting_points, uniform
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 from capsbayes.work import digest_of, step_of
 
-_STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
-_USUAL = (0.2, 0.06)  # spreads of ln G_s and of a/l while modes are sought
 _CLOUD, _OF_MODE = 128, 128  # points over the prior and about each mode
 _FREEDOM, _WIDER = 5, 1.3
 _DISTINCT, _UNLIKELY = 1.0, 12.0  # least distance of modes in standard deviations; of the log density below the best
@@ -163,19 +160,15 @@ class MembraneSampling:
     def _first(self) -> Draws:
         """Return draws over the prior and about the modes."""
         unknowns = self.unknowns
-        starts = unknowns.wide(_uniform(unknowns.dimensions, _STARTS, 0))
-        for column, which in enumerate(unknowns.sought, unknowns.scores):
-            starts[:, column] = np.log(_USUAL[which])
-        tried = self.capsules.at(unknowns.membranes(starts), unknowns.spreads_at(starts), iterations=2)
-        best = starts[np.argsort(-tried.log_evidence, kind="stable")[:_BEST]]
+        best = starting_points(self.capsules, unknowns)
         found = self._distinct(modes(self.capsules, unknowns, best) if unknowns.scores else [])
         count, d = _OF_MODE, unknowns.dimensions
-        parts = [unknowns.wide(_uniform(d, _CLOUD, 1))]
+        parts = [unknowns.wide(uniform(d, _CLOUD, 1))]
         kinds = [stats.multivariate_t(one.point, _WIDER**2 * one.covariance, df=_FREEDOM) for one in found]
         for number, one in enumerate(found):
-            uniform = _uniform(d + 1, count, 2 + number)
-            normal = stats.norm.ppf(uniform[:, 1:]) @ np.linalg.cholesky(one.covariance).T
-            stretch = np.sqrt(_FREEDOM / stats.chi2.ppf(uniform[:, 0], _FREEDOM))
+            places = uniform(d + 1, count, 2 + number)
+            normal = stats.norm.ppf(places[:, 1:]) @ np.linalg.cholesky(one.covariance).T
+            stretch = np.sqrt(_FREEDOM / stats.chi2.ppf(places[:, 0], _FREEDOM))
             parts.append(one.point + _WIDER * stretch[:, None] * normal)
         points = np.concatenate(parts)
         logs = [np.log(_CLOUD / len(points)) + unknowns.log_wide(points)]
@@ -197,7 +190,7 @@ class MembraneSampling:
         return kept
 
     def _drawn(self, proposal: Proposal, count: int, seed: int, near: Draws, after: int = 0) -> Draws:
-        points = proposal.drawn(_uniform(self.unknowns.dimensions + 2, count, seed, after))
+        points = proposal.drawn(uniform(self.unknowns.dimensions + 2, count, seed, after))
         found = self.found(points, near)
         return Draws(points, found.log_density - proposal.log_density(points), found)
 
@@ -229,11 +222,3 @@ def _result(draws: Draws, *, certain: bool = False) -> Sampled:
     evidence = float(logsumexp(draws.log_weights) - np.log(len(weights)))
     error = float(np.sqrt(max(1.0 / count - 1.0 / len(weights), 0.0)))
     return Sampled(draws, evidence, error, tuple(gates))
-
-
-def _uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
-    """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
-    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(seed))
-    if after:
-        sequence.fast_forward(after)
-    return np.clip(sequence.random(count), 1e-9, 1.0 - 1e-9)

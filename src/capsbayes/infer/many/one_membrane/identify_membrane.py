@@ -19,6 +19,7 @@ from capsbayes.infer.many.one_membrane.conditional import MODULUS, RATE, SIZE, C
 from capsbayes.infer.many.one_membrane.engine import WITHIN, MembraneSampling, Sampled
 from capsbayes.infer.many.one_membrane.measured import Batch, batch_of
 from capsbayes.infer.many.one_membrane.numbers import Lengths, Outlines
+from capsbayes.infer.many.one_membrane.search import with_model_error
 from capsbayes.infer.many.one_membrane.shared_membrane import LawOdds, SharedMembrane
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns, key_of
 from capsbayes.infer.membrane import LAWS, Membrane
@@ -104,6 +105,7 @@ def identify_membrane(
         numbers = (Lengths if outline is None else Outlines)(model, experiment.half_width.value)
         capsules = Capsules(batch, numbers, float(np.log(experiment.viscosity.value)))
         unknowns = _unknowns(model, membrane or Membrane(), (prior or Prior()).with_thickness(experiment), spreads)
+        capsules = with_model_error(capsules, unknowns)
         tried = _possible(unknowns) if laws else []
         progress("membrane unknown", 0, 1 + len(tried))
         sampled = MembraneSampling(capsules, unknowns)()

@@ -85,6 +85,26 @@ class Batch:
     def __len__(self) -> int:
         return len(self.target)
 
+    def with_model_error(self, covariances: Floats, sharing: Floats) -> Batch:
+        """Return the same with the model's own error in the errors of the measurements.
+
+        The error is nearly the same for capsules that have nearly the same Ca and a/l, and must not be averaged away
+        over them: its variance counts as often as capsules share it. Then the mean over them is as uncertain as it is.
+
+        Parameters
+        ----------
+        covariances : (n, e, e) array
+            Of the error of the first e numbers.
+        sharing : (n,) array
+            Number of the capsules that share it, the sum of the correlations.
+        """
+        rows = self.rows[:, :, : covariances.shape[-1]]
+        own = sharing[:, None, None] * (rows @ covariances @ rows.swapaxes(1, 2))
+        factor: Floats = np.asarray(np.linalg.cholesky(own + np.eye(rows.shape[1])), dtype=np.float64)
+        columns = np.concatenate([self.rows, self.target[..., None], self.scale[..., None]], axis=-1)
+        white: Floats = np.asarray(np.linalg.solve(factor, columns), dtype=np.float64)
+        return replace(self, rows=white[..., :-2], target=white[..., -2], scale=white[..., -1])
+
     def taken(self, some: Integers) -> Batch:
         """Return some of the capsules."""
         arrays: dict[str, Any] = {

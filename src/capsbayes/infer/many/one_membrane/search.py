@@ -2,19 +2,69 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.distance import cdist
+from scipy.stats import qmc
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.many.one_membrane.conditional import STEP, Capsules, Spreads
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 
+_STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
+_USUAL = (0.2, 0.06)  # spreads of ln G_s and of a/l while modes are sought
+_PILOTS = 2  # best membranes at which the model's error is read, one after the other
 _STEPS, _SETTLED = 15, 1e-2
 _LONGEST = 0.7  # step of a normal score
 _FARTHEST = 3.0  # normal score
 _HALVINGS = 4
 _NARROWEST, _OF_SPREADS = (0.05, 0.02), 0.4  # spreads at first, and standard deviation of their logs
+
+
+def starting_points(capsules: Capsules, unknowns: Unknowns) -> Floats:
+    """Return the best points (d, p) of some over the prior."""
+    points = unknowns.wide(uniform(unknowns.dimensions, _STARTS, 0))
+    for column, which in enumerate(unknowns.sought, unknowns.scores):
+        points[:, column] = np.log(_USUAL[which])
+    tried = capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), iterations=2)
+    return np.asarray(points[np.argsort(-tried.log_evidence, kind="stable")[:_BEST]])
+
+
+def with_model_error(capsules: Capsules, unknowns: Unknowns) -> Capsules:
+    """Return the capsules with the model's own error, as it is at their best membrane, in those of the measurements.
+
+    It is held there: if it changed with the membrane, membranes of which the model is sure would be preferred.
+    """
+    known = capsules
+    points = starting_points(capsules, unknowns) if unknowns.dimensions else np.zeros((1, 0))
+    for _ in range(_PILOTS):
+        tried = np.array([one.point for one in modes(known, unknowns, points)]) if unknowns.scores else points
+        points = tried if len(tried) else points
+        found = known.at(unknowns.membranes(points), unknowns.spreads_at(points))
+        best = int(np.argmax(found.log_evidence))
+        points = points[best : best + 1]
+        own = found.own[best : best + 1]
+        if not np.isfinite(own).all():
+            return capsules
+        covariances = capsules.shapes(unknowns.membranes(points), own, errors=True).covariances[0]
+        known = replace(capsules, batch=capsules.batch.with_model_error(covariances, _sharing(capsules, own[0])))
+    return known
+
+
+def _sharing(capsules: Capsules, own: Floats) -> Floats:
+    """Return the sum of the correlations of the model's error of each capsule, at ln Ca and a/l (n, 2), with others."""
+    scaled = own / capsules.model.error_lengths
+    return np.asarray(np.exp(-0.5 * cdist(scaled, scaled, "sqeuclidean")).sum(axis=1))
+
+
+def uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
+    """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
+    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(seed))
+    if after:
+        sequence.fast_forward(after)
+    return np.clip(sequence.random(count), 1e-9, 1.0 - 1e-9)
 
 
 class Mode(NamedTuple):
