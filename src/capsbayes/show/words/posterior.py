@@ -13,7 +13,7 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import interval_words, per_cent, two_digits
 
 _LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
-_KEPT = 0.9  # of the width of the prior, from which on a coordinate kept it
+_KEPT, _TOLD = 0.9, 0.5  # of the width of the prior, from which on a coordinate kept it, and below which it is told
 _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
 _INPUTS = {
     "outline": "measured outline",
@@ -110,7 +110,9 @@ def _coordinates(posterior: Posterior) -> Iterator[str]:
     """Say of several further coordinates what the data tell, what it costs not to know them, and what would help."""
     if posterior.modulus_over_laws is not None:
         name, known = "surface_shear_modulus", PARAMETERS["surface_shear_modulus"]
-        ends = interval_words(name, *posterior.modulus_over_laws, two_digits(known.shown(posterior.marginals[name].sd)))
+        ends = interval_words(
+            name, *posterior.modulus_over_laws, two_digits(known.shown(posterior.modulus_over_laws[0]))
+        )
         yield (
             f"Other laws of the membrane give the same lengths with G_s of {ends} {known.shown_unit}, which the "
             "intervals do not contain; --membrane unknown does."
@@ -118,7 +120,7 @@ def _coordinates(posterior: Posterior) -> Iterator[str]:
     if posterior.log_modulus_sd_if_known is None:
         return
     for name, width in posterior.widths_over_prior().items():
-        told = "kept its prior" if width > _KEPT else "is told by the data"
+        told = "kept its prior" if width > _KEPT else f"is told {'' if width < _TOLD else 'in part '}by the data"
         yield f"{input_words(name)}, {told}: its 68 % interval is {per_cent(width)} as wide as that of its prior."
     yield (
         f"ln G_s has a standard deviation of {posterior.log_modulus_sd:.2g}; were the membrane known, "
