@@ -4,10 +4,11 @@ The capsules are those of ``data/pools/membrane-capsules.npz`` in the domain of 
 membranes drawn from the default priors. Each is measured with errors: its lengths to 0.01 l, or its mid-plane outline
 to 0.005 l; its velocity to 1 %, the viscosity to 1 %, the half width to 0.2 %. It is identified with the membrane
 unknown, and with the default model, which takes it as neo-Hookean and not inflated. Of each it is counted whether the
-68 % and 95 % intervals hold the truth.
+68 % and 95 % intervals hold the truth. So it is, with the membrane unknown, of ``data/pools/membrane-others.npz``:
+capsules whose laws are no members of the family.
 
 ``--lengths N`` and ``--outlines N`` say how many capsules there are to be of each kind. Each finished one is kept in
-FOLDER, so that an interrupted run resumes. ``--write`` renews ``docs/data/membrane-coverage.json`` and the table in
+FOLDER, so that an interrupted run resumes. ``--write`` renews ``docs/data/membrane-coverage.json`` and the table s in
 ``docs/membrane.md``.
 """
 
@@ -38,7 +39,10 @@ from capsbayes.work import Store
 
 ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-coverage.json", ROOT / "docs" / "membrane.md"
-MARKS = "<!-- coverage -->\n", "<!-- end of coverage -->\n"
+MARKS = {
+    "capsules": ("<!-- coverage -->\n", "<!-- end of coverage -->\n"),
+    "others": ("<!-- other laws -->\n", "<!-- end of other laws -->\n"),
+}
 VISCOSITY, HALF_WIDTH, VELOCITY = (0.7, 0.007), (50e-6, 0.1e-6), (4e-3, 0.01)  # with errors, the last one relative
 LENGTH_ERROR, NOISE, EVERY = 0.01, OutlineNoise(0.005, 0.4, 0.1), 4
 QUANTITIES = {
@@ -61,13 +65,20 @@ def model(name: str) -> ForwardModel:
     return MembraneSurrogate.open("square") if name == "unknown" else Surrogate.open("square-neo-hookean")
 
 
-def capsules() -> dict[int, tuple[Floats, Floats, Floats]]:
-    """Return values (6,), numbers (4,) and mid-plane outline (p, 2) of the capsules in the domain, by their row."""
-    pool = membrane_pools.stored("capsules")
-    inside = model("unknown").domain.contains(*pool["values"].T)
-    return {
-        int(row): tuple(pool[key][row] for key in ("values", "numbers", "profile")) for row in np.flatnonzero(inside)
-    }
+def capsules(pool: str = "capsules") -> dict[int, tuple[Floats, Floats, Floats]]:
+    """Return values (6,), numbers (4,) and mid-plane outline (p, 2) of the capsules of a pool, by their row.
+
+    Of members of the family those in the domain of the model; the place of others there is not known.
+    """
+    there = membrane_pools.stored(pool)
+    inside = np.isnan(there["values"]).any(axis=1) | model("unknown").domain.contains(*there["values"].T)
+    seen = (there[key] for key in ("values", "numbers", "profile"))
+    return {row: capsule for row, capsule in enumerate(zip(*seen, strict=True)) if inside[row]}
+
+
+def models_of(pool: str) -> dict[str, str]:
+    """Return the models by which the capsules of a pool are identified, with their titles."""
+    return MODELS if pool == "capsules" else {"unknown": MODELS["unknown"]}
 
 
 def experiment() -> Experiment:
@@ -101,7 +112,8 @@ def measured(
         outline=MeasuredOutline(vertices + away, NOISE) if kind == "outline" else None,
     )
     truth = {"surface_shear_modulus": viscosity * VELOCITY[0] / values[0], "capsule_radius": values[1] * width}
-    return seen, truth | dict(zip(FREE_PARAMETERS[2:], values[2:].tolist(), strict=True))
+    of_membrane = dict(zip(FREE_PARAMETERS[2:], values[2:].tolist(), strict=True))
+    return seen, truth | {name: value for name, value in of_membrane.items() if np.isfinite(value)}
 
 
 def identified(kind: str, name: str, seen: Measurement, truth: dict[str, float]) -> dict[str, Any]:
@@ -120,32 +132,37 @@ def identified(kind: str, name: str, seen: Measurement, truth: dict[str, float])
     return {"truth": truth, "refused": refused, "found": found, "seconds": time.process_time() - begin, **further}
 
 
-def store_of(folder: Path, name: str) -> Store:
-    """Return the store of the capsules identified with a model."""
+def store_of(folder: Path, pool: str, name: str) -> Store:
+    """Return the store of the capsules of a pool identified with a model."""
     settings = {"model": name, "sha256": model(name).sha256, "errors": [VISCOSITY, HALF_WIDTH, VELOCITY, LENGTH_ERROR]}
-    return Store.open(folder / name, settings | {"outline": asdict(NOISE)})
+    return Store.open(folder / pool / name, settings | {"outline": asdict(NOISE)})
 
 
-def run(folder: Path, kind: str, count: int) -> None:
-    """Identify the first capsules that the folder lacks."""
-    for number, (row, capsule) in enumerate(list(capsules().items())[:count], start=1):
-        for name in MODELS:
-            store, part = store_of(folder, name), f"{kind}-{row:03d}"
+def run(folder: Path, pool: str, kind: str, count: int) -> None:
+    """Identify the first capsules of a pool that the folder lacks."""
+    for number, (row, capsule) in enumerate(list(capsules(pool).items())[:count], start=1):
+        for name in models_of(pool):
+            store, part = store_of(folder, pool, name), f"{kind}-{row:03d}"
             if not store.holds(part):
                 seen = measured(kind, *capsule, np.random.default_rng([7, row]))
                 store.save(part, identified(kind, name, *seen))
-        print(f"{kind}: {number} of {count}", flush=True)
+        print(f"{pool}, {kind}: {number} of {count}", flush=True)
 
 
-def counted(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return counts and medians of what a folder holds, by kind and model."""
-    rows, inside = {}, capsules()
+def counted(folder: Path, pool: str) -> dict[str, dict[str, Any]]:
+    """Return counts and medians of what a folder holds of a pool, by kind and by model or law."""
+    rows, inside = {}, capsules(pool)
+    groups = {"": list(inside)}
+    if pool == "others":
+        laws = membrane_pools.stored(pool)["law"]
+        groups = {law: [row for row in inside if laws[row] == n] for n, law in enumerate(membrane_pools.OTHER_LAWS)}
     for kind in KINDS:
-        for name in MODELS:
-            store = store_of(folder, name)
-            parts = [part for row in inside if (part := store.load(f"{kind}-{row:03d}")) is not None]
-            if parts:
-                rows[f"{kind}, {name}"] = counts_of(parts)
+        for name in models_of(pool):
+            store = store_of(folder, pool, name)
+            for law, of_law in groups.items():
+                parts = [part for row in of_law if (part := store.load(f"{kind}-{row:03d}")) is not None]
+                if parts:
+                    rows[f"{kind}, {law or name}"] = counts_of(parts)
     return rows
 
 
@@ -155,26 +172,30 @@ def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
     counts: dict[str, Any] = {"capsules": len(parts), "refused": len(parts) - len(used)}
     for quantity in used[0]["found"] if used else ():
         for level in LEVELS:
-            ends = [f"{end}_{level}" for end in ("lower", "upper")]
-            within = [
-                part["found"][quantity][ends[0]] <= part["truth"][quantity] <= part["found"][quantity][ends[1]]
-                for part in used
-            ]
-            counts[f"{quantity} {level}"] = sum(within)
+            if quantity in used[0]["truth"]:
+                counts[f"{quantity} {level}"] = sum(holds(part, quantity, level) for part in used)
     if used:
         counts["log_modulus_sd"] = float(f"{np.median([part['log_modulus_sd'] for part in used]):.2g}")
     return counts
 
 
+def holds(part: dict[str, Any], quantity: str, level: int) -> bool:
+    """Return whether an interval holds the truth."""
+    found = part["found"][quantity]
+    return bool(found[f"lower_{level}"] <= part["truth"][quantity] <= found[f"upper_{level}"])
+
+
 def table(rows: dict[str, dict[str, Any]]) -> str:
     """Return the counts as a Markdown table."""
-    head = ("measured", "model", "capsules", "refused", *QUANTITIES.values(), "sd of ln G_s, median")
+    shown = {name: symbol for name, symbol in QUANTITIES.items() if any(f"{name} 68" in row for row in rows.values())}
+    laws = all(name.split(", ")[1] in membrane_pools.OTHER_LAWS for name in rows)
+    head = ("measured", "law" if laws else "model", "capsules", "refused", *shown.values(), "sd of ln G_s, median")
     lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
     for name, counts in rows.items():
-        kind, of_model = name.split(", ")
+        kind, other = name.split(", ")
         used = counts["capsules"] - counts["refused"]
-        cells = [KINDS[kind], MODELS[of_model], str(counts["capsules"]), str(counts["refused"])]
-        for quantity in QUANTITIES:
+        cells = [KINDS[kind], MODELS.get(other, other), str(counts["capsules"]), str(counts["refused"])]
+        for quantity in shown:
             there = f"{quantity} 68" in counts
             held = [counts[f"{quantity} {level}"] for level in LEVELS] if there else []
             cells.append(f"{held[0] / used:.0%}, {share(held[1], used)}" if there else "")
@@ -188,17 +209,20 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="where identified capsules are kept")
     parser.add_argument("--lengths", type=int, default=150)
     parser.add_argument("--outlines", type=int, default=60)
+    parser.add_argument("--others", type=int, default=2 * membrane_pools.OF_EACH)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    run(options.folder, "lengths", options.lengths)
-    run(options.folder, "outline", options.outlines)
-    rows = counted(options.folder)
-    print(table(rows))
+    run(options.folder, "capsules", "lengths", options.lengths)
+    run(options.folder, "capsules", "outline", options.outlines)
+    for kind in KINDS:
+        run(options.folder, "others", kind, options.others)
+    rows = {pool: counted(options.folder, pool) for pool in MARKS}
+    print(*map(table, rows.values()), sep="\n")
     if options.write:
         STORED.write_text(json.dumps(rows, indent=1) + "\n")
-        before, after = MARKS
-        text = re.sub(f"{before}.*{after}", lambda _: before + table(rows) + after, PAGE.read_text(), flags=re.DOTALL)
-        PAGE.write_text(text)
+        for pool, (before, after) in MARKS.items():
+            whole = before + table(rows[pool]) + after
+            PAGE.write_text(re.sub(f"{before}.*{after}", lambda _, t=whole: t, PAGE.read_text(), flags=re.DOTALL))
 
 
 if __name__ == "__main__":

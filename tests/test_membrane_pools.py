@@ -56,13 +56,14 @@ def test_the_members_of_a_batch_share_a_membrane_and_flow_at_four_rates():
 
 
 def test_the_page_shows_the_stored_counts(counts):
-    before, after = membrane_coverage.MARKS
-    assert before + membrane_coverage.table(counts) + after in membrane_coverage.PAGE.read_text()
+    page = membrane_coverage.PAGE.read_text()
+    for pool, (before, after) in membrane_coverage.MARKS.items():
+        assert before + membrane_coverage.table(counts[pool]) + after in page
 
 
 @pytest.mark.parametrize("kind", membrane_coverage.KINDS)
 def test_intervals_with_the_membrane_unknown_hold_the_truth_as_often_as_they_say(counts, kind):
-    row = counts[f"{kind}, unknown"]
+    row = counts["capsules"][f"{kind}, unknown"]
     used = row["capsules"] - row["refused"]
     assert used >= 20
     for quantity in membrane_coverage.QUANTITIES:
@@ -73,8 +74,21 @@ def test_intervals_with_the_membrane_unknown_hold_the_truth_as_often_as_they_say
 
 def test_the_default_is_wrong_about_other_membranes(counts):
     for kind in membrane_coverage.KINDS:
-        row = counts[f"{kind}, neo-Hookean"]
+        row = counts["capsules"][f"{kind}, neo-Hookean"]
         assert row["surface_shear_modulus 95"] < 0.6 * (row["capsules"] - row["refused"])
+
+
+def test_capsules_of_other_laws_have_their_moduli_and_no_hardening():
+    others = membrane_pools.stored("others")
+    for number, law in enumerate(membrane_pools.OTHER_LAWS.values()):
+        values = others["values"][others["law"] == number]
+        assert len(values) > 0.7 * membrane_pools.OF_EACH
+        assert np.all(values[:, 3] == law.area_dilation_modulus)
+        assert np.all(np.isnan(values[:, 4]))
+        _, truth = membrane_coverage.measured(
+            "lengths", values[0], others["numbers"][0], others["profile"][0], np.random.default_rng(0)
+        )
+        assert "strain_hardening" not in truth
 
 
 @pytest.mark.slow
