@@ -175,7 +175,10 @@ def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
             if quantity in used[0]["truth"]:
                 counts[f"{quantity} {level}"] = sum(holds(part, quantity, level) for part in used)
     if used:
-        counts["log_modulus_sd"] = float(f"{np.median([part['log_modulus_sd'] for part in used]):.2g}")
+        modulus = "surface_shear_modulus"
+        errors = [np.log(part["found"][modulus]["median"] / part["truth"][modulus]) for part in used]
+        sds = [part["log_modulus_sd"] for part in used]
+        counts |= {"log_modulus_sd": round(float(np.median(sds)), 3), "bias": round(float(np.median(errors)), 2)}
     return counts
 
 
@@ -189,7 +192,8 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
     """Return the counts as a Markdown table."""
     shown = {name: symbol for name, symbol in QUANTITIES.items() if any(f"{name} 68" in row for row in rows.values())}
     laws = all(name.split(", ")[1] in membrane_pools.OTHER_LAWS for name in rows)
-    head = ("measured", "law" if laws else "model", "capsules", "refused", *shown.values(), "sd of ln G_s, median")
+    head = ("measured", "law" if laws else "model", "capsules", "refused", *shown.values())
+    head = (*head, "sd of ln G_s, median", "its error, median")
     lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
     for name, counts in rows.items():
         kind, other = name.split(", ")
@@ -199,7 +203,7 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
             there = f"{quantity} 68" in counts
             held = [counts[f"{quantity} {level}"] for level in LEVELS] if there else []
             cells.append(f"{held[0] / used:.0%}, {share(held[1], used)}" if there else "")
-        cells.append(f"{counts['log_modulus_sd']:.2g}" if used else "")
+        cells += [f"{counts['log_modulus_sd']:.2g}", f"{counts['bias']:+.2f}"] if used else ["", ""]
         lines.append(f"| {' | '.join(cells)} |\n")
     return re.sub(" ?%", " %", "".join(lines))
 
