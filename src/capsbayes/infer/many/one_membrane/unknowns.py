@@ -13,6 +13,7 @@ from capsbayes.infer.many.one_membrane.conditional import Spreads
 from capsbayes.infer.prior import THICKNESS, Coordinate
 
 _WIDEST = (1.0, 0.5)  # scales of the half-normal priors of the spreads of ln G_s and of a/l
+_NARROWEST = 1e-4  # below it G_s and a are the same for all; their weights would cancel to fewer digits than are needed
 _USUAL = (np.log(0.15), np.log(3.0)), (np.log(0.06), np.log(3.0))  # middles and widths where spreads are sought
 
 
@@ -90,7 +91,7 @@ class Unknowns:
         """Return the spreads at points (d, p)."""
         columns = [np.full(len(points), spread) for spread in self.spreads]
         for column, which in enumerate(self.sought, self.scores):
-            columns[which] = np.exp(points[:, column])
+            columns[which] = np.maximum(np.exp(points[:, column]), _NARROWEST)
         return Spreads(*columns)
 
     def log_prior(self, points: Floats) -> Floats:
