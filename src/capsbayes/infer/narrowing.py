@@ -64,7 +64,8 @@ def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) 
     """
     modulus = "surface_shear_modulus"
     total = grid.log_marginal(modulus).sd ** 2
-    left = {name: total - grid.variance_given(name, modulus) for name in grid.frame.columns}
+    known = [name for name in grid.frame.columns if name != "bending" or not grid.density.by_thickness]
+    left = {name: total - grid.variance_given(name, modulus) for name in known}
     rows = grid.resampled(np.random.default_rng([0, 5]), _DRAWS)
     theta = grid.frame.theta(grid.points[rows])
     log_modulus = _log_modulus(grid, theta)
@@ -78,7 +79,7 @@ def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) 
         local = _linearised(grid, measurement, grid.points[rows[:_PLACES]], later)
         return float(np.fmin(linear, local + max(of_inputs, 0.0)))
 
-    if "bending" in left and not grid.density.by_thickness:
+    if "bending" in left:
         left[THICKNESS] = narrower(lambda pilot: _log_thickness)
     if measurement.outline is None:
         left["outline"] = narrower(lambda pilot: _outlines(grid, pilot, OUTLINE_NOISE))

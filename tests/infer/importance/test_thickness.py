@@ -10,6 +10,7 @@ from capsbayes.errors import InputError
 from capsbayes.infer import Posterior, Prior, identify
 from capsbayes.infer.importance.engine import ImportanceSampling
 from capsbayes.quantity import Quantity
+from capsbayes.show.tables.posterior import prior_table
 from capsbayes.surrogate import Surrogate
 
 THICKNESS = "0.40 +/- 0.08 um"
@@ -107,3 +108,11 @@ def test_bending_and_thickness_are_not_both_stated(blunt, shell, capsule):
 def test_a_thickness_beyond_the_bending_moduli_of_the_model_is_refused(blunt, experiment, thickness):
     with pytest.raises(InputError, match="membrane_thickness: expected a thickness from"):
         ImportanceSampling(blunt, replace(experiment, membrane_thickness=Quantity.of(thickness, "membrane_thickness")))
+
+
+def test_a_known_thickness_is_shown_as_such_and_nothing_is_said_of_measuring_bending(blunt, experiment, capsule):
+    known = replace(experiment, membrane_thickness=0.4e-6)
+    found = identify(capsule, blunt, known, seed=1, engine="quadrature")
+    assert "known, 0.4 µm" in prior_table(found).to_string()
+    assert "membrane_thickness" not in found.marginals
+    assert not {"bending", "membrane_thickness"} & set(found.expected_log_modulus_sds)

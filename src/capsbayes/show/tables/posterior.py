@@ -72,6 +72,8 @@ def prior_table(posterior: Posterior) -> pd.DataFrame:
         if math.isinf(prior["low"]) or math.isinf(prior["high"]):
             mean, sd = (f"{shown.shown(prior[key]):g}" for key in ("mean", "sd"))
             words = f"{prior['distribution']}, {mean} ± {sd}{unit_of(shown)}"
+        if prior.get("sd") == 0.0:
+            words = f"known, {shown.shown(prior['mean']):g}{unit_of(shown)}"
         rows.append((Symbols(shown.symbol), shown.meaning, words))
     return table(("", "", "prior"), rows, title="Priors")
 
