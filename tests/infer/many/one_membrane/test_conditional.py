@@ -53,7 +53,6 @@ def batch():
         rows=rows,
         target=target,
         scale=rng.normal(size=(n, q)),
-        near=numbers,
         left=np.zeros(n),
         known=np.full(n, q),
         log_velocity=np.log(velocity),

@@ -21,11 +21,14 @@ from capsbayes.infer.many.one_membrane.measured import Batch
 from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
 
 _LATTICE = 20, 10  # places along ln Ca and a/l, among which a capsule is looked for first
+_UNUSUAL = 0.3  # of ln G_s, that a capsule of the lattice may differ by from the others
 _STEPS = (2e-3, 1e-3)  # of ln Ca and a/l, for differences
 STEP = 0.02
 """Of a coordinate's normal score, for differences."""
 _LONGEST = np.array([0.5, 0.05])  # step
-_ITERATIONS, _SETTLED = 12, 1e-3  # largest decrease of minus twice the log density that is still expected
+_ITERATIONS, _SETTLED = 16, 1e-2  # largest decrease of minus twice the log density that is still expected
+_WALKED = 5  # steps that may be needed until the best values are near
+_SHRINKS = 0.5  # of the decrease expected before, at most where the steps are good
 _STALLED = 0.99  # of the decrease expected before, above which steps lead nowhere
 _HALVINGS = 5
 _FLAT = 1e-9  # of the diagonal, so that what the data tell nothing of has an inverse
@@ -179,7 +182,7 @@ class Capsules:
             np.full(d, -np.inf), np.zeros(d, dtype=bool), np.full((d, n), np.nan), own, common, np.full((d, n), np.nan)
         )
         active = np.flatnonzero(np.isfinite(common[:, SIZE]))
-        before = np.full(d, np.inf)
+        before, share = np.full(d, np.inf), np.ones(d)
         for iteration in range(iterations):
             if not len(active):
                 break
@@ -190,7 +193,10 @@ class Capsules:
             solved = self._solved(blocks, common[active])
             done = solved.decrease < _SETTLED
             # at the border of the domain the decrease remains
-            last = done | (solved.decrease > _STALLED * before[active]) | (iteration == iterations - 1)
+            stalled = (iteration >= _WALKED) & (solved.decrease > _STALLED * before[active])
+            last = done | stalled | (iteration == iterations - 1)
+            # where steps go back and forth, as between a convex and a concave rear, shorter ones end
+            share[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * share[active], 1.0)
             rows, before[active] = active[last], solved.decrease
             found.log_evidence[rows] = self._log_evidence(blocks, solved, common[active], near)[last]
             found.settled[rows], found.misfit[rows] = done[last], misfit[last]
@@ -201,8 +207,9 @@ class Capsules:
                 solved = solved._replace(common_step=np.where(last[:, None], steps[1], solved.common_step))
             moving = np.ones(len(active), dtype=bool) if rng is not None else ~last
             some = {name: values[moving] for name, values in some.items()}
-            own[active[moving]] = self.moved(some, own[active[moving]], solved.own_step[moving])
-            common[active[moving]] += solved.common_step[moving]
+            part = np.where(last, 1.0, share[active])[moving]
+            own[active[moving]] = self.moved(some, own[active[moving]], part[:, None, None] * solved.own_step[moving])
+            common[active[moving]] += part[:, None] * solved.common_step[moving]
             active = active[~last]
         return found
 
@@ -248,22 +255,31 @@ class Capsules:
         return Shapes(*(values.reshape(d, n, *values.shape[1:]) for values in flat))
 
     def _first(self, membranes: Membranes) -> tuple[Floats, Floats]:
-        """Return of a lattice of places that which looks most as measured, and ln G_s there : (d, n, 2), (d, n)."""
+        """Return of a lattice of places the best of each capsule, and ln G_s there : (d, n, 2), (d, n) arrays.
+
+        Of two places that look alike, one has the modulus that others have.
+        """
         (low, high), (small, large) = self.model.bounds
         axes = np.linspace(np.log(low), np.log(high), _LATTICE[0]), np.linspace(small, large, _LATTICE[1])
         places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        d = len(next(iter(membranes.values())))
+        d, n = len(next(iter(membranes.values()))), len(self.batch)
         shapes = self.shapes(membranes, np.broadcast_to(places, (d, *places.shape)))
-        near, seen = np.nan_to_num(self.batch.near), np.isfinite(self.batch.near).astype(float)
-        numbers = np.where(np.isnan(shapes.numbers), np.inf, shapes.numbers)
-        finite = np.where(np.isfinite(numbers), numbers, 0.0)
-        square = finite**2 @ seen.T - 2.0 * finite @ (seen * near).T
-        square[np.isinf(numbers[..., 0])] = np.inf
-        best = np.argmin(square, axis=1)
+        lost = np.isnan(shapes.log_ratio)[..., None]
+        numbers = np.where(lost, 0.0, shapes.numbers)
+        batch, flat = self.batch, (d, len(places), n)
+        normal, slope = batch.rows.swapaxes(1, 2) @ batch.rows, batch.rows.swapaxes(1, 2) @ batch.target[..., None]
+        square = (
+            np.einsum("dlk,nkj,dlj->dln", numbers, normal, numbers, optimize=True) - 2.0 * numbers @ slope[..., 0].T
+        )
+        square = np.where(lost, np.inf, square)
+        every = np.broadcast_to(places[:, None], (*flat[1:], 2))[None]
+        moduli = self.log_moduli(every, np.where(lost, 0.0, shapes.log_ratio[..., None]))
+        best = np.argmin(square, axis=1)[:, None]
+        usual = np.median(np.take_along_axis(moduli, best, axis=1), axis=2, keepdims=True)
+        best = np.argmin(square + ((moduli - usual) / _UNUSUAL) ** 2, axis=1)
         own = places[best]
-        own[~np.isfinite(square).any(axis=1)] = np.nan
-        ratio = np.take_along_axis(shapes.log_ratio, best, axis=1)
-        return own, self.log_moduli(own, ratio)
+        own[np.all(lost, axis=(1, 2))] = np.nan
+        return own, np.take_along_axis(moduli, best[:, None], axis=1)[:, 0]
 
     def log_moduli(self, own: Floats, log_ratio: Floats) -> Floats:
         """Return ln(G_s / (N/m)) of the capsules, as the velocity or the flow rate says : (d, n) array."""

@@ -34,8 +34,6 @@ class Reduced(NamedTuple):
     target : (q,) array
     scale : (q,) array
         Change of rows numbers if the capsule is larger, relative.
-    near : (k,) array
-        The numbers as measured, NaN where they were not.
     left : float
         Misfit that no shape takes away.
     known : int
@@ -45,7 +43,6 @@ class Reduced(NamedTuple):
     rows: Floats
     target: Floats
     scale: Floats
-    near: Floats
     left: float
     known: int
 
@@ -56,7 +53,7 @@ class Batch:
 
     Parameters
     ----------
-    rows, target, scale, near : arrays, (n, q, k), (n, q), (n, q), (n, k)
+    rows, target, scale : (n, q, k), (n, q), (n, q) arrays
         See `Reduced`.
     left, known : (n,) arrays
     log_velocity, velocity_error : (n,) arrays
@@ -72,7 +69,6 @@ class Batch:
     rows: Floats
     target: Floats
     scale: Floats
-    near: Floats
     left: Floats
     known: Integers
     log_velocity: Floats
@@ -155,7 +151,6 @@ def batch_of(
         rows=np.array([one.rows for one in reduced]),
         target=np.array([one.target for one in reduced]),
         scale=np.array([one.scale for one in reduced]),
-        near=np.array([one.near for one in reduced]),
         left=np.array([one.left for one in reduced]),
         known=np.array([one.known for one in reduced]),
         log_velocity=np.log(velocity),
@@ -184,8 +179,7 @@ def _of_lengths(measurement: Measurement) -> Reduced:
     covariance[: len(seen), : len(seen)] = seen
     rows: Floats = np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)).T, dtype=np.float64)
     target = rows @ np.array([extent, extent if length is None else length])
-    near = np.array([extent, np.nan if length is None else length])
-    return Reduced(rows, target, target, near, 0.0, len(seen))
+    return Reduced(rows, target, target, 0.0, len(seen))
 
 
 def _of_outline(measurement: Measurement, model: MembraneSurrogate, coefficients: Floats, shapes: Floats) -> Reduced:
@@ -230,7 +224,6 @@ def _linear(
     target = begin + columns[:-1].T @ pilot
     q, r = scipy.linalg.qr(every, mode="economic")
     reduced = q.T @ target
-    near = np.append(pilot, np.nan)  # L_a counts little beside an outline
     left = float(target @ target - reduced @ reduced)
     scale = r[:, -1] + (0.0 if length is None else length[0]) * r[:, -2]
-    return Reduced(r[:, :-1], reduced, scale, near, max(left, 0.0), len(begin))
+    return Reduced(r[:, :-1], reduced, scale, max(left, 0.0), len(begin))
