@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Floats
 from capsbayes.infer.many.one_membrane.measured import Batch
 from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
 
@@ -30,6 +30,7 @@ _ITERATIONS, _SETTLED = 16, 1e-2  # largest decrease of minus twice the log dens
 _WALKED = 5  # steps that may be needed until the best values are near
 _SHRINKS = 0.5  # of the decrease expected before, at most where the steps are good
 _STALLED = 0.99  # of the decrease expected before, above which steps lead nowhere
+_HELD = 0.3  # standard deviations that are left to go, above which a capsule is held
 _HALVINGS = 5
 _FLAT = 1e-9  # of the diagonal, so that what the data tell nothing of has an inverse
 MODULUS, SIZE, SCALE, RATE = range(4)
@@ -60,8 +61,8 @@ class Conditional(NamedTuple):
     ----------
     log_evidence : (d,) array
         Log density of the measurements, up to a constant of the batch; -inf where a capsule cannot have its shape.
-    settled : (d,) bool array
-        Whether the steps converged.
+    settled : (d,) array
+        Share of the capsules whose best values were found; the others are held by the border of the domain.
     misfit : (d, n) array
         Minus twice the log likelihood of each shape at the best values, beside the least possible one.
     own : (d, n, 2) array
@@ -73,7 +74,7 @@ class Conditional(NamedTuple):
     """
 
     log_evidence: Floats
-    settled: Booleans
+    settled: Floats
     misfit: Floats
     own: Floats
     common: Floats
@@ -179,7 +180,7 @@ class Capsules:
         d, n = len(spreads.modulus), len(self.batch)
         own, common = self._begin(membranes, start)
         found = Conditional(
-            np.full(d, -np.inf), np.zeros(d, dtype=bool), np.full((d, n), np.nan), own, common, np.full((d, n), np.nan)
+            np.full(d, -np.inf), np.zeros(d), np.full((d, n), np.nan), own, common, np.full((d, n), np.nan)
         )
         active = np.flatnonzero(np.isfinite(common[:, SIZE]))
         before, share = np.full(d, np.inf), np.ones(d)
@@ -199,7 +200,9 @@ class Capsules:
             share[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * share[active], 1.0)
             rows, before[active] = active[last], solved.decrease
             found.log_evidence[rows] = self._log_evidence(blocks, solved, common[active], near)[last]
-            found.settled[rows], found.misfit[rows] = done[last], misfit[last]
+            found.misfit[rows] = misfit[last]
+            left = np.abs(solved.own_step) / np.sqrt(np.diagonal(solved.inverse, axis1=2, axis2=3))
+            found.settled[rows] = np.mean(np.all(left < _HELD, axis=2), axis=1)[last]
             found.log_ratio[rows] = there.shapes.log_ratio[last]
             if rng is not None:
                 steps = self._drawn(blocks, solved, rng)

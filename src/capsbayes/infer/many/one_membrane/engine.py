@@ -13,7 +13,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
 from capsbayes import __version__
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.importance.proposal import Proposal
 from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
@@ -29,8 +29,8 @@ _TRIED, _ROUNDS = 256, 6  # draws of a round
 _ALIVE, _GOOD = 0.1, 0.35  # share of effective draws to which a proposal is fitted, and which ends the rounds
 _ENOUGH, _MOST = 1000.0, 4096  # effective draws, draws
 _LEAST_EFFECTIVE, _MOST_PARETO = 400.0, 0.7
-_LEAST_WITHIN = 0.9  # share of the draws at which no capsule lies on the border of the domain
-WITHIN = "share of the draws with all capsules within the model"
+_LEAST_WITHIN = 0.95
+WITHIN = "share of the capsules that are not on the border of the model"
 _AT_ONCE = 20_000  # capsules times membranes that are found together
 
 
@@ -41,14 +41,14 @@ class Found(NamedTuple):
     ----------
     log_density : (d,) array
         Of the posterior, up to a constant of the batch.
-    settled : (d,) bool array
-        Whether the best values of all capsules were found, and not on the border of the domain.
+    settled : (d,) array
+        Share of the capsules whose best values were found, and not on the border of the domain.
     own, common : (d, n, 2), (d, c) arrays
         The best values, see `Conditional`.
     """
 
     log_density: Floats
-    settled: Booleans
+    settled: Floats
     own: Floats
     common: Floats
 
