@@ -59,7 +59,6 @@ class Status(enum.Enum):
         "too far apart there; its intervals contain that error."
     )
     GRID_TOO_COARSE = "The grid did not resolve the posterior within its largest size; do not use the intervals."
-    NOT_SAMPLED = "Too few draws of the membrane carry the posterior; do not use the intervals."
     SHAPES_MISFIT = (
         "No membrane of the model gives all capsules their shapes: together they differ by more than their stated "
         "errors; check the errors, or diagnose what is missing, and do not use the intervals."

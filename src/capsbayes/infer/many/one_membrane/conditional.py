@@ -63,22 +63,16 @@ class Conditional(NamedTuple):
         Log density of the measurements, up to a constant of the batch; -inf where a capsule cannot have its shape.
     settled : (d,) array
         Share of the capsules whose best values were found; the others are held by the border of the domain.
-    misfit : (d, n) array
-        Minus twice the log likelihood of each shape at the best values, beside the least possible one.
     own : (d, n, 2) array
         ln Ca and a/l: the best values, or one draw if draws were asked for.
     common : (d, 4) array
         What is common, likewise.
-    log_ratio : (d, n) array
-        ln(v_o/U) at the best values.
     """
 
     log_evidence: Floats
     settled: Floats
-    misfit: Floats
     own: Floats
     common: Floats
-    log_ratio: Floats
 
 
 class Step(NamedTuple):
@@ -177,11 +171,9 @@ class Capsules:
         iterations : int
             At most.
         """
-        d, n = len(spreads.modulus), len(self.batch)
+        d = len(spreads.modulus)
         own, common = self._begin(membranes, start)
-        found = Conditional(
-            np.full(d, -np.inf), np.zeros(d), np.full((d, n), np.nan), own, common, np.full((d, n), np.nan)
-        )
+        found = Conditional(np.full(d, -np.inf), np.zeros(d), own, common)
         active = np.flatnonzero(np.isfinite(common[:, SIZE]))
         before, share = np.full(d, np.inf), np.ones(d)
         for iteration in range(iterations):
@@ -190,7 +182,7 @@ class Capsules:
             some = {name: values[active] for name, values in membranes.items()}
             near = Spreads(*(values[active] for values in spreads))
             there = self._there(some, own[active])
-            blocks, misfit = self._blocks(there, own[active], common[active], near)
+            blocks = self._blocks(there, own[active], common[active], near)
             solved = self._solved(blocks, common[active])
             done = solved.decrease < _SETTLED
             # at the border of the domain the decrease remains
@@ -200,10 +192,8 @@ class Capsules:
             share[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * share[active], 1.0)
             rows, before[active] = active[last], solved.decrease
             found.log_evidence[rows] = self._log_evidence(blocks, solved, common[active], near)[last]
-            found.misfit[rows] = misfit[last]
             left = np.abs(solved.own_step) / np.sqrt(np.diagonal(solved.inverse, axis1=2, axis2=3))
             found.settled[rows] = np.mean(np.all(left < _HELD, axis=2), axis=1)[last]
-            found.log_ratio[rows] = there.shapes.log_ratio[last]
             if rng is not None:
                 steps = self._drawn(blocks, solved, rng)
                 solved = solved._replace(own_step=np.where(last[:, None, None], steps[0], solved.own_step))
@@ -244,12 +234,19 @@ class Capsules:
         """
         there = self._there(membranes, own, moved)
         every = np.concatenate([common, scores], axis=1)
-        blocks, _ = self._blocks(there, own, common, spreads)
+        blocks = self._blocks(there, own, common, spreads)
         solved = self._solved(blocks, every)
         c, white = common.shape[1], np.linalg.inv(solved.factor)[:, :, common.shape[1] :]
         covariance = white.swapaxes(1, 2) @ white
         whole = solved.common_step
         return Step(whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio)
+
+    def misfit(self, membranes: Membranes, values: Start) -> Floats:
+        """Return minus twice the log likelihood of each shape, beside the least possible one : (d, n) array."""
+        batch, numbers = self.batch, self.shapes(membranes, values.own).numbers
+        away = batch.target - np.einsum("nqk,dnk->dnq", batch.rows, numbers)
+        away -= batch.scale * batch.scale_error * values.common[:, None, None, SCALE]
+        return np.asarray(np.sum(away**2, axis=-1))
 
     def shapes(self, membranes: Membranes, own: Floats, *, errors: bool = False) -> Shapes:
         """Return the shapes at d membranes and (d, n, 2) places as (d, n, ...) arrays."""
@@ -314,8 +311,8 @@ class Capsules:
             ratio_along.append(np.nan_to_num((ahead.log_ratio - shapes.log_ratio) / STEP))
         return _There(shapes, np.stack(along, axis=-1), np.stack(ratio_along, axis=-1))
 
-    def _blocks(self, there: _There, own: Floats, common: Floats, spreads: Spreads) -> tuple[_Blocks, Floats]:
-        """Return the normal equations, and minus twice the log likelihood of each shape : (d, n) array."""
+    def _blocks(self, there: _There, own: Floats, common: Floats, spreads: Spreads) -> _Blocks:
+        """Return the normal equations."""
         batch, shapes = self.batch, there.shapes
         (d, n), q, free = own.shape[:2], batch.target.shape[1], there.along.shape[-1] - 2
         matrix, right = np.zeros((d, n, q + 3, 2 + _COMMON + free)), np.empty((d, n, q + 3))
@@ -325,7 +322,6 @@ class Capsules:
         right[:, :, :q] -= batch.scale * batch.scale_error * common[:, None, None, SCALE]
         matrix[:, :, :q, own_columns] = np.einsum("nqk,dnka->dnqa", batch.rows, there.along)
         matrix[:, :, :q, 2 + SCALE] = batch.scale * batch.scale_error
-        misfit = np.sum(right[:, :, :q] ** 2, axis=-1)
         # shear modulus, velocity and size
         by_rate = np.isfinite(batch.log_mean_velocity)
         variance = spreads.modulus[:, None] ** 2 + np.where(
@@ -351,7 +347,7 @@ class Capsules:
         slope = (transposed @ right[..., None])[..., 0]
         square = np.sum(right**2, axis=-1) + np.log(variance) + 2.0 * np.log(spreads.size[:, None])
         blocks = normal[..., :2, :2], normal[..., 2:, :2], normal[..., 2:, 2:], slope[..., :2], slope[..., 2:]
-        return _Blocks(*blocks, square), misfit
+        return _Blocks(*blocks, square)
 
     def _solved(self, blocks: _Blocks, common: Floats) -> _Solved:
         own = blocks.own + _FLAT * np.eye(2)

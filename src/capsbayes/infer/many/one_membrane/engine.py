@@ -27,7 +27,7 @@ _FREEDOM, _WIDER = 5, 1.3
 _DISTINCT, _UNLIKELY = 1.0, 12.0  # least distance of modes in standard deviations; of the log density below the best
 _TRIED, _ROUNDS = 256, 6  # draws of a round
 _ALIVE, _GOOD = 0.1, 0.35  # share of effective draws to which a proposal is fitted, and which ends the rounds
-_ENOUGH, _MOST = 1000.0, 4096  # effective draws, draws
+_ENOUGH, _MOST, _REPEATS = 1000.0, 4096, 3  # effective draws, draws, new proposals while a gate fails
 _LEAST_EFFECTIVE, _MOST_PARETO = 400.0, 0.7
 _LEAST_WITHIN = 0.95
 WITHIN = "share of the capsules that are not on the border of the model"
@@ -123,10 +123,19 @@ class MembraneSampling:
             if share > _GOOD:
                 break
             proposal = _fitted(draws)
-        last = self._drawn(proposal, 2 * _TRIED, 0, draws)
-        while effective(normalised(last.log_weights)) < _ENOUGH and len(last.points) < _MOST:
-            last = last.joined(self._drawn(proposal, len(last.points), 0, draws, len(last.points)))
-        return _result(last)
+        for number in range(_REPEATS + 1):
+            result = _result(draws := self._enough(proposal, draws, number))
+            if all(gate.passed for gate in result.gates if gate.name != WITHIN):
+                break
+            proposal = _fitted(draws)
+        return result
+
+    def _enough(self, proposal: Proposal, near: Draws, number: int) -> Draws:
+        """Draw until the effective draws are enough, or the draws the most."""
+        draws = self._drawn(proposal, 2 * _TRIED, -1 - number, near)
+        while effective(normalised(draws.log_weights)) < _ENOUGH and len(draws.points) < _MOST:
+            draws = draws.joined(self._drawn(proposal, len(draws.points), -1 - number, near, len(draws.points)))
+        return draws
 
     def found(self, points: Floats, near: Draws | None = None) -> Found:
         """Find the capsules at points (d, p), each from those at the nearest of some draws if there are such."""

@@ -116,7 +116,7 @@ def identify_membrane(
             within = unknowns.fixed(fixed)
             under = MembraneSampling(capsules, within)()
             assumed.append((name, under, _drawn(capsules, within, under, experiment, seed)))
-    gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"], unknowns))
+    gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
     speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
     return SharedMembrane(
         draws=draws,
@@ -167,14 +167,12 @@ def _drawn(
         start = Start(found.own[rows[some]], found.common[rows[some]])
         place = unknowns.membranes(points[some]), unknowns.spreads_at(points[some])
         parts.append(capsules.at(*place, start=start, rng=rng))
-    own, common, log_ratio, misfit = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("own", "common", "log_ratio", "misfit")
-    )
-    spreads = unknowns.spreads_at(points)
-    log_moduli = _log_moduli(capsules, own, log_ratio, common, spreads.modulus, rng)
+    own, common = (np.concatenate([getattr(part, name) for part in parts]) for name in ("own", "common"))
+    spreads, membranes = unknowns.spreads_at(points), unknowns.membranes(points)
+    seen = _seen(capsules, membranes, own)
+    log_moduli = _log_moduli(capsules, own, np.log(seen["velocity_ratio_each"]), common, spreads.modulus, rng)
     viscosity = LogGrid.of(experiment.viscosity).drawn(rng, _DRAWS) / experiment.viscosity.value
     width = LogGrid.of(experiment.half_width).drawn(rng, _DRAWS)
-    membranes = unknowns.membranes(points)
     return {
         **membranes,
         "surface_shear_modulus": np.exp(common[:, MODULUS]) * viscosity,
@@ -183,8 +181,8 @@ def _drawn(
         "radius_spread": spreads.size / common[:, SIZE],
         "surface_shear_modulus_each": np.exp(log_moduli) * viscosity[:, None],
         "capsule_radius_each": own[..., 1] * width[:, None],
-        **_seen(capsules, membranes, own),
-        "misfit": misfit,
+        **seen,
+        "misfit": capsules.misfit(membranes, Start(own, common)),
     }
 
 
@@ -220,11 +218,14 @@ def _with_odds(assumed: list[tuple[str, Sampled, dict[str, Floats]]]) -> tuple[L
     )
 
 
-def _misfit_gate(batch: Batch, misfit: Floats, unknowns: Unknowns) -> Gate:
-    """Return the gate on the probability of a larger misfit of all shapes together."""
-    square = float(np.median(misfit.sum(axis=1)) + batch.left.sum())
-    freedom = max(int(batch.known.sum()) - 2 * len(batch) - unknowns.scores, 1)
-    return Gate(MISFIT, float(stats.chi2.sf(square, freedom)), least=_LEAST_P)
+def _misfit_gate(batch: Batch, misfit: Floats) -> Gate:
+    """Return the gate on the probability of a larger misfit of all shapes together.
+
+    That of what was measured is compared with that of measurements drawn at the same draws of the posterior, which is
+    chi squared with all the numbers measured: where the model is right, the probability is seldom small.
+    """
+    square = misfit.sum(axis=1) + batch.left.sum()
+    return Gate(MISFIT, float(stats.chi2.sf(square, int(batch.known.sum())).mean()), least=_LEAST_P)
 
 
 def _misfit_of_each(batch: Batch, misfit: Floats) -> Floats:
@@ -238,4 +239,4 @@ def _status(gates: Sequence[Gate]) -> Status:
         return Status.DONE
     if failed == {MISFIT}:
         return Status.SHAPES_MISFIT
-    return Status.LEANS_ON_BORDER if failed == {WITHIN} else Status.NOT_SAMPLED
+    return Status.LEANS_ON_BORDER if failed == {WITHIN} else Status.TOO_FEW_DRAWS

@@ -61,7 +61,7 @@ def _sharing(capsules: Capsules, own: Floats) -> Floats:
 
 def uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
     """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
-    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(seed))
+    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(abs(2 * seed + (seed < 0))))
     if after:
         sequence.fast_forward(after)
     return np.clip(sequence.random(count), 1e-9, 1.0 - 1e-9)
