@@ -7,14 +7,7 @@ import pytest
 from command_line import run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "shared_membrane"
-KNOWN = (
-    "--membrane",
-    "area_dilation_modulus=3.84",
-    "--membrane",
-    "strain_hardening=0.326",
-    "--membrane",
-    "bending=1.44e-4",
-)
+TRUTH = {"area_dilation_modulus": 3.84, "strain_hardening": 0.326, "bending": 1.44e-4}
 
 
 @pytest.fixture
