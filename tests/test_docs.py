@@ -28,6 +28,7 @@ PRINTED = (
     "tutorials/folder.md",
     "tutorials/film.md",
     pytest.param("drifting-modulus.md", marks=pytest.mark.slow),
+    pytest.param("shared-membrane.md", marks=pytest.mark.slow),
 )
 """Pages that show what their commands print."""
 MARK = "-- next block --"
