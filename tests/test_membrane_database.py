@@ -38,10 +38,11 @@ def test_an_unknown_name_is_refused():
         MembraneDatabase.open("oval")
 
 
-def test_its_states_lie_where_they_were_sought():
-    whole = MembraneDatabase.open("square")
-    assert covered(whole["values"]).all()
-    assert whole.cross_section == "square"
+@pytest.mark.parametrize("cross_section", ["square", "circular"])
+def test_its_states_lie_where_they_were_sought(cross_section):
+    whole = MembraneDatabase.open(cross_section)
+    assert covered(whole["values"], cross_section).all()
+    assert whole.cross_section == cross_section
     assert np.abs(whole["slack"]).max() < 5e-4  # [U], beyond which the mesh does not resolve a state
 
 

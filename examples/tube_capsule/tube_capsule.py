@@ -1,4 +1,4 @@
-"""A real capsule in a circular tube, from its picture to K_s, with three membrane laws.
+"""A real capsule in a circular tube, from its picture to K_s, with three membrane laws and with the membrane unknown.
 
 The picture is that of Risso et al. 2006 (doi 10.1017/S0022112005007652), published with Lin et al. 2023 (doi
 10.1007/s10237-023-01712-7): a capsule of human serum albumin and alginate in a tube of 4 mm. It is not part of this
@@ -13,7 +13,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from capsbayes import Experiment, Surrogate, identify
+from capsbayes import Experiment, MembraneSurrogate, Surrogate, identify
 from capsbayes.image import Picture, detect
 from capsbayes.image.measure import measurement_of
 from capsbayes.image.overlay import write_overlay
@@ -55,6 +55,8 @@ def main():
         lengths[law] = identified(plain, Surrogate.open(database), law, "lengths")
         identified(wide, Surrogate.open(database), law, "with band")
         silhouettes[law] = identified(measured, Surrogate.open(database, view="silhouette"), law, "silhouette")
+    unknown(plain, "lengths")
+    unknown(wide, "with band")
     if asked.out is not None:
         asked.out.mkdir(parents=True, exist_ok=True)
         write_overlay(asked.out / "overlay.png", picture, detection)
@@ -79,6 +81,17 @@ def identified(measurement, model, law, what):
         if not gate.passed:
             print(f"{'':18} {gate}")
     return posterior
+
+
+def unknown(measurement, what):
+    """Print the interval of K_s where law, K_s/G_s, inflation and bending stiffness are unknown."""
+    model = MembraneSurrogate.open("circular")
+    posterior = identify(measurement, model, EXPERIMENT, seed=1, prior=PRIOR, engine="quadrature")
+    draws = posterior.draws
+    low, middle, high = np.quantile(
+        draws["surface_shear_modulus"] * draws["area_dilation_modulus"], (0.025, 0.5, 0.975)
+    )
+    print(f"{'membrane unknown':18} {what:11} K_s {middle:.3f} N/m [{low:.3f}, {high:.3f}]   {posterior.status.name}")
 
 
 def draw(points, silhouettes, path):

@@ -49,5 +49,7 @@ def test_the_example_tells_what_fits_and_what_does_not(tmp_path):
     skalak = re.search(r"Skalak, C = 1 +lengths +K_s \S+ N/m \[(\S+), (\S+)\].* DONE", printed.getvalue())
     assert skalak is not None
     assert float(skalak[1]) < 0.55 < float(skalak[2])
+    unknown = re.search(r"membrane unknown +lengths +K_s \S+ N/m \[(\S+), (\S+)\]", printed.getvalue())
+    assert float(unknown[1]) < 0.55 < float(unknown[2])
     assert len(re.findall(r"silhouette .* OUTLINE_MISFIT", printed.getvalue())) == 3
     assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".html"}

@@ -16,9 +16,10 @@ def test_places_lie_where_states_are_sought():
     ).all()  # the first is a corner
 
 
-def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stored():
+@pytest.mark.parametrize("cross_section", ["square", "circular"])
+def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stored(cross_section):
     """Found again from the stored shape, and again a step away."""
-    shipped, continuation = MembraneDatabase.open("square"), membrane_continuation("square")
+    shipped, continuation = MembraneDatabase.open(cross_section), membrane_continuation(cross_section)
     chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
     values = shipped["values"][chosen]
     place = continuation.places(values[None])[0]
