@@ -12,6 +12,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable, guarded
 from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase, highest_ca, lowest_ca
+from capsbayes.physics.continuation.branches import SLACK_LIMIT
 from capsbayes.physics.databases.scattered import (
     Axis,
     Continuation,
@@ -77,6 +78,8 @@ def build_membranes(
 ) -> MembraneDatabase:
     """Simulate a shipped database over flow and membrane; finished states are kept in ``OUT.parts``.
 
+    States that the mesh does not resolve count as lost.
+
     Parameters
     ----------
     name : str
@@ -109,6 +112,7 @@ def build_membranes(
         workers=workers,
         progress=progress,
     )
-    database = MembraneDatabase.of(scattered_dataset(continuation, places, found))
+    resolved = [None if state is None or abs(state.slack) > SLACK_LIMIT else state for state in found]
+    database = MembraneDatabase.of(scattered_dataset(continuation, places, resolved))
     database.write(out)
     return database

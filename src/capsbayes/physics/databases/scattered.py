@@ -112,6 +112,11 @@ class ScatteredState:
     unknowns: Floats
     derivatives: Floats
 
+    @property
+    def slack(self) -> float:
+        """Uniform normal velocity left over [U], an indicator of the mesh's error."""
+        return float(self.unknowns[-1])
+
     def moved(self, change: Floats) -> ScatteredState:
         """Return what it predicts at another place, a change (p,) away."""
         return replace(self, place=self.place + change, unknowns=self.unknowns + self.derivatives @ change)
@@ -361,7 +366,7 @@ def scattered_dataset(
     variables: dict[str, tuple[tuple[str, ...], Floats]] = {
         "values": (("state", "parameter"), continuation.values(np.array([state.place for state in some]))),
         "lost": (("lost_state", "parameter"), continuation.values(lost)),
-        "slack": (("state",), np.array([state.unknowns[-1] for state in some])),
+        "slack": (("state",), np.array([state.slack for state in some])),
         "numbers": (("state", "number"), np.array([one["numbers"][0] for one in seen])),
         "numbers_along": (
             ("state", "number", "parameter"),
