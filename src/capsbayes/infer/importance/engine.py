@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import qmc
 
 from capsbayes.arrays import Floats, Integers
 from capsbayes.experiment import Experiment
@@ -22,7 +21,7 @@ from capsbayes.infer.grid.quadrature import UNSEEN, check_shape, no_shape_in, wi
 from capsbayes.infer.importance.frame import Frame, check_thickness
 from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.importance.proposal import Proposal
-from capsbayes.infer.importance.weights import effective, normalised, smoothed, tempering
+from capsbayes.infer.importance.weights import effective, normalised, quasi_random, smoothed, tempered
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.outline.likelihood import outline_likelihood
@@ -202,7 +201,7 @@ class ImportanceSampling:
             there = near.proposal.middle(near.points, near.weights)
             density = self._seen_from(frame, density, measurement, there, near.points[_spread(near.weights)])
         cloud = self._drawn(frame, density, near.proposal)
-        proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _TRIED))
+        proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * _TRIED))
         return self._finished(frame, density, proposal, _NEXT)
 
     def _reweighted(self, near: WeightedPosterior, density: PosteriorDensity) -> WeightedPosterior:
@@ -239,7 +238,7 @@ class ImportanceSampling:
 
     def _over_prior(self, frame: Frame, density: PosteriorDensity) -> Cloud:
         """Return a cloud over the prior; the likelihood of an outline is left out, as it needs a pilot."""
-        points = frame.of_prior(_uniform(frame.dimensions, _CLOUD, 0))
+        points = frame.of_prior(quasi_random(frame.dimensions, _CLOUD, 0))
         # of a half width that is a dimension, the density contains the very prior that it is drawn by
         drawn = frame.log_prior(points)
         if frame.half_width is not None:
@@ -254,7 +253,7 @@ class ImportanceSampling:
         There are rounds until a share of the draws is effective that is enough. Where rounds of some draws gain no more
         and few of them are effective, there are more draws in each.
         """
-        proposal, number = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * _TRIED)), 0
+        proposal, number = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * _TRIED)), 0
         for count in (_TRIED, 4 * _TRIED):
             before = 0.0
             for _ in range(_ROUNDS):
@@ -264,7 +263,7 @@ class ImportanceSampling:
                 if share < _GAIN * before and before > _ALIVE:
                     break
                 before = share
-                proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * count))
+                proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * count))
                 if share >= enough:
                     break
             if share > min(_GOOD, enough):
@@ -274,7 +273,7 @@ class ImportanceSampling:
     def _drawn(
         self, frame: Frame, density: PosteriorDensity, proposal: Proposal, count: int = _TRIED, *, seed: int = 0
     ) -> Cloud:
-        points = proposal.drawn(_uniform(frame.dimensions + 2, count, seed))
+        points = proposal.drawn(quasi_random(frame.dimensions + 2, count, seed))
         return self._evaluated(frame, density, points, proposal.log_density(points))
 
     def _finished(
@@ -286,7 +285,7 @@ class ImportanceSampling:
             found = self._weighted(density, frame, proposal, cloud)
             if all(gate.passed for gate in found.gates):
                 break
-            proposal = Proposal.fitted(cloud.points, _tempered(cloud, _ALIVE * numbers[1]))
+            proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * numbers[1]))
         return found
 
     def _weighted(self, density: PosteriorDensity, frame: Frame, proposal: Proposal, cloud: Cloud) -> WeightedPosterior:
@@ -308,26 +307,13 @@ class ImportanceSampling:
         cloud = self._drawn(frame, density, proposal, first, seed=-1)
         while effective(normalised(cloud.log_weights)) < enough and len(cloud.points) < most:
             ahead = len(cloud.points)
-            points = proposal.drawn(_uniform(frame.dimensions + 2, ahead, -1, ahead))
+            points = proposal.drawn(quasi_random(frame.dimensions + 2, ahead, -1, ahead))
             cloud = cloud.joined(self._evaluated(frame, density, points, proposal.log_density(points)))
         return cloud
 
     def _evaluated(self, frame: Frame, density: PosteriorDensity, points: Floats, log_drawn: Floats) -> Cloud:
         nodes, log_density = frame.evaluated(self.model, density, points)
         return Cloud(points, nodes, log_density, log_drawn)
-
-
-def _tempered(cloud: Cloud, least: float) -> Floats:
-    """Return the weights of a cloud to a power that leaves an effective number of at least `least` : (n,) array."""
-    return normalised(tempering(cloud.log_weights, least) * cloud.log_weights)
-
-
-def _uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
-    """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
-    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(abs(2 * seed + (seed < 0))))
-    if after:
-        sequence.fast_forward(after)
-    return np.clip(sequence.random(count), 1e-12, 1.0 - 1e-12)
 
 
 def _spread(weights: Floats) -> Integers:

@@ -16,6 +16,7 @@ from capsbayes.infer.grid.lattice import Nodes
 from capsbayes.infer.grid.posterior import NodePosterior
 from capsbayes.infer.importance.frame import Frame
 from capsbayes.infer.importance.proposal import Proposal
+from capsbayes.infer.importance.weights import rows_by_weight
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.prior import THICKNESS
 from capsbayes.model import ForwardModel
@@ -103,9 +104,7 @@ class WeightedPosterior(NodePosterior):
 
     def resampled(self, rng: np.random.Generator, count: int) -> Integers:
         """Return rows of the points, in random order, as often as their weights say : (count,) array."""
-        places = (np.arange(count) + rng.uniform(size=count)) / count
-        rows = np.minimum(np.searchsorted(np.cumsum(self.weights), places), len(self.weights) - 1)
-        return np.asarray(rng.permutation(rows))
+        return np.asarray(rng.permutation(rows_by_weight(self.weights, rng, count)))
 
     def variance_given(self, coordinate: str, name: str) -> float:
         """Return the variance of the mean of the logarithm of a quantity over the values of a coordinate.

@@ -1,12 +1,13 @@
-"""Weights of draws: their effective number, and the heaviness of their tail."""
+"""Quasi-random draws and their weights: the effective number, the heaviness of the tail, rows by weight."""
 
 from __future__ import annotations
 
 import warnings
 
 import numpy as np
+from scipy.stats import qmc
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Floats, Integers
 
 
 def normalised(log_weights: Floats) -> Floats:
@@ -29,6 +30,25 @@ def tempering(log_weights: Floats, least: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if effective(normalised(middle * log_weights)) >= least else (low, middle)
     return low
+
+
+def tempered(log_weights: Floats, least: float) -> Floats:
+    """Return the weights to a power that leaves an effective number of at least `least`, if there are as many."""
+    return normalised(tempering(log_weights, least) * log_weights)
+
+
+def rows_by_weight(weights: Floats, rng: np.random.Generator, count: int) -> Integers:
+    """Return rows, each as often as its weight says, give or take one : (count,) array, rising."""
+    places = (np.arange(count) + rng.uniform(size=count)) / count
+    return np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
+
+
+def quasi_random(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
+    """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
+    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(abs(2 * seed + (seed < 0))))
+    if after:
+        sequence.fast_forward(after)
+    return np.clip(sequence.random(count), 1e-12, 1.0 - 1e-12)
 
 
 def smoothed(log_weights: Floats) -> tuple[Floats, float]:

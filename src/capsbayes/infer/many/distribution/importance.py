@@ -7,7 +7,7 @@ from scipy import optimize, stats
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.importance.weights import effective, normalised, smoothed
+from capsbayes.infer.importance.weights import effective, normalised, rows_by_weight, smoothed
 from capsbayes.infer.many.distribution.log_posterior import SLOPES, LogPosterior
 from capsbayes.infer.many.distribution.tails import NORMAL
 
@@ -51,9 +51,7 @@ def drawn(
             power *= 0.7
             tempered = normalised(power * tailed)
         centre, covariance = tempered @ tried, np.cov(tried.T, aweights=tempered)
-    # stratified, so that resampling adds little noise
-    places = (np.arange(_KEPT) + rng.uniform(size=_KEPT)) / _KEPT
-    return tried[np.minimum(np.searchsorted(np.cumsum(weights), places), count - 1)], gates
+    return tried[rows_by_weight(weights, rng, _KEPT)], gates
 
 
 def _drawn_from_t(centre: Floats, covariance: Floats, rng: np.random.Generator, count: int) -> Floats:

@@ -191,7 +191,7 @@ class Capsules:
             # where steps go back and forth, as between a convex and a concave rear, shorter ones end
             share[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * share[active], 1.0)
             rows, before[active] = active[last], solved.decrease
-            found.log_evidence[rows] = self._log_evidence(blocks, solved, common[active], near)[last]
+            found.log_evidence[rows] = self._log_evidence(blocks, solved, common[active])[last]
             left = np.abs(solved.own_step) / np.sqrt(np.diagonal(solved.inverse, axis1=2, axis2=3))
             found.settled[rows] = np.mean(np.all(left < _HELD, axis=2), axis=1)[last]
             if rng is not None:
@@ -376,7 +376,8 @@ class Capsules:
         right[:, SCALE:] -= common[:, SCALE:]
         return matrix, right
 
-    def _log_evidence(self, blocks: _Blocks, solved: _Solved, common: Floats, spreads: Spreads) -> Floats:
+    @staticmethod
+    def _log_evidence(blocks: _Blocks, solved: _Solved, common: Floats) -> Floats:
         square = blocks.square.sum(axis=1) + np.sum(common[:, SCALE:] ** 2, axis=1)
         return np.asarray(-0.5 * (square + solved.log_volume))
 

@@ -16,9 +16,9 @@ from capsbayes import __version__
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.importance.proposal import Proposal
-from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
+from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, quasi_random, tempered
 from capsbayes.infer.many.one_membrane.conditional import Capsules, Start
-from capsbayes.infer.many.one_membrane.search import Mode, modes, starting_points, uniform
+from capsbayes.infer.many.one_membrane.search import Mode, modes, starting_points
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 from capsbayes.work import digest_of, step_of
 
@@ -172,10 +172,10 @@ class MembraneSampling:
         best = starting_points(self.capsules, unknowns)
         found = self._distinct(modes(self.capsules, unknowns, best) if unknowns.scores else [])
         count, d = _OF_MODE, unknowns.dimensions
-        parts = [unknowns.wide(uniform(d, _CLOUD, 1))]
+        parts = [unknowns.wide(quasi_random(d, _CLOUD, 1))]
         kinds = [stats.multivariate_t(one.point, _WIDER**2 * one.covariance, df=_FREEDOM) for one in found]
         for number, one in enumerate(found):
-            places = uniform(d + 1, count, 2 + number)
+            places = quasi_random(d + 1, count, 2 + number)
             normal = stats.norm.ppf(places[:, 1:]) @ np.linalg.cholesky(one.covariance).T
             stretch = np.sqrt(_FREEDOM / stats.chi2.ppf(places[:, 0], _FREEDOM))
             parts.append(one.point + _WIDER * stretch[:, None] * normal)
@@ -199,7 +199,7 @@ class MembraneSampling:
         return kept
 
     def _drawn(self, proposal: Proposal, count: int, seed: int, near: Draws, after: int = 0) -> Draws:
-        points = proposal.drawn(uniform(self.unknowns.dimensions + 2, count, seed, after))
+        points = proposal.drawn(quasi_random(self.unknowns.dimensions + 2, count, seed, after))
         found = self.found(points, near)
         return Draws(points, found.log_density - proposal.log_density(points), found)
 
@@ -214,8 +214,7 @@ def _nearest(draws: Draws, points: Floats) -> Start:
 
 
 def _fitted(draws: Draws) -> Proposal:
-    weights = draws.log_weights
-    return Proposal.fitted(draws.points, normalised(tempering(weights, _ALIVE * len(weights)) * weights))
+    return Proposal.fitted(draws.points, tempered(draws.log_weights, _ALIVE * len(draws.points)))
 
 
 def _result(draws: Draws, *, certain: bool = False) -> Sampled:

@@ -13,7 +13,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.identify import check_applies
-from capsbayes.infer.importance.weights import normalised
+from capsbayes.infer.importance.weights import normalised, rows_by_weight
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.many.one_membrane.conditional import MODULUS, RATE, SIZE, Capsules, Start
 from capsbayes.infer.many.one_membrane.engine import WITHIN, MembraneSampling, Sampled
@@ -158,8 +158,7 @@ def _drawn(
     """Draw membranes by their weights, and at each of them the capsules : (d,) and (d, n) arrays by name."""
     rng = np.random.default_rng([seed, 7])
     weights = normalised(sampled.draws.log_weights)
-    places = (np.arange(_DRAWS) + rng.uniform(size=_DRAWS)) / _DRAWS
-    rows = np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
+    rows = rows_by_weight(weights, rng, _DRAWS)
     points, found = sampled.draws.points[rows], sampled.draws.found
     parts = []
     for first in range(0, _DRAWS, _AT_ONCE):

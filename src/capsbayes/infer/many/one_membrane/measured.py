@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -100,13 +100,6 @@ class Batch:
         columns = np.concatenate([self.rows, self.target[..., None], self.scale[..., None]], axis=-1)
         white: Floats = np.asarray(np.linalg.solve(factor, columns), dtype=np.float64)
         return replace(self, rows=white[..., :-2], target=white[..., -2], scale=white[..., -1])
-
-    def taken(self, some: Integers) -> Batch:
-        """Return some of the capsules."""
-        arrays: dict[str, Any] = {
-            item.name: value[some] for item in fields(self) if isinstance(value := getattr(self, item.name), np.ndarray)
-        }
-        return replace(self, **arrays | {"group": np.unique(self.group[some], return_inverse=True)[1]})
 
 
 def batch_of(

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
-from scipy.stats import qmc
 
 from capsbayes.arrays import Floats
+from capsbayes.infer.importance.weights import quasi_random
 from capsbayes.infer.many.one_membrane.conditional import STEP, Capsules, Spreads
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 
@@ -25,7 +25,7 @@ _NARROWEST, _OF_SPREADS = (0.05, 0.02), 0.4  # spreads at first, and standard de
 
 def starting_points(capsules: Capsules, unknowns: Unknowns) -> Floats:
     """Return the best points (d, p) of some over the prior."""
-    points = unknowns.wide(uniform(unknowns.dimensions, _STARTS, 0))
+    points = unknowns.wide(quasi_random(unknowns.dimensions, _STARTS, 0))
     for column, which in enumerate(unknowns.sought, unknowns.scores):
         points[:, column] = np.log(_USUAL[which])
     tried = capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), iterations=2)
@@ -57,14 +57,6 @@ def _sharing(capsules: Capsules, own: Floats) -> Floats:
     """Return the sum of the correlations of the model's error of each capsule, at ln Ca and a/l (n, 2), with others."""
     scaled = own / capsules.model.error_lengths
     return np.asarray(np.exp(-0.5 * cdist(scaled, scaled, "sqeuclidean")).sum(axis=1))
-
-
-def uniform(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
-    """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
-    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(abs(2 * seed + (seed < 0))))
-    if after:
-        sequence.fast_forward(after)
-    return np.clip(sequence.random(count), 1e-9, 1.0 - 1e-9)
 
 
 class Mode(NamedTuple):
