@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from capsbayes.errors import InputError
+from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
-from capsbayes.infer import Membrane
+from capsbayes.infer import Membrane, Prior
 from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
 from capsbayes.measurement import Measurement
+from capsbayes.prediction import Prediction
 from capsbayes.surrogate import MembraneSurrogate
 
 EXPERIMENT = Experiment(cross_section="square", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.02 Pa s")
@@ -102,3 +103,29 @@ def test_measurements_must_be_there_and_alike(capsules):
     metres = Measurement(axial_extent="50.0 +/- 0.3 um", capsule_velocity="5.00 +/- 0.05 mm/s")
     with pytest.raises(InputError, match="lengths over l"):
         identify_membrane([metres], EXPERIMENT, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"prior": Prior(surface_shear_modulus="20 .. 80 mN/m")}, "surface_shear_modulus: expected none"),
+        ({"membrane": Membrane(membrane_thickness="5 um")}, "membrane_thickness: expected a thickness from"),
+        ({"membrane": Membrane(pre_inflation=0.5)}, "pre_inflation: expected 0 to 0.1"),
+    ],
+)
+def test_what_a_batch_cannot_use_is_refused(capsules, options, message):
+    with pytest.raises(InputError, match=message):
+        identify_membrane(capsules[0], EXPERIMENT, seed=1, laws=False, **options)
+
+
+def test_a_model_without_any_shape_is_refused(capsules, monkeypatch):
+    monkeypatch.setattr(MembraneSurrogate, "__call__", _without_shapes)
+    with pytest.raises(NoShapeError, match="a membrane that gives all capsules a steady shape"):
+        identify_membrane(capsules[0], EXPERIMENT, seed=1, laws=False)
+
+
+def _without_shapes(model, theta, *, outline=False):
+    """Predict nothing anywhere."""
+    count = len(theta["capillary_number"])
+    nothing = np.full(count, np.nan)
+    return Prediction(*[nothing] * 4, np.full((count, 3, 3), np.nan), np.zeros(count, dtype=bool))

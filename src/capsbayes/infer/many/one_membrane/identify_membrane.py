@@ -13,6 +13,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.identify import check_applies
+from capsbayes.infer.importance.frame import check_thickness
 from capsbayes.infer.importance.weights import normalised, rows_by_weight
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.many.one_membrane.conditional import MODULUS, RATE, SIZE, Capsules, Start
@@ -104,7 +105,7 @@ def identify_membrane(
         batch = batch_of(measurements, experiment, model, scale_error=scale_error)
         numbers = (Lengths if outline is None else Outlines)(model, experiment.half_width.value)
         capsules = Capsules(batch, numbers, float(np.log(experiment.viscosity.value)))
-        unknowns = _unknowns(model, membrane or Membrane(), (prior or Prior()).with_thickness(experiment), spreads)
+        unknowns = _unknowns(model, membrane or Membrane(), prior or Prior(), experiment, spreads)
         capsules = with_model_error(capsules, unknowns)
         tried = _possible(unknowns) if laws else []
         progress("membrane unknown", 0, 1 + len(tried))
@@ -139,11 +140,21 @@ def identify_membrane(
 
 
 def _unknowns(
-    model: MembraneSurrogate, membrane: Membrane, prior: Prior, spreads: tuple[float | None, float | None]
+    model: MembraneSurrogate,
+    membrane: Membrane,
+    prior: Prior,
+    experiment: Experiment,
+    spreads: tuple[float | None, float | None],
 ) -> Unknowns:
-    fixed, believed = membrane.applied(model, prior)
+    for name in ("surface_shear_modulus", "capsule_radius"):
+        if getattr(prior, name) != getattr(Prior(), name):
+            expected = "none, as the batch tells the mean of its capsules"
+            raise InputError("prior", name, expected, str(getattr(prior, name)))
+    fixed, believed = membrane.applied(model, prior.with_thickness(experiment))
+    coordinates = Coordinate.all_of(fixed, believed)
+    check_thickness(coordinates, experiment, model.domain)
     known = dict(fixed.values) if isinstance(fixed, FixedParameters) else {}
-    return Unknowns.of(Coordinate.all_of(fixed, believed), known, spreads)
+    return Unknowns.of(coordinates, known, spreads)
 
 
 def _possible(unknowns: Unknowns) -> list[tuple[str, Mapping[str, float]]]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from capsbayes.arrays import Floats
+from capsbayes.errors import NoShapeError
 from capsbayes.infer.importance.weights import quasi_random
 from capsbayes.infer.many.one_membrane.conditional import STEP, Capsules, Spreads
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
@@ -36,6 +37,11 @@ def with_model_error(capsules: Capsules, unknowns: Unknowns) -> Capsules:
     """Return the capsules with the model's own error, as it is at their best membrane, in those of the measurements.
 
     It is held there: if it changed with the membrane, membranes of which the model is sure would be preferred.
+
+    Raises
+    ------
+    NoShapeError
+        If the capsules have no shape at any membrane.
     """
     known = capsules
     points = starting_points(capsules, unknowns) if unknowns.dimensions else np.zeros((1, 0))
@@ -46,8 +52,10 @@ def with_model_error(capsules: Capsules, unknowns: Unknowns) -> Capsules:
         best = int(np.argmax(found.log_evidence))
         points = points[best : best + 1]
         own = found.own[best : best + 1]
-        if not np.isfinite(own).all():
-            return capsules
+        if not np.isfinite(found.log_evidence[best]):
+            expected = "a membrane that gives all capsules a steady shape at some Ca and a/l of the model"
+            advice = "state less of the membrane"
+            raise NoShapeError("identify_membrane", "membrane", expected, "none of those that were tried", advice)
         covariances = capsules.shapes(unknowns.membranes(points), own, errors=True).covariances[0]
         known = replace(capsules, batch=capsules.batch.with_model_error(covariances, _sharing(capsules, own[0])))
     return known
