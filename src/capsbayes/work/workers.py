@@ -76,7 +76,8 @@ def _in_processes(tasks: Sequence[Callable[..., T]], workers: int | None, shared
         except BaseException:
             for worker in set(multiprocessing.active_children()) - others:
                 worker.kill()  # one in compiled code would not listen
-            pool.shutdown(wait=False, cancel_futures=True)
+            # waited for: Python's exit would wake the pool's thread, and print an error if that thread is just ending
+            pool.shutdown(wait=True, cancel_futures=True)
             raise
 
 
