@@ -51,6 +51,7 @@ _HOME = {
     "identify_membrane": "capsbayes.infer.many",
     "measure": "capsbayes.image",
     "measure_film": "capsbayes.image.measure_film",
+    "membrane_flow_design": "capsbayes.plan",
     "sobol_indices": "capsbayes.plan",
     "write_report": "capsbayes.show",
 }
@@ -77,7 +78,14 @@ if TYPE_CHECKING:
     from capsbayes.physics.databases import build_database
     from capsbayes.physics.membrane import GeneralisedHooke, NeoHookean, Skalak
     from capsbayes.physics.simulation import Simulator, SteadyState
-    from capsbayes.plan import LabErrors, error_budget, flow_design, identifiability_map, sobol_indices
+    from capsbayes.plan import (
+        LabErrors,
+        error_budget,
+        flow_design,
+        identifiability_map,
+        membrane_flow_design,
+        sobol_indices,
+    )
     from capsbayes.profile import Profile
     from capsbayes.quantity import Quantity
     from capsbayes.show.report import write_report

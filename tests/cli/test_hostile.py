@@ -359,6 +359,7 @@ OF_TEXT = {
     ("diagnose", "--measured"): ("x", "halo=", "halo=1 um", "halo=nan +/- 1 um", "halo=1 +/- 1 kg"),
     ("sensitivity sobol", "--range"): ("x", "viscosity=", "viscosity=2 .. 1 Pa s", "moon=1"),
     ("sensitivity flow", "--shear-modulus"): ("x", "nan mN/m", "-1 mN/m", "1e300 N/m", "5 m"),
+    ("sensitivity flow", "--membrane"): ("x", "moon=1", "pre_inflation=nan", "hardening=1"),
     ("sensitivity flow", "--radius"): ("x", "nan um", "-1 um", "1e300 m", "5 N/m"),
     ("simulate", "--law"): (
         "x",

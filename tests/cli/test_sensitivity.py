@@ -108,6 +108,60 @@ def test_the_flow_rate_for_expected_capsules(capsule, database, tmp_path):
     assert len(rows) == len(stored["points"])
 
 
+BATCH = ("flow", "--shear-modulus", "50 +/- 2 mN/m", "--radius", "22.5 +/- 0.5 um", "--like", "CAPSULE")
+KNOWN = ("--membrane", "neo-Hookean", "--membrane", "bending=1e-4", "--guess", "pre_inflation=0.03")
+
+
+def test_flow_rates_for_a_batch_of_unknown_membrane(capsule, tmp_path):
+    asked = [capsule if word == "CAPSULE" else word for word in (*BATCH, *KNOWN)]
+    speeds = ("--mean-velocity", "2 mm/s", "--mean-velocity", "4 mm/s", "--capsules", 6)
+    result = run(*asked, *speeds, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    for words in (
+        "6 capsules, filmed in equal shares",
+        "Film at U = 2, 4 mm/s",
+        "tell alpha",
+        "alpha = 0.03",
+        "Slower",
+    ):
+        assert words in said(result)
+    assert files(tmp_path / "out") == {"flow.json", "flow.csv", "flow.png"}
+    stored = json.loads((tmp_path / "out" / "flow.json").read_text())
+    assert stored["sets"][0]["mean_velocities"] == [2e-3, 4e-3]
+    rows = np.genfromtxt(tmp_path / "out" / "flow.csv", delimiter=",", names=True)
+    assert len(rows) == len(stored["velocities"])
+
+
+def test_what_a_file_states_of_the_membrane_is_read(capsule):
+    text = capsule.read_text() + '[membrane]\nlaw = "neo-Hookean"\nbending = 1e-4\n'
+    capsule.write_text(text)
+    asked = [capsule if word == "CAPSULE" else word for word in BATCH]
+    result = run(*asked, "--mean-velocity", "3 mm/s", "--capsules", 4, "--json")
+    assert result.exit_code == 0, result.output
+    assert list(json.loads(result.stdout)["prior_sds"]) == ["pre_inflation"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((*BATCH, "--flows", "2"), "flow: --flows: expected --membrane with it, got 2 without"),
+        ((*BATCH, *KNOWN, "--simulate", "5"), "--simulate: expected no such option with the membrane unknown, got 5"),
+        ((*BATCH, *KNOWN, "--mean-velocity", "fast"), "--mean-velocity: expected"),
+        ((*BATCH, *KNOWN, "--guess", "stiff"), "--guess: law: expected one of"),
+        (
+            ("map", *LAB, "--outline-error", "0.01", "--experiment", "CHANNEL"),
+            "--outline-correlation: expected one, as",
+        ),
+    ],
+)
+def test_bad_input_of_a_batch_is_one_line(capsule, arguments, message):
+    places = {"CAPSULE": capsule, "CHANNEL": capsule.parent / "channel.toml"}
+    result = run(*(places.get(one, one) for one in arguments))
+    assert isinstance(result.exception, CapsbayesError)
+    assert message in str(result.exception)
+    assert "\n" not in str(result.exception)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -3,7 +3,7 @@ import pytest
 from polynomial_model import PolynomialModel
 
 from capsbayes.experiment import Experiment
-from capsbayes.infer import identify
+from capsbayes.infer import Membrane, identify
 from capsbayes.measurement import Measurement
 from capsbayes.plan import (
     LabErrors,
@@ -12,9 +12,11 @@ from capsbayes.plan import (
     error_budget,
     flow_design,
     identifiability_map,
+    membrane_flow_design,
 )
 from capsbayes.quantity import Quantity
 from capsbayes.show import budget_figure, flow_figure, identifiability_figure, sobol_figure
+from capsbayes.show.figures.membrane_plan import membrane_flow_figure
 from capsbayes.status import Status
 
 LAB = Experiment(cross_section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
@@ -84,3 +86,16 @@ def test_the_flow_is_drawn_in_both_units_with_its_limit():
     limit = [line.get_xdata()[0] for line in lower.lines if line.get_linestyle() == "--"]
     assert limit == pytest.approx([1e3 * design.limit_velocity])
     assert any("the end of the database" in text.get_text() for text in lower.get_legend().get_texts())
+
+
+def test_the_flow_rates_of_a_batch_are_drawn_with_what_they_tell():
+    membrane = Membrane("neo-Hookean", bending=1e-4)
+    expected = "50 +/- 5 mN/m", "23 +/- 1 um", LAB, ERRORS
+    design = membrane_flow_design(*expected, seed=1, membrane=membrane, capsules=4, velocities=(2e-3, 4e-3))
+    upper, lower = drawn(membrane_flow_figure(design)).axes
+    np.testing.assert_allclose(upper.lines[0].get_xdata(), [2.0, 4.0])
+    sd = 100.0 * design.best.sds["surface_shear_modulus"]
+    assert [label.get_text() for label in upper.get_yticklabels()] == [f"2: ± {sd:.2g} %"]
+    assert lower.get_xlabel() == "$U$ [mm/s]"
+    without = lower.lines[0].get_ydata()
+    np.testing.assert_allclose(without, [100.0 * risk.without_shape for risk in design.risks])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from capsbayes.measurement import Measurement
     from capsbayes.model import ForwardModel
     from capsbayes.physics.capsule.membrane_load import BendingEnergy
+    from capsbayes.plan import LabErrors
     from capsbayes.quantity import Quantity
     from capsbayes.surrogate import EffectSurrogate, Surrogate
 
@@ -154,8 +156,19 @@ def lab_of(
         float | None, typer.Option(help="Standard error of L_a, over l; omit it where the rear is not seen.")
     ] = None,
     velocity_error: Annotated[float | None, typer.Option(help="Standard error of v_o, over v_o.")] = None,
+    rate_error: Annotated[
+        float | None, typer.Option(help="Standard error of the flow rate, over it; omit it where it is not known.")
+    ] = None,
+    outline_error: Annotated[
+        float | None, typer.Option(help="Standard error along outlines, over l; omit it where none are measured.")
+    ] = None,
+    outline_correlation: Annotated[
+        float | None, typer.Option(help="Length along an outline over which its errors are correlated, over l.")
+    ] = None,
 ) -> Any:
-    """Return the errors of a lab and its experiment: those of a measured capsule, or those that are stated.
+    """Return the errors of a lab, its experiment, and what is stated of the membrane of a measured capsule.
+
+    The errors are those of that capsule, or those that are stated.
 
     Raises
     ------
@@ -163,25 +176,39 @@ def lab_of(
         Naming the option that is wrong or missing.
     """
     from capsbayes.experiment import Experiment
+    from capsbayes.infer import Membrane
+    from capsbayes.measured_outline import OutlineNoise
     from capsbayes.measurement import Measurement
     from capsbayes.plan import LabErrors
 
+    outline = {"--outline-error": outline_error, "--outline-correlation": outline_correlation}
     stated = {"--extent-error": extent_error, "--length-error": length_error, "--velocity-error": velocity_error}
+    stated |= {"--rate-error": rate_error, **outline}
     if like is not None:
         for option, value in stated.items():
             if value is not None:
                 raise InputError("sensitivity", option, "no such option together with --like", f"{value:g}")
         measurement = Measurement.read(like)
-        if measurement.outline is not None:
-            typer.echo(
-                f"The widths are those of the lengths of {like}; its outline would make them narrower.", err=True
-            )
-        return LabErrors.of(measurement), named_experiment(measurement, experiment)
+        return LabErrors.of(measurement), named_experiment(measurement, experiment), Membrane.read(like)
     if experiment is None or extent_error is None or velocity_error is None:
         given = ", ".join(name for name, value in stated.items() if value is not None) or "none of them"
         expected = "--like CAPSULE, or --experiment with --extent-error and --velocity-error"
         raise InputError("sensitivity", "errors", expected, given if experiment is None else f"--experiment, {given}")
-    return LabErrors(extent_error, velocity_error, length_error), Experiment.read(experiment)
+    noise = None
+    if outline_error is not None or outline_correlation is not None:
+        if outline_error is None or outline_correlation is None:
+            missing = next(name for name, value in outline.items() if value is None)
+            raise InputError("sensitivity", missing, "one, as the errors of an outline need both", "none")
+        noise = OutlineNoise(outline_error, outline_correlation)
+    errors = LabErrors(extent_error, velocity_error, length_error, outline=noise, flow_rate=rate_error)
+    return errors, Experiment.read(experiment), None
+
+
+def lengths_alone(errors: LabErrors) -> LabErrors:
+    """Return errors without those of outlines and of the flow rate, of which it is said that they do not count."""
+    if errors.outline is not None:
+        typer.echo("The widths are those of lengths alone; outlines would make them narrower.", err=True)
+    return replace(errors, outline=None, flow_rate=None)
 
 
 def with_options_of(made: Callable[..., Any], name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -268,7 +295,7 @@ def named_model(database: str | None, cross_section: str, view: str | None = Non
     return Surrogate.open(database or f"{cross_section}-neo-hookean", view=view or MID_PLANE)
 
 
-def membrane_of(stated: Membrane | None, options: list[str] | None) -> Membrane | None:
+def membrane_of(stated: Membrane | None, options: list[str] | None, option_name: str = "--membrane") -> Membrane | None:
     """Return what a capsule's file states of its membrane, changed by the options ``--membrane``; None if neither does.
 
     Raises
@@ -283,10 +310,10 @@ def membrane_of(stated: Membrane | None, options: list[str] | None) -> Membrane 
         name, equals, text = option.partition("=")
         if equals and name not in ("law", *KEYS):
             raise InputError(
-                "--membrane", "", f"a law, or NAME=TEXT with one of the names {', '.join(KEYS)}", repr(option)
+                option_name, "", f"a law, or NAME=TEXT with one of the names {', '.join(KEYS)}", repr(option)
             )
         texts[name if equals else "law"] = text if equals else option
-    return (stated or Membrane()).with_texts(texts, where="--membrane") if texts else stated
+    return (stated or Membrane()).with_texts(texts, where=option_name) if texts else stated
 
 
 def capsule_model(

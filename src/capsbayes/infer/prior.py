@@ -309,6 +309,11 @@ class Coordinate:
         shares = self._below + np.asarray(shares) * self.covered
         return np.clip(self.distribution.ppf(shares), self.low, self.high)
 
+    def shares(self, values: ArrayLike) -> Floats:
+        """Return the shares of the prior that lie below given values: the inverse of `values`."""
+        below = self.distribution.cdf(values)
+        return np.asarray(below if self.by_thickness else (below - self._below) / self.covered)
+
     def log_density(self, values: ArrayLike) -> Floats:
         """Return the log of the prior density, -inf beyond the range."""
         values = np.asarray(values, dtype=np.float64)

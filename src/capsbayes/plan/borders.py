@@ -49,3 +49,30 @@ def range_at(model: ForwardModel, size_ratio: float) -> CaRange:
         return CaRange(size_ratio, np.nan, np.nan, False)
     highest = float(ca[within[-1]])
     return CaRange(size_ratio, float(ca[within[0]]), highest, model.domain.is_limit_of_existence(size_ratio))
+
+
+@dataclass(frozen=True, eq=False)
+class Borders:
+    """Range of Ca of a model over a/l, to be read at many capsules.
+
+    Parameters
+    ----------
+    sizes : (b,) array [-]
+        a/l, rising.
+    lowest, highest : (b,) arrays
+        Ends of the model there.
+    """
+
+    sizes: Floats
+    lowest: Floats
+    highest: Floats
+
+    @classmethod
+    def of(cls, model: ForwardModel, sizes: Floats) -> Borders:
+        """Return those of a model at sizes (b,) that it has."""
+        ranges = [range_at(model, float(size)) for size in sizes]
+        return cls(sizes, *(np.array([getattr(one, end) for one in ranges]) for end in ("lowest", "highest")))
+
+    def at(self, size: Floats) -> tuple[Floats, Floats]:
+        """Return the lowest and the highest Ca at sizes : (n,) arrays."""
+        return np.interp(size, self.sizes, self.lowest), np.interp(size, self.sizes, self.highest)

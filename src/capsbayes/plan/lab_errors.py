@@ -8,7 +8,10 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.measured_outline import MID_PLANE, MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
+
+_SURE = 1e-6  # relative error of a flow rate that is stated without one
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,12 @@ class LabErrors:
         Between the errors of the two lengths.
     over_half_width : bool
         True for lengths over l, False for lengths in metres.
+    outline : OutlineNoise, optional
+        Errors of the outlines, if such are measured.
+    view : str
+        Of the outlines.
+    flow_rate : float, optional [-]
+        Of the flow rate of the pump over the flow rate, if it is known.
 
     Raises
     ------
@@ -44,25 +53,33 @@ class LabErrors:
     axial_length: float | None
     length_correlation: float = 0.0
     over_half_width: bool = True
+    outline: OutlineNoise | None = None
+    view: str = MID_PLANE
+    flow_rate: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("axial_extent", "capsule_velocity", "axial_length"):
+        optional = ("axial_length", "flow_rate")
+        for name in ("axial_extent", "capsule_velocity", *optional):
             error = getattr(self, name)
-            if not (name == "axial_length" and error is None) and not (np.isfinite(error) and error > 0.0):
+            if not (name in optional and error is None) and not (np.isfinite(error) and error > 0.0):
                 raise InputError("errors", name, "a positive finite standard error", repr(error))
         if not -1.0 < self.length_correlation < 1.0:
             raise InputError("errors", "length_correlation", "between -1 and 1", repr(self.length_correlation))
 
     @classmethod
     def of(cls, measurement: Measurement) -> LabErrors:
-        """Return the errors of a measured capsule; its outline is ignored."""
+        """Return the errors of a measured capsule."""
         relative = measurement.capsule_velocity_error / measurement.capsule_velocity
+        outline, rate = measurement.outline, measurement.flow_rate
         return cls(
             measurement.axial_extent_error,
             relative,
             measurement.axial_length_error,
             measurement.length_correlation,
             measurement.over_half_width,
+            None if outline is None else outline.noise,
+            MID_PLANE if outline is None else outline.view,
+            None if not rate else max((measurement.flow_rate_error or 0.0) / rate, _SURE),
         )
 
     @property
@@ -73,16 +90,27 @@ class LabErrors:
         cross = self.length_correlation * self.axial_extent * self.axial_length
         return np.array([[self.axial_extent**2, cross], [cross, self.axial_length**2]])
 
-    def measured(self, lengths: Floats, capsule_velocity: float) -> Measurement:
-        """Return a measurement of given lengths.
+    def measured(
+        self,
+        lengths: Floats,
+        capsule_velocity: float,
+        outline: Floats | None = None,
+        flow_rate: float | None = None,
+    ) -> Measurement:
+        """Return a measurement of given lengths, and of an outline and a flow rate if such are given.
 
         Parameters
         ----------
         lengths : (2,) array [l or m]
             L_z and L_a; L_a is cut at L_z where noise makes it the longer.
         capsule_velocity : float [m/s]
+        outline : (m, 2) array, optional [l]
+        flow_rate : float, optional [m^3/s]
+            Left out where the flow rate has no error stated.
         """
         extent = float(lengths[0])
+        noise = None if outline is None else self.outline
+        rate = flow_rate if self.flow_rate is not None else None
         return Measurement(
             axial_extent=extent,
             axial_extent_error=self.axial_extent,
@@ -92,18 +120,24 @@ class LabErrors:
             axial_length_error=self.axial_length,
             length_correlation=self.length_correlation,
             over_half_width=self.over_half_width,
+            outline=None if outline is None or noise is None else MeasuredOutline(outline, noise, view=self.view),
+            flow_rate=rate,
+            flow_rate_error=None if rate is None or self.flow_rate is None else self.flow_rate * rate,
         )
 
     def as_dict(self) -> dict[str, float | str | None]:
         """Return the fields with their unit, for files."""
         unit = "l" if self.over_half_width else "m"
-        return {
+        found: dict[str, float | str | None] = {
             "axial_extent": self.axial_extent,
             "axial_length": self.axial_length,
             "unit_of_lengths": unit,
             "length_correlation": self.length_correlation,
             "capsule_velocity_relative": self.capsule_velocity,
         }
+        if self.outline is not None:
+            found |= {"outline": self.outline.scale, "outline_correlation": self.outline.correlation_length}
+        return found if self.flow_rate is None else found | {"flow_rate_relative": self.flow_rate}
 
 
 def root_of(covariance: Floats) -> Floats:

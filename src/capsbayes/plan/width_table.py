@@ -8,7 +8,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.model import ForwardModel
-from capsbayes.plan.borders import range_at
+from capsbayes.plan.borders import Borders, range_at
 from capsbayes.plan.identifiability import Progress
 from capsbayes.plan.widths import Width, WidthPredictor
 
@@ -30,14 +30,13 @@ class WidthTable:
         Points of each column, from end to end of the model there.
     values : mapping of (k, m) array
         The fields of `Width`.
-    borders : two (b,) arrays
-        a/l, and the highest Ca there.
+    borders : Borders
     """
 
     columns: Floats
     log_ca: Floats
     values: dict[str, Floats]
-    borders: tuple[Floats, Floats]
+    borders: Borders
 
     @classmethod
     def of(cls, predictor: WidthPredictor, sizes: Floats, progress: Progress | None = None) -> WidthTable:
@@ -72,7 +71,7 @@ class WidthTable:
 
     def highest(self, size: Floats) -> Floats:
         """Return the highest Ca of the model at sizes : (n,) array."""
-        return np.interp(size, *self.borders)
+        return self.borders.at(size)[1]
 
 
 def _along(log_ca: Floats, places: Floats, values: Floats) -> Floats:
@@ -89,6 +88,5 @@ def _columns(model: ForwardModel, sizes: Floats) -> Floats:
     return np.linspace(low, high, int(np.clip(np.ceil((high - low) / _SPACING) + 1, 2, _MOST)))
 
 
-def _borders(model: ForwardModel, columns: Floats) -> tuple[Floats, Floats]:
-    places = columns if len(columns) == 1 else np.linspace(columns[0], columns[-1], _BORDERS)
-    return places, np.array([range_at(model, float(size)).highest for size in places])
+def _borders(model: ForwardModel, columns: Floats) -> Borders:
+    return Borders.of(model, columns if len(columns) == 1 else np.linspace(columns[0], columns[-1], _BORDERS))

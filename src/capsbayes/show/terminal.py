@@ -10,12 +10,15 @@ from capsbayes.diagnosis import Study
 from capsbayes.infer import Posterior
 from capsbayes.infer.many import Hierarchy, Population
 from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
+from capsbayes.plan import MembraneFlowDesign
 from capsbayes.show.tables import membrane as of_membrane
+from capsbayes.show.tables import membrane_plan as of_membrane_plan
 from capsbayes.show.tables import population as of_population
 from capsbayes.show.tables import posterior as of_posterior
 from capsbayes.show.tables import study as of_study
 from capsbayes.show.tables.table import Strong
 from capsbayes.show.words import membrane as membrane_words
+from capsbayes.show.words import membrane_plan as membrane_plan_words
 from capsbayes.show.words import population as population_words
 from capsbayes.show.words import posterior as posterior_words
 from capsbayes.show.words import study as study_words
@@ -65,6 +68,13 @@ def membrane_parts(shared: SharedMembrane) -> Parts:
     if shared.flow.max() > 0:
         yield of_membrane.flow_table(shared)
     yield from membrane_words.caveats(shared)
+
+
+def membrane_flow_parts(design: MembraneFlowDesign) -> Parts:
+    """Yield what is printed of the flow rates at which a batch is to be filmed."""
+    if design.sets:
+        yield of_membrane_plan.membrane_flow_table(design)
+    yield from membrane_plan_words.flow_words(design)
 
 
 def study_parts(study: Study) -> Parts:

@@ -7,19 +7,32 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import AsJson, ModelName, Seed, lab_of, named_model, with_options_of
+from capsbayes.cli.options import (
+    AsJson,
+    ModelName,
+    Seed,
+    lab_of,
+    lengths_alone,
+    membrane_of,
+    named_model,
+    with_options_of,
+)
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
 from capsbayes.cli.paths import Writes
+from capsbayes.cli.sensitivity.membrane_flow import planned_batch_of, print_membrane_flow
+from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths
 
 
+@with_options_of(planned_batch_of, "planned")
 @with_options_of(lab_of, "lab")
 def flow(
     shear_modulus: Annotated[str, typer.Option(help='Expected G_s, as "50 mN/m" or "50 +/- 10 mN/m".')],
     radius: Annotated[str, typer.Option(help='Expected a, as "24 um" or "24 +/- 1 um".')],
     lab: Any,
+    planned: Any,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for flow.json, flow.csv, flow.png."),
@@ -41,38 +54,59 @@ def flow(
 ) -> None:
     """Choose the flow rate: the smallest expected width of G_s below the limit of existence.
 
+    With --membrane, the flow rates at which a batch of capsules tells its membrane and its G_s best.
+
     Exit status: 0 done, 1 no flow rate is safe or measures G_s, 2 bad input.
     """
-    from capsbayes.plan import flow_design, simulated_widths
     from capsbayes.quantity import Quantity
-    from capsbayes.show import flow_figure
-    from capsbayes.show.tables.plan import flow_table
-    from capsbayes.work import resumable, tracked
+    from capsbayes.work import resumable
 
     modulus = Quantity.of_text(shear_modulus, "surface_shear_modulus", where="flow", key="--shear-modulus")
     size = Quantity.of_text(radius, "capsule_radius", where="flow", key="--radius")
-    errors, known = lab
-    expected = (modulus, size, known, errors, named_model(database, known.cross_section))
+    errors, known, stated = lab
+    asked = {"seed": seed, "margin": margin, "risk": risk}
+    sheet = membrane_of(stated, planned.membrane)
     with resumable(out):
-        design = flow_design(*expected, seed=seed, margin=margin, risk=risk, progress=tracked)
-        tried = None
-        if simulate and design.best is not None:
-            tried = simulated_widths(*expected, mean_velocity=design.best.mean_velocity, count=simulate, seed=seed)
-        result = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
-        files: dict[str, Writer] = {
-            "flow.json": json_file(result),
-            "flow.csv": table_file(design.table(), index=False),
-            "flow.png": figure_file(lambda: flow_figure(design)),
-        }
-        model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
-        conclude(
-            result,
-            lambda: [flow_table(design), *_lines(design, tried), model_line],
-            files,
-            out=out,
-            as_json=as_json,
-            status=design.status,
-        )
+        if sheet is not None:
+            for option, given in {"--database": database, "--simulate": simulate or None}.items():
+                if given is not None:
+                    raise InputError("flow", option, "no such option with the membrane unknown", str(given))
+            print_membrane_flow((modulus, size, known, errors), sheet, planned, asked, out, as_json)
+            return
+        planned.refuse()
+        expected = (modulus, size, known, lengths_alone(errors), named_model(database, known.cross_section))
+        _print_flow(expected, asked, simulate, out, as_json)
+
+
+def _print_flow(
+    expected: tuple[Any, ...], asked: dict[str, Any], simulate: int, out: Path | None, as_json: bool
+) -> None:
+    """Design the flow rate for a known law, print and write it."""
+    from capsbayes.plan import flow_design, simulated_widths
+    from capsbayes.show import flow_figure
+    from capsbayes.show.tables.plan import flow_table
+    from capsbayes.work import tracked
+
+    design = flow_design(*expected, **asked, progress=tracked)
+    tried = None
+    if simulate and design.best is not None:
+        speed = design.best.mean_velocity
+        tried = simulated_widths(*expected, mean_velocity=speed, count=simulate, seed=asked["seed"])
+    result = design.as_dict() | ({} if tried is None else {"simulated": tried.as_dict()})
+    files: dict[str, Writer] = {
+        "flow.json": json_file(result),
+        "flow.csv": table_file(design.table(), index=False),
+        "flow.png": figure_file(lambda: flow_figure(design)),
+    }
+    model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
+    conclude(
+        result,
+        lambda: [flow_table(design), *_lines(design, tried), model_line],
+        files,
+        out=out,
+        as_json=as_json,
+        status=design.status,
+    )
 
 
 def _lines(design: FlowDesign, tried: SimulatedWidths | None) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import AsJson, ModelName, lab_of, named_model, with_options_of
+from capsbayes.cli.options import AsJson, ModelName, lab_of, lengths_alone, named_model, with_options_of
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
@@ -46,7 +46,8 @@ def identifiability(
 
     if not all(2 <= count <= _MOST_POINTS for count in points):
         raise InputError("map", "--points", f"two numbers from 2 to {_MOST_POINTS}", " ".join(map(str, points)))
-    errors, known = lab
+    stated, known, _ = lab
+    errors = lengths_alone(stated)
     model = named_model(database, known.cross_section)
     with resumable(out):
         found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)

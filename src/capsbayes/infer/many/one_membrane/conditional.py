@@ -11,10 +11,11 @@ block of two for each capsule: the work is proportional to the number of capsule
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.many.one_membrane.measured import Batch
@@ -35,7 +36,7 @@ _HALVINGS = 5
 _FLAT = 1e-9  # of the diagonal, so that what the data tell nothing of has an inverse
 MODULUS, SIZE, SCALE, RATE = range(4)
 """Columns of what is common."""
-_COMMON = 4
+COMMON = 4
 
 Membranes = Mapping[str, Floats]
 
@@ -85,8 +86,8 @@ class Step(NamedTuple):
     common, own : (d, 4), (d, n, 2) arrays
     decrease : (d,) array
         Of minus twice the log density, as expected.
-    covariance : (d, f, f) array
-        Of the normal scores, by the curvature.
+    covariance : (d, 4 + f, 4 + f) array
+        Of what is common and the normal scores, by the curvature.
     log_ratio : (d, n) array
         ln(v_o/U) before the step.
     """
@@ -210,7 +211,7 @@ class Capsules:
         """Return the start; where it leaves the domain, and where there is none, one from the lattice."""
         if start is None:
             own, log_modulus = self._first(membranes)
-            common = np.zeros((len(own), _COMMON))
+            common = np.zeros((len(own), COMMON))
             common[:, MODULUS], common[:, SIZE] = log_modulus.mean(axis=1), own[:, :, 1].mean(axis=1)
             return Start(own, common)
         begin = Start(start.own.copy(), start.common.copy())
@@ -236,10 +237,19 @@ class Capsules:
         every = np.concatenate([common, scores], axis=1)
         blocks = self._blocks(there, own, common, spreads)
         solved = self._solved(blocks, every)
-        c, white = common.shape[1], np.linalg.inv(solved.factor)[:, :, common.shape[1] :]
-        covariance = white.swapaxes(1, 2) @ white
-        whole = solved.common_step
+        white: Floats = np.asarray(np.linalg.inv(solved.factor), dtype=np.float64)
+        covariance, c, whole = white.swapaxes(1, 2) @ white, common.shape[1], solved.common_step
         return Step(whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio)
+
+    def with_model_error(self, membranes: Membranes, own: Floats) -> Capsules:
+        """Return the capsules with the model's own error, as it is at one membrane (1,) and places (n, 2), in theirs.
+
+        Those with nearly the same Ca and a/l share it: the number that share it is the sum of the correlations.
+        """
+        covariances = self.shapes(membranes, own[None], errors=True).covariances[0]
+        scaled = own / self.model.error_lengths
+        sharing = np.exp(-0.5 * cdist(scaled, scaled, "sqeuclidean")).sum(axis=1)
+        return replace(self, batch=self.batch.with_model_error(covariances, sharing))
 
     def misfit(self, membranes: Membranes, values: Start) -> Floats:
         """Return minus twice the log likelihood of each shape, beside the least possible one : (d, n) array."""
@@ -315,8 +325,8 @@ class Capsules:
         """Return the normal equations."""
         batch, shapes = self.batch, there.shapes
         (d, n), q, free = own.shape[:2], batch.target.shape[1], there.along.shape[-1] - 2
-        matrix, right = np.zeros((d, n, q + 3, 2 + _COMMON + free)), np.empty((d, n, q + 3))
-        own_columns = [0, 1, *range(2 + _COMMON, 2 + _COMMON + free)]
+        matrix, right = np.zeros((d, n, q + 3, 2 + COMMON + free)), np.empty((d, n, q + 3))
+        own_columns = [0, 1, *range(2 + COMMON, 2 + COMMON + free)]
         # the shape
         right[:, :, :q] = batch.target - np.einsum("nqk,dnk->dnq", batch.rows, shapes.numbers)
         right[:, :, :q] -= batch.scale * batch.scale_error * common[:, None, None, SCALE]

@@ -130,6 +130,18 @@ class MembraneSampling:
             proposal = _fitted(draws)
         return result
 
+    def about(self, mode: Mode, values: Start) -> Draws:
+        """Sample with few draws about a mode that is known, with the values of the capsules there."""
+        if not self.unknowns.dimensions:
+            point = np.zeros((1, 0))
+            there = self.found(point)
+            return Draws(point, there.log_density, there)
+        near = Draws(mode.point[None], np.zeros(1), Found(np.zeros(1), np.ones(1), *values))
+        points = _about(mode, _TRIED, 0)
+        found = self.found(points, near)
+        proposal = _fitted(Draws(points, found.log_density - _log_about(mode, points), found))
+        return self._drawn(proposal, 2 * _TRIED, 1, near)
+
     def _enough(self, proposal: Proposal, near: Draws, number: int) -> Draws:
         """Draw until the effective draws are enough, or the draws the most."""
         draws = self._drawn(proposal, 2 * _TRIED, -1 - number, near)
@@ -173,15 +185,10 @@ class MembraneSampling:
         found = self._distinct(modes(self.capsules, unknowns, best) if unknowns.scores else [])
         count, d = _OF_MODE, unknowns.dimensions
         parts = [unknowns.wide(quasi_random(d, _CLOUD, 1))]
-        kinds = [stats.multivariate_t(one.point, _WIDER**2 * one.covariance, df=_FREEDOM) for one in found]
-        for number, one in enumerate(found):
-            places = quasi_random(d + 1, count, 2 + number)
-            normal = stats.norm.ppf(places[:, 1:]) @ np.linalg.cholesky(one.covariance).T
-            stretch = np.sqrt(_FREEDOM / stats.chi2.ppf(places[:, 0], _FREEDOM))
-            parts.append(one.point + _WIDER * stretch[:, None] * normal)
+        parts += [_about(one, count, 2 + number) for number, one in enumerate(found)]
         points = np.concatenate(parts)
         logs = [np.log(_CLOUD / len(points)) + unknowns.log_wide(points)]
-        logs += [np.log(count / len(points)) + kind.logpdf(points) for kind in kinds]
+        logs += [np.log(count / len(points)) + _log_about(one, points) for one in found]
         there = self.found(points)
         return Draws(points, there.log_density - logsumexp(logs, axis=0), there)
 
@@ -204,11 +211,25 @@ class MembraneSampling:
         return Draws(points, found.log_density - proposal.log_density(points), found)
 
 
+def _about(mode: Mode, count: int, seed: int) -> Floats:
+    """Draw points (count, p) about a mode."""
+    places = quasi_random(len(mode.point) + 1, count, seed)
+    normal = stats.norm.ppf(places[:, 1:]) @ np.linalg.cholesky(mode.covariance).T
+    stretch = np.sqrt(_FREEDOM / stats.chi2.ppf(places[:, 0], _FREEDOM))
+    return np.asarray(mode.point + _WIDER * stretch[:, None] * normal)
+
+
+def _log_about(mode: Mode, points: Floats) -> Floats:
+    """Return the log density of `_about` : (count,) array."""
+    return np.asarray(stats.multivariate_t(mode.point, _WIDER**2 * mode.covariance, df=_FREEDOM).logpdf(points))
+
+
 def _nearest(draws: Draws, points: Floats) -> Start:
     """Return the capsules as they are at the nearest of some draws, measured by the spread of these."""
     possible = np.isfinite(draws.found.log_density)
     known, found = draws.points[possible], draws.found
-    spread = np.std(known, axis=0) + np.finfo(float).tiny
+    spread = np.std(known, axis=0)
+    spread = np.where(spread > 0.0, spread, 1.0)
     nearest = np.argmin(cdist(points / spread, known / spread), axis=1)
     return Start(found.own[possible][nearest], found.common[possible][nearest])
 

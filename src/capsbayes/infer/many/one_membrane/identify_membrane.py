@@ -37,9 +37,11 @@ NONE_OF_THEM = "none of them"
 
 MISFIT = "p-value of the misfit of all shapes"
 
+ONE_CAPSULE = (1e-3, 1e-4)
+"""Spreads of ln G_s and of a/l among pictures of one capsule."""
+
 _DRAWS = 1000
 _AT_ONCE = 50  # draws whose capsules are drawn together
-_ONE_CAPSULE = (1e-3, 1e-4)  # spreads of ln G_s and of a/l among pictures of one capsule
 _LEAST_P = 1e-3
 
 
@@ -100,12 +102,11 @@ def identify_membrane(
     model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
     for measurement in measurements:
         check_applies(model, measurement, experiment)
-    spreads = _ONE_CAPSULE if same_capsule or len(measurements) == 1 else (None, None)
+    spreads = ONE_CAPSULE if same_capsule or len(measurements) == 1 else (None, None)
     with threadpool_limits(limits=1):
-        batch = batch_of(measurements, experiment, model, scale_error=scale_error)
-        numbers = (Lengths if outline is None else Outlines)(model, experiment.half_width.value)
-        capsules = Capsules(batch, numbers, float(np.log(experiment.viscosity.value)))
-        unknowns = _unknowns(model, membrane or Membrane(), prior or Prior(), experiment, spreads)
+        capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
+        batch = capsules.batch
+        unknowns = unknowns_of(model, membrane or Membrane(), prior or Prior(), experiment, spreads)
         capsules = with_model_error(capsules, unknowns)
         tried = _possible(unknowns) if laws else []
         progress("membrane unknown", 0, 1 + len(tried))
@@ -139,13 +140,30 @@ def identify_membrane(
     )
 
 
-def _unknowns(
+def capsules_of(
+    measurements: Sequence[Measurement], experiment: Experiment, model: MembraneSurrogate, *, scale_error: float = 0.0
+) -> Capsules:
+    """Return the capsules of a batch, to be found at given membranes; the model's own error is not yet in theirs."""
+    batch = batch_of(measurements, experiment, model, scale_error=scale_error)
+    numbers = Lengths if measurements[0].outline is None else Outlines
+    viscosity = float(np.log(experiment.viscosity.value))
+    return Capsules(batch, numbers(model, experiment.half_width.value), viscosity)
+
+
+def unknowns_of(
     model: MembraneSurrogate,
     membrane: Membrane,
     prior: Prior,
     experiment: Experiment,
     spreads: tuple[float | None, float | None],
 ) -> Unknowns:
+    """Return what is unknown of a membrane that a batch shares.
+
+    Raises
+    ------
+    InputError
+        If the statements of the membrane, of its priors and of the experiment do not go together.
+    """
     for name in ("surface_shear_modulus", "capsule_radius"):
         if getattr(prior, name) != getattr(Prior(), name):
             expected = "none, as the batch tells the mean of its capsules"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -80,6 +80,13 @@ class Batch:
 
     def __len__(self) -> int:
         return len(self.target)
+
+    def taken(self, rows: Integers) -> Batch:
+        """Return some of the capsules, each as often as its row is named."""
+        each: dict[str, Any] = {
+            name: value[rows] for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        return replace(self, **each)
 
     def with_model_error(self, covariances: Floats, sharing: Floats) -> Batch:
         """Return the same with the model's own error in the errors of the measurements.

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import NoShapeError
 from capsbayes.infer.importance.weights import quasi_random
-from capsbayes.infer.many.one_membrane.conditional import STEP, Capsules, Spreads
+from capsbayes.infer.many.one_membrane.conditional import COMMON, STEP, Capsules, Spreads, Start, Step
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 
 _STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
@@ -56,15 +54,8 @@ def with_model_error(capsules: Capsules, unknowns: Unknowns) -> Capsules:
             expected = "a membrane that gives all capsules a steady shape at some Ca and a/l of the model"
             advice = "state less of the membrane"
             raise NoShapeError("identify_membrane", "membrane", expected, "none of those that were tried", advice)
-        covariances = capsules.shapes(unknowns.membranes(points), own, errors=True).covariances[0]
-        known = replace(capsules, batch=capsules.batch.with_model_error(covariances, _sharing(capsules, own[0])))
+        known = capsules.with_model_error(unknowns.membranes(points), own[0])
     return known
-
-
-def _sharing(capsules: Capsules, own: Floats) -> Floats:
-    """Return the sum of the correlations of the model's error of each capsule, at ln Ca and a/l (n, 2), with others."""
-    scaled = own / capsules.model.error_lengths
-    return np.asarray(np.exp(-0.5 * cdist(scaled, scaled, "sqeuclidean")).sum(axis=1))
 
 
 class Mode(NamedTuple):
@@ -82,14 +73,8 @@ def modes(capsules: Capsules, unknowns: Unknowns, starts: Floats) -> list[Mode]:
     points, own, common = points[alive], found.own[alive], found.common[alive]
     covariance = np.zeros((len(points), free, free))
     for _ in range(_STEPS if len(points) else 0):
-        membranes, spreads = unknowns.membranes(points), unknowns.spreads_at(points)
-        moved = []
-        for column in range(free):
-            away = points.copy()
-            away[:, column] += STEP
-            moved.append(unknowns.membranes(away))
-        step = capsules.step(membranes, spreads, own, common, moved, points[:, :free])
-        covariance = step.covariance
+        step = step_of_all(capsules, unknowns, points, Start(own, common))
+        covariance = step.covariance[:, COMMON:, COMMON:]
         scores = step.scores / np.maximum(np.max(np.abs(step.scores) / _LONGEST, axis=1, keepdims=True), 1.0)
         share, tried, inside = np.ones(len(points)), points, np.zeros(len(points), dtype=bool)
         for _ in range(_HALVINGS):  # a shorter step where a capsule would leave the domain
@@ -107,6 +92,17 @@ def modes(capsules: Capsules, unknowns: Unknowns, starts: Floats) -> list[Mode]:
     if len(points):
         points = _with_spreads(unknowns, points, capsules, own, step.log_ratio)
     return [Mode(point, _whole(unknowns, one)) for point, one in zip(points, covariance, strict=True)]
+
+
+def step_of_all(capsules: Capsules, unknowns: Unknowns, points: Floats, values: Start) -> Step:
+    """Return the step towards the best membranes and capsules from points (d, p) and values of the capsules there."""
+    moved = []
+    for column in range(unknowns.scores):
+        away = points.copy()
+        away[:, column] += STEP
+        moved.append(unknowns.membranes(away))
+    place = unknowns.membranes(points), unknowns.spreads_at(points)
+    return capsules.step(*place, *values, moved, points[:, : unknowns.scores])
 
 
 def _with_spreads(unknowns: Unknowns, points: Floats, capsules: Capsules, own: Floats, log_ratio: Floats) -> Floats:

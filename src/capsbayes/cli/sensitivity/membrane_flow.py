@@ -1,0 +1,114 @@
+"""``capsbayes sensitivity flow --membrane``: at which flow rates to film a batch whose membrane is unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from capsbayes.cli.options import MembraneKnown, Priors, membrane_of, prior_texts
+from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
+from capsbayes.errors import InputError
+
+if TYPE_CHECKING:
+    from capsbayes.infer import Membrane
+
+_CAPSULES, _FLOWS = 40, 4
+
+
+@dataclass(frozen=True)
+class PlannedBatchOptions:
+    """Options of a batch that is to tell its membrane."""
+
+    membrane: list[str] | None
+    given: dict[str, Any]
+
+    def refuse(self) -> None:
+        """Refuse them where the law is known."""
+        for option, value in self.given.items():
+            if value not in (None, False, []):
+                raise InputError("flow", option, "--membrane with it", f"{value} without")
+
+
+def planned_batch_of(
+    membrane: MembraneKnown = None,
+    guess: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What is expected of the membrane where it is not known, in the words of --membrane, as "
+            "pre_inflation=0.03 or neo-Hookean; default: the middles of the priors; may be given several times."
+        ),
+    ] = None,
+    prior: Priors = None,
+    capsules: Annotated[
+        int | None, typer.Option(min=1, max=100_000, help=f"Capsules of the batch; default: {_CAPSULES}.")
+    ] = None,
+    same_capsule: Annotated[
+        bool, typer.Option("--same-capsule", help="One capsule is filmed at all flow rates, in place of a batch.")
+    ] = False,
+    flows: Annotated[
+        int | None, typer.Option(min=1, max=5, help=f"Most flow rates to film a batch at; default: {_FLOWS}.")
+    ] = None,
+    mean_velocity: Annotated[
+        list[str] | None,
+        typer.Option(help='Mean velocity of a flow to film a batch at, as "2 mm/s"; default: the best are sought.'),
+    ] = None,
+) -> PlannedBatchOptions:
+    """Return the options of a batch that is to tell its membrane."""
+    given = {
+        "--guess": guess,
+        "--prior": prior,
+        "--capsules": capsules,
+        "--same-capsule": same_capsule,
+        "--flows": flows,
+        "--mean-velocity": mean_velocity,
+    }
+    return PlannedBatchOptions(membrane, given)
+
+
+def print_membrane_flow(
+    expected: tuple[Any, ...],
+    sheet: Membrane,
+    planned: PlannedBatchOptions,
+    asked: dict[str, Any],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Design the flow rates for expected G_s, a, experiment and errors, print and write them."""
+    from capsbayes.infer import Prior
+    from capsbayes.plan import membrane_flow_design
+    from capsbayes.quantity import Quantity
+    from capsbayes.show.figures.membrane_plan import membrane_flow_figure
+    from capsbayes.show.terminal import membrane_flow_parts
+    from capsbayes.work import tracked
+
+    given, key = planned.given, "--mean-velocity"
+    speeds = [Quantity.read(text, where=key, key="", units=("m/s",), example="2 mm/s") for text in given[key] or []]
+    design = membrane_flow_design(
+        *expected,
+        **asked,
+        membrane=sheet,
+        guess=membrane_of(None, given["--guess"], "--guess"),
+        prior=Prior().with_texts(prior_texts(given["--prior"]), where="--prior"),
+        capsules=given["--capsules"] or _CAPSULES,
+        same_capsule=given["--same-capsule"],
+        flows=given["--flows"] or _FLOWS,
+        velocities=[speed.value for speed in speeds],
+        progress=tracked,
+    )
+    files: dict[str, Writer] = {
+        "flow.json": json_file(design.as_dict()),
+        "flow.csv": table_file(design.table(), index=False),
+        "flow.png": figure_file(lambda: membrane_flow_figure(design)),
+    }
+    model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
+    conclude(
+        design.as_dict(),
+        lambda: [*membrane_flow_parts(design), model_line],
+        files,
+        out=out,
+        as_json=as_json,
+        status=design.status,
+    )

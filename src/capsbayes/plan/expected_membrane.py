@@ -1,0 +1,109 @@
+"""What a batch is expected to tell of its membrane.
+
+The information of the measurements is the curvature of the likelihood at the membrane that is expected, as the engine
+for batches has it, with G_s and a of each capsule and all errors that capsules share integrated out: it compares many
+sets of flow rates in little time. The widths of one set are those of the posterior that the same engine samples from
+measurements without noise, so that the limits of priors and the curvature of the model count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from capsbayes.arrays import Floats
+from capsbayes.infer.importance.weights import normalised, quasi_random
+from capsbayes.infer.many.one_membrane.conditional import COMMON, MODULUS, SIZE, Capsules, Start
+from capsbayes.infer.many.one_membrane.engine import MembraneSampling
+from capsbayes.infer.many.one_membrane.search import Mode
+from capsbayes.infer.many.one_membrane.unknowns import Unknowns, key_of
+
+LOGARITHMIC = ("area_dilation_modulus", "bending", "membrane_thickness")
+"""Parameters of the membrane of which the width of the logarithm is expected."""
+
+_DRAWS = 4096  # of a prior
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedMembrane:
+    """What measurements of a batch tell of a membrane that is expected.
+
+    Parameters
+    ----------
+    capsules : Capsules
+        As they would be measured without noise, with the model's own error.
+    unknowns : Unknowns
+        With known spreads.
+    scores : (f,) array
+        Normal scores of the membrane.
+    values : Start
+        The capsules there.
+    covariance : (4 + f, 4 + f) array
+        Of what is common to the capsules and of the normal scores, by the curvature, priors included.
+    """
+
+    capsules: Capsules
+    unknowns: Unknowns
+    scores: Floats
+    values: Start
+    covariance: Floats
+
+    def log_volume(self, *names: str) -> float:
+        """Return the log of the determinant of the covariance of some normal scores; zero if none is unknown."""
+        columns = self._columns(*names)
+        return float(np.linalg.slogdet(self.covariance[np.ix_(columns, columns)])[1])
+
+    def seeks(self, *names: str) -> bool:
+        """Return whether one of some parameters is unknown."""
+        return bool(self._columns(*names))
+
+    @property
+    def log_modulus_variance(self) -> float:
+        """Variance of the mean of ln G_s at known viscosity, by the curvature."""
+        return float(self.covariance[MODULUS, MODULUS])
+
+    @property
+    def given_membrane(self) -> Floats:
+        """Covariance (4, 4) of what is common, were the membrane known."""
+        precision = np.linalg.inv(self.covariance)
+        return np.asarray(np.linalg.inv(precision[:COMMON, :COMMON]))
+
+    def widths(self) -> dict[str, float]:
+        """Return the expected standard deviations.
+
+        Returns
+        -------
+        dict of float
+            Of ``surface_shear_modulus`` and ``capsule_radius``, the logarithms of the means of the population at known
+            viscosity and half width, and of each unknown parameter by name, of the logarithm of `LOGARITHMIC`.
+        """
+        mode = Mode(self.scores, self.covariance[COMMON:, COMMON:])
+        draws = MembraneSampling(self.capsules, self.unknowns).about(mode, self.values)
+        weights = normalised(draws.log_weights)
+        common, given = draws.found.common, self.given_membrane
+        shown = shown_parameters(self.unknowns, draws.points)
+        columns = np.column_stack([common[:, MODULUS], common[:, SIZE], *shown.values()])
+        variances = weights @ (columns - weights @ columns) ** 2
+        variances[:2] += given[[MODULUS, SIZE], [MODULUS, SIZE]]
+        sds = dict(zip(("surface_shear_modulus", "capsule_radius", *shown), np.sqrt(variances).tolist(), strict=True))
+        return sds | {"capsule_radius": sds["capsule_radius"] / float(self.values.common[0, SIZE])}
+
+    def _columns(self, *names: str) -> list[int]:
+        return [COMMON + k for k, one in enumerate(self.unknowns.coordinates) if key_of(one) in names]
+
+
+def prior_widths(unknowns: Unknowns) -> dict[str, float]:
+    """Return the standard deviations of the unknown parameters under their priors, of `LOGARITHMIC` by logarithms."""
+    if not unknowns.scores:
+        return {}
+    points = ndtri(quasi_random(unknowns.scores, _DRAWS, 0))
+    return {name: float(np.std(values)) for name, values in shown_parameters(unknowns, points).items()}
+
+
+def shown_parameters(unknowns: Unknowns, points: Floats) -> dict[str, Floats]:
+    """Return the unknown parameters at points (d, p) as widths of them are stated : (d,) arrays by name."""
+    membranes = unknowns.membranes(points)
+    names = [key_of(one) for one in unknowns.coordinates]
+    return {name: np.log(membranes[name]) if name in LOGARITHMIC else membranes[name] for name in names}

@@ -1,0 +1,143 @@
+"""Flow rates at which to film a batch whose membrane is unknown, and what they are expected to tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from capsbayes.plan.expectation import Expectation
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class FlowRisk:
+    """Capsules that cannot be used at one velocity of the flow.
+
+    Parameters
+    ----------
+    mean_velocity, flow_rate : float [m/s], [m^3/s]
+    capillary_number : float
+        Of the capsule in the middle of those expected.
+    below, beyond : float
+        Probability that a capsule lies below the lowest, above the highest Ca of the model at its size.
+    beyond_margin : float
+        As `beyond`, or nearer to it than the margin.
+    without_shape : float
+        Probability that the model has no shape of a capsule, for whatever reason.
+    """
+
+    mean_velocity: float
+    flow_rate: float
+    capillary_number: float
+    below: float
+    beyond: float
+    beyond_margin: float
+    without_shape: float
+
+
+@dataclass(frozen=True)
+class PlannedFlows:
+    """Flow rates at which a batch is filmed, and the standard deviations that are expected.
+
+    Parameters
+    ----------
+    mean_velocities, flow_rates : tuple of float [m/s], [m^3/s]
+    capillary_numbers : tuple of float
+        Of the middle capsule.
+    sds : mapping of float
+        Of the logarithms of the mean G_s and a of the population, and of the unknown parameters of the membrane, see
+        `capsbayes.plan.expected_membrane.ExpectedMembrane.widths`; the errors of viscosity and half width are in it.
+    sd_if_known : float
+        That of the mean ln G_s, were the membrane known.
+    """
+
+    mean_velocities: tuple[float, ...]
+    flow_rates: tuple[float, ...]
+    capillary_numbers: tuple[float, ...]
+    sds: Mapping[str, float]
+    sd_if_known: float
+
+
+@dataclass(frozen=True, eq=False)
+class MembraneFlowDesign:
+    """What a batch is expected to tell of its membrane, at the best flow rates.
+
+    Parameters
+    ----------
+    sets : tuple of PlannedFlows
+        The best for G_s, of one flow rate to the number asked for; where velocities were asked for, those alone.
+    for_law : PlannedFlows or None
+        As many as asked for, the best for K and h; None where none was sought.
+    prior_sds : mapping of float
+        Standard deviations of the unknown parameters under their priors.
+    risks : tuple of FlowRisk
+        In rising velocity.
+    limits : tuple of float or None [m/s]
+        Lowest and highest velocity that may be chosen.
+    outside : float
+        Probability that the model has no capsule of a size at any velocity.
+    capsules : int
+    same_capsule : bool
+    membrane : mapping of float
+        The membrane that is expected.
+    expectation : Expectation
+    margin, risk : float
+    lab : mapping of str
+        Model, its fingerprint, experiment, errors, version.
+    seed : int
+    status : Status
+    """
+
+    sets: tuple[PlannedFlows, ...]
+    for_law: PlannedFlows | None
+    prior_sds: Mapping[str, float]
+    risks: tuple[FlowRisk, ...]
+    limits: tuple[float, float] | None
+    outside: float
+    capsules: int
+    same_capsule: bool
+    membrane: Mapping[str, float]
+    expectation: Expectation
+    margin: float
+    risk: float
+    lab: Mapping[str, str]
+    seed: int
+    status: Status
+
+    @property
+    def best(self) -> PlannedFlows | None:
+        """The set of as many flow rates as were asked for."""
+        return self.sets[-1] if self.sets else None
+
+    def table(self) -> pd.DataFrame:
+        """Return a row for each velocity, SI."""
+        import pandas as pd
+
+        return pd.DataFrame([asdict(one) for one in self.risks])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all fields, ready for JSON."""
+        return {
+            "status": self.status.name,
+            "sentence": str(self.status),
+            "capsules": self.capsules,
+            "same_capsule": self.same_capsule,
+            "membrane": dict(self.membrane),
+            "expected": self.expectation.as_dict(),
+            "sets": [asdict(one) for one in self.sets],
+            "for_law": None if self.for_law is None else asdict(self.for_law),
+            "prior_sds": dict(self.prior_sds),
+            "limits": {
+                "mean_velocities": self.limits,
+                "margin": self.margin,
+                "risk": self.risk,
+                "outside_sizes": self.outside,
+            },
+            "velocities": [asdict(one) for one in self.risks],
+            "seed": self.seed,
+            **self.lab,
+        }

@@ -1,0 +1,167 @@
+"""Flow rates for a batch of unknown membrane: what is expected, compared with dense normal distributions and limits."""
+
+import json
+
+import numpy as np
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.infer import Membrane
+from capsbayes.infer.many.one_membrane.conditional import MODULUS
+from capsbayes.infer.many.one_membrane.identify_membrane import unknowns_of
+from capsbayes.infer.prior import Prior
+from capsbayes.measured_outline import OutlineNoise
+from capsbayes.plan import LabErrors, membrane_flow_design
+from capsbayes.plan.expectation import Expectation
+from capsbayes.plan.membrane_flow import expected_scores
+from capsbayes.plan.planned_batch import PlannedBatch
+from capsbayes.status import Status
+from capsbayes.surrogate import MembraneSurrogate
+
+LAB = Experiment(cross_section="square", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.02 Pa s")
+ERRORS = LabErrors(axial_extent=0.01, axial_length=0.01, capsule_velocity=0.01, flow_rate=0.01)
+INFLATED = Membrane("neo-Hookean", bending=1e-4)
+"""Of which the inflation is unknown alone."""
+
+EXPECTED = "50 +/- 5 mN/m", "23 +/- 1 um"
+SPEEDS = 1.5e-3, 4e-3
+
+
+@pytest.fixture(scope="module")
+def square():
+    return MembraneSurrogate.open("square")
+
+
+@pytest.fixture(scope="module")
+def design(square):
+    return membrane_flow_design(
+        *EXPECTED, LAB, ERRORS, seed=1, model=square, membrane=INFLATED, capsules=6, velocities=SPEEDS
+    )
+
+
+@pytest.fixture(scope="module")
+def batch(square):
+    """The same capsules, of which some may be taken."""
+    unknowns = unknowns_of(square, INFLATED, Prior(), LAB, (None, None))
+    expectation = Expectation.of(*EXPECTED, LAB)
+    return PlannedBatch.of(expectation, np.array(SPEEDS), ERRORS, LAB, square, unknowns, np.zeros(1))
+
+
+def test_the_curvature_is_that_of_a_dense_normal_distribution(batch, square):
+    """All unknowns together, with derivatives of the model by differences: no Schur complement, no arrow."""
+    told = batch.told_by((0, 1), 6)
+    seen, own = told.capsules.batch, told.values.own[0]
+    n = len(seen)
+    spreads = told.unknowns.spreads
+
+    def shapes(point):
+        inflation = told.unknowns.membranes(np.array([[point[-1]]]))
+        return told.capsules.shapes(inflation, point[: 2 * n].reshape(1, n, 2))
+
+    def away(point):
+        """Whitened differences from measurements and priors; columns: own, mean ln G_s, mean a/l, pump, score."""
+        there, mean, size, pump, score = shapes(point), *point[2 * n :]
+        log_ca, sizes = point[: 2 * n].reshape(n, 2).T
+        rows = (seen.target - np.einsum("nqk,nk->nq", seen.rows, there.numbers[0])).ravel()
+        moduli = told.capsules.log_viscosity + seen.log_mean_velocity + pump * seen.rate_error - log_ca
+        velocity = seen.log_velocity - seen.log_mean_velocity - there.log_ratio[0] - pump * seen.rate_error
+        parts = [rows, (moduli - mean) / spreads[0], velocity / np.hypot(seen.velocity_error, there.ratio_error[0])]
+        return np.concatenate([*parts, (sizes - size) / spreads[1], [pump, score]])
+
+    centre = np.concatenate([own.ravel(), [np.log(0.05), 0.92, 0.0, 0.0]])
+    steps = np.concatenate([np.tile([2e-3, 1e-3], n), np.full(3, 1e-3), [0.02]])
+    slopes = np.array(
+        [(away(centre + step * row) - away(centre)) / step for step, row in zip(steps, np.eye(len(steps)), strict=True)]
+    )
+    dense = np.linalg.inv(slopes @ slopes.T)
+    assert told.covariance[MODULUS, MODULUS] == pytest.approx(dense[2 * n, 2 * n], rel=0.02)
+    assert told.covariance[-1, -1] == pytest.approx(dense[-1, -1], rel=0.02)
+
+
+def test_capsules_and_flow_rates_tell_more_the_more_they_are(batch):
+    few, many = batch.told_by((1,), 3), batch.told_by((1,), 12)
+    assert many.log_modulus_variance < 0.9 * few.log_modulus_variance
+    assert batch.told_by((0, 1), 12).log_volume("pre_inflation") < many.log_volume("pre_inflation")
+    assert not many.seeks("strain_hardening")
+
+
+def test_the_errors_that_all_share_are_not_averaged_away(batch):
+    variances = [batch.told_by((1,), count).log_modulus_variance for count in (400, 4000)]
+    assert variances[1] > ERRORS.flow_rate**2
+    assert variances[1] > 0.2 * variances[0]  # a tenth, were all errors those of single capsules
+
+
+def test_widths_hold_the_errors_of_viscosity_and_half_width(design):
+    (one,) = design.sets
+    assert one.mean_velocities == pytest.approx(SPEEDS)
+    assert one.sds["surface_shear_modulus"] > one.sd_if_known > 0.02 / 0.85
+    assert one.sds["capsule_radius"] > 0.1 / 25
+    assert 0.0 < one.sds["pre_inflation"] < design.prior_sds["pre_inflation"]
+    assert design.prior_sds["pre_inflation"] == pytest.approx(0.1 / np.sqrt(12.0), rel=0.01)
+    assert design.for_law is None
+    assert design.status is Status.DONE
+    assert json.loads(json.dumps(design.as_dict()))["membrane"]["area_dilation_modulus"] == 3.0
+
+
+def test_velocities_out_of_the_model_are_told_apart(design):
+    risks = design.table()
+    assert np.all(np.diff(risks["below"]) <= 0.0)
+    assert np.all(np.diff(risks["beyond"]) >= 0.0)
+    assert np.all(risks["beyond_margin"] >= risks["beyond"])
+    low, high = design.limits
+    refused = risks[(risks["mean_velocity"] < low) | (risks["mean_velocity"] > high)]
+    assert (refused[["below", "beyond_margin"]].max(axis=1) > design.risk).all()
+    lost = risks["below"] + risks["beyond"] + design.outside
+    assert np.all(risks["without_shape"] >= lost - 0.02)
+
+
+def test_the_best_of_few_flow_rates_is_sought(square):
+    found = membrane_flow_design(
+        *EXPECTED, LAB, ERRORS, seed=1, model=square, membrane=INFLATED, capsules=4, flows=1, same_capsule=True
+    )
+    (one,) = found.sets
+    assert found.limits[0] <= one.mean_velocities[0] <= found.limits[1]
+    assert found.capsules == 1
+
+
+def test_outlines_tell_more_than_lengths(square, design):
+    errors = LabErrors(0.01, 0.01, 0.01, outline=OutlineNoise(0.005, 0.4), flow_rate=0.01)
+    seen = membrane_flow_design(
+        *EXPECTED, LAB, errors, seed=1, model=square, membrane=INFLATED, capsules=6, velocities=SPEEDS
+    )
+    assert seen.sets[0].sds["pre_inflation"] < 0.7 * design.sets[0].sds["pre_inflation"]
+
+
+def test_a_guess_is_where_the_membrane_is_expected(square):
+    unknowns = unknowns_of(square, Membrane("Skalak"), Prior(), LAB, (None, None))
+    scores = expected_scores(unknowns, Membrane(area_dilation_modulus=3.0, pre_inflation=0.0), square)
+    there = unknowns.membranes(scores[None])
+    assert there["area_dilation_modulus"][0] == pytest.approx(3.0)
+    assert 0.0 < there["pre_inflation"][0] < 0.002  # just within the prior
+    assert there["bending"][0] == pytest.approx(1e-4)
+    with pytest.raises(InputError, match="guess: strain_hardening: expected a number for one of pre_inflation"):
+        expected_scores(unknowns, Membrane(strain_hardening=0.5), square)
+    with pytest.raises(InputError, match="guess: pre_inflation: expected a number"):
+        expected_scores(unknowns, Membrane(pre_inflation="0.03 +/- 0.01"), square)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"flows": 9}, "flows, capsules: expected 1 to 5 flow rates and at least one capsule, got 9, 40"),
+        ({"margin": 2.0}, "margin, risk: expected shares"),
+        ({"velocities": [1.0]}, "velocities: expected velocities at which square-membrane has a shape"),
+    ],
+)
+def test_bad_arguments_are_refused(square, options, message):
+    with pytest.raises(InputError, match=message):
+        membrane_flow_design(*EXPECTED, LAB, ERRORS, seed=1, model=square, membrane=INFLATED, **options)
+
+
+def test_a_size_that_the_model_has_not_and_lengths_in_metres_are_refused(square):
+    with pytest.raises(InputError, match=r"a radius between 0\.75 and 1\.1 l"):
+        membrane_flow_design("50 mN/m", "35 um", LAB, ERRORS, seed=1, model=square)
+    metres = LabErrors(0.5e-6, 0.01, 0.5e-6, over_half_width=False)
+    with pytest.raises(InputError, match="those of lengths over l"):
+        membrane_flow_design("50 mN/m", "23 um", LAB, metres, seed=1, model=square)
