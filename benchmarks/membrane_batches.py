@@ -236,8 +236,8 @@ def tables(counts: dict[str, dict[str, dict[str, Any]]]) -> dict[str, str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="where identified batches are kept")
-    parser.add_argument("--lengths", type=int, default=membrane_pools.BATCHES)
-    parser.add_argument("--outlines", type=int, default=membrane_pools.BATCHES)
+    parser.add_argument("--lengths", type=int, default=membrane_pools.BATCHES["batches"])
+    parser.add_argument("--outlines", type=int, default=membrane_pools.BATCHES["batches"])
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     run(options.folder, "lengths", options.lengths)

@@ -1,17 +1,18 @@
 """Simulate capsules with random membranes, one by one, and store them in ``data/pools``.
 
-Run ``python benchmarks/membrane_pools.py capsules|batches|others FOLDER --states STATES``. STATES is the folder of
-parts of ``capsbayes rebuild membrane-square``: each solve starts from the nearest state there, or from the nearest
-capsule of the same batch. Each finished capsule is kept in FOLDER, so that an interrupted run resumes; what has ended
-is then stored, without the unfinished batches. The mesh is that of the states, of refinement 8; no place is one of
-theirs.
+Run ``python benchmarks/membrane_pools.py capsules|batches|inflated|others FOLDER --states STATES``. STATES is the
+folder of parts of ``capsbayes rebuild membrane-square``: each solve starts from the nearest state there, or from the
+nearest capsule of the same batch. Each finished capsule is kept in FOLDER, so that an interrupted run resumes; what has
+ended is then stored, without the unfinished batches. The mesh is that of the states, of refinement 8; no place is one
+of theirs.
 
 Capsules have the default priors of the membrane, and ln Ca and a/l uniform where states are sought.
 
 The capsules of a batch share a membrane drawn from these priors. Their moduli are log-normal with a spread of 10 to
 20 %, their radii normal with one of 5 to 8 %; a quarter of them flows at each of four flow rates, which are spread
 over up to a factor of five in Ca. A capsule outside the range where states are sought, or without a steady shape, is
-drawn anew: these are batches of capsules that are seen.
+drawn anew: these are batches of capsules that are seen. Inflated ones are batches in which the pre-inflation differs
+from capsule to capsule, log-normal with a spread of 20 to 40 %.
 
 Others obey laws that are no members of the general one; their places follow Sobol's sequence, and no states are needed.
 """
@@ -45,9 +46,11 @@ from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke
 from capsbayes.work import Store
 
 POOLS = Path(__file__).parents[1] / "data" / "pools"
-CAPSULES, BATCHES, MEMBERS = 540, 60, 40
+CAPSULES, MEMBERS = 540, 40
+BATCHES = {"batches": 60, "inflated": 6}
 FLOW_RATES = np.array([1.0, 1.7, 3.0, 5.0])
 MODULUS_SPREADS, RADIUS_SPREADS, MEAN_SIZES = (0.1, 0.2), (0.05, 0.08), (0.84, 1.0)
+INFLATION_SPREADS, INFLATIONS = (0.2, 0.4), (0.02, 0.06)  # of inflated batches, with their medians
 MARGIN = 1.2  # of Ca between the limits and the mean capsule at the lowest and the highest flow rate
 TRIED = 3  # starts from which a capsule is sought, and capsules without a steady shape that are drawn anew
 OMITTED = 2e-5  # [l] rms of the outlines, in modes that are left out
@@ -55,6 +58,7 @@ LOGARITHMIC = (0, 3, 5)  # of the parameters
 OF_SOME = (
     *("law", "batch", "flow", "flow_factor"),
     *("relative_modulus", "relative_radius", "modulus_spread", "radius_spread"),
+    *("relative_inflation", "inflation_spread"),
 )
 OTHER_LAWS = {"generalised Hooke": GeneralisedHooke(0.5), "Evans-Skalak": EvansSkalak(3.0)}
 OF_EACH = 20  # capsules of each of these
@@ -69,7 +73,8 @@ def stored(name: str) -> dict[str, Any]:
     ``profile`` and ``silhouette`` the outlines. Of batches further ``batch`` (n,), ``flow`` (n,), the number of the
     flow rate, ``flow_factor`` (n,), its velocity over the lowest of the batch, ``relative_modulus`` and
     ``relative_radius`` (n,), over the median and the mean of the batch, and ``modulus_spread`` and ``radius_spread``
-    (n,) of the batch; of others ``law`` (n,), the number of that of `OTHER_LAWS`, and no strain hardening.
+    (n,) of the batch, and ``relative_inflation`` and ``inflation_spread`` (n,) likewise; of others ``law`` (n,), the
+    number of that of `OTHER_LAWS`, and no strain hardening.
     ``not_reached`` (k, 6) are capsules for which no steady shape was found.
     """
     with np.load(POOLS / f"membrane-{name}.npz") as file:
@@ -126,17 +131,21 @@ class Batch(NamedTuple):
     factors: Floats
     modulus_spread: float
     radius_spread: float
+    inflation_spread: float = 0.0
 
     @classmethod
-    def drawn(cls, number: int) -> Batch:
+    def drawn(cls, number: int, *, inflated: bool = False) -> Batch:
         """Draw a batch; its values are those of the mean capsule at the lowest flow rate."""
-        random = np.random.default_rng([SEED, 1, number])
+        random = np.random.default_rng([SEED, 3 if inflated else 1, number])
         values = drawn_values(random)
+        if inflated:
+            values[2] = random.uniform(*INFLATIONS)
         values[1] = random.uniform(*MEAN_SIZES)
         low, high = lowest_ca(values[2]) * MARGIN, highest_ca(values[1], values[4]) / MARGIN
         factors = FLOW_RATES ** min(1.0, np.log(high / low) / np.log(FLOW_RATES[-1]))
         values[0] = low * (high / (low * factors[-1])) ** random.random()
-        return cls(number, values, factors, random.uniform(*MODULUS_SPREADS), random.uniform(*RADIUS_SPREADS))
+        spreads = [random.uniform(*MODULUS_SPREADS), random.uniform(*RADIUS_SPREADS)]
+        return cls(number, values, factors, *spreads, random.uniform(*INFLATION_SPREADS) if inflated else 0.0)
 
     def capsules(self, member: int) -> Iterator[tuple[Floats, dict[str, float]]]:
         """Yield candidates for one capsule that lie where states are sought, with what is stored of them."""
@@ -145,29 +154,34 @@ class Batch(NamedTuple):
             modulus = float(np.exp(self.modulus_spread * random.standard_normal()))
             radius = 1.0 + self.radius_spread * float(random.standard_normal())
             values = self.values.copy()
-            values[:2] *= self.factors[flow] / modulus, radius
+            inflation = (
+                float(np.exp(self.inflation_spread * random.standard_normal())) if self.inflation_spread else 1.0
+            )
+            values[:3] *= self.factors[flow] / modulus, radius, inflation
             if covered(values[None])[0]:
                 of_it = {"flow_factor": float(self.factors[flow]), "modulus_spread": self.modulus_spread}
                 of_it |= {"relative_modulus": modulus, "relative_radius": radius, "radius_spread": self.radius_spread}
+                of_it |= {"relative_inflation": inflation, "inflation_spread": self.inflation_spread}
                 yield values, {"batch": float(self.number), "flow": float(flow), **of_it}
 
 
-def simulate_batches(store: Store, continuation: Continuation, starts: list[ScatteredState], count: int) -> None:
-    """Simulate the capsules of the first batches that the store lacks."""
-    for number in range(count):
-        simulate_batch(store, continuation, starts, number)
-        print(f"{number + 1} of {count} batches", flush=True)
+def simulate_batches(
+    store: Store, continuation: Continuation, starts: list[ScatteredState], drawn: list[Batch]
+) -> None:
+    """Simulate the capsules of batches that the store lacks."""
+    for batch in drawn:
+        simulate_batch(store, continuation, starts, batch)
+        print(f"{batch.number + 1} of {len(drawn)} batches", flush=True)
 
 
-def simulate_batch(store: Store, continuation: Continuation, starts: list[ScatteredState], number: int) -> None:
+def simulate_batch(store: Store, continuation: Continuation, starts: list[ScatteredState], batch: Batch) -> None:
     """Simulate the capsules of a batch that the store lacks, each from the nearest state or capsule."""
-    batch = Batch.drawn(number)
     members = [batch.capsules(member) for member in range(MEMBERS)]
     firsts = [next(candidates) for candidates in members]
     places = continuation.places(np.array([values for values, _ in firsts]))
     known = list(starts)
     for member in from_near_to_far(places.mean(axis=0), places):
-        name = f"batch-{number:02d}-capsule-{member:02d}"
+        name = f"batch-{batch.number:02d}-capsule-{member:02d}"
         part = store.load(name)
         if part is None:
             part = simulated_member(continuation, known, [firsts[member]], members[member])
@@ -220,7 +234,7 @@ def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:
 def finished(kind: str, store: Store) -> dict[str, dict[str, Any]]:
     """Return what has ended of the capsules of a folder by name; of batches those that are whole."""
     parts = {name: part for name in sorted(store.names()) if (part := store.load(name)) is not None}
-    if kind == "batches":
+    if kind in BATCHES:
         whole = {name[:8] for name in parts if sum(other.startswith(name[:8]) for other in parts) == MEMBERS}
         parts = {name: part for name, part in parts.items() if name[:8] in whole}
     return parts
@@ -236,7 +250,7 @@ def write(kind: str, parts: list[dict[str, Any]], settings: dict[str, object]) -
     columns: dict[str, Any] = {"not_reached": np.array(lost).reshape(-1, len(RANGES))}
     columns["settings"] = np.array(json.dumps(settings | {"version": __version__}))
     for key in ("values", "numbers", *OF_SOME):
-        if key in seen[0]:
+        if all(key in part for part in seen):
             columns[key] = np.array([part[key] for part in seen])
     for view in ("profile", "silhouette"):
         modes = in_modes(np.array([part[view] for part in seen]), OMITTED)
@@ -249,10 +263,10 @@ def write(kind: str, parts: list[dict[str, Any]], settings: dict[str, object]) -
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("capsules", "batches", "others"))
+    parser.add_argument("kind", choices=("capsules", *BATCHES, "others"))
     parser.add_argument("folder", type=Path, help="where finished capsules are kept")
     parser.add_argument("--states", type=Path, help="parts of the states; without: store what has ended")
-    parser.add_argument("--first", type=int, default=BATCHES, help="number of batches")
+    parser.add_argument("--first", type=int, help="number of batches")
     options = parser.parse_args()
     continuation = membrane_continuation("square")
     if options.kind == "others":
@@ -269,7 +283,10 @@ def main() -> None:
                 if options.kind == "capsules":
                     simulate_capsules(store, continuation, starts)
                 else:
-                    simulate_batches(store, continuation, starts, options.first)
+                    inflated = options.kind == "inflated"
+                    numbers = range(options.first or BATCHES[options.kind])
+                    drawn = [Batch.drawn(number, inflated=inflated) for number in numbers]
+                    simulate_batches(store, continuation, starts, drawn)
     finally:
         write(options.kind, list(finished(options.kind, store).values()), continuation.settings)
 

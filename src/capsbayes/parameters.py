@@ -132,6 +132,10 @@ _TABLE = (
         1e2,
         "spread of G_s among capsules of one size",
     ),
+    Parameter(
+        *("inflation_spread", "sd ln alpha", r"\sigma_{\ln\alpha}", "-", "%", 1e2),
+        "spread of the pre-inflation among capsules",
+    ),
     Parameter("radius_spread", "sd ln a", r"\sigma_{\ln a}", "-", "%", 1e2, "spread of a among capsules"),
     _ratio("modulus_freedom", "nu of G_s", r"\nu_{G_\mathrm{s}}", "freedom of the t distribution of G_s"),
     _ratio("radius_freedom", "nu of a", r"\nu_a", "freedom of the t distribution of a"),

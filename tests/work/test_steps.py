@@ -1,14 +1,16 @@
 """A part that is stopped goes on at the step where it was, with the same numbers."""
 
 import contextlib
+import time
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from capsbayes.quantity import Quantity
-from capsbayes.work import Store, digest_of, remembered, steps, steps_kept
+from capsbayes.work import Store, digest_of, remembered, run_tasks, step_task, steps, steps_kept
 
 calls = []
 
@@ -77,3 +79,22 @@ def test_nothing_is_kept_elsewhere(store):
 )
 def test_every_digit_counts(one, other):
     assert digest_of(one) == digest_of(one) != digest_of(other)
+
+
+def computed(factor, shared):
+    time.sleep(0.05)  # long enough to be worth a file
+    return Place(factor * shared.values, shared.number)
+
+
+def test_a_step_that_runs_elsewhere_is_kept_here(store):
+    shared = Place(np.arange(3.0), 0.5)
+    with contextlib.suppress(KeyboardInterrupt), steps_kept(store, "case"):
+        task = step_task(Place, ("place", 2.0), partial(computed, 2.0))
+        (first,) = run_tasks([task], None, 1, shared)
+        kept = list((store.folder / "case.steps").glob("*.part"))
+        raise KeyboardInterrupt
+    np.testing.assert_array_equal(first.values, [0.0, 2.0, 4.0])
+    with steps_kept(store, "case"):
+        (again,) = run_tasks([step_task(Place, ("place", 2.0), partial(computed, np.nan))], "synchronous", None, shared)
+    assert len(kept) == 1
+    np.testing.assert_array_equal(again.values, first.values)

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from capsbayes.cli.options import AsJson, ExperimentFile, MembraneKnown, Priors, Seed, membrane_of, prior_texts
+from capsbayes.cli.options import (
+    AsJson,
+    ExperimentFile,
+    MembraneKnown,
+    Priors,
+    Scheduler,
+    Seed,
+    Workers,
+    membrane_of,
+    prior_texts,
+)
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
 from capsbayes.cli.paths import Reads, Writes
 
@@ -29,11 +39,16 @@ def membrane(
     same_capsule: Annotated[
         bool, typer.Option("--same-capsule", help="All measurements are of one capsule, at several flow rates.")
     ] = False,
+    inflation_varies: Annotated[
+        bool, typer.Option("--inflation-varies", help="Each capsule has a pre-inflation of its own.")
+    ] = False,
     scale_error: Annotated[
         float,
         typer.Option(min=0.0, max=0.2, help="Relative standard error of all lengths together, as by the pixel size."),
     ] = 0.0,
     laws: Annotated[bool, typer.Option(help="Compare known laws, which takes three times as long.")] = True,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
     seed: Seed = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -61,8 +76,11 @@ def membrane(
                 membrane=membrane_of(None, known),
                 prior=believed,
                 same_capsule=same_capsule,
+                inflation_varies=inflation_varies,
                 scale_error=scale_error,
                 laws=laws,
+                scheduler=scheduler,
+                workers=workers,
                 progress=lambda step, done, steps: update(done, step, steps),
             )
         files: dict[str, Writer] = {

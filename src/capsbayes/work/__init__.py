@@ -4,7 +4,7 @@ from capsbayes.work.digest import digest_of
 from capsbayes.work.lock import only_run
 from capsbayes.work.progress import progress_bar, tracked
 from capsbayes.work.records import Records
-from capsbayes.work.steps import remembered, resumable, step_of, steps_kept
+from capsbayes.work.steps import remembered, resumable, step_of, step_task, steps_kept
 from capsbayes.work.store import Store
 from capsbayes.work.workers import run_tasks
 
@@ -18,6 +18,7 @@ __all__ = [
     "resumable",
     "run_tasks",
     "step_of",
+    "step_task",
     "steps_kept",
     "tracked",
 ]

@@ -121,6 +121,22 @@ def step_of(kind: type[T], key: tuple[Any, ...], compute: Callable[[], T]) -> T:
     return computed
 
 
+def step_task(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T]) -> Callable[..., T]:
+    """Return `step_of` as a task for `run_tasks`: wherever it runs, it keeps its result where this process would.
+
+    `compute` is called with what the tasks share.
+    """
+    return functools.partial(_run_step, _current.get(), kind, key, compute)
+
+
+def _run_step(store: Store | None, kind: type[T], key: tuple[Any, ...], compute: Callable[..., T], *shared: Any) -> T:
+    token = _current.set(store)
+    try:
+        return step_of(kind, key, functools.partial(compute, *shared))
+    finally:
+        _current.reset(token)
+
+
 def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Yield the arrays and numbers of which a value consists, by the path to each."""
     if is_dataclass(value):

@@ -40,10 +40,12 @@ def test_quadratics_are_reproduced():
     both, slopes = np.stack([values, 2.0 * values], axis=1), np.stack([along, 2.0 * along], axis=1)
     fits = local_fits(places, both, slopes, lost=np.full((1, 6), 9.0))
     points = rng.uniform(-1.0, 1.0, (50, 6))
-    means, covariances = averaged(points, *fits, 2, 2)
+    means, covariances, slopes = averaged(points, *fits, 2, 2, len(points))
     wanted = np.einsum("ni,ij,nj->n", points, form, points) + points @ slope
     np.testing.assert_allclose(means, np.stack([wanted, 2.0 * wanted], axis=1), atol=1e-4)
     assert np.abs(covariances).max() < 1e-8
+    along = points @ (form + form.T) + slope
+    np.testing.assert_allclose(slopes, np.stack([along, 2.0 * along], axis=1), atol=1e-3)
 
 
 def test_nothing_is_said_nearer_to_a_lost_place_than_to_a_state():
@@ -88,6 +90,26 @@ def test_lengths_are_those_of_the_outline(model, left_out):
     for seen, told in ((extents, predicted.axial_extent[some]), (lengths, predicted.axial_length[some])):
         assert np.median(np.abs(seen - told)) < 0.005
         assert np.mean(np.abs(seen - told) < 0.03) > 0.9
+
+
+def test_changes_of_states_left_out_are_nearer_than_differences_of_predictions(whole, left_out):
+    """Their own derivatives say so: differences of predictions let in those between the polynomials averaged."""
+    states, _ = left_out
+    others = MembraneSurrogate(whole.taken(np.flatnonzero(np.arange(len(whole)) % 10 != 3)))
+    theta = dict(zip(FREE_PARAMETERS, states["values"].T, strict=True))
+    steps = {"size_ratio": 1e-3, "strain_hardening": 1e-3}
+    moved = [{**theta, name: theta[name] + step} for name, step in steps.items()]
+    here, _, changes = others.with_changes(theta, moved, outline=False)
+    for number, (name, step) in enumerate(steps.items()):
+        exact = step * states["numbers_along"][:, :3, FREE_PARAMETERS.index(name)]
+        apart = np.abs(changes[number, :, :3] - exact), np.abs(others(moved[number]).values - here.values - exact)
+        both = np.all(np.isfinite(apart), axis=(0, 2))
+        diffuse, differences = (np.median(values[both]) for values in apart)
+        assert diffuse < 0.9 * differences
+        assert diffuse < 0.5 * np.median(np.abs(exact[both]))
+    _, coefficients, with_outlines = others.with_changes(theta, moved, outline=True)
+    assert with_outlines.shape == (2, len(exact), 4 + coefficients.shape[1])
+    np.testing.assert_allclose(with_outlines[..., :4], changes, rtol=1e-9, atol=1e-12)
 
 
 def test_a_neo_hookean_membrane_is_that_of_the_plain_database(model):

@@ -10,6 +10,14 @@ _FEWEST = 4  # polynomials whose differences tell an error
 _SUMS = {"reassoc", "contract", "nsz"}  # sums in any order, so that they are vectors to the processor
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS | {"nnan"})
+def _smallest(values):  # type: ignore[no-untyped-def]
+    smallest = values[0]
+    for value in values:
+        smallest = min(smallest, value)
+    return smallest
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS)
 def _about(point, places, reaches, lost, squares, taken, weights):  # type: ignore[no-untyped-def]
     """Fill in the states that reach a point and their weights; return how many there are and the sum of the weights.
@@ -32,7 +40,7 @@ def _about(point, places, reaches, lost, squares, taken, weights):  # type: igno
             count += 1
     if count < _FEWEST:
         return 0, 0.0
-    nearest = squares.min()
+    nearest = _smallest(squares)
     for place in range(lost.shape[1]):
         square = 0.0
         for axis in range(6):
@@ -74,38 +82,65 @@ def _polynomial(terms, coefficients, found):  # type: ignore[no-untyped-def]
         found[q] = value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def averaged(points, places, reaches, lost, coefficients, width, spread):  # type: ignore[no-untyped-def]
-    """Return the means (n, width) of the first values at points (n, 6), and covariances (n, spread, spread).
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS)
+def _add(weight, coefficients, mixed):  # type: ignore[no-untyped-def]
+    """Add weighted coefficients (q, 28) of a polynomial."""
+    for q in range(len(mixed)):
+        for term in range(mixed.shape[1]):
+            mixed[q, term] += weight * coefficients[q, term]
 
-    The latter are those of the first `spread` values about their means. Rows of points where the polynomials do not
-    hold are NaN.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill_slopes(point, mixed, slopes):  # type: ignore[no-untyped-def]
+    """Fill in the derivatives (q, 6) of a polynomial with coefficients (q, 28)."""
+    for q in range(len(mixed)):
+        slopes[q] = mixed[q, 1:7]
+        term = 7
+        for i in range(6):
+            for j in range(i, 6):
+                slopes[q, i] += mixed[q, term] * point[j]
+                slopes[q, j] += mixed[q, term] * point[i]
+                term += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def averaged(points, places, reaches, lost, coefficients, width, spread, sloping):  # type: ignore[no-untyped-def]
+    """Return means (n, width) at points (n, 6), covariances (n, spread, spread) and slopes (s, width, 6).
+
+    The covariances are those of the first `spread` values about their means. The slopes are those of the mean
+    polynomial, whose weights are held: the derivatives of a diffuse approximation. They are for the first `sloping`
+    points. Rows of points where the polynomials do not hold are NaN.
     """
     count = len(points)
     means, covariances = np.full((count, width), np.nan), np.full((count, spread, spread), np.nan)
+    slopes = np.full((sloping, width, 6), np.nan)
     squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
-    terms, found, origin = np.empty(coefficients.shape[2]), np.empty(width), np.empty(spread)
-    second = np.empty((spread, spread))
+    terms, found, origin = np.empty(coefficients.shape[2]), np.empty(spread), np.empty(spread)
+    mixed, second = np.empty((width, coefficients.shape[2])), np.empty((spread, spread))
     for n in range(count):
         some, total = _about(points[n], places, reaches, lost, squares, taken, weights)
         if some:
             _fill_terms(points[n], terms)
-            means[n], second[:] = 0.0, 0.0
+            first = 0 if n < sloping else spread  # below it, means of values take less time than a mean polynomial
+            mixed[:], second[:], means[n] = 0.0, 0.0, 0.0
             for k in range(some):
                 weight = weights[k] / total
+                _add(weight, coefficients[taken[k], first:], mixed[first:])
                 _polynomial(terms, coefficients[taken[k]], found)
                 if k == 0:
-                    origin[:] = found[:spread]  # differences to it lose no digits
-                for q in range(width):
-                    means[n, q] += weight * found[q]
+                    origin[:] = found  # differences to it lose no digits
                 for i in range(spread):
+                    means[n, i] += weight * found[i]
                     for j in range(i + 1):
                         second[i, j] += weight * (found[i] - origin[i]) * (found[j] - origin[j])
+            _polynomial(terms, mixed[first:], means[n, first:])
+            if n < sloping:
+                _fill_slopes(points[n], mixed, slopes[n])
             for i in range(spread):
                 for j in range(i + 1):
                     centred = second[i, j] - (means[n, i] - origin[i]) * (means[n, j] - origin[j])
                     covariances[n, i, j] = covariances[n, j, i] = centred
-    return means, covariances
+    return means, covariances, slopes
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

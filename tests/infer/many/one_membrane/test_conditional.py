@@ -9,7 +9,7 @@ from scipy import stats
 from capsbayes.infer.many.one_membrane.conditional import MODULUS, SIZE, Capsules, Spreads, Start
 from capsbayes.infer.many.one_membrane.engine import MembraneSampling
 from capsbayes.infer.many.one_membrane.measured import Batch
-from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
+from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes, Slopes
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 from capsbayes.infer.prior import Coordinate
 from capsbayes.quantity import Quantity
@@ -32,12 +32,24 @@ class Linear(ShapeModel):
         n = len(numbers)
         return Shapes(numbers, np.zeros((n, 0, 0)), np.full(n, RATIO), np.zeros(n))
 
+    def with_slopes(self, theta, moved):
+        shapes = self(theta)
+        ahead = [self(other) for other in moved]
+        numbers = np.array([other.numbers - shapes.numbers for other in ahead])
+        return shapes, Slopes(numbers, np.array([other.log_ratio - shapes.log_ratio for other in ahead]))
+
     @property
     def bounds(self):
         return (0.005, 0.3), (0.6, 1.2)
 
     def contains(self, membranes, own):
         return np.ones(own.shape[:2], dtype=bool)
+
+    def theta(self, membranes, own):
+        theta = super().theta(membranes, own[..., :2])
+        if own.shape[2] > 2:  # linear, where the model has an exponential function
+            theta["pre_inflation"] = theta["pre_inflation"] * (1.0 + own[..., 2].ravel())
+        return theta
 
 
 @pytest.fixture
@@ -64,21 +76,23 @@ def batch():
     )
 
 
-def log_density(batch, inflation, spread, size_spread):
+def log_density(batch, inflation, spread, size_spread, inflation_spread=0.0):
     """Return the log density of all targets by dense matrices, the two means of the population integrated out."""
     n, q = batch.target.shape
-    columns = 2 * n + 1  # a capsule's own two, the scale
-    latent, means = np.zeros((n, 2, columns)), np.zeros((n, 2, 2))
+    columns = 3 * n + 1  # a capsule's own three, the scale
+    latent, means = np.zeros((n, 3, columns)), np.zeros((n, 3, 2))
+    along = np.column_stack([ALONG, inflation * OF_MEMBRANE])
     for k in range(n):
-        latent[k, 0, 2 * k] = np.hypot(spread, batch.velocity_error[k])
-        latent[k, 1, 2 * k + 1] = size_spread
-        means[k] = [[-1.0, 0.0], [0.0, 1.0]]
-    middle = np.stack([batch.log_velocity - RATIO, np.zeros(n)], axis=1)
-    away = batch.target - np.einsum("nqk,nk->nq", batch.rows, middle @ ALONG.T + inflation * OF_MEMBRANE)
-    seen = np.einsum("nqk,ka,nac->nqc", batch.rows, ALONG, latent)
-    seen[:, :, 2 * n] = batch.scale * batch.scale_error
+        latent[k, 0, 3 * k] = np.hypot(spread, batch.velocity_error[k])
+        latent[k, 1, 3 * k + 1] = size_spread
+        latent[k, 2, 3 * k + 2] = inflation_spread
+        means[k] = [[-1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]
+    middle = np.stack([batch.log_velocity - RATIO, np.zeros(n), np.ones(n)], axis=1)
+    away = batch.target - np.einsum("nqk,nk->nq", batch.rows, middle @ along.T)
+    seen = np.einsum("nqk,ka,nac->nqc", batch.rows, along, latent)
+    seen[:, :, -1] = batch.scale * batch.scale_error
     seen, away = seen.reshape(n * q, columns), away.ravel()
-    free = np.einsum("nqk,ka,nac->nqc", batch.rows, ALONG, means).reshape(n * q, 2)
+    free = np.einsum("nqk,ka,nac->nqc", batch.rows, along, means).reshape(n * q, 2)
     covariance = seen @ seen.T + np.eye(n * q)
     precision = np.linalg.inv(covariance)
     normal = free.T @ precision @ free
@@ -88,10 +102,12 @@ def log_density(batch, inflation, spread, size_spread):
     return -0.5 * (left @ precision @ left + volume)
 
 
-def test_the_evidence_is_that_of_a_dense_normal_distribution(batch):
+@pytest.mark.parametrize("of_inflation", [(), (np.array([0.1, 0.4, 0.4, 0.8]),)])
+def test_the_evidence_is_that_of_a_dense_normal_distribution(batch, of_inflation):
     capsules = Capsules(batch, Linear(), log_viscosity=0.0)
-    inflation, spreads = np.array([0.02, 0.05, 0.09, 0.05]), Spreads(np.array([0.3, 0.3, 0.3, 0.1]), np.full(4, 0.05))
-    found = capsules.at({"pre_inflation": inflation}, spreads)
+    inflation = np.array([0.02, 0.05, 0.09, 0.05])
+    spreads = np.array([0.3, 0.3, 0.3, 0.1]), np.full(4, 0.05), *of_inflation
+    found = capsules.at({"pre_inflation": inflation}, Spreads(*spreads))
     assert np.all(found.settled == 1.0)
     wanted = np.array([log_density(batch, *row) for row in zip(inflation, *spreads, strict=True)])
     np.testing.assert_allclose(np.diff(found.log_evidence), np.diff(wanted), atol=2e-3)

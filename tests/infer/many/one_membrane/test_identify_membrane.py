@@ -97,6 +97,26 @@ def test_pictures_of_one_capsule_have_one_modulus(capsules):
     assert not found.prior
 
 
+def test_inflations_that_differ_are_found_of_each_capsule(capsules):
+    """Of capsules with the same inflation, the spread is told to be small and the median is what it was."""
+    membrane = Membrane("neo-Hookean", bending=1e-4)
+    found = identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane, inflation_varies=True, laws=False)
+    assert found.marginals["pre_inflation"].contains(0.03, level=95)
+    assert 0.0 < found.marginals["inflation_spread"].median < 0.5
+    each = found.draws["pre_inflation_each"]
+    assert each.shape == (1000, 8)
+    scatter = np.log(each / found.draws["pre_inflation"][:, None]).std(axis=1)
+    assert np.corrcoef(np.log(scatter), np.log(found.draws["inflation_spread"]))[0, 1] > 0.5
+    assert "pre_inflation" in found.as_dict()["capsules"][0]
+
+
+def test_worker_processes_find_the_same(known, capsules):
+    membrane = Membrane("neo-Hookean", bending=1e-4)
+    found = identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane, laws=False, workers=2)
+    for name, values in known.draws.items():
+        np.testing.assert_allclose(found.draws[name], values, rtol=1e-9)
+
+
 def test_measurements_must_be_there_and_alike(capsules):
     with pytest.raises(InputError, match="at least one"):
         identify_membrane([], EXPERIMENT, seed=1)
@@ -111,6 +131,8 @@ def test_measurements_must_be_there_and_alike(capsules):
         ({"prior": Prior(surface_shear_modulus="20 .. 80 mN/m")}, "surface_shear_modulus: expected none"),
         ({"membrane": Membrane(membrane_thickness="5 um")}, "membrane_thickness: expected a thickness from"),
         ({"membrane": Membrane(pre_inflation=0.5)}, "pre_inflation: expected 0 to 0.1"),
+        ({"membrane": Membrane(pre_inflation=0.0), "inflation_varies": True}, "a pre-inflation that is not 0"),
+        ({"same_capsule": True, "inflation_varies": True}, "inflation_varies: expected several capsules"),
     ],
 )
 def test_what_a_batch_cannot_use_is_refused(capsules, options, message):

@@ -1,11 +1,12 @@
 """The capsules of a batch at given membranes: their Ca and a/l found, and integrated out by Laplace's method.
 
-At a given membrane and spread of the population each capsule has two unknowns of its own, ln Ca and a/l. All have in
-common the means of ln G_s and of a/l, and the errors of the scale of the lengths and of the flow rate. The differences
-between measurement and prediction are nearly linear in all of these. So their best values follow from a few
-Gauss-Newton steps, and the integral over them from the curvature there (integrated nested Laplace approximation: Rue,
-Martino, Chopin 2009, doi:10.1111/j.1467-9868.2008.00700.x). The normal equations have the shape of an arrow, with a
-block of two for each capsule: the work is proportional to the number of capsules.
+At a given membrane and spread of the population each capsule has two unknowns of its own, ln Ca and a/l, and a third
+where the pre-inflation varies: the logarithm of its own over the median of the batch. All have in common the means of
+ln G_s and of a/l, and the errors of the scale of the lengths and of the flow rate. The differences between measurement
+and prediction are nearly linear in all of these. So their best values follow from a few Gauss-Newton steps, and the
+integral over them from the curvature there (integrated nested Laplace approximation: Rue, Martino, Chopin 2009,
+doi:10.1111/j.1467-9868.2008.00700.x). The normal equations have the shape of an arrow, with a block for each capsule:
+the work is proportional to the number of capsules.
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Floats, Integers
 from capsbayes.infer.many.one_membrane.measured import Batch
 from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
 
 _LATTICE = 20, 10  # places along ln Ca and a/l, among which a capsule is looked for first
 _UNUSUAL = 0.3  # of ln G_s, that a capsule of the lattice may differ by from the others
-_STEPS = (2e-3, 1e-3)  # of ln Ca and a/l, for differences
+_STEPS = (2e-3, 1e-3, 2e-2)  # of ln Ca, a/l and ln(alpha/median), for differences
 STEP = 0.02
 """Of a coordinate's normal score, for differences."""
-_LONGEST = np.array([0.5, 0.05])  # step
+_LONGEST = np.array([0.5, 0.05, 0.3])  # step
 _ITERATIONS, _SETTLED = 16, 1e-2  # largest decrease of minus twice the log density that is still expected
 _WALKED = 5  # steps that may be needed until the best values are near
 _SHRINKS = 0.5  # of the decrease expected before, at most where the steps are good
@@ -42,14 +43,28 @@ Membranes = Mapping[str, Floats]
 
 
 class Spreads(NamedTuple):
-    """Standard deviations from capsule to capsule of ln G_s and of a/l, at d membranes : (d,) arrays."""
+    """Standard deviations from capsule to capsule of ln G_s, of a/l and of ln alpha, at d membranes : (d,) arrays.
+
+    The last is None if all have the same pre-inflation.
+    """
 
     modulus: Floats
     size: Floats
+    inflation: Floats | None = None
+
+    @property
+    def own(self) -> int:
+        """Number of the unknowns that each capsule has of its own."""
+        return 2 if self.inflation is None else 3
+
+    def rows(self, rows: Integers) -> Spreads:
+        """Return those of some membranes."""
+        inflation = None if self.inflation is None else self.inflation[rows]
+        return Spreads(self.modulus[rows], self.size[rows], inflation)
 
 
 class Start(NamedTuple):
-    """Values at d membranes: ln Ca and a/l (d, n, 2) of the capsules, what is common (d, 4)."""
+    """Values at d membranes: of the capsules (d, n, o), see `Conditional`, and what is common (d, 4)."""
 
     own: Floats
     common: Floats
@@ -64,8 +79,9 @@ class Conditional(NamedTuple):
         Log density of the measurements, up to a constant of the batch; -inf where a capsule cannot have its shape.
     settled : (d,) array
         Share of the capsules whose best values were found; the others are held by the border of the domain.
-    own : (d, n, 2) array
-        ln Ca and a/l: the best values, or one draw if draws were asked for.
+    own : (d, n, o) array
+        ln Ca, a/l and, where it varies, the logarithm of the pre-inflation over its median: the best values, or one
+        draw if draws were asked for.
     common : (d, 4) array
         What is common, likewise.
     """
@@ -83,7 +99,7 @@ class Step(NamedTuple):
     ----------
     scores : (d, f) array
         Of the membranes' normal scores.
-    common, own : (d, 4), (d, n, 2) arrays
+    common, own : (d, 4), (d, n, o) arrays
     decrease : (d,) array
         Of minus twice the log density, as expected.
     covariance : (d, 4 + f, 4 + f) array
@@ -103,7 +119,7 @@ class Step(NamedTuple):
 class _Blocks(NamedTuple):
     """Normal equations of each capsule at d membranes; c unknowns are common to all, those of the membranes last.
 
-    own (d, n, 2, 2), cross (d, n, c, 2), common (d, n, c, c), their right sides own_slope (d, n, 2) and common_slope
+    own (d, n, o, o), cross (d, n, c, o), common (d, n, c, c), their right sides own_slope (d, n, o) and common_slope
     (d, n, c), and minus twice the log density (d, n).
     """
 
@@ -127,7 +143,7 @@ class _Solved(NamedTuple):
 
 
 class _There(NamedTuple):
-    """Shapes of d n capsules as (d, n, ...) arrays, and their derivatives along ln Ca and a/l."""
+    """Shapes of d n capsules as (d, n, ...) arrays, and their derivatives along what is a capsule's own."""
 
     shapes: Shapes
     along: Floats
@@ -173,7 +189,7 @@ class Capsules:
             At most.
         """
         d = len(spreads.modulus)
-        own, common = self._begin(membranes, start)
+        own, common = self._begin(membranes, spreads.own, start)
         found = Conditional(np.full(d, -np.inf), np.zeros(d), own, common)
         active = np.flatnonzero(np.isfinite(common[:, SIZE]))
         before, share = np.full(d, np.inf), np.ones(d)
@@ -181,7 +197,7 @@ class Capsules:
             if not len(active):
                 break
             some = {name: values[active] for name, values in membranes.items()}
-            near = Spreads(*(values[active] for values in spreads))
+            near = spreads.rows(active)
             there = self._there(some, own[active])
             blocks = self._blocks(there, own[active], common[active], near)
             solved = self._solved(blocks, common[active])
@@ -207,17 +223,19 @@ class Capsules:
             active = active[~last]
         return found
 
-    def _begin(self, membranes: Membranes, start: Start | None) -> Start:
+    def _begin(self, membranes: Membranes, width: int, start: Start | None) -> Start:
         """Return the start; where it leaves the domain, and where there is none, one from the lattice."""
         if start is None:
-            own, log_modulus = self._first(membranes)
+            places, log_modulus = self._first(membranes)
+            own = np.concatenate([places, np.zeros((*places.shape[:2], width - 2))], axis=2)
             common = np.zeros((len(own), COMMON))
             common[:, MODULUS], common[:, SIZE] = log_modulus.mean(axis=1), own[:, :, 1].mean(axis=1)
             return Start(own, common)
         begin = Start(start.own.copy(), start.common.copy())
         outside = ~np.all(self.model.contains(membranes, begin.own), axis=1)
         if outside.any():
-            begin.own[outside], begin.common[outside] = self._begin({k: v[outside] for k, v in membranes.items()}, None)
+            some = {name: values[outside] for name, values in membranes.items()}
+            begin.own[outside], begin.common[outside] = self._begin(some, width, None)
         return begin
 
     def step(
@@ -247,22 +265,20 @@ class Capsules:
         Those with nearly the same Ca and a/l share it: the number that share it is the sum of the correlations.
         """
         covariances = self.shapes(membranes, own[None], errors=True).covariances[0]
-        scaled = own / self.model.error_lengths
+        scaled = own[:, :2] / self.model.error_lengths
         sharing = np.exp(-0.5 * cdist(scaled, scaled, "sqeuclidean")).sum(axis=1)
         return replace(self, batch=self.batch.with_model_error(covariances, sharing))
 
     def misfit(self, membranes: Membranes, values: Start) -> Floats:
         """Return minus twice the log likelihood of each shape, beside the least possible one : (d, n) array."""
         batch, numbers = self.batch, self.shapes(membranes, values.own).numbers
-        away = batch.target - np.einsum("nqk,dnk->dnq", batch.rows, numbers)
+        away = batch.target - (batch.rows @ numbers[..., None])[..., 0]
         away -= batch.scale * batch.scale_error * values.common[:, None, None, SCALE]
         return np.asarray(np.sum(away**2, axis=-1))
 
     def shapes(self, membranes: Membranes, own: Floats, *, errors: bool = False) -> Shapes:
-        """Return the shapes at d membranes and (d, n, 2) places as (d, n, ...) arrays."""
-        d, n = own.shape[:2]
-        flat = self.model(self.model.theta(membranes, own), errors=errors)
-        return Shapes(*(values.reshape(d, n, *values.shape[1:]) for values in flat))
+        """Return the shapes at d membranes and (d, n, o) places as (d, n, ...) arrays."""
+        return _by_place(self.model(self.model.theta(membranes, own), errors=errors), own)
 
     def _first(self, membranes: Membranes) -> tuple[Floats, Floats]:
         """Return of a lattice of places the best of each capsule, and ln G_s there : (d, n, 2), (d, n) arrays.
@@ -276,13 +292,10 @@ class Capsules:
         shapes = self.shapes(membranes, np.broadcast_to(places, (d, *places.shape)))
         lost = np.isnan(shapes.log_ratio)[..., None]
         numbers = np.where(lost, 0.0, shapes.numbers)
-        batch, flat = self.batch, (d, len(places), n)
-        normal, slope = batch.rows.swapaxes(1, 2) @ batch.rows, batch.rows.swapaxes(1, 2) @ batch.target[..., None]
-        square = (
-            np.einsum("dlk,nkj,dlj->dln", numbers, normal, numbers, optimize=True) - 2.0 * numbers @ slope[..., 0].T
-        )
+        capsules = zip(self.batch.rows, self.batch.target, strict=True)
+        square = np.stack([np.sum((numbers @ rows.T - target) ** 2, axis=2) for rows, target in capsules], axis=2)
         square = np.where(lost, np.inf, square)
-        every = np.broadcast_to(places[:, None], (*flat[1:], 2))[None]
+        every = np.broadcast_to(places[:, None], (len(places), n, 2))[None]
         moduli = self.log_moduli(every, np.where(lost, 0.0, shapes.log_ratio[..., None]))
         best = np.argmin(square, axis=1)[:, None]
         usual = np.median(np.take_along_axis(moduli, best, axis=1), axis=2, keepdims=True)
@@ -299,39 +312,31 @@ class Capsules:
         return np.asarray(self.log_viscosity + speed - own[..., 0])
 
     def _there(self, membranes: Membranes, own: Floats, moved: Sequence[Membranes] = ()) -> _There:
-        """Return the shapes of capsules, and their derivatives along ln Ca, a/l and to membranes moved by `STEP`."""
-        shapes = self.shapes(membranes, own)
-        along, ratio_along = [], []
-        for axis, step in enumerate(_STEPS):
-            away = own.copy()
-            away[..., axis] += step
-            ahead = self.shapes(membranes, away)
-            lost = np.isnan(ahead.log_ratio)
-            numbers, ratio = ahead.numbers - shapes.numbers, ahead.log_ratio - shapes.log_ratio
-            if lost.any():  # just within the border
-                away[..., axis] -= 2.0 * step
-                behind = self.shapes(membranes, away)
-                numbers = np.where(lost[..., None], shapes.numbers - behind.numbers, numbers)
-                ratio = np.where(lost, shapes.log_ratio - behind.log_ratio, ratio)
-            along.append(np.nan_to_num(numbers / step))
-            ratio_along.append(np.nan_to_num(ratio / step))
-        for other in moved:
-            ahead = self.shapes(other, own)
-            along.append(np.nan_to_num((ahead.numbers - shapes.numbers) / STEP))
-            ratio_along.append(np.nan_to_num((ahead.log_ratio - shapes.log_ratio) / STEP))
-        return _There(shapes, np.stack(along, axis=-1), np.stack(ratio_along, axis=-1))
+        """Return the shapes of capsules with derivatives along what is their own, and to membranes moved by `STEP`."""
+        width = own.shape[2]
+        ahead = [self.model.theta(membranes, own + step) for step in np.diag(_STEPS[:width])]
+        ahead += [self.model.theta(other, own) for other in moved]
+        shapes, slopes = self.model.with_slopes(self.model.theta(membranes, own), ahead)
+        steps = np.array([*_STEPS[:width], *[STEP] * len(moved)])
+        along = np.moveaxis(slopes.numbers, 0, -1) / steps
+        ratio_along = np.moveaxis(slopes.log_ratio, 0, -1) / steps
+        places = own.shape[:2]
+        by_place = along.reshape(*places, *along.shape[1:]), ratio_along.reshape(*places, -1)
+        return _There(_by_place(shapes, own), *by_place)
 
     def _blocks(self, there: _There, own: Floats, common: Floats, spreads: Spreads) -> _Blocks:
         """Return the normal equations."""
         batch, shapes = self.batch, there.shapes
-        (d, n), q, free = own.shape[:2], batch.target.shape[1], there.along.shape[-1] - 2
-        matrix, right = np.zeros((d, n, q + 3, 2 + COMMON + free)), np.empty((d, n, q + 3))
-        own_columns = [0, 1, *range(2 + COMMON, 2 + COMMON + free)]
+        (d, n, width), q = own.shape, batch.target.shape[1]
+        modulus, size, scale, rate = (width + column for column in (MODULUS, SIZE, SCALE, RATE))
+        columns = there.along.shape[-1] + COMMON
+        matrix, right = np.zeros((d, n, q + width + 1, columns)), np.empty((d, n, q + width + 1))
+        own_columns = [*range(width), *range(width + COMMON, columns)]
         # the shape
-        right[:, :, :q] = batch.target - np.einsum("nqk,dnk->dnq", batch.rows, shapes.numbers)
+        right[:, :, :q] = batch.target - (batch.rows @ shapes.numbers[..., None])[..., 0]
         right[:, :, :q] -= batch.scale * batch.scale_error * common[:, None, None, SCALE]
-        matrix[:, :, :q, own_columns] = np.einsum("nqk,dnka->dnqa", batch.rows, there.along)
-        matrix[:, :, :q, 2 + SCALE] = batch.scale * batch.scale_error
+        matrix[:, :, :q, own_columns] = batch.rows @ there.along
+        matrix[:, :, :q, scale] = batch.scale * batch.scale_error
         # shear modulus, velocity and size
         by_rate = np.isfinite(batch.log_mean_velocity)
         variance = spreads.modulus[:, None] ** 2 + np.where(
@@ -342,25 +347,31 @@ class Capsules:
         right[:, :, q] += by_rate * batch.rate_error * common[:, None, RATE] / sd
         matrix[:, :, q, own_columns] = (~by_rate[:, None] * there.ratio_along) / sd[..., None]
         matrix[:, :, q, 0] += 1.0 / sd
-        matrix[:, :, q, 2 + MODULUS] = 1.0 / sd
-        matrix[:, :, q, 2 + RATE] = np.where(by_rate, -batch.rate_error, 0.0) / sd
+        matrix[:, :, q, modulus] = 1.0 / sd
+        matrix[:, :, q, rate] = np.where(by_rate, -batch.rate_error, 0.0) / sd
         known = np.where(by_rate, 1.0 / np.hypot(batch.velocity_error, shapes.ratio_error), 0.0)
         expected = np.nan_to_num(batch.log_velocity - batch.log_mean_velocity)
         right[:, :, q + 1] = (expected - shapes.log_ratio - batch.rate_error * common[:, None, RATE]) * known
         matrix[:, :, q + 1, own_columns] = there.ratio_along * known[..., None]
-        matrix[:, :, q + 1, 2 + RATE] = batch.rate_error * known
+        matrix[:, :, q + 1, rate] = batch.rate_error * known
         right[:, :, q + 2] = (common[:, None, SIZE] - own[..., 1]) / spreads.size[:, None]
         matrix[:, :, q + 2, 1] = 1.0 / spreads.size[:, None]
-        matrix[:, :, q + 2, 2 + SIZE] = -1.0 / spreads.size[:, None]
+        matrix[:, :, q + 2, size] = -1.0 / spreads.size[:, None]
+        spread = np.log(variance) + 2.0 * np.log(spreads.size[:, None])
+        if spreads.inflation is not None:
+            right[:, :, q + 3] = -own[..., 2] / spreads.inflation[:, None]
+            matrix[:, :, q + 3, 2] = 1.0 / spreads.inflation[:, None]
+            spread = spread + 2.0 * np.log(spreads.inflation[:, None])
         transposed = matrix.swapaxes(-1, -2)
         normal = transposed @ matrix
         slope = (transposed @ right[..., None])[..., 0]
-        square = np.sum(right**2, axis=-1) + np.log(variance) + 2.0 * np.log(spreads.size[:, None])
-        blocks = normal[..., :2, :2], normal[..., 2:, :2], normal[..., 2:, 2:], slope[..., :2], slope[..., 2:]
-        return _Blocks(*blocks, square)
+        square = np.sum(right**2, axis=-1) + spread
+        first, then = slice(width), slice(width, None)
+        blocks = normal[..., first, first], normal[..., then, first], normal[..., then, then]
+        return _Blocks(*blocks, slope[..., first], slope[..., then], square)
 
     def _solved(self, blocks: _Blocks, common: Floats) -> _Solved:
-        own = blocks.own + _FLAT * np.eye(2)
+        own = blocks.own + _FLAT * np.eye(blocks.own.shape[-1])
         inverse: Floats = np.asarray(np.linalg.inv(own), dtype=np.float64)
         carried = blocks.cross @ inverse
         schur = blocks.common - carried @ blocks.cross.swapaxes(-1, -2)
@@ -400,12 +411,19 @@ class Capsules:
         return (solved.inverse @ slope[..., None] + noise)[..., 0], step
 
     def moved(self, membranes: Membranes, own: Floats, step: Floats) -> Floats:
-        """Return the places (d, n, 2) after a step, shortened where it is too long or leaves the domain."""
-        step = step / np.maximum(np.max(np.abs(step) / _LONGEST, axis=-1, keepdims=True), 1.0)
-        for _ in range(_HALVINGS):
-            lost = ~self.model.contains(membranes, own + step)
-            if not lost.any():
-                return np.asarray(own + step)
-            step = np.where(lost[..., None], 0.5 * step, step)
-        lost = ~self.model.contains(membranes, own + step)
-        return np.where(lost[..., None], own, own + step)
+        """Return the places (d, n, o) after a step, shortened where it is too long or leaves the domain."""
+        step = step / np.maximum(np.max(np.abs(step) / _LONGEST[: step.shape[-1]], axis=-1, keepdims=True), 1.0)
+        rows = np.arange(len(own))  # of the membranes at which a capsule is lost
+        for share in (*[0.5] * _HALVINGS, 0.0):
+            some = {name: values[rows] for name, values in membranes.items()}
+            lost = ~self.model.contains(some, own[rows] + step[rows])
+            rows, lost = rows[lost.any(axis=1)], lost[lost.any(axis=1)]
+            if not len(rows):
+                break
+            step[rows] = np.where(lost[..., None], share * step[rows], step[rows])
+        return np.asarray(own + step)
+
+
+def _by_place(shapes: Shapes, own: Floats) -> Shapes:
+    """Return the shapes at (d, n, o) places, one after the other, as (d, n, ...) arrays."""
+    return Shapes(*(values.reshape(*own.shape[:2], *values.shape[1:]) for values in shapes))

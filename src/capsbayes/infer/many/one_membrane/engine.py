@@ -20,7 +20,7 @@ from capsbayes.infer.importance.weights import effective, normalised, pareto_sha
 from capsbayes.infer.many.one_membrane.conditional import Capsules, Start
 from capsbayes.infer.many.one_membrane.search import Mode, modes, starting_points
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
-from capsbayes.work import digest_of, step_of
+from capsbayes.work import digest_of, run_tasks, step_task
 
 _CLOUD, _OF_MODE = 128, 128  # points over the prior and about each mode
 _FREEDOM, _WIDER = 5, 1.3
@@ -31,6 +31,7 @@ _ENOUGH, _MOST, _REPEATS = 1000.0, 4096, 3  # effective draws, draws, new propos
 _LEAST_EFFECTIVE, _MOST_PARETO = 400.0, 0.7
 _LEAST_WITHIN = 0.95
 WITHIN = "share of the capsules that are not on the border of the model"
+_SINGULAR = 1e-3  # of the largest singular value: directions in which draws tell no slope
 _AT_ONCE = 20_000  # capsules times membranes that are found together
 
 
@@ -104,10 +105,15 @@ class MembraneSampling:
     ----------
     capsules : Capsules
     unknowns : Unknowns
+    scheduler : str or None
+    workers : int or None
+        Where the capsules are found, see `run_tasks`.
     """
 
     capsules: Capsules
     unknowns: Unknowns
+    scheduler: str | None = "synchronous"
+    workers: int | None = None
 
     def __call__(self) -> Sampled:
         """Sample the posterior; there is no randomness in it but that of a fixed quasi-random sequence."""
@@ -152,17 +158,13 @@ class MembraneSampling:
     def found(self, points: Floats, near: Draws | None = None) -> Found:
         """Find the capsules at points (d, p), each from those at the nearest of some draws if there are such."""
         start = None if near is None else _nearest(near, points)
-        parts = []
+        tasks = []
         for rows in self._parts(len(points)):
             begin = None if start is None else Start(*(values[rows] for values in start))
             key = "membrane", self.fingerprint, points[rows]
-            parts.append(step_of(Found, key, partial(self._computed, points[rows], begin)))
+            tasks.append(step_task(Found, key, partial(_found, points[rows], begin)))
+        parts = run_tasks(tasks, self.scheduler, self.workers, self.capsules, self.unknowns)
         return Found(*(np.concatenate(values) for values in zip(*parts, strict=True)))
-
-    def _computed(self, points: Floats, start: Start | None) -> Found:
-        unknowns = self.unknowns
-        there = self.capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), start=start)
-        return Found(there.log_evidence + unknowns.log_prior(points), there.settled, there.own, there.common)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -211,6 +213,11 @@ class MembraneSampling:
         return Draws(points, found.log_density - proposal.log_density(points), found)
 
 
+def _found(points: Floats, start: Start | None, capsules: Capsules, unknowns: Unknowns) -> Found:
+    there = capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), start=start)
+    return Found(there.log_evidence + unknowns.log_prior(points), there.settled, there.own, there.common)
+
+
 def _about(mode: Mode, count: int, seed: int) -> Floats:
     """Draw points (count, p) about a mode."""
     places = quasi_random(len(mode.point) + 1, count, seed)
@@ -225,13 +232,22 @@ def _log_about(mode: Mode, points: Floats) -> Floats:
 
 
 def _nearest(draws: Draws, points: Floats) -> Start:
-    """Return the capsules as they are at the nearest of some draws, measured by the spread of these."""
+    """Return the capsules as at the nearest of some draws, carried on as they change over the draws.
+
+    Distances are measured by the spread of the draws.
+    """
     possible = np.isfinite(draws.found.log_density)
     known, found = draws.points[possible], draws.found
     spread = np.std(known, axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)
     nearest = np.argmin(cdist(points / spread, known / spread), axis=1)
-    return Start(found.own[possible][nearest], found.common[possible][nearest])
+    values = np.concatenate([found.own[possible].reshape(len(known), -1), found.common[possible]], axis=1)
+    likely = tempered(draws.log_weights, _ALIVE * len(draws.points))[possible]
+    away, change = known - likely @ known, values - likely @ values
+    slope = np.linalg.lstsq(np.sqrt(likely)[:, None] * away, np.sqrt(likely)[:, None] * change, rcond=_SINGULAR)[0]
+    carried = values[nearest] + (points - known[nearest]) @ slope
+    own, common = np.split(carried, [carried.shape[1] - found.common.shape[1]], axis=1)
+    return Start(own.reshape(len(points), *found.own.shape[1:]), common)
 
 
 def _fitted(draws: Draws) -> Proposal:

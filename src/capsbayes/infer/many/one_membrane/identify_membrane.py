@@ -37,12 +37,14 @@ NONE_OF_THEM = "none of them"
 
 MISFIT = "p-value of the misfit of all shapes"
 
+_HERE = "identify_membrane"
 ONE_CAPSULE = (1e-3, 1e-4)
 """Spreads of ln G_s and of a/l among pictures of one capsule."""
 
 _DRAWS = 1000
 _AT_ONCE = 50  # draws whose capsules are drawn together
 _LEAST_P = 1e-3
+_MANY = 200  # capsules for which worker processes take less time than they need to start
 
 
 def identify_membrane(
@@ -54,8 +56,11 @@ def identify_membrane(
     membrane: Membrane | None = None,
     prior: Prior | None = None,
     same_capsule: bool = False,
+    inflation_varies: bool = False,
     scale_error: float = 0.0,
     laws: bool = True,
+    scheduler: str | None = None,
+    workers: int | None = None,
     progress: Callable[[str, int, int], None] = lambda step, done, steps: None,
 ) -> SharedMembrane:
     """Find the membrane that the capsules of a batch share, and the shear modulus and radius of each.
@@ -76,10 +81,15 @@ def identify_membrane(
         Of the parameters of the membrane, by their names; those of G_s and a have no place, as the batch tells its own.
     same_capsule : bool
         All measurements are of one capsule, which has one G_s and one a.
+    inflation_varies : bool
+        Each capsule has a pre-inflation of its own, log-normal about the median of the batch; else all have the same.
     scale_error : float
         Relative standard error that all lengths share, as from the size of a pixel.
     laws : bool
         Also give the odds of known laws, and what G_s is under each: takes three times as long.
+    scheduler : str or None
+    workers : int or None
+        Where the capsules are found at each membrane, see `run_tasks`; by default, in this process if they are few.
     progress : callable
         Called with the name of the step that begins, the number of those done, and of all.
 
@@ -94,7 +104,7 @@ def identify_membrane(
         If a measurement cannot be used, or no membrane of the model gives all capsules their shapes.
     """
     if not measurements:
-        raise InputError("identify_membrane", "measurements", "at least one", "none")
+        raise InputError(_HERE, "measurements", "at least one", "none")
     for measurement in measurements:
         check_comparable(measurement, measurement.source or "measurement")
     outline = measurements[0].outline
@@ -102,21 +112,25 @@ def identify_membrane(
     model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
     for measurement in measurements:
         check_applies(model, measurement, experiment)
-    spreads = ONE_CAPSULE if same_capsule or len(measurements) == 1 else (None, None)
+    spreads = _spreads(len(measurements), same_capsule=same_capsule, inflation_varies=inflation_varies)
+    if scheduler is None and workers is None and len(measurements) < _MANY:
+        scheduler = "synchronous"
     with threadpool_limits(limits=1):
         capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
         batch = capsules.batch
         unknowns = unknowns_of(model, membrane or Membrane(), prior or Prior(), experiment, spreads)
+        if inflation_varies and unknowns.known.get("pre_inflation") == 0.0:
+            raise InputError(_HERE, "inflation_varies", "a pre-inflation that is not 0", "0")
         capsules = with_model_error(capsules, unknowns)
         tried = _possible(unknowns) if laws else []
         progress("membrane unknown", 0, 1 + len(tried))
-        sampled = MembraneSampling(capsules, unknowns)()
+        sampled = MembraneSampling(capsules, unknowns, scheduler, workers)()
         draws = _drawn(capsules, unknowns, sampled, experiment, seed)
         assumed = [(NONE_OF_THEM, sampled, draws)]
         for done, (name, fixed) in enumerate(tried, start=1):
             progress(name, done, 1 + len(tried))
             within = unknowns.fixed(fixed)
-            under = MembraneSampling(capsules, within)()
+            under = MembraneSampling(capsules, within, scheduler, workers)()
             assumed.append((name, under, _drawn(capsules, within, under, experiment, seed)))
     gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
     speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
@@ -140,6 +154,14 @@ def identify_membrane(
     )
 
 
+def _spreads(count: int, *, same_capsule: bool, inflation_varies: bool) -> tuple[float | None, ...]:
+    one = same_capsule or count == 1
+    if one and inflation_varies:
+        raise InputError(_HERE, "inflation_varies", "several capsules", "one")
+    known = ONE_CAPSULE if one else (None, None)
+    return (*known, None) if inflation_varies else known
+
+
 def capsules_of(
     measurements: Sequence[Measurement], experiment: Experiment, model: MembraneSurrogate, *, scale_error: float = 0.0
 ) -> Capsules:
@@ -155,7 +177,7 @@ def unknowns_of(
     membrane: Membrane,
     prior: Prior,
     experiment: Experiment,
-    spreads: tuple[float | None, float | None],
+    spreads: tuple[float | None, ...],
 ) -> Unknowns:
     """Return what is unknown of a membrane that a batch shares.
 
@@ -201,8 +223,13 @@ def _drawn(
     log_moduli = _log_moduli(capsules, own, np.log(seen["velocity_ratio_each"]), common, spreads.modulus, rng)
     viscosity = LogGrid.of(experiment.viscosity).drawn(rng, _DRAWS) / experiment.viscosity.value
     width = LogGrid.of(experiment.half_width).drawn(rng, _DRAWS)
+    varying = {}
+    if spreads.inflation is not None:
+        each = membranes["pre_inflation"][:, None] * np.exp(own[..., 2])
+        varying = {"inflation_spread": spreads.inflation, "pre_inflation_each": each}
     return {
         **membranes,
+        **varying,
         "surface_shear_modulus": np.exp(common[:, MODULUS]) * viscosity,
         "capsule_radius": common[:, SIZE] * width,
         "modulus_spread": spreads.modulus,

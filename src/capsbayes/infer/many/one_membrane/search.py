@@ -9,17 +9,17 @@ import numpy as np
 from capsbayes.arrays import Floats
 from capsbayes.errors import NoShapeError
 from capsbayes.infer.importance.weights import quasi_random
-from capsbayes.infer.many.one_membrane.conditional import COMMON, STEP, Capsules, Spreads, Start, Step
+from capsbayes.infer.many.one_membrane.conditional import COMMON, STEP, Capsules, Start, Step
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 
 _STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
-_USUAL = (0.2, 0.06)  # spreads of ln G_s and of a/l while modes are sought
+_USUAL = (0.2, 0.06, 0.2)  # spreads of ln G_s, of a/l and of ln alpha while modes are sought
 _PILOTS = 2  # best membranes at which the model's error is read, one after the other
 _STEPS, _SETTLED = 15, 1e-2
 _LONGEST = 0.7  # step of a normal score
 _FARTHEST = 3.0  # normal score
 _HALVINGS = 4
-_NARROWEST, _OF_SPREADS = (0.05, 0.02), 0.4  # spreads at first, and standard deviation of their logs
+_NARROWEST, _OF_SPREADS = (0.05, 0.02, 0.05), 0.4  # spreads at first, and standard deviation of their logs
 
 
 def starting_points(capsules: Capsules, unknowns: Unknowns) -> Floats:
@@ -108,7 +108,7 @@ def step_of_all(capsules: Capsules, unknowns: Unknowns, points: Floats, values: 
 def _with_spreads(unknowns: Unknowns, points: Floats, capsules: Capsules, own: Floats, log_ratio: Floats) -> Floats:
     """Return points with the spreads that the capsules have about their means."""
     moduli = capsules.log_moduli(own, log_ratio)
-    spreads = Spreads(moduli.std(axis=1), own[..., 1].std(axis=1))
+    spreads = np.concatenate([moduli[..., None], own[..., 1:]], axis=2).std(axis=1).T
     for column, which in enumerate(unknowns.sought, unknowns.scores):
         points[:, column] = np.log(np.maximum(spreads[which], _NARROWEST[which]))
     return points

@@ -26,11 +26,11 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import xarray as xr
 
-EACH = ("surface_shear_modulus", "capsule_radius", "capillary_number")
+EACH = ("surface_shear_modulus", "capsule_radius", "capillary_number", "pre_inflation")
 PREDICTED = ("axial_extent", "axial_length", "velocity_ratio")
 """Quantities of each capsule, and what is predicted of it: their draws are named with ``_each``."""
 
-_POPULATION = ("surface_shear_modulus", "modulus_spread", "capsule_radius", "radius_spread")
+_POPULATION = ("surface_shear_modulus", "modulus_spread", "capsule_radius", "radius_spread", "inflation_spread")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,8 @@ class SharedMembrane(Readable):
     draws : mapping of arrays
         The parameters of the membrane by name, ``surface_shear_modulus`` and ``capsule_radius``, means of the
         population (of ln G_s and of a) in SI, ``modulus_spread`` and ``radius_spread``, relative : (d,) arrays; and
-        for n capsules each of `EACH` and `PREDICTED` with ``_each`` : (d, n) arrays.
+        for n capsules each of `EACH` and `PREDICTED` with ``_each`` : (d, n) arrays. If the pre-inflation varies,
+        that of the membrane is its median, and ``inflation_spread`` and ``pre_inflation_each`` are there too.
     names : tuple of str
         Of the capsules.
     flow : (n,) array
@@ -109,7 +110,7 @@ class SharedMembrane(Readable):
     @cached_property
     def marginals(self) -> dict[str, Marginal]:
         """Summaries of the population and of the parameters of the membrane, by name."""
-        return {name: Marginal.of_draws(self.draws[name]) for name in (*_POPULATION, *self.prior)}
+        return {name: Marginal.of_draws(self.draws[name]) for name in (*_POPULATION, *self.prior) if name in self.draws}
 
     def of_each(self, name: str) -> list[Marginal]:
         """Return the summaries of one of `EACH` for the capsules."""
@@ -144,7 +145,7 @@ class SharedMembrane(Readable):
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the draws, ready for JSON."""
-        each = {name: self.of_each(name) for name in EACH}
+        each = {name: self.of_each(name) for name in EACH if f"{name}_each" in self.draws}
         return {
             "status": self.status.name,
             "sentence": str(self.status),

@@ -12,9 +12,9 @@ from capsbayes.arrays import Floats
 from capsbayes.infer.many.one_membrane.conditional import Spreads
 from capsbayes.infer.prior import THICKNESS, Coordinate
 
-_WIDEST = (1.0, 0.5)  # scales of the half-normal priors of the spreads of ln G_s and of a/l
+_WIDEST = (1.0, 0.5, 0.5)  # scales of half-normal priors of the spreads of ln G_s, of a/l and of ln alpha
 _NARROWEST = 1e-4  # below it G_s and a are the same for all; their weights would cancel to fewer digits than are needed
-_USUAL = (np.log(0.15), np.log(3.0)), (np.log(0.06), np.log(3.0))  # middles and widths where spreads are sought
+_USUAL, _WIDTH = (np.log(0.15), np.log(0.06), np.log(0.2)), np.log(3.0)  # of logs: where spreads are sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,16 +28,16 @@ class Unknowns:
     known : mapping of str to float
         The others.
     spreads : tuple of float or None
-        Standard deviations of ln G_s and of a/l from capsule to capsule, None if unknown.
+        Standard deviations of ln G_s and of a/l from capsule to capsule, and of ln alpha if it varies; None if unknown.
     """
 
     coordinates: tuple[Coordinate, ...]
     known: Mapping[str, float] = field(default_factory=dict)
-    spreads: tuple[float | None, float | None] = (None, None)
+    spreads: tuple[float | None, ...] = (None, None)
 
     @classmethod
     def of(
-        cls, coordinates: Iterable[Coordinate], known: Mapping[str, float], spreads: tuple[float | None, float | None]
+        cls, coordinates: Iterable[Coordinate], known: Mapping[str, float], spreads: tuple[float | None, ...]
     ) -> Unknowns:
         """Return those of coordinates with their priors, of which a thickness may be known, beside known ones."""
         each = tuple(coordinates)
@@ -62,22 +62,21 @@ class Unknowns:
 
     @property
     def sought(self) -> tuple[int, ...]:
-        """Which of the two spreads are unknown."""
+        """Which of the spreads are unknown."""
         return tuple(which for which, spread in enumerate(self.spreads) if spread is None)
 
     def wide(self, uniform: Floats) -> Floats:
         """Return points (d, p) of the unit cube (d, p) as draws of the priors, spreads about what is usual."""
         points = ndtri(uniform)
         for column, which in enumerate(self.sought, self.scores):
-            middle, width = _USUAL[which]
-            points[:, column] = middle + width * points[:, column]
+            points[:, column] = _USUAL[which] + _WIDTH * points[:, column]
         return np.asarray(points)
 
     def log_wide(self, points: Floats) -> Floats:
         """Return the log density of `wide` : (d,) array."""
         middle, width = np.zeros(self.dimensions), np.ones(self.dimensions)
         for column, which in enumerate(self.sought, self.scores):
-            middle[column], width[column] = _USUAL[which]
+            middle[column], width[column] = _USUAL[which], _WIDTH
         away = (points - middle) / width
         return np.asarray(-0.5 * np.sum(away**2 + np.log(2.0 * np.pi) + 2.0 * np.log(width), axis=1))
 
@@ -89,7 +88,7 @@ class Unknowns:
 
     def spreads_at(self, points: Floats) -> Spreads:
         """Return the spreads at points (d, p)."""
-        columns = [np.full(len(points), spread) for spread in self.spreads]
+        columns = [np.full(len(points), np.nan if spread is None else spread) for spread in self.spreads]
         for column, which in enumerate(self.sought, self.scores):
             columns[which] = np.maximum(np.exp(points[:, column]), _NARROWEST)
         return Spreads(*columns)
