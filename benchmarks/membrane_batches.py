@@ -63,12 +63,13 @@ ROOM = 4  # draws of a capsule's own properties for each draw of the membrane
 
 
 class Session:
-    """One batch: its measurements, flow rates and truths."""
+    """One batch: its measurements with one or another noise, flow rates and truths."""
 
-    def __init__(self, pool: dict[str, Floats], number: int, kind: str) -> None:
+    def __init__(self, pool: dict[str, Floats], number: int, kind: str, noise: int = 0) -> None:
         rows = np.flatnonzero(pool["batch"] == number)
         of_batch = {key: pool[key][rows] for key in ("values", "numbers", "profile", "relative_modulus", "flow_factor")}
-        self.rng, self.kind, self.flow = np.random.default_rng([11, number]), kind, pool["flow"][rows].astype(int)
+        self.kind, self.flow = kind, pool["flow"][rows].astype(int)
+        self.rng = np.random.default_rng([11, number, noise] if noise else [11, number])
         self.viscosity, self.width = (self.rng.normal(*stated) for stated in (VISCOSITY, HALF_WIDTH))
         self.speeds = VELOCITY[0] * of_batch["flow_factor"]
         pump = 1.0 + PUMP * self.rng.standard_normal()

@@ -58,6 +58,14 @@ def test_the_budget_of_a_capsule(capsule, database, tmp_path):
     assert sum(shares) == pytest.approx(1.0)
 
 
+def test_the_budget_of_a_capsule_of_unknown_membrane(capsule):
+    result = run("budget", capsule, "--membrane", "Blatz-Ko", "--membrane", "bending=1e-4", "--json")
+    stored = json.loads(result.stdout)
+    for name in ("pre_inflation", "area_dilation_modulus"):
+        assert stored["inputs"][name]["share_of_variance"]["surface_shear_modulus"] > 0.0
+    assert "strain_hardening" not in stored["inputs"]
+
+
 def test_a_budget_that_leans_on_the_border_ends_with_status_one(capsule, database):
     capsule.write_text("\n".join(line for line in capsule.read_text().splitlines() if "axial_length" not in line))
     result = run("budget", capsule, "--database", database, "--json")

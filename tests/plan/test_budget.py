@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from membrane_model import RANGES, MembraneModel
 from polynomial_model import PolynomialModel
 
 from capsbayes.errors import InputError
@@ -12,6 +13,7 @@ from capsbayes.infer import identify
 from capsbayes.infer.shares import REST
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.plan import error_budget
+from capsbayes.plan.budget import TOGETHER
 
 QUANTITIES = ("surface_shear_modulus", "capsule_radius")
 
@@ -125,3 +127,17 @@ def test_another_model_than_that_of_the_posterior_is_refused(capsule, model, exp
         error_budget(posterior)
     with pytest.raises(InputError, match="give the model that it was identified with"):
         error_budget(posterior, replace(model, sha256="1" * 64))
+
+
+def test_an_unknown_membrane_has_shares_and_a_known_one_slopes_alike(capsule, experiment):
+    """Slopes by the inputs that the shape does not depend on are exact, whatever else is unknown."""
+    budget = budget_of(capsule, MembraneModel(shorter=0.2, shallower=0.3), experiment)
+    names = [row.name for row in budget.rows]
+    assert names[-6:] == [*RANGES, TOGETHER, REST]
+    for quantity in QUANTITIES:
+        assert sum(row.share[quantity] for row in budget.rows) == pytest.approx(1.0)
+    of_modulus = {row.name: row.share["surface_shear_modulus"] for row in budget.rows}
+    assert of_modulus["area_dilation_modulus"] > of_modulus["bending"]  # which does nothing here
+    assert abs(of_modulus[REST]) < 0.3
+    assert budget["viscosity"].log_slope["surface_shear_modulus"] == pytest.approx(1.0, abs=0.01)
+    assert any("in place of" in note for note in budget.notes)

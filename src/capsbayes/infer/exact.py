@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 from capsbayes.experiment import Experiment
 from capsbayes.infer.grid.mixed import MixedQuadrature
+from capsbayes.infer.grid.posterior import ExactPosterior
 from capsbayes.infer.grid.quadrature import Quadrature
 from capsbayes.infer.importance.engine import ImportanceSampling
+from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.prior import THICKNESS, Prior
 from capsbayes.model import ForwardModel
 
@@ -20,3 +25,10 @@ def exact_engine(model: ForwardModel, experiment: Experiment, prior: Prior | Non
     prior = (prior or Prior()).with_thickness(experiment)
     kinds = Quadrature, MixedQuadrature, ImportanceSampling
     return kinds[2 if THICKNESS in prior.coordinates else min(len(model.coordinates), 2)](model, experiment, prior)
+
+
+def engine_near(engine: ExactEngine, posterior: ExactPosterior) -> Callable[..., ExactPosterior]:
+    """Return the engine for a measurement nearly that of a posterior, from whose draws it begins if it draws."""
+    if isinstance(engine, ImportanceSampling) and isinstance(posterior, WeightedPosterior):
+        return functools.partial(engine, near=posterior)
+    return engine

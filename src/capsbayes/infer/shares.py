@@ -13,14 +13,12 @@ and to the curvature of the model.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from capsbayes.infer.exact import ExactEngine
+from capsbayes.infer.exact import ExactEngine, engine_near
 from capsbayes.infer.grid.mixed import MixedPosterior
 from capsbayes.infer.grid.posterior import ExactPosterior
-from capsbayes.infer.importance.engine import ImportanceSampling
 from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.measurement import Measurement
 
@@ -89,9 +87,7 @@ def _each_halved(
     engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior
 ) -> Iterator[tuple[str, ExactPosterior]]:
     inputs = posterior.density.inputs
-    again: Callable[..., ExactPosterior] = engine
-    if isinstance(engine, ImportanceSampling) and isinstance(posterior, WeightedPosterior):
-        again = functools.partial(engine, near=posterior)
+    again = engine_near(engine, posterior)
     if measurement.outline is not None:
         noise = measurement.outline.noise
         sharper = replace(measurement.outline, noise=replace(noise, scale=0.5 * noise.scale))

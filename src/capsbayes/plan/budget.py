@@ -12,6 +12,8 @@ from capsbayes import __version__
 from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.infer.exact import exact_engine
+from capsbayes.infer.grid.posterior import ExactPosterior
+from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.posterior import Posterior
 from capsbayes.infer.shares import QUANTITIES, REST, variance_shares
 from capsbayes.measured_outline import MID_PLANE
@@ -24,6 +26,9 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
 
+TOGETHER = "parameters together"
+"""What several further coordinates take away of the variance if all become known, beyond what each does alone."""
+
 _ORDER = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_length", "outline", "surrogate")
 
 
@@ -34,7 +39,7 @@ class BudgetRow:
     Parameters
     ----------
     name : str
-        As in `capsbayes.parameters`, or ``"outline"``, ``"surrogate"``, ``"prior and curvature"``.
+        As in `capsbayes.parameters`, or ``"outline"``, ``"surrogate"``, `TOGETHER`, ``"prior and curvature"``.
     setting : Setting or None
         Value, error and unit, of an input that is a number.
     share : mapping of float
@@ -61,8 +66,15 @@ class BudgetRow:
         """Symbol and meaning of the input."""
         parameter = PARAMETERS.get(self.name)
         if parameter is None:
-            return {"surrogate": "model's own error", "outline": "errors of the outline"}.get(self.name, self.name)
+            return _WORDS.get(self.name, self.name)
         return f"{parameter.symbol}, {parameter.meaning}"
+
+
+_WORDS = {
+    "surrogate": "model's own error",
+    "outline": "errors of the outline",
+    TOGETHER: "the membrane together, beyond each of these",
+}
 
 
 @dataclass(frozen=True)
@@ -163,7 +175,9 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
     with threadpool_limits(limits=1):
         engine = exact_engine(forward, posterior.experiment, posterior.prior)
         grid = engine(seen, inputs=inputs)
-        shares = variance_shares(engine, seen, grid, *QUANTITIES)
+        shares = {
+            name: _with_joint(grid, name, of) for name, of in variance_shares(engine, seen, grid, *QUANTITIES).items()
+        }
         settings = settings_of(seen, inputs)
         log_slopes_of = {name: log_slopes(engine, seen, grid, setting) for name, setting in settings.items()}
         centre = {name: grid.marginal(name).median for name in QUANTITIES}
@@ -175,6 +189,15 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
     return ErrorBudget(
         tuple(rows), centre, sd, _notes(posterior), posterior.model_name, posterior.model_sha256, posterior.status
     )
+
+
+def _with_joint(grid: ExactPosterior, quantity: str, shares: Mapping[str, float]) -> dict[str, float]:
+    """Return shares with that of several further coordinates together, which is not the sum of those of each."""
+    if not isinstance(grid, WeightedPosterior):
+        return dict(shares)
+    alone = sum(shares[coordinate.name] for coordinate in grid.density.coordinates)
+    beyond = grid.variance_given_all(quantity) / grid.log_marginal(quantity).sd ** 2 - alone
+    return {**shares, TOGETHER: beyond, REST: shares[REST] - beyond}
 
 
 def _row(
@@ -191,7 +214,8 @@ def _row(
 
 def _ordered(names: Mapping[str, float]) -> list[str]:
     known = [name for name in _ORDER if name in names]
-    return [*known, *(name for name in names if name not in (*known, REST)), REST]
+    last = [name for name in (TOGETHER, REST) if name in names]
+    return [*known, *(name for name in names if name not in (*known, *last)), *last]
 
 
 def _model_of(posterior: Posterior, model: ForwardModel | None) -> ForwardModel:
@@ -231,6 +255,12 @@ def _notes(posterior: Posterior) -> tuple[str, ...]:
         )
     if seen.length_correlation and seen.outline is None:
         notes.append("The errors of L_z and L_a are correlated: their shares cannot be separated.")
+    if posterior.log_modulus_sd_if_known is not None:
+        notes.append(
+            "The share of a parameter of the membrane is what knowing it alone would take away; what they take away "
+            f"together is more. Were all known, ln G_s would have a standard deviation of "
+            f"{posterior.log_modulus_sd_if_known:.2g} in place of {posterior.log_modulus_sd:.2g}."
+        )
     if not posterior.status.ok:
         notes.append(f"Read the shares with care. {posterior.status}")
     return tuple(notes)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.infer.exact import ExactEngine
+from capsbayes.infer.exact import ExactEngine, engine_near
 from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.shares import QUANTITIES
@@ -111,7 +111,7 @@ def _again(
     same_shape = moved is seen and (same_width or before.density.likelihood.over_half_width)
     if same_shape and isinstance(before, GridPosterior) and not before.cut:
         return replace(before, density=replace(before.density, inputs=inputs))
-    return engine(moved, inputs=inputs)
+    return engine_near(engine, before)(moved, inputs=inputs)
 
 
 def _log_medians(posterior: ExactPosterior) -> dict[str, float]:

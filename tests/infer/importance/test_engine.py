@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from dense_membrane import DenseMembrane
-from membrane_model import RANGES, MembraneModel
+from membrane_model import RANGES, STIFFER, MembraneModel
 from scipy import stats
 from simulated_capsules import measured_capsule, mistakes
 
@@ -75,6 +75,18 @@ def test_a_coordinate_that_the_lengths_do_not_tell_keeps_its_prior(posterior, na
     found = posterior.marginal(name)
     ends = found.lower_95, found.lower_68, found.median, found.upper_68, found.upper_95
     assert prior.cdf(ends) == pytest.approx([0.025, 0.16, 0.5, 0.84, 0.975], abs=0.015)
+
+
+def test_all_coordinates_together_take_away_what_a_dense_quadrature_says(posterior, dense):
+    values, of_membrane = np.log(dense.ratio) + dense.log_ca, dense.weights.sum(axis=0)
+    means = np.einsum("nkh,n->kh", dense.weights, values) / of_membrane
+    of_shape = np.sum(of_membrane * (means - np.sum(of_membrane * means)) ** 2)
+    inflation = np.linspace(0.0, RANGES["pre_inflation"].high, 2001)
+    wanted = of_shape + np.var(np.log(1.0 + STIFFER * inflation))
+    found = posterior.variance_given_all("surface_shear_modulus")
+    assert found == pytest.approx(wanted, rel=0.1)
+    alone = [posterior.variance_given(name, "surface_shear_modulus") for name in RANGES]
+    assert found > 1.1 * max(alone)
 
 
 def test_one_coordinate_told_to_a_hundredth_and_another_not_at_all(experiment, capsule):

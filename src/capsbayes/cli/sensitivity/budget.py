@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
+from capsbayes.cli.options import (
+    AsJson,
+    CapsuleFile,
+    ExperimentFile,
+    MembraneKnown,
+    ModelName,
+    Seed,
+    capsule_model,
+    membrane_of,
+    named_experiment,
+)
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
 from capsbayes.cli.paths import Writes
 
@@ -21,17 +31,19 @@ def budget(
     ] = None,
     experiment: ExperimentFile = None,
     database: ModelName = None,
+    membrane: MembraneKnown = None,
     seed: Seed = 1,
     as_json: AsJson = False,
 ) -> None:
     """Compute the share of the variance of G_s and a due to each input, and how both change with it.
 
+    With --membrane, what is not known of the membrane has shares too.
+
     Exit status: 0 done, 1 the posterior cannot be used (the status says why), 2 bad input.
     """
     from rich.console import Console
 
-    from capsbayes.infer import Prior, identify
-    from capsbayes.infer.membrane import refuse_membrane
+    from capsbayes.infer import Membrane, Prior, identify
     from capsbayes.measurement import Measurement
     from capsbayes.plan import error_budget
     from capsbayes.show import budget_figure
@@ -39,12 +51,12 @@ def budget(
     from capsbayes.work import resumable
 
     measurement = Measurement.read(capsule)
-    refuse_membrane(capsule, "an error budget")
+    sheet = membrane_of(Membrane.read(capsule), membrane)
     known = named_experiment(measurement, experiment)
-    model = named_model(
-        database, known.cross_section, None if measurement.outline is None else measurement.outline.view
-    )
-    prior = Prior.read(capsule)
+    view = None if measurement.outline is None else measurement.outline.view
+    model, prior = capsule_model(database, sheet, known.cross_section, view), Prior.read(capsule)
+    if sheet is not None:
+        model, prior = sheet.applied(model, prior)
     with resumable(out):
         with Console(stderr=True).status("Computing the budget ..."):
             posterior = identify(measurement, model, known, engine="quadrature", seed=seed, prior=prior)

@@ -15,7 +15,7 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Nodes
 from capsbayes.infer.grid.posterior import NodePosterior
 from capsbayes.infer.importance.frame import Frame
-from capsbayes.infer.importance.proposal import Proposal
+from capsbayes.infer.importance.proposal import PLACE, Polynomial, Proposal
 from capsbayes.infer.importance.weights import rows_by_weight
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.prior import THICKNESS
@@ -121,6 +121,15 @@ class WeightedPosterior(NodePosterior):
         root = np.sqrt(self.weights)
         basis = np.stack([np.ones(len(away)), away, away**2, away**3], axis=1)
         fit = basis @ np.linalg.lstsq(root[:, None] * basis, root * logs, rcond=None)[0]
+        return float(self.weights @ (fit - self.weights @ fit) ** 2)
+
+    def variance_given_all(self, name: str) -> float:
+        """Return the variance of the mean of the logarithm of a quantity over the values of all coordinates together.
+
+        The mean is a cubic polynomial of their normal scores, as in `variance_given`.
+        """
+        scores = self.points[:, PLACE : PLACE + len(self.frame.columns)]
+        fit = Polynomial.fitted(scores, self._mean_logs[name], self.weights)(scores)
         return float(self.weights @ (fit - self.weights @ fit) ** 2)
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from capsbayes.show.words.rounding import with_unit
 
 _QUANTITIES = {"surface_shear_modulus": INK, "capsule_radius": ACCENT}
 _HEIGHT = 0.36  # of a bar
+_LABEL = 42  # characters in a line of a label
 
 
 def budget_figure(budget: ErrorBudget) -> Figure:
@@ -44,7 +46,8 @@ def budget_figure(budget: ErrorBudget) -> Figure:
 
 def _input_label(row: BudgetRow) -> str:
     parameter = PARAMETERS.get(row.name)
-    return row.words if parameter is None else f"${without_l(row.name)}$, {parameter.meaning}"
+    words = row.words if parameter is None else f"${without_l(row.name)}$, {parameter.meaning}"
+    return fill(words, _LABEL)
 
 
 def _frame_bars(ax: Axes, label: str) -> None:
