@@ -101,6 +101,17 @@ def test_the_map_of_a_lab(capsule, database, tmp_path):
     assert stored["best"]["width_of_surface_shear_modulus"] >= smallest
 
 
+def test_the_map_of_an_unknown_membrane(capsule, tmp_path):
+    known = ("--membrane", "Blatz-Ko", "--membrane", "bending=1e-4", "--guess", "area_dilation_modulus=3")
+    result = run("map", "--like", capsule, *known, "--points", 3, 2, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    for words in ("of ln G_s of one capsule", "lengths unknown", "lengths known", "alpha = 0.05, K = 3, h = 0"):
+        assert words in said(result)
+    assert files(tmp_path / "out") == {"map.nc", "map.json", "map.png"}
+    stored = json.loads((tmp_path / "out" / "map.json").read_text())
+    assert stored["quantiles"]["unknown_lengths"]["median"] > stored["quantiles"]["known_lengths"]["median"]
+
+
 def test_the_flow_rate_for_expected_capsules(capsule, database, tmp_path):
     expected = ("--shear-modulus", "50 +/- 2 mN/m", "--radius", "22.5 um", "--database", database)
     result = run("flow", *expected, "--like", capsule, "--out", tmp_path / "out", "--simulate", 10)
@@ -154,6 +165,8 @@ def test_what_a_file_states_of_the_membrane_is_read(capsule):
     [
         ((*BATCH, "--flows", "2"), "flow: --flows: expected --membrane with it, got 2 without"),
         ((*BATCH, *KNOWN, "--simulate", "5"), "--simulate: expected no such option with the membrane unknown, got 5"),
+        (("map", "--like", "CAPSULE", "--guess", "hardening=1"), "map: --guess: expected --membrane with it, got"),
+        (("map", "--like", "CAPSULE", "--membrane", "unknown", "--noises", "3"), "--noises: expected no such option"),
         ((*BATCH, *KNOWN, "--mean-velocity", "fast"), "--mean-velocity: expected"),
         ((*BATCH, *KNOWN, "--guess", "stiff"), "--guess: law: expected one of"),
         (

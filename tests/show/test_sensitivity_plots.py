@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import xarray as xr
 from polynomial_model import PolynomialModel
 
 from capsbayes.experiment import Experiment
@@ -16,6 +17,7 @@ from capsbayes.plan import (
 )
 from capsbayes.quantity import Quantity
 from capsbayes.show import budget_figure, flow_figure, identifiability_figure, sobol_figure
+from capsbayes.show.figures.identifiability import membrane_map_figure
 from capsbayes.show.figures.membrane_plan import membrane_flow_figure
 from capsbayes.status import Status
 
@@ -99,3 +101,17 @@ def test_the_flow_rates_of_a_batch_are_drawn_with_what_they_tell():
     assert lower.get_xlabel() == "$U$ [mm/s]"
     without = lower.lines[0].get_ydata()
     np.testing.assert_allclose(without, [100.0 * risk.without_shape for risk in design.risks])
+
+
+def test_the_map_of_an_unknown_membrane_has_a_panel_for_each_measurement_and_membrane():
+    ca, size = np.geomspace(0.01, 0.1, 5), np.linspace(0.8, 1.0, 3)
+    plane = np.linspace(0.02, 0.6, 15).reshape(3, 5)
+    names = [f"{known}_{kind}" for kind in ("lengths", "outline") for known in ("unknown", "known")]
+    places = {"capillary_number": ca, "size_ratio": size}
+    values = dict.fromkeys(names, (("size_ratio", "capillary_number"), plane))
+    values |= {end: ("size_ratio", np.full(3, at)) for end, at in (("lowest", 0.01), ("highest", 0.1))}
+    axes = drawn(membrane_map_figure(xr.Dataset(values, places))).axes
+    titles = [ax.get_title() for ax in axes[:4]]
+    assert titles == [f"{seen}, membrane {known}" for seen in ("lengths", "outlines") for known in ("unknown", "known")]
+    assert "ln" in axes[4].get_ylabel()
+    np.testing.assert_allclose(axes[0].patches[0].get_xy()[:, 1].max(), 1.0)

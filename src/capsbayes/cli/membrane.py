@@ -16,7 +16,7 @@ from capsbayes.cli.options import (
     Seed,
     Workers,
     membrane_of,
-    prior_texts,
+    prior_of,
 )
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
 from capsbayes.cli.paths import Reads, Writes
@@ -58,7 +58,6 @@ def membrane(
 
     Exit status: 0 if the intervals can be used, 1 if not, 2 on bad input.
     """
-    from capsbayes.infer import Prior
     from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
     from capsbayes.measurements import read_set
     from capsbayes.show.figures.membrane import membrane_figure
@@ -66,7 +65,6 @@ def membrane(
     from capsbayes.work import progress_bar, resumable
 
     measured = read_set(capsules, experiment)
-    believed = Prior().with_texts(prior_texts(prior), where="--prior")
     with resumable(out):
         with progress_bar(None, "membrane") as update:
             found = identify_membrane(
@@ -74,7 +72,7 @@ def membrane(
                 measured.experiment,
                 seed=seed,
                 membrane=membrane_of(None, known),
-                prior=believed,
+                prior=prior_of(prior),
                 same_capsule=same_capsule,
                 inflation_varies=inflation_varies,
                 scale_error=scale_error,

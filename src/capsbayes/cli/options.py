@@ -16,7 +16,7 @@ from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
-    from capsbayes.infer import Membrane
+    from capsbayes.infer import Membrane, Prior
     from capsbayes.measurement import Measurement
     from capsbayes.model import ForwardModel
     from capsbayes.physics.capsule.membrane_load import BendingEnergy
@@ -67,6 +67,14 @@ MembraneKnown = Annotated[
         help="What is known of the membrane, in place of --database: its law, as 'unknown', neo-Hookean, Blatz-Ko or "
         "Skalak, and numbers, as area_dilation_modulus='1.5 +/- 0.3', hardening=1 (C of Skalak's law), "
         "pre_inflation='0 .. 0.02', bending=2e-4 or membrane_thickness='0.6 +/- 0.2 um'; may be given several times.",
+    ),
+]
+
+Guess = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="What is expected of the membrane where it is not known, in the words of --membrane, as "
+        "pre_inflation=0.03 or neo-Hookean; default: the middles of the priors; may be given several times."
     ),
 ]
 
@@ -273,6 +281,13 @@ def prior_texts(priors: list[str] | None) -> dict[str, str]:
             raise InputError("--prior", "", f"NAME=TEXT with one of the names {', '.join(names)}", repr(prior))
         texts[name] = text
     return texts
+
+
+def prior_of(priors: list[str] | None) -> Prior:
+    """Return the default priors, changed by the options ``--prior``."""
+    from capsbayes.infer import Prior
+
+    return Prior().with_texts(prior_texts(priors), where="--prior")
 
 
 def named_experiment(measurement: Measurement, experiment: Path | None) -> Experiment:

@@ -7,6 +7,7 @@ from capsbayes.plan.identifiability import identifiability_map
 from capsbayes.plan.lab_errors import LabErrors
 from capsbayes.plan.membrane_design import FlowRisk, MembraneFlowDesign, PlannedFlows
 from capsbayes.plan.membrane_flow import membrane_flow_design
+from capsbayes.plan.membrane_map import membrane_map
 from capsbayes.plan.simulated import SimulatedWidths, simulated_widths
 from capsbayes.plan.sobol import sobol_indices, varied_range
 from capsbayes.plan.sobol_study import SobolIndex, SobolStudy
@@ -27,6 +28,7 @@ __all__ = [
     "flow_design",
     "identifiability_map",
     "membrane_flow_design",
+    "membrane_map",
     "simulated_widths",
     "sobol_indices",
     "varied_range",

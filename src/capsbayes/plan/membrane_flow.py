@@ -108,7 +108,7 @@ def membrane_flow_design(
     unknowns = unknowns_of(model, membrane or Membrane(), prior or Prior(), experiment, (None, None))
     expectation = Expectation.of(surface_shear_modulus, capsule_radius, experiment)
     scores = expected_scores(unknowns, guess, model)
-    expected = _membrane_at(unknowns, scores, expectation)
+    expected = membrane_at(unknowns, scores, expectation)
     drawn = expectation.drawn(np.random.default_rng(seed), _DRAWS)
     with threadpool_limits(limits=1):
         risks, outside = _risks(model.fixed(**expected), expectation, drawn, experiment.cross_section, margin)
@@ -164,15 +164,20 @@ def expected_scores(unknowns: Unknowns, guess: Membrane | None, model: MembraneS
 def _check(errors: LabErrors, capsules: int, flows: int, margin: float, risk: float) -> None:
     if not (0.0 <= margin < 1.0 and 0.0 <= risk < 1.0):
         raise InputError("flow_design", "margin, risk", "shares from 0 to below 1", f"{margin:g}, {risk:g}")
-    if not errors.over_half_width:
-        expected = "those of lengths over l, as a batch of unknown membrane needs them"
-        raise InputError("flow_design", "errors", expected, "those of lengths in metres")
+    check_lengths(errors, "flow_design")
     if not (1 <= flows <= MOST_FLOWS and capsules >= 1):
         expected = f"1 to {MOST_FLOWS} flow rates and at least one capsule"
         raise InputError("flow_design", "flows, capsules", expected, f"{flows}, {capsules}")
 
 
-def _membrane_at(unknowns: Unknowns, scores: Floats, expectation: Expectation) -> dict[str, float]:
+def check_lengths(errors: LabErrors, where: str) -> None:
+    """Refuse the errors of lengths in metres."""
+    if not errors.over_half_width:
+        expected = "those of lengths over l, as an unknown membrane needs them"
+        raise InputError(where, "errors", expected, "those of lengths in metres")
+
+
+def membrane_at(unknowns: Unknowns, scores: Floats, expectation: Expectation) -> dict[str, float]:
     """Return the parameters of the membrane, of the bending modulus that a thickness means at the expected radius."""
     found = {name: float(values[0]) for name, values in unknowns.membranes(scores[None]).items()}
     if THICKNESS in found:

@@ -22,7 +22,8 @@ from capsbayes.plan.widths import noise_lattice
 from capsbayes.surrogate import MembraneSurrogate
 
 _MOST = 12  # different capsules of one flow rate
-_EVERY = 4  # vertex of an outline
+EVERY = 4
+"""Vertices of a predicted outline for one that is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ class PlannedBatch:
             errors.measured(
                 seen.values[row, :2],
                 float(velocities[flow[row]] * seen.velocity_ratio[row]),
-                None if seen.outline is None else seen.outline[row, ::_EVERY],
+                None if seen.outline is None else seen.outline[row, ::EVERY],
                 float(velocities[flow[row]] * area),
             )
             for row in rows

@@ -7,7 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import AsJson, ModelName, lab_of, lengths_alone, named_model, with_options_of
+from capsbayes.cli.options import (
+    AsJson,
+    Guess,
+    MembraneKnown,
+    ModelName,
+    Priors,
+    lab_of,
+    lengths_alone,
+    membrane_of,
+    named_model,
+    prior_of,
+    with_options_of,
+)
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
@@ -15,8 +27,13 @@ from capsbayes.files.output_file import write_dataset
 
 if TYPE_CHECKING:
     import numpy as np
+    import pandas as pd
     import xarray as xr
     from numpy.typing import NDArray
+
+    from capsbayes.experiment import Experiment
+    from capsbayes.plan import LabErrors
+    from capsbayes.surrogate import EffectSurrogate, Surrogate
 
     Floats = NDArray[np.float64]
 
@@ -32,34 +49,125 @@ def identifiability(
         Writes(within=("map.nc", "map.json", "map.png", "map-radius.png")),
     ] = None,
     database: ModelName = None,
-    points: Annotated[tuple[int, int], typer.Option(help="Points along log Ca and along a/l.")] = (28, 20),
-    noises: Annotated[int, typer.Option(min=0, max=10_000, help="Measurements that each width is averaged over.")] = 13,
+    membrane: MembraneKnown = None,
+    guess: Guess = None,
+    prior: Priors = None,
+    points: Annotated[
+        tuple[int, int] | None,
+        typer.Option(help="Points along log Ca and along a/l; default: 28 20, with the membrane unknown 10 6."),
+    ] = None,
+    noises: Annotated[
+        int | None,
+        typer.Option(min=0, max=10_000, help="Measurements that each width is averaged over; default: 13."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Map the relative width of G_s and a that a lab would get with its own errors.
 
+    With --membrane, the standard deviation of ln G_s with the membrane unknown, next to that with it known.
+
     The map has no randomness. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.plan import identifiability_map
-    from capsbayes.show import identifiability_figure
-    from capsbayes.work import resumable, tracked
+    from capsbayes.work import resumable
 
-    if not all(2 <= count <= _MOST_POINTS for count in points):
+    if points is not None and not all(2 <= count <= _MOST_POINTS for count in points):
         raise InputError("map", "--points", f"two numbers from 2 to {_MOST_POINTS}", " ".join(map(str, points)))
-    stated, known, _ = lab
-    errors = lengths_alone(stated)
-    model = named_model(database, known.cross_section)
+    errors, known, stated = lab
+    sheet = membrane_of(stated, membrane)
+    of_membrane = {"--guess": guess, "--prior": prior}
+    of_law = {"--database": database, "--noises": noises}
+    for option, given in (of_membrane if sheet is None else of_law).items():
+        if given is not None:
+            what = "--membrane with it" if sheet is None else "no such option with the membrane unknown"
+            raise InputError("map", option, what, str(given))
     with resumable(out):
-        found = identifiability_map(model, known, errors, grid=points, noises=noises, progress=tracked)
-        short = _short(found)
-        files: dict[str, Writer] = {
-            "map.nc": lambda path: write_dataset(path, found),
-            "map.json": json_file(short),
-            "map.png": figure_file(lambda: identifiability_figure(found)),
-            "map-radius.png": figure_file(lambda: identifiability_figure(found, "capsule_radius")),
-        }
-        model_line = model_words(short["model"], short["model_sha256"])
-        conclude(short, lambda: [*_lines(short), model_line], files, out=out, as_json=as_json)
+        if sheet is None:
+            model = named_model(database, known.cross_section)
+            _print_map(model, known, lengths_alone(errors), points, noises, out, as_json)
+        else:
+            lab_of_map = {"membrane": sheet, "guess": membrane_of(None, guess, "--guess"), "prior": prior_of(prior)}
+            _print_membrane_map(known, errors, lab_of_map, points, out, as_json)
+
+
+def _print_map(
+    model: Surrogate | EffectSurrogate,
+    known: Experiment,
+    errors: LabErrors,
+    points: tuple[int, int] | None,
+    noises: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Compute the map of a known law, print and write it."""
+    from capsbayes.plan import identifiability_map
+    from capsbayes.plan.identifiability import GRID
+    from capsbayes.plan.widths import NOISES
+    from capsbayes.show import identifiability_figure
+    from capsbayes.work import tracked
+
+    count = NOISES if noises is None else noises
+    found = identifiability_map(model, known, errors, grid=points or GRID, noises=count, progress=tracked)
+    short = _short(found)
+    files: dict[str, Writer] = {
+        "map.nc": lambda path: write_dataset(path, found),
+        "map.json": json_file(short),
+        "map.png": figure_file(lambda: identifiability_figure(found)),
+        "map-radius.png": figure_file(lambda: identifiability_figure(found, "capsule_radius")),
+    }
+    model_line = model_words(short["model"], short["model_sha256"])
+    conclude(short, lambda: [*_lines(short), model_line], files, out=out, as_json=as_json)
+
+
+def _print_membrane_map(
+    known: Experiment,
+    errors: LabErrors,
+    of_membrane: dict[str, Any],
+    points: tuple[int, int] | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Compute the map with the membrane unknown, print and write it."""
+    from capsbayes.plan import membrane_map
+    from capsbayes.plan.membrane_map import GRID
+    from capsbayes.show.figures.identifiability import membrane_map_figure
+    from capsbayes.show.tables.membrane_plan import membrane_map_table
+    from capsbayes.show.words.membrane_plan import expected_words
+    from capsbayes.work import tracked
+
+    found = membrane_map(known, errors, **of_membrane, grid=points or GRID, progress=tracked)
+    short = _short_of_membrane(found)
+    files: dict[str, Writer] = {
+        "map.nc": lambda path: write_dataset(path, found),
+        "map.json": json_file(short),
+        "map.png": figure_file(lambda: membrane_map_figure(found)),
+    }
+    model_line = model_words(short["model"], short["model_sha256"])
+    shown: list[str | pd.DataFrame] = [
+        membrane_map_table(short["quantiles"]),
+        expected_words(short["membrane"]),
+        model_line,
+    ]
+    conclude(short, lambda: shown, files, out=out, as_json=as_json)
+
+
+def _short_of_membrane(found: xr.Dataset) -> dict[str, Any]:
+    """Return quantiles of the standard deviations over the map, and what it holds for."""
+    import json
+
+    import numpy as np
+
+    quantiles = {}
+    for name in map(str, found.data_vars):
+        if found[name].ndim == 2:
+            values = found[name].to_numpy()
+            levels = np.quantile(values[np.isfinite(values)], [0.0, 0.25, 0.5, 0.75, 1.0])
+            quantiles[name] = dict(zip(("least", "lower", "median", "upper", "most"), levels.tolist(), strict=True))
+    return {
+        "quantiles": quantiles,
+        "points": int(np.isfinite(found["unknown_lengths"].to_numpy()).sum()),
+        **{name: found.attrs[name] for name in ("model", "model_sha256", "cross_section", "version")},
+        **{name: json.loads(found.attrs[name]) for name in ("experiment", "errors", "membrane")},
+    }
 
 
 def _short(found: xr.Dataset) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import MembraneKnown, Priors, membrane_of, prior_texts
+from capsbayes.cli.options import Guess, MembraneKnown, Priors, membrane_of, prior_of
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
 from capsbayes.errors import InputError
 
@@ -34,13 +34,7 @@ class PlannedBatchOptions:
 
 def planned_batch_of(
     membrane: MembraneKnown = None,
-    guess: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="What is expected of the membrane where it is not known, in the words of --membrane, as "
-            "pre_inflation=0.03 or neo-Hookean; default: the middles of the priors; may be given several times."
-        ),
-    ] = None,
+    guess: Guess = None,
     prior: Priors = None,
     capsules: Annotated[
         int | None, typer.Option(min=1, max=100_000, help=f"Capsules of the batch; default: {_CAPSULES}.")
@@ -77,7 +71,6 @@ def print_membrane_flow(
     as_json: bool,
 ) -> None:
     """Design the flow rates for expected G_s, a, experiment and errors, print and write them."""
-    from capsbayes.infer import Prior
     from capsbayes.plan import membrane_flow_design
     from capsbayes.quantity import Quantity
     from capsbayes.show.figures.membrane_plan import membrane_flow_figure
@@ -91,7 +84,7 @@ def print_membrane_flow(
         **asked,
         membrane=sheet,
         guess=membrane_of(None, given["--guess"], "--guess"),
-        prior=Prior().with_texts(prior_texts(given["--prior"]), where="--prior"),
+        prior=prior_of(given["--prior"]),
         capsules=given["--capsules"] or _CAPSULES,
         same_capsule=given["--same-capsule"],
         flows=given["--flows"] or _FLOWS,

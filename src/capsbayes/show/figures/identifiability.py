@@ -19,12 +19,14 @@ from matplotlib.patheffects import withStroke
 from capsbayes.arrays import Floats
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.parameters import PARAMETERS
+from capsbayes.plan.membrane_map import KNOWN, MEASURED, UNKNOWN
 from capsbayes.show.figures.style import ACCENT, label_plane, new_figure
 
 _LEVELS = (
     *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),
     *(10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 70.0, 100.0, 150.0),
 )  # %
+_MODULUS = "surface_shear_modulus"
 _TICKS = (0.003, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
@@ -46,6 +48,41 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
     width = 100.0 * widths[f"width_of_{quantity}"].to_numpy()
     _draw(ax, widths, width, f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]")
     ax.set_title(_errors(widths), fontsize=10)
+    return figure
+
+
+def membrane_map_figure(found: xr.Dataset) -> Figure:
+    """Draw the standard deviation of ln G_s of one capsule, with the membrane unknown and known, within its border.
+
+    Parameters
+    ----------
+    found : Dataset
+        Of `capsbayes.plan.membrane_map`.
+    """
+    kinds = [kind for kind in MEASURED if f"{UNKNOWN}_{kind}" in found]
+    figure = new_figure(8.6, 1.0 + 3.0 * len(kinds))
+    axes = figure.subplots(len(kinds), 2, sharex=True, sharey=True, squeeze=False)
+    names = [[f"{known}_{kind}" for known in (UNKNOWN, KNOWN)] for kind in kinds]
+    every = np.concatenate([found[name].to_numpy() for row in names for name in row])
+    levels, border = _levels(100.0 * every), _border(found)
+    ca, size = found["capillary_number"].to_numpy(), found["size_ratio"].to_numpy()
+    norm: Any = LogNorm(levels[0], levels[-1])
+    for ax, name in zip(axes.flat, [name for row in names for name in row], strict=True):
+        clip = ax.add_patch(Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3))
+        style: dict[str, Any] = {"levels": levels, "norm": norm, "cmap": "viridis_r", "extend": "both"}
+        areas = ax.contourf(ca, size, 100.0 * _filled(found[name].to_numpy()), **style)
+        lines = ax.contour(
+            ca, size, 100.0 * _filled(found[name].to_numpy()), levels=levels, colors="white", linewidths=0.6
+        )
+        areas.set_clip_path(clip)
+        lines.set_clip_path(clip)
+        known, kind = name.split("_")
+        ax.set_title(f"{MEASURED[kind]}, membrane {known}", fontsize=10)
+        _axes(ax, border)
+    for ax in axes.flat:
+        ax.label_outer()
+    bar = figure.colorbar(areas, ax=axes, label=f"standard deviation of $\\ln {PARAMETERS[_MODULUS].latex}$ [%]")
+    bar.set_ticks(levels, labels=[f"{level:g}" for level in levels])
     return figure
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pandas as pd
 
 from capsbayes.parameters import PARAMETERS
 from capsbayes.plan import MembraneFlowDesign, PlannedFlows
 from capsbayes.plan.expected_membrane import LOGARITHMIC
+from capsbayes.plan.membrane_map import MEASURED
 from capsbayes.show.tables.table import Symbols, table
 
 _SPEED = PARAMETERS["mean_velocity"]
@@ -26,6 +29,17 @@ def membrane_flow_table(design: MembraneFlowDesign) -> pd.DataFrame:
     if design.same_capsule:
         title = "Expected standard deviations: one capsule, filmed at the best flow rates"
     return table([Symbols(text) for text in head], rows, title=title, numbers=range(3, len(head)))
+
+
+def membrane_map_table(quantiles: Mapping[str, Mapping[str, float]]) -> pd.DataFrame:
+    """Return quantiles over a map of the standard deviations of ln G_s, by what is measured and known."""
+    rows = []
+    for name, levels in quantiles.items():
+        known, kind = name.split("_")
+        rows.append([MEASURED[kind], known, *(f"{level:.2g}" for level in levels.values())])
+    head = ["measured", "membrane", "least", "quarter", "median", "three quarters", "most"]
+    title = "Standard deviation of ln G_s of one capsule, over Ca and a/l"
+    return table(head, rows, title=title, numbers=range(2, len(head)))
 
 
 def _row(name: str, one: PlannedFlows, parameters: tuple[str, ...]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from capsbayes.parameters import PARAMETERS
 from capsbayes.plan import FlowRisk, MembraneFlowDesign
@@ -19,7 +19,7 @@ def flow_words(design: MembraneFlowDesign) -> Iterator[str]:
         yield _told_words(design)
         if len(design.sets) > 1:
             yield _worth_words(design)
-    yield _expected_words(design)
+    yield expected_words(design.membrane)
     yield from _limit_words(design)
 
 
@@ -51,8 +51,9 @@ def _worth_words(design: MembraneFlowDesign) -> str:
     return f"For G_s, more than {number} flow rate{'s narrow' if number > 1 else ' narrows'} it by less than a tenth."
 
 
-def _expected_words(design: MembraneFlowDesign) -> str:
-    numbers = ", ".join(f"{PARAMETERS[name].symbol} = {value:.3g}" for name, value in design.membrane.items())
+def expected_words(membrane: Mapping[str, float]) -> str:
+    """Say for which membrane an expectation holds."""
+    numbers = ", ".join(f"{PARAMETERS[name].symbol} = {value:.3g}" for name, value in membrane.items())
     return f"This holds for capsules with about {numbers}; others tell more or less."
 
 
