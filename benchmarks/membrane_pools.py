@@ -15,6 +15,9 @@ drawn anew: these are batches of capsules that are seen. Inflated ones are batch
 from capsule to capsule, log-normal with a spread of 20 to 40 %.
 
 Others obey laws that are no members of the general one; their places follow Sobol's sequence, and no states are needed.
+
+Pairs differ from the membrane of the plain databases in two of its parameters. Their mesh is that of these databases,
+of refinement 12; they start from the shipped states, and no others are needed.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ import argparse
 import json
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +35,15 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes import __version__
 from capsbayes.arrays import Floats
-from capsbayes.membrane_database import RANGES, covered, highest_ca, lowest_ca
+from capsbayes.membrane_database import (
+    FREE_PARAMETERS,
+    NULL_VALUES,
+    RANGES,
+    MembraneDatabase,
+    covered,
+    highest_ca,
+    lowest_ca,
+)
 from capsbayes.physics.databases.membranes import membrane_continuation
 from capsbayes.physics.databases.scattered import (
     Continuation,
@@ -43,6 +55,7 @@ from capsbayes.physics.databases.scattered import (
     stored_states,
 )
 from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke
+from capsbayes.physics.surface.octasphere import prolonged
 from capsbayes.work import Store
 
 POOLS = Path(__file__).parents[1] / "data" / "pools"
@@ -63,6 +76,9 @@ OF_SOME = (
 OTHER_LAWS = {"generalised Hooke": GeneralisedHooke(0.5), "Evans-Skalak": EvansSkalak(3.0)}
 OF_EACH = 20  # capsules of each of these
 OF_THE_LAW = ("area_dilation_modulus", "strain_hardening")
+PAIRS, FINE = 71, 12
+OF_PAIRS = ((0.02, 0.2), (0.78, 1.02), (0.005, 0.05), (1.0, 5.0), (0.1, 1.0), (5e-5, 1e-3))  # ranges as `RANGES`
+NEAR_THE_END = 1.03  # highest Ca over that of a pair at most
 SEED = 2024
 
 
@@ -209,6 +225,49 @@ def simulated_member(
     return {"reached": False, "lost": np.array(lost)}
 
 
+def drawn_pair(number: int) -> Floats:
+    """Draw the parameters (6,) of a pair; which two differ from those of the plain ones changes with the number."""
+    random = np.random.default_rng([SEED, 3, number])
+    pairs = tuple(combinations(range(2, len(FREE_PARAMETERS)), 2))
+    free = (0, 1, *pairs[number % len(pairs)])
+    while True:
+        share = random.random(len(FREE_PARAMETERS))
+        values = np.array(NULL_VALUES)
+        for axis in free:
+            low, high = OF_PAIRS[axis]
+            part = share[axis]
+            values[axis] = low * (high / low) ** part if axis in LOGARITHMIC else low + (high - low) * part
+        if covered((values * [NEAR_THE_END, 1.0, 1.0, 1.0, 1.0, 1.0])[None])[0]:
+            return values
+
+
+def simulate_pairs(store: Store, continuation: Continuation) -> None:
+    """Simulate the pairs that the store lacks."""
+    database = MembraneDatabase.open("square")
+    for number in range(PAIRS):
+        name = f"pair-{number:03d}"
+        if store.holds(name):
+            continue
+        values = drawn_pair(number)
+        place = continuation.places(values[None])[0]
+        start = prolonged_start(database, continuation, place)
+        state = None if start is None else continuation.reached(start, place, derivatives=False)
+        seen = {} if state is None else continuation.seen(state)
+        store.save(name, {"values": values, "reached": state is not None, **seen})
+        print(f"{number + 1} of {PAIRS}", flush=True)
+
+
+def prolonged_start(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
+    """Return the shipped state next to a place on the finer mesh of a continuation, or None."""
+    units = continuation.places(database["values"])
+    near = int(np.argmin(np.linalg.norm(units - place, axis=1)))
+    shape = database["mesh_mean"] + database["mesh"][near] @ database["mesh_modes"]
+    meshes = membrane_continuation(database.cross_section).simulator.problem.mesh, continuation.simulator.problem.mesh
+    unknowns = np.append(prolonged(shape, *meshes), [database["numbers"][near, 2], database["slack"][near]])
+    start = ScatteredState(units[near], unknowns, np.zeros((len(unknowns), len(place))))
+    return continuation.reached(start, units[near])
+
+
 def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:
     """Simulate the capsules of other laws that the folder lacks, and return all of them by law."""
     general, found = membrane_continuation("square"), {}
@@ -263,12 +322,12 @@ def write(kind: str, parts: list[dict[str, Any]], settings: dict[str, object]) -
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("capsules", *BATCHES, "others"))
+    parser.add_argument("kind", choices=("capsules", *BATCHES, "others", "pairs"))
     parser.add_argument("folder", type=Path, help="where finished capsules are kept")
     parser.add_argument("--states", type=Path, help="parts of the states; without: store what has ended")
     parser.add_argument("--first", type=int, help="number of batches")
     options = parser.parse_args()
-    continuation = membrane_continuation("square")
+    continuation = membrane_continuation("square", FINE if options.kind == "pairs" else 8)
     if options.kind == "others":
         numbered = list(enumerate(simulate_others(options.folder).values()))
         laws = {"law": [law.name for law in OTHER_LAWS.values()]}
@@ -277,7 +336,10 @@ def main() -> None:
         return
     store = Store.open(options.folder, continuation.settings)
     try:
-        if options.states is not None:
+        if options.kind == "pairs":
+            with threadpool_limits(limits=1):
+                simulate_pairs(store, continuation)
+        elif options.states is not None:
             starts = stored_states(continuation, options.states)
             with threadpool_limits(limits=1):
                 if options.kind == "capsules":

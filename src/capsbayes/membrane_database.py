@@ -26,11 +26,17 @@ FREE_PARAMETERS = (
 )
 """Parameters over which the states are scattered, in their order."""
 
+OF_THE_MEMBRANE = FREE_PARAMETERS[2:]
+"""Those that are parameters of the membrane."""
+
 RANGES = ((0.01, 0.208), (0.75, 1.1), (0.0, 0.1), (1.0, 5.0), (0.0, 1.0), (1e-5, 1e-3))
 """Lowest and highest value of each."""
 
 NULL_VALUES = (0.05, 0.9, 0.0, 3.0, 0.0, 2e-4)
 """Values of a neo-Hookean membrane without inflation, of the bending stiffness of the plain databases."""
+
+PLAIN_LAW = "neo-Hookean"
+"""Law of that membrane, as databases call it."""
 
 _HIGHEST, _HARDER = 0.13, 0.6
 _UNHINDERED, _NARROWING = {"square": 0.9, "circular": 0.86}, {"square": 0.25, "circular": 0.31}
@@ -112,6 +118,11 @@ class MembraneDatabase:
         check_content(dataset, path)
         return cls(dataset)
 
+    @staticmethod
+    def shipped() -> list[str]:
+        """Return the names of the databases that come with the library."""
+        return sorted({path.stem for folder in shipped_folders("membranes") for path in folder.glob("*.nc")})
+
     @classmethod
     def open(cls, source: str | os.PathLike[str]) -> MembraneDatabase:
         """Read a database that comes with the library, as ``"square"``, or a file with its ending .nc.
@@ -124,11 +135,10 @@ class MembraneDatabase:
         name = str(source)
         if name.endswith(".nc") or isinstance(source, os.PathLike):
             return cls.read(source)
-        folders = shipped_folders("membranes")
-        for folder in folders:
+        for folder in shipped_folders("membranes"):
             if (folder / f"{name}.nc").is_file():
                 return cls.read(folder / f"{name}.nc")
-        known = ", ".join(sorted({path.stem for folder in folders for path in folder.glob("*.nc")})) or "none"
+        known = ", ".join(cls.shipped()) or "none"
         raise DatabaseError(f"no membrane database {name!r} comes with the library; it has {known}")
 
     def write(self, path: str | os.PathLike[str]) -> None:

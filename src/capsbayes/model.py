@@ -22,6 +22,7 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.effect import Effect, HasOutlineModes, Theta
 from capsbayes.errors import InputError, OutsideDatabaseError
 from capsbayes.measured_outline import MID_PLANE
+from capsbayes.membrane_database import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 
 if TYPE_CHECKING:
@@ -241,6 +242,16 @@ class ForwardModel(ABC):
         del effect_database
         return None
 
+    def with_membrane(self) -> ForwardModel | None:
+        """Return the model with the membrane's parameters as further coordinates; None if it cannot be the base."""
+        return None
+
+    def added_up(self, theta: Mapping[str, ArrayLike]) -> Booleans:
+        """Return where effects of the membrane are added up, as they are not known together : (n,) bool array."""
+        given = {name for name in OF_THE_MEMBRANE if name in theta}
+        several = len(given) > 1 and not given <= set(self.coordinates)
+        return np.full(np.shape(theta["capillary_number"]), several)
+
     def _outside(self, theta: Mapping[str, float]) -> OutsideDatabaseError:
         known = {name: theta[name] for name in self.names if name in theta and name not in self.effects}
         return OutsideDatabaseError(theta["capillary_number"], theta["size_ratio"], self.domain.reason(**known))
@@ -336,6 +347,15 @@ class Extended(_Derived):
         except OutsideDatabaseError:  # the effect asks the model elsewhere, just within its border
             return None
 
+    def with_membrane(self) -> ForwardModel | None:
+        """Return that of the model with the effect."""
+        joint = self.model.with_membrane()
+        return None if joint is None else Extended(joint, self.effect)
+
+    def added_up(self, theta: Mapping[str, ArrayLike]) -> Booleans:
+        """Return that of the model with the membrane's parameters, if it can be the base."""
+        return (self.model.with_membrane() or self.model).added_up(theta)
+
 
 @dataclass(frozen=True, eq=False)
 class FixedParameters(_Derived):
@@ -388,6 +408,15 @@ class FixedParameters(_Derived):
         """Return that of the model."""
         return self.model.relative_area(self._completed(theta))
 
+    def with_membrane(self) -> ForwardModel | None:
+        """Return that of the model at the same values."""
+        joint = self.model.with_membrane()
+        return None if joint is None else FixedParameters(joint, self.values)
+
+    def added_up(self, theta: Mapping[str, ArrayLike]) -> Booleans:
+        """Return that of the model."""
+        return self.model.added_up(self._completed(theta))
+
     def _completed(self, theta: Mapping[str, Any]) -> dict[str, Any]:
         count = np.shape(theta["capillary_number"])
         return {**theta, **{name: np.full(count, value) for name, value in self.values.items()}}
@@ -410,6 +439,9 @@ class _WithinEffect(_Derived):
 
     def joined(self, effect_database: str) -> ForwardModel | None:
         return self.model.joined(effect_database)
+
+    def with_membrane(self) -> ForwardModel | None:
+        return self.model.with_membrane()
 
     def _without_parameter(self, theta: Mapping[str, Any]) -> dict[str, Any]:
         return {name: value for name, value in theta.items() if name != self.parameter}

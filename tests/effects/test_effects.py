@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from capsbayes import Surrogate
+from capsbayes.database import Database
 from capsbayes.effect import Effect
 from capsbayes.effects import (
     ChannelSwelling,
@@ -14,8 +15,8 @@ from capsbayes.effects import (
     ViscosityError,
     catalogue,
 )
-from capsbayes.effects.simulated import SIMULATED
-from capsbayes.errors import InputError
+from capsbayes.effects.simulated import SIMULATED, Simulated
+from capsbayes.errors import DatabaseError, InputError
 from capsbayes.model import Extended
 from capsbayes.testing import check_effect, check_model
 
@@ -77,7 +78,7 @@ def test_shape_alone_does_not_tell_a_pixel_from_a_swollen_channel(model):
     np.testing.assert_allclose(scaled.velocity_ratio, 1.02 * swollen.velocity_ratio, rtol=1e-12)
 
 
-@pytest.mark.parametrize("coordinate", [name for name in SIMULATED if name in catalogue()])
+@pytest.mark.parametrize("coordinate", [name for name in SIMULATED if SIMULATED[name].database in Database.shipped()])
 def test_simulated_effects_are_those_of_their_database(coordinate, model):
     effect = SIMULATED[coordinate]
     value = three(float(effect.prior.ppf(0.5)))
@@ -145,3 +146,19 @@ def test_an_unknown_name_is_refused_by_every_kind_of_model(model):
         joint.fixed(pre_inflaton=0.02)
     with pytest.raises(InputError, match="expected no names, as it has no parameters to fix, got 'halo'"):
         model.fixed(halo=0.0)
+
+
+def test_a_circular_tube_has_the_effects_of_the_membrane():
+    tube, known = Surrogate.open("circular-neo-hookean"), catalogue("circular")
+    of_membrane = [name for name in known if isinstance(known[name], Simulated)]
+    assert of_membrane == [name for name in SIMULATED if SIMULATED[name].of_membrane]
+    for name in of_membrane:
+        check_effect(known[name], tube)
+    for law, hardening in (("circular-neo-hookean", 0.0), ("circular-skalak", 1.0)):
+        theta = CAPSULES | {"strain_hardening": three(hardening)}
+        seen, due = (tube + known["strain_hardening"])(theta), Surrogate.open(law)(CAPSULES)
+        np.testing.assert_allclose(seen.values, due.values, rtol=0.01)
+    skalak = Surrogate.open("circular-skalak") + known["pre_inflation"] + known["area_dilation_modulus"]
+    assert skalak(CAPSULES | {"pre_inflation": three(0.02), "area_dilation_modulus": three(2.0)}).inside[:2].all()
+    with pytest.raises(DatabaseError):
+        (tube + SIMULATED["corner_radius"])(CAPSULES | {"corner_radius": three(0.1)})

@@ -11,13 +11,13 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate, diagnose
 from capsbayes.diagnosis import Session, Verdict
-from capsbayes.effects import MotionBlur
+from capsbayes.effects import SIMULATED, MotionBlur
 from capsbayes.profile import arc_share
 from capsbayes.show import study_page, verdict_sentence
 from capsbayes.show.figures.study import trends
 from capsbayes.show.figures.study_outlines import chosen_capsules, outline_finding
 from capsbayes.show.tables.table import typeset
-from capsbayes.show.words.study import lengths_alone, odds_words
+from capsbayes.show.words.study import caveats, lengths_alone, odds_words
 
 BLUR = {"exposure": MotionBlur()}
 
@@ -154,6 +154,35 @@ def test_two_effects_are_shown_one_after_the_other(study):
     either = replace(step, in_question=("exposure", "exposure", "exposure"))
     ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, steps=(either, step))
     assert verdict_sentence(ambiguous).endswith("well: motion blur, motion blur or motion blur, with motion blur.")
+
+
+def test_effects_of_the_membrane_say_what_it_is(study):
+    (step,) = study.steps
+    tried = step.scores["exposure"]
+
+    def named(*names):
+        scores = {name: replace(tried, effect=SIMULATED[name]) for name in names}
+        steps = tuple(replace(step, in_question=(name,), scores={name: scores[name]}) for name in names)
+        return verdict_sentence(replace(study, verdict=Verdict.NAMED, steps=steps))
+
+    both = named("pre_inflation", "strain_hardening")
+    assert "and a membrane that is pre-inflated and strain-hardening explains it: alpha = " in both
+    assert "less resistant to a change of area and stiffer in bending explains" in named(
+        "area_dilation_modulus", "bending"
+    )
+    assert "pre-inflation and rounded corners explain it together: " in named("pre_inflation", "corner_radius")
+    assert "and strain hardening explains it: h = " in named("strain_hardening")
+
+
+def test_effects_that_are_added_up_are_said(study):
+    before, after = study.verification.comparisons
+    assert not any("added up" in sentence for sentence in caveats(study))
+    model = Surrogate.open("square-skalak") + SIMULATED["pre_inflation"] + SIMULATED["bending"]
+    several = replace(after, model=model, sizes={"pre_inflation": 0.01, "bending": 1e-3})
+    assert several.added_up == after.fits.settled.sum() > 0
+    said = replace(study, verification=replace(study.verification, comparisons=(before, several)))
+    (sentence,) = (words for words in caveats(said) if "added up" in words)
+    assert sentence.startswith(f"At {several.added_up} of {len(several.session)} held-out capsules")
 
 
 def test_lengths_alone_are_said_and_leave_no_outlines(model):

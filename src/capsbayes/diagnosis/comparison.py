@@ -100,12 +100,14 @@ class Comparison:
     @cached_property
     def outlines(self) -> Floats:
         """Predicted outlines of the best shapes : (n, p, 2) array [l], NaN where the model has none."""
-        theta = {name: np.full(len(self.session), size) for name, size in self.sizes.items()}
-        theta |= self.session.circumstances
-        theta |= {"capillary_number": np.exp(self.fits.theta[:, 0]), "size_ratio": self.fits.theta[:, 1]}
-        outlines = self.model(theta, outline=True).outline
+        outlines = self.model(self._theta, outline=True).outline
         assert outlines is not None, "asked for"
         return np.where(self.fits.settled[:, None, None], outlines, np.nan)
+
+    @property
+    def added_up(self) -> int:
+        """Number of capsules with a best shape at which effects of the membrane are added up, not known together."""
+        return int(np.count_nonzero(self.model.added_up(self._theta) & self.fits.settled))
 
     @cached_property
     def edges(self) -> Mapping[int, tuple[Floats, Footing]]:
@@ -150,6 +152,13 @@ class Comparison:
         middle, height = (np.average(values, weights=weight) for values in (places, self.fits.log_modulus[settled]))
         slopes = slope.size + slope.error * np.array([0.0, -1.0, 1.0])
         return np.asarray(np.exp(height + slopes[:, None] * (at - middle)))
+
+    @property
+    def _theta(self) -> dict[str, Floats]:
+        """Best shapes, sizes of effects and circumstances : dict of (n,) array."""
+        theta = {name: np.full(len(self.session), size) for name, size in self.sizes.items()}
+        theta |= self.session.circumstances
+        return theta | {"capillary_number": np.exp(self.fits.theta[:, 0]), "size_ratio": self.fits.theta[:, 1]}
 
     @property
     def _metres(self) -> float:

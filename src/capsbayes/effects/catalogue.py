@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from capsbayes.database import Database
 from capsbayes.effect import Effect
 from capsbayes.effects.channel_swelling import ChannelSwelling
@@ -9,8 +11,10 @@ from capsbayes.effects.halo import Halo
 from capsbayes.effects.modulus_slope import ModulusSlope
 from capsbayes.effects.motion_blur import MotionBlur
 from capsbayes.effects.pixel_scale import PixelScale
-from capsbayes.effects.simulated import SIMULATED
+from capsbayes.effects.simulated import SIMULATED, Simulated
 from capsbayes.effects.viscosity_error import ViscosityError
+from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase
+from capsbayes.quantity import Quantity
 
 
 def catalogue(cross_section: str = "square") -> dict[str, Effect]:
@@ -19,7 +23,8 @@ def catalogue(cross_section: str = "square") -> dict[str, Effect]:
     Parameters
     ----------
     cross_section : str
-        Of the channel; the simulated effects hold for a square one only.
+        Of the channel; of the simulated effects, those of the membrane hold for a circular one too, the others for a
+        square one only.
 
     Returns
     -------
@@ -28,11 +33,22 @@ def catalogue(cross_section: str = "square") -> dict[str, Effect]:
     Examples
     --------
     >>> sorted(catalogue())[:3]
-    ['bending', 'corner_radius', 'exposure']
+    ['area_dilation_modulus', 'bending', 'corner_radius']
     """
-    shipped = Database.shipped()
     effects: list[Effect] = []
+    shipped = Database.shipped()
     if cross_section == "square":
-        effects += [effect for effect in SIMULATED.values() if effect.database in shipped]
+        effects += [effect for effect in SIMULATED.values() if effect.of_membrane or effect.database in shipped]
+    elif cross_section in MembraneDatabase.shipped():
+        effects += [_within_states(effect) for effect in SIMULATED.values() if effect.of_membrane]
     effects += [ChannelSwelling(), Halo(), ModulusSlope(), MotionBlur(), PixelScale(), ViscosityError()]
     return {effect.parameter.name: effect for effect in effects}
+
+
+def _within_states(effect: Simulated) -> Simulated:
+    """Return an effect of the membrane for sizes that the scattered states have."""
+    low, high = RANGES[FREE_PARAMETERS.index(effect.coordinate)]
+    prior = effect.prior
+    if low <= prior.low and prior.high <= high:
+        return effect
+    return replace(effect, prior=Quantity.log_uniform(max(low, prior.low), min(high, prior.high)))

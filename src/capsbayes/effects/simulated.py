@@ -1,4 +1,4 @@
-"""Effects that were simulated, read from the effect databases."""
+"""Effects that were simulated, read from the effect databases; several of the membrane together from the joint one."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.database import Database
 from capsbayes.effect import Kind, Theta
+from capsbayes.membrane_database import OF_THE_MEMBRANE
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 from capsbayes.quantity import Quantity
-from capsbayes.surrogate.surrogate import joint_surrogate
+from capsbayes.surrogate.surrogate import joint_surrogate, plain_membrane
 
 Outlines = NDArray[np.float64] | None
 
@@ -35,6 +37,8 @@ class Simulated:
     kind : Kind
     changes, separated_by : str
         See `Effect`.
+    makes : (str, str), optional
+        What a size below the null value and one above it make of the membrane.
     """
 
     name: str
@@ -44,6 +48,7 @@ class Simulated:
     kind: Kind
     changes: str = field(repr=False)  # the fingerprint of a model with the effect does not depend on the prose
     separated_by: str = field(repr=False)
+    makes: tuple[str, str] = field(default=("", ""), repr=False)
     circumstances: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -52,22 +57,28 @@ class Simulated:
         return f"square-{self.coordinate.replace('_', '-')}"
 
     @property
+    def of_membrane(self) -> bool:
+        """Whether the states scattered over the membrane have the parameter too, together with others."""
+        return self.coordinate in OF_THE_MEMBRANE
+
+    @property
     def parameter(self) -> Parameter:
         """Parameter of the simulator."""
         return PARAMETERS[self.coordinate]
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
-        """Add the difference from the null value to the prediction of a model.
+        """Predict capsules of a model with another value of the parameter.
 
         A plain surrogate becomes the base of the joint surrogate, so that the limits of existence move with the
-        effect as well; with any other model, both must have an answer.
+        effect as well, and several effects of the membrane are computed together. To any other model the difference
+        from the null value is added, and both must have an answer.
         """
-        joint = model.joined(self.database)
+        joint = self._joined(model)
         if joint is not None:
             return joint(theta, outline=outline)
-        simulated = joint_surrogate(self.database, None, model.view)
+        simulated = self._alone(model)
         here = model(theta, outline=outline)
-        known = {name: theta[name] for name in simulated.names if name in theta}
+        known = {name: theta[name] for name in self._read}
         there = simulated(known, outline=outline)
         null = simulated({**known, self.coordinate: np.full(len(here), self.null_value)}, outline=outline)
         both = here.inside & there.inside & null.inside
@@ -86,13 +97,35 @@ class Simulated:
 
     def outline_modes(self, model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64] | None:
         """Return the own error of the outline at one point: that of the model and that of the slices."""
-        joint = model.joined(self.database)
+        joint = self._joined(model)
         if joint is not None:
             return joint.outline_modes(**theta)
-        simulated = joint_surrogate(self.database, None, model.view)
-        own = simulated.outline_modes(**{name: theta[name] for name in simulated.names if name in theta})
+        simulated = self._alone(model)
+        own = simulated.outline_modes(**{name: theta[name] for name in self._read})
         inner = model.outline_modes(**theta)
         return own if inner is None else np.concatenate([inner, own])
+
+    @property
+    def _read(self) -> tuple[str, str, str]:
+        return "capillary_number", "size_ratio", self.coordinate
+
+    def _joined(self, model: ForwardModel) -> ForwardModel | None:
+        """Return the model with the parameter as a further coordinate; None if it cannot be the base."""
+        if not self.of_membrane:
+            return model.joined(self.database)
+        joint = model.with_membrane()
+        own = self.database.replace("square", str(model.cross_section))
+        return model.joined(own) if joint is None and own in Database.shipped() else joint
+
+    def _alone(self, model: ForwardModel) -> ForwardModel:
+        """Return the surrogate over the parameter that is added to a model: of plain capsules."""
+        if self.of_membrane:
+            return plain_membrane(model.cross_section or "square", model.view)
+        return joint_surrogate(self.database, None, model.view)
+
+    def in_words(self, size: float) -> str:
+        """Say what a size makes of the membrane; empty for other effects."""
+        return self.makes[size > self.null_value]
 
 
 def _changed(here: Outlines, there: Outlines, null: Outlines) -> Outlines:
@@ -111,6 +144,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 Kind.SESSION,
                 "The rear is less concave, and the apparent G_s too high, at low Ca most.",
                 "A second flow rate; the radius of capsules in the liquid in which they were made.",
+                ("", "pre-inflated"),
             ),
             Simulated(
                 "bending stiffness",
@@ -120,6 +154,7 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 Kind.SESSION,
                 "The rim of the rear is rounder; little else changes.",
                 "The curvature of the rear rim in a sharp picture.",
+                ("less stiff in bending", "stiffer in bending"),
             ),
             Simulated(
                 "strain hardening",
@@ -129,6 +164,17 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 Kind.STRAIN,
                 "Shorter capsules with a shallower rear at high Ca; the apparent G_s grows with the flow rate.",
                 "Higher flow rates, at which a neo-Hookean capsule would stretch without limit.",
+                ("", "strain-hardening"),
+            ),
+            Simulated(
+                "area dilation modulus",
+                "area_dilation_modulus",
+                3.0,
+                Quantity.log_uniform(1.0, 5.0),
+                Kind.SESSION,
+                "The rear is less concave with a larger modulus, more so with a smaller one.",
+                "Outlines at low and at high flow rates; the compression of a capsule between two plates.",
+                ("less resistant to a change of area", "more resistant to a change of area"),
             ),
             Simulated(
                 "shape at rest",
@@ -169,4 +215,4 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
         )
     }
 )
-"""Simulated effects by name of the coordinate, for a neo-Hookean membrane in a square channel."""
+"""Simulated effects by name of the coordinate, of capsules with a neo-Hookean membrane in a square channel."""

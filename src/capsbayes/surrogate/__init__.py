@@ -1,5 +1,6 @@
 """Surrogates: databases of steady shapes as fast forward models, and the inverse procedure of the paper."""
 
+from capsbayes.surrogate.corrected_membrane import CorrectedMembrane
 from capsbayes.surrogate.diffuse import DiffuseApproximation
 from capsbayes.surrogate.domain import DomainOfExistence
 from capsbayes.surrogate.inverse import Inverse, InverseResult, inverse
@@ -8,6 +9,7 @@ from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
 from capsbayes.surrogate.surrogate import Surrogate
 
 __all__ = [
+    "CorrectedMembrane",
     "DiffuseApproximation",
     "DomainOfExistence",
     "EffectSurrogate",

@@ -9,8 +9,14 @@ from pathlib import Path
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.errors import InputError
 from capsbayes.measured_outline import MID_PLANE, check_view
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, PLAIN_LAW, MembraneDatabase
+from capsbayes.surrogate.corrected_membrane import CorrectedMembrane
 from capsbayes.surrogate.joint.surrogate import SLICE_CELLS, EffectSurrogate, check_values
+from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
 from capsbayes.surrogate.plane_surrogate import PlaneSurrogate
+
+_PLAIN = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True)) | {"law": PLAIN_LAW}
+_PLAIN |= {"rest_aspect": 1.0, "corner_radius": 0.0, "section_aspect": 1.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +112,14 @@ class Surrogate(PlaneSurrogate):
         """Return the model with a shipped effect database as a further coordinate, and this one as its base."""
         return joint_surrogate(effect_database, self, self.view)
 
+    def with_membrane(self) -> CorrectedMembrane | None:
+        """Return the model with the parameters of the membrane as further coordinates.
+
+        None if its capsules are not the plain ones, or if no states over the membrane come with the library for its
+        cross-section.
+        """
+        return corrected_membrane(self)
+
 
 @lru_cache(maxsize=16)
 def joint_surrogate(effect_database: str, base: Surrogate | None, view: str) -> EffectSurrogate:
@@ -124,3 +138,22 @@ def joint_surrogate(effect_database: str, base: Surrogate | None, view: str) -> 
         joint = Surrogate.from_database(Database.open(effect_database), base=base, view=view)
     assert isinstance(joint, EffectSurrogate), "an effect database"
     return joint
+
+
+@lru_cache(maxsize=4)
+def corrected_membrane(base: Surrogate) -> CorrectedMembrane | None:
+    """Return the surrogate over the membrane on top of a plain one, None if there is none; kept for later calls."""
+    settings = base.database.settings
+    plain = all(settings[name] == value for name, value in _PLAIN.items() if name in settings)
+    if not plain or base.cross_section not in MembraneDatabase.shipped():
+        return None
+    return CorrectedMembrane(base, MembraneSurrogate.open(str(base.cross_section), view=base.view))
+
+
+@lru_cache(maxsize=4)
+def plain_membrane(cross_section: str, view: str) -> CorrectedMembrane:
+    """Return the surrogate over the membrane on top of the shipped plain one; kept for later calls."""
+    plain = Surrogate.open(f"{cross_section}-{PLAIN_LAW.lower()}", view=view)
+    made = plain.with_membrane() if isinstance(plain, Surrogate) else None
+    assert made is not None, "shipped for this cross-section"
+    return made

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from capsbayes.diagnosis import LEAST_RATIO, Deviation, Finding, Scores, Session, Study, Verdict
+from capsbayes.effects import Simulated
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import unit_of
 
@@ -31,9 +32,8 @@ def verdict_sentence(study: Study) -> str:
     disagree = f"The capsules disagree with {model}, and"
     if study.verdict is Verdict.NAMED:
         named = [step.best for step in study.steps]
-        names = " and ".join(scores.effect.name for scores in named)
         sizes = "; ".join(f"{scores.effect.parameter.symbol} = {size_words(scores)}" for scores in named)
-        return f"{disagree} {names} {'explains it' if len(named) == 1 else 'explain it together'}: {sizes}."
+        return f"{disagree} {_explanation(named)}: {sizes}."
     if study.verdict is Verdict.AMBIGUOUS:
         groups = [[step.scores[name].effect.name for name in step.in_question] for step in study.steps]
         return f"{disagree} several effects explain it equally well: {', with '.join(map(_listed, groups))}."
@@ -41,6 +41,16 @@ def verdict_sentence(study: Study) -> str:
         best = study.scores[study.names[0]]
         return f"{disagree} nothing that was tried explains it; {best.effect.name} comes nearest."
     return f"{disagree} nothing that was tried explains it."
+
+
+def _explanation(named: list[Scores]) -> str:
+    """Say which effects explain it; of several of the membrane, what the membrane is."""
+    if len(named) == 1:
+        return f"{named[0].effect.name} explains it"
+    makes = [tried.effect.in_words(tried.size) for tried in named if isinstance(tried.effect, Simulated)]
+    if len(makes) == len(named) and all(makes):
+        return f"a membrane that is {' and '.join(makes)} explains it"
+    return f"{' and '.join(tried.effect.name for tried in named)} explain it together"
 
 
 def _listed(names: list[str]) -> str:
@@ -91,6 +101,12 @@ def caveats(study: Study) -> Iterator[str]:
         yield (
             "Of effects that are added together, size, log-likelihood ratio and G_s are those with the other effect "
             "present, the odds those of each alone."
+        )
+    after = None if study.verification is None else study.verification.comparisons[1]
+    if after is not None and after.added_up:
+        yield (
+            f"At {after.added_up} of {len(after.session)} held-out capsules the effects of the membrane are added up: "
+            "these lie where no membranes with both were simulated. The sum is only roughly right."
         )
     if study.verdict is Verdict.AMBIGUOUS:
         best = next((step for step in study.steps if len(step.in_question) > 1), study.steps[0]).best.effect

@@ -65,12 +65,13 @@ class FixedMembraneDomain(Domain):
 
     Parameters
     ----------
-    whole : MembraneDomain
+    whole : Domain
+        Over all of them.
     held : mapping of str to float
         These values by name.
     """
 
-    whole: MembraneDomain
+    whole: Domain
     held: Mapping[str, float]
 
     @property

@@ -118,7 +118,7 @@ class MembraneSurrogate(ForwardModel):
             When the point lies outside the domain.
         """
         self.check_names(theta)
-        values = _columns({name: np.array([value]) for name, value in theta.items()})
+        values = parameter_columns({name: np.array([value]) for name, value in theta.items()})
         if not self.domain.contains(*values.T)[0]:
             raise self._outside(theta)
         weights, numbers = each(self._frame.points(values)[0], *self._fits)
@@ -173,8 +173,8 @@ class MembraneSurrogate(ForwardModel):
         """
         width = self._width if outline else _NUMBERS
         means, covariances, slopes = self._averaged(theta, width, _ERRING, slopes=True)
-        begin = self._frame.points(_columns(theta))
-        away = np.array([self._frame.points(_columns(other)) - begin for other in moved])
+        begin = self._frame.points(parameter_columns(theta))
+        away = np.array([self._frame.points(parameter_columns(other)) - begin for other in moved])
         changes = np.einsum("nqa,mna->mnq", slopes, away)
         return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], changes
 
@@ -189,7 +189,18 @@ class MembraneSurrogate(ForwardModel):
 
         Between simulated capsules of one membrane the correlation of the error falls as exp(-r^2 / 2), r in these.
         """
-        return _CHANGES * float(np.median(self._fits.reaches)) * self._frame.scale[:2]
+        return self._change * self._frame.scale[:2]
+
+    def distances_from_plain(self, name: str, values: Floats) -> Floats:
+        """Return how far values (n,) of a parameter lie from that of the plain membrane : (n,) array.
+
+        One is the distance over which its own error changes.
+        """
+        places = np.tile(np.array(NULL_VALUES), (len(values) + 1, 1))
+        column = FREE_PARAMETERS.index(name)
+        places[1:, column] = values
+        along = self._frame.points(places)[:, column]
+        return np.asarray(np.abs(along[1:] - along[0]) / self._change)
 
     @property
     def mode_shapes(self) -> Floats:
@@ -200,6 +211,11 @@ class MembraneSurrogate(ForwardModel):
     def stored_coefficients(self) -> Floats:
         """Coefficients of the modes for each stored state : (states, k) array [l]."""
         return self.membrane_database["profile" if self.view == MID_PLANE else "silhouette"]
+
+    @property
+    def _change(self) -> float:
+        """Distance in scaled coordinates over which its own error changes."""
+        return _CHANGES * float(np.median(self._fits.reaches))
 
     @property
     def _mean(self) -> Floats:
@@ -217,7 +233,7 @@ class MembraneSurrogate(ForwardModel):
         The slopes (n, width, 6) are along the scaled coordinates; (0, width, 6) if they are not wanted.
         """
         self.check_names(theta)
-        values = _columns(theta)
+        values = parameter_columns(theta)
         inside = covered(values, self.membrane_database.cross_section)
         points = self._frame.points(values[inside])
         found = averaged(points, *self._fits, width, spread, len(points) if slopes else 0)
@@ -236,7 +252,7 @@ class MembraneSurrogate(ForwardModel):
         return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 
 
-def _columns(theta: Mapping[str, ArrayLike]) -> Floats:
+def parameter_columns(theta: Mapping[str, ArrayLike]) -> Floats:
     """Return the parameters (n, 6) of a batch, at their null values where they are not given."""
     count = np.shape(theta["capillary_number"])
     return np.stack(
