@@ -6,7 +6,8 @@ The standard deviations that the answers state are compared with those that the 
 the same membrane, population and flow rates, before anything is measured.
 
 Each finished batch is kept in FOLDER, so that an interrupted run resumes. ``--write`` renews
-``docs/data/membrane-sensitivity.json`` and the table in ``docs/sensitivity.md``.
+``docs/data/membrane-sensitivity.json`` and the tables in ``docs/sensitivity.md``, also that of the map, which is
+``docs/data/membrane-map.json``, a ``map.json`` of ``capsbayes sensitivity map --membrane unknown``.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from capsbayes.work import Store
 ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-sensitivity.json", ROOT / "docs" / "sensitivity.md"
 MARKS = "<!-- expected and found -->\n", "<!-- end of expected and found -->\n"
+MAP, MAP_MARKS = ROOT / "docs" / "data" / "membrane-map.json", ("<!-- map -->\n", "<!-- end of map -->\n")
 QUANTITIES = {
     "surface_shear_modulus": "ln mean G_s",
     "pre_inflation": "alpha",
@@ -141,6 +143,17 @@ def table(kinds: dict[str, dict[str, Any]]) -> str:
     return "".join(lines)
 
 
+def map_table(stored: dict[str, Any]) -> str:
+    """Return quantiles over the map of one capsule as a Markdown table."""
+    levels = "least", "lower", "median", "upper", "most"
+    head = ["measured", "membrane", "least", "quarter", "median", "three quarters", "most"]
+    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
+    for name, values in stored["quantiles"].items():
+        known, kind = name.split("_")
+        lines.append(f"| {' | '.join([kind, known, *(f'{values[level]:.2g}' for level in levels)])} |\n")
+    return "".join(lines)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="where finished batches are kept")
@@ -152,9 +165,9 @@ def main() -> None:
     print(table(kinds))
     if options.write:
         STORED.write_text(json.dumps(kinds, indent=1) + "\n")
-        before, after = MARKS
-        whole = before + table(kinds) + after
-        PAGE.write_text(re.sub(f"{before}.*{after}", lambda _: whole, PAGE.read_text(), flags=re.DOTALL))
+        for (before, after), shown in ((MARKS, table(kinds)), (MAP_MARKS, map_table(json.loads(MAP.read_text())))):
+            whole = before + shown + after
+            PAGE.write_text(re.sub(f"{before}.*{after}", lambda _, t=whole: t, PAGE.read_text(), flags=re.DOTALL))
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import json
 
 import membrane_coverage
 import membrane_pools
+import membrane_sensitivity
 import numpy as np
 import pytest
 from scipy import stats
@@ -59,6 +60,18 @@ def test_the_page_shows_the_stored_counts(counts):
     page = membrane_coverage.PAGE.read_text()
     for pool, (before, after) in membrane_coverage.MARKS.items():
         assert before + membrane_coverage.table(counts[pool]) + after in page
+
+
+def test_the_page_shows_what_batches_are_expected_to_tell_and_what_they_tell():
+    stored = json.loads(membrane_sensitivity.STORED.read_text())
+    before, after = membrane_sensitivity.MARKS
+    page = membrane_sensitivity.PAGE.read_text()
+    assert before + membrane_sensitivity.table(stored) + after in page
+    before, after = membrane_sensitivity.MAP_MARKS
+    assert before + membrane_sensitivity.map_table(json.loads(membrane_sensitivity.MAP.read_text())) + after in page
+    for kind, row in stored.items():
+        expected, found = row["surface_shear_modulus"][:2]
+        assert found == pytest.approx(expected, rel=0.25), kind  # the goal is a tenth; there are few batches yet
 
 
 @pytest.mark.parametrize("kind", membrane_coverage.KINDS)

@@ -8,17 +8,15 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.plan import FlowRisk, MembraneFlowDesign
 from capsbayes.show.words.rounding import per_cent, with_unit
 
+_MODULUS = "surface_shear_modulus"
 _KEPT = 0.9  # width over that of the prior, above which a parameter keeps its prior
-_WORTH = 0.9  # width over that before, up to which one more flow rate is worth while
 _RARE = 0.005  # share of the capsules that is not mentioned
 
 
 def flow_words(design: MembraneFlowDesign) -> Iterator[str]:
-    """Yield what the flow rates tell, how many are worth while, and which flow rates cannot be used."""
+    """Yield what the flow rates tell, and which flow rates cannot be used."""
     if design.best is not None:
         yield _told_words(design)
-        if len(design.sets) > 1:
-            yield _worth_words(design)
     yield expected_words(design.membrane)
     yield from _limit_words(design)
 
@@ -37,18 +35,6 @@ def _told_words(design: MembraneFlowDesign) -> str:
     if kept:
         parts.append(f"{', '.join(kept)} {'keeps its prior' if len(kept) == 1 else 'keep their priors'}.")
     return " ".join(parts)
-
-
-_MODULUS = "surface_shear_modulus"
-
-
-def _worth_words(design: MembraneFlowDesign) -> str:
-    """Say after which number of flow rates one more gains little."""
-    sds = [one.sds[_MODULUS] for one in design.sets]
-    number = next((k for k in range(1, len(sds)) if min(sds[k:]) > _WORTH * sds[k - 1]), len(sds))
-    if number == len(sds):
-        return "Each of these flow rates narrows G_s by a tenth or more."
-    return f"For G_s, more than {number} flow rate{'s narrow' if number > 1 else ' narrows'} it by less than a tenth."
 
 
 def expected_words(membrane: Mapping[str, float]) -> str:
