@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from sessions import drawn_session
 
-from capsbayes import Surrogate
+from capsbayes import MembraneSurrogate, Surrogate
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.joint import _DESIGN, _parabola, score_jointly
 from capsbayes.diagnosis.scoring import Trial, log_likelihood
-from capsbayes.effects import Halo, MotionBlur
+from capsbayes.effects import SIMULATED, Halo, MotionBlur
 from capsbayes.model import FixedParameters
 
 TRUTH = {"halo": 0.5e-6, "exposure": 5e-4}
@@ -76,3 +76,24 @@ def test_what_was_measured_elsewhere_counts(scene, both):
     assert halo.size == pytest.approx(0.52e-6, abs=5e-9)
     assert np.ptp(halo.interval()) < 5e-9 < np.ptp(both[0].interval())
     assert blur.size != both[1].size
+
+
+@pytest.mark.slow
+def test_two_effects_of_the_membrane_are_found_far_from_where_one_alone_is_likeliest():
+    """The states over the whole membrane are the truth: alone, the inflation absorbs most of the hardening."""
+    truth = {"pre_inflation": 0.04, "strain_hardening": 0.9}
+    model, (inflation, hardening) = Surrogate.open("square-neo-hookean"), (SIMULATED[name] for name in truth)
+    session, known = drawn_session(MembraneSurrogate.open("square").fixed(**truth), 20, seed=5, outline=True)
+    white = whitening(model, session)
+    first = Trial(model, inflation, session, white, fitted(model, session, white)).scores
+    held = FixedParameters(model + inflation, {"pre_inflation": first.size})
+    alone = fitted(held, session, white)
+    second = Trial(held, hardening, session, white, alone).scores
+    assert first.size > 0.045
+    assert second.size < 0.6
+    found = score_jointly(model, first, second, session, white, alone, {})
+    for scores in found:
+        low, high = scores.interval(1.92)
+        assert low < truth[scores.effect.parameter.name] < high
+    modulus, due = float(found[1].modulus[found[1].best]), float(np.exp(np.median(known["log_modulus"])))
+    assert abs(np.log(modulus / due)) < 0.1 < np.log(float(second.modulus[second.best]) / due)

@@ -1,7 +1,8 @@
 """Joint estimate of two effects: the likeliest sizes of both, and the profile likelihood of each.
 
-The log likelihood of both sizes is climbed by parabolas through six points. Through the top runs, for each of the
-effects, the line on which the other has its likeliest size; along these lines both are scored.
+The log likelihood of both sizes is climbed by parabolas through six points, from the likeliest of a few starts: where
+one effect absorbs most of the other, both may be far from the sizes found one after the other. Through the top runs,
+for each of the effects, the line on which the other has its likeliest size; along these lines both are scored.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from capsbayes.model import FixedParameters, ForwardModel
 _DESIGN = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0)])
 _APART = 1.5  # of these points, in standard errors of one size at a fixed other
 _CLIMBS = 4
+_STARTS = (0.25, 0.5, 0.75)  # sizes of the second, over its range, at which the first is sought anew
 _FARTHEST = 4.0  # in units of the design
 _NEAR = 0.3  # the same
 _SIGMAS = (-2.2, -1.0, 0.0, 1.0, 2.2)  # standard errors, at which each effect is scored
@@ -94,7 +96,7 @@ class _Pair:
     def climbed(self) -> _Top:
         """Find the likeliest sizes of both."""
         step = np.minimum(_APART * self.scale, 0.25 * (self.high - self.low))
-        centre = np.array([score.size for score in self.scores])
+        centre = self._begun(step)
         covariance = np.diag(self.scale**2)
         for _ in range(_CLIMBS):
             centre = np.clip(centre, self.low + step, self.high - step)
@@ -109,6 +111,19 @@ class _Pair:
             if away < _NEAR:
                 break
         return _Top(np.clip(centre, self.low, self.high), covariance)
+
+    def _begun(self, step: Floats) -> Floats:
+        """Return the likeliest (2,) of the sizes found one after the other, and of the first sought anew at others."""
+        starts = [np.array([score.size for score in self.scores])]
+        first = np.clip(starts[0][0], self.low[0] + step[0], self.high[0] - step[0])
+        for share in _STARTS:
+            second = self.low[1] + share * (self.high[1] - self.low[1])
+            left, here, right = (self.total(np.array([first + side * step[0], second])) for side in (-1.0, 0.0, 1.0))
+            bend = left - 2.0 * here + right
+            away = 0.5 * (left - right) / bend if bend < 0.0 else np.sign(right - left) * _FARTHEST
+            size = first + step[0] * np.clip(away, -_FARTHEST, _FARTHEST)
+            starts.append(np.clip(np.array([size, second]), self.low, self.high))
+        return max(starts, key=self.total)
 
     def along(self, which: int, top: _Top, without: Outcome, other_without: float) -> Scores:
         """Score one of the effects with the other at its likeliest size; `without` has the other alone."""
