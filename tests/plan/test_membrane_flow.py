@@ -61,16 +61,16 @@ def test_the_curvature_is_that_of_a_dense_normal_distribution(batch, square):
         places = (values[: 2 * n].reshape(1, n, 2) for values in (centre, point))
         begin, end = map(model.theta, inflation, places)
         here, changes = model.with_slopes(begin, [end])
-        return here, here.numbers + changes.numbers[0], here.log_ratio + changes.log_ratio[0]
+        return here.numbers + changes.numbers[0], here.log_ratio + changes.log_ratio[0]
 
     def away(point):
         """Whitened differences from measurements and priors; columns: own, mean ln G_s, mean a/l, pump, score."""
-        (here, numbers, log_ratio), (mean, size, pump, score) = shapes(point), point[2 * n :]
+        (numbers, log_ratio), (mean, size, pump, score) = shapes(point), point[2 * n :]
         log_ca, sizes = point[: 2 * n].reshape(n, 2).T
         rows = (seen.target - np.einsum("nqk,nk->nq", seen.rows, numbers)).ravel()
         moduli = told.capsules.log_viscosity + seen.log_mean_velocity + pump * seen.rate_error - log_ca
         velocity = seen.log_velocity - seen.log_mean_velocity - log_ratio - pump * seen.rate_error
-        parts = [rows, (moduli - mean) / spreads[0], velocity / np.hypot(seen.velocity_error, here.ratio_error)]
+        parts = [rows, (moduli - mean) / spreads[0], velocity / seen.velocity_error]
         return np.concatenate([*parts, (sizes - size) / spreads[1], [pump, score]])
 
     centre = np.concatenate([own.ravel(), [np.log(0.05), 0.92, 0.0, 0.0]])

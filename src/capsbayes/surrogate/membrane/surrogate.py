@@ -22,6 +22,7 @@ from capsbayes.surrogate.membrane.kernel import averaged, each
 from capsbayes.surrogate.membrane.local_fits import LocalFits, local_fits
 
 _NUMBERS, _ERRING = 4, 3  # L_z, L_a, v_o/U and Lambda, of which the first have a covariance; then follow the modes
+_LENGTH = 1  # of the numbers, L_a
 _LOGARITHMIC = ("area_dilation_modulus", "bending")  # of which the order of magnitude is not known
 _CHANGES = 0.3  # of the distance up to which states take part in predictions: over it the error changes
 _ERROR = 0.8  # standard deviations of the error for one of the differences between local polynomials
@@ -137,15 +138,17 @@ class MembraneSurrogate(ForwardModel):
         theta : mapping
             As of a call.
         errors : bool
-            Whether the error of the coefficients is wanted.
+            Whether the error of the coefficients and of L_a is wanted.
 
         Returns
         -------
-        Prediction, (n, k) array, (n, k, k) array [l]
-            The numbers, the coefficients, and the covariance of their error, (n, 0, 0) if it is not wanted.
+        Prediction, (n, k) array, (n, k + 1, k + 1) array [l]
+            The numbers, the coefficients, and the covariance of the error of these and of L_a, (n, 0, 0) if it is not
+            wanted.
         """
         means, covariances, _ = self._averaged(theta, self._width, self._width if errors else _NUMBERS)
-        covariance = _ERROR**2 * covariances[:, _NUMBERS:, _NUMBERS:]
+        wanted = [*range(_NUMBERS, self._width), _LENGTH] if errors else []
+        covariance = _ERROR**2 * covariances[np.ix_(range(len(means)), wanted, wanted)]
         return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], covariance
 
     def with_changes(

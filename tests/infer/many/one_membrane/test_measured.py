@@ -93,7 +93,9 @@ def test_capsules_of_one_speed_are_of_one_flow(model):
 def test_the_error_of_the_model_counts_as_often_as_capsules_share_it(model):
     batch = batch_of([measured(), measured((1.9, 1.85))], EXPERIMENT, model)
     own, sharing = np.array([[4e-4, 1e-4], [1e-4, 9e-4]]), np.array([1.0, 2.5])
-    erring = batch.with_model_error(np.stack([own, own]), sharing)
+    erring = batch.with_model_error(np.stack([own, own]), np.array([0.002, 0.004]), sharing)
+    wanted = np.sqrt(batch.velocity_error**2 + [0.002**2, 2.5 * 0.004**2])
+    np.testing.assert_allclose(erring.velocity_error, wanted)
     for number, share in enumerate(sharing):
         whole = np.linalg.inv(batch.rows[number].T @ batch.rows[number]) + share * own
         np.testing.assert_allclose(erring.rows[number].T @ erring.rows[number], np.linalg.inv(whole), rtol=1e-9)

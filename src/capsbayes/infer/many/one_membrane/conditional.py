@@ -264,10 +264,11 @@ class Capsules:
 
         Those with nearly the same Ca and a/l share it: the number that share it is the sum of the correlations.
         """
-        covariances = self.shapes(membranes, own[None], errors=True).covariances[0]
+        there = self.shapes(membranes, own[None], errors=True)
         scaled = own[:, :2] / self.model.error_lengths
         sharing = np.exp(-0.5 * cdist(scaled, scaled, "sqeuclidean")).sum(axis=1)
-        return replace(self, batch=self.batch.with_model_error(covariances, sharing))
+        errors = there.covariances[0], there.ratio_error[0]
+        return replace(self, batch=self.batch.with_model_error(*errors, sharing))
 
     def misfit(self, membranes: Membranes, values: Start) -> Floats:
         """Return minus twice the log likelihood of each shape, beside the least possible one : (d, n) array."""
@@ -339,9 +340,7 @@ class Capsules:
         matrix[:, :, :q, scale] = batch.scale * batch.scale_error
         # shear modulus, velocity and size
         by_rate = np.isfinite(batch.log_mean_velocity)
-        variance = spreads.modulus[:, None] ** 2 + np.where(
-            by_rate, 0.0, batch.velocity_error**2 + shapes.ratio_error**2
-        )
+        variance = spreads.modulus[:, None] ** 2 + np.where(by_rate, 0.0, batch.velocity_error**2)
         sd = np.sqrt(variance)
         right[:, :, q] = (self.log_moduli(own, shapes.log_ratio) - common[:, None, MODULUS]) / sd
         right[:, :, q] += by_rate * batch.rate_error * common[:, None, RATE] / sd
@@ -349,7 +348,7 @@ class Capsules:
         matrix[:, :, q, 0] += 1.0 / sd
         matrix[:, :, q, modulus] = 1.0 / sd
         matrix[:, :, q, rate] = np.where(by_rate, -batch.rate_error, 0.0) / sd
-        known = np.where(by_rate, 1.0 / np.hypot(batch.velocity_error, shapes.ratio_error), 0.0)
+        known = np.where(by_rate, 1.0 / batch.velocity_error, 0.0)
         expected = np.nan_to_num(batch.log_velocity - batch.log_mean_velocity)
         right[:, :, q + 1] = (expected - shapes.log_ratio - batch.rate_error * common[:, None, RATE]) * known
         matrix[:, :, q + 1, own_columns] = there.ratio_along * known[..., None]

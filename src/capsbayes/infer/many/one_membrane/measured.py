@@ -57,7 +57,7 @@ class Batch:
         See `Reduced`.
     left, known : (n,) arrays
     log_velocity, velocity_error : (n,) arrays
-        ln(v_o / (m/s)) and the relative standard error.
+        ln(v_o / (m/s)) and the relative standard error, with that of the model once this is known.
     log_mean_velocity : (n,) array
         ln(U / (m/s)) by the flow rate, NaN where none was given.
     group : (n,) array
@@ -88,7 +88,7 @@ class Batch:
         }
         return replace(self, **each)
 
-    def with_model_error(self, covariances: Floats, sharing: Floats) -> Batch:
+    def with_model_error(self, covariances: Floats, ratio_error: Floats, sharing: Floats) -> Batch:
         """Return the same with the model's own error in the errors of the measurements.
 
         The error is nearly the same for capsules that have nearly the same Ca and a/l, and must not be averaged away
@@ -96,17 +96,20 @@ class Batch:
 
         Parameters
         ----------
-        covariances : (n, e, e) array
-            Of the error of the first e numbers.
+        covariances : (n, k, k) array
+            Of the error of the numbers.
+        ratio_error : (n,) array
+            Standard error of ln(v_o/U).
         sharing : (n,) array
             Number of the capsules that share it, the sum of the correlations.
         """
-        rows = self.rows[:, :, : covariances.shape[-1]]
-        own = sharing[:, None, None] * (rows @ covariances @ rows.swapaxes(1, 2))
-        factor: Floats = np.asarray(np.linalg.cholesky(own + np.eye(rows.shape[1])), dtype=np.float64)
+        own = sharing[:, None, None] * (self.rows @ covariances @ self.rows.swapaxes(1, 2))
+        factor: Floats = np.asarray(np.linalg.cholesky(own + np.eye(own.shape[1])), dtype=np.float64)
         columns = np.concatenate([self.rows, self.target[..., None], self.scale[..., None]], axis=-1)
         white: Floats = np.asarray(np.linalg.solve(factor, columns), dtype=np.float64)
-        return replace(self, rows=white[..., :-2], target=white[..., -2], scale=white[..., -1])
+        velocity_error = np.hypot(self.velocity_error, np.sqrt(sharing) * ratio_error)
+        rows, target, scale = white[..., :-2], white[..., -2], white[..., -1]
+        return replace(self, rows=rows, target=target, scale=scale, velocity_error=velocity_error)
 
 
 def batch_of(

@@ -23,8 +23,8 @@ class Shapes(NamedTuple):
     ----------
     numbers : (n, k) array
         L_z and L_a [l], or coefficients of the modes of outlines [l], and L_a behind them.
-    covariances : (n, e, e) array
-        Of the model's own error in the first e numbers; empty if it was not asked for.
+    covariances : (n, k, k) array
+        Of the model's own error in the numbers; (n, 0, 0) if it was not asked for.
     log_ratio : (n,) array
         ln(v_o/U).
     ratio_error : (n,) array
