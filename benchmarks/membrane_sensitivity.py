@@ -112,8 +112,8 @@ def compared(folder: Path) -> dict[str, dict[str, Any]]:
             both = np.array(pairs)
             ratios = both[:, 1] / both[:, 0]
             rms = np.sqrt(np.mean(both**2, axis=0))
-            columns = zip(rms[0], rms[1], ratios.min(axis=0), ratios.max(axis=0), strict=True)
-            rounded = [[float(f"{value:.2g}") for value in column] for column in columns]
+            columns = zip(rms[0], rms[1], rms[1] / rms[0], ratios.min(axis=0), ratios.max(axis=0), strict=True)
+            rounded = [[float(f"{value:.3g}") for value in column] for column in columns]
             kinds[kind] = {
                 "answers": len(pairs),
                 "not to be used": refused,
@@ -136,9 +136,9 @@ def table(kinds: dict[str, dict[str, Any]]) -> str:
     lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
     for kind, row in kinds.items():
         for number, (key, name) in enumerate(QUANTITIES.items()):
-            wanted, answered, low, high = row[key]
+            wanted, answered, whole, low, high = row[key]
             first = [kind, str(row["answers"]), str(row["not to be used"])] if not number else ["", "", ""]
-            ratio = f"{answered / wanted:.2f} ({low:.2f} to {high:.2f})"
+            ratio = f"{whole:.2f} ({low:.2f} to {high:.2f})"
             lines.append(f"| {' | '.join([*first, name, f'{wanted:.2g}', f'{answered:.2g}', ratio])} |\n")
     return "".join(lines)
 

@@ -108,6 +108,19 @@ def test_widths_hold_the_errors_of_viscosity_and_half_width(design):
     assert json.loads(json.dumps(design.as_dict()))["membrane"]["area_dilation_modulus"] == 3.0
 
 
+def test_each_capsule_is_told_less_well_than_their_mean_and_no_better_than_its_own_shape(design):
+    sds = design.sets[0].sds
+    assert sds["surface_shear_modulus_each"] > 0.8 * sds["surface_shear_modulus"]
+    assert sds["surface_shear_modulus_each"] < np.hypot(sds["surface_shear_modulus"], 0.1)  # the spread of the batch
+
+
+def test_an_error_of_the_pixel_size_is_shared_by_all(square, design):
+    pixels = membrane_flow_design(
+        *EXPECTED, LAB, ERRORS, seed=1, model=square, membrane=INFLATED, capsules=6, velocities=SPEEDS, scale_error=0.05
+    )
+    assert pixels.sets[0].sds["capsule_radius"] > 1.1 * design.sets[0].sds["capsule_radius"]
+
+
 def test_velocities_out_of_the_model_are_told_apart(design):
     risks = design.table()
     assert np.all(np.diff(risks["below"]) <= 0.0)

@@ -14,16 +14,20 @@ import numpy as np
 from scipy.special import ndtri
 
 from capsbayes.arrays import Floats
-from capsbayes.infer.importance.weights import normalised, quasi_random
+from capsbayes.infer.importance.weights import normalised, quasi_random, rows_by_weight
 from capsbayes.infer.many.one_membrane.conditional import COMMON, MODULUS, SIZE, Capsules, Start
-from capsbayes.infer.many.one_membrane.engine import MembraneSampling
+from capsbayes.infer.many.one_membrane.engine import Draws, MembraneSampling
+from capsbayes.infer.many.one_membrane.identify_membrane import drawn_log_moduli
 from capsbayes.infer.many.one_membrane.search import Mode
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns, key_of
 
 LOGARITHMIC = ("area_dilation_modulus", "bending", "membrane_thickness")
 """Parameters of the membrane of which the width of the logarithm is expected."""
 
-_DRAWS = 4096  # of a prior
+EACH = "surface_shear_modulus_each"
+"""Name of the width of G_s of one of the capsules."""
+
+_DRAWS, _DRAWN = 4096, 256  # of a prior, and of the capsules
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +81,8 @@ class ExpectedMembrane:
         -------
         dict of float
             Of ``surface_shear_modulus`` and ``capsule_radius``, the logarithms of the means of the population at known
-            viscosity and half width, and of each unknown parameter by name, of the logarithm of `LOGARITHMIC`.
+            viscosity and half width; of `EACH`, the logarithm of G_s of one of the capsules; and of each unknown
+            parameter by name, of the logarithm of `LOGARITHMIC`.
         """
         mode = Mode(self.scores, self.covariance[COMMON:, COMMON:])
         draws = MembraneSampling(self.capsules, self.unknowns).about(mode, self.values)
@@ -88,7 +93,19 @@ class ExpectedMembrane:
         variances = weights @ (columns - weights @ columns) ** 2
         variances[:2] += given[[MODULUS, SIZE], [MODULUS, SIZE]]
         sds = dict(zip(("surface_shear_modulus", "capsule_radius", *shown), np.sqrt(variances).tolist(), strict=True))
-        return sds | {"capsule_radius": sds["capsule_radius"] / float(self.values.common[0, SIZE])}
+        sds["capsule_radius"] /= float(self.values.common[0, SIZE])
+        return {EACH: self._sd_of_each(draws, weights), **sds}
+
+    def _sd_of_each(self, draws: Draws, weights: Floats) -> float:
+        """Return the standard deviation of ln G_s of a capsule, root mean square over the capsules."""
+        rng = np.random.default_rng(0)
+        rows = rows_by_weight(weights, rng, _DRAWN)
+        membranes, spreads = self.unknowns.membranes(draws.points[rows]), self.unknowns.spreads_at(draws.points[rows])
+        start = Start(draws.found.own[rows], draws.found.common[rows])
+        there = self.capsules.at(membranes, spreads, start=start, rng=rng)
+        log_ratio = self.capsules.shapes(membranes, there.own).log_ratio
+        logs = drawn_log_moduli(self.capsules, there.own, log_ratio, there.common, spreads.modulus, rng)
+        return float(np.sqrt(np.mean(np.var(logs, axis=0))))
 
     def _columns(self, *names: str) -> list[int]:
         return [COMMON + k for k, one in enumerate(self.unknowns.coordinates) if key_of(one) in names]

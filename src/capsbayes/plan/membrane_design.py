@@ -49,7 +49,7 @@ class PlannedFlows:
     capillary_numbers : tuple of float
         Of the middle capsule.
     sds : mapping of float
-        Of the logarithms of the mean G_s and a of the population, and of the unknown parameters of the membrane, see
+        Of the logarithms of the mean G_s and a of the population and of G_s of each, and of the unknown parameters, see
         `capsbayes.plan.expected_membrane.ExpectedMembrane.widths`; the errors of viscosity and half width are in it.
     sd_if_known : float
         That of the mean ln G_s, were the membrane known.

@@ -26,7 +26,7 @@ from capsbayes.infer.prior import THICKNESS, Prior
 from capsbayes.model import FixedParameters
 from capsbayes.plan.borders import Borders, range_at
 from capsbayes.plan.expectation import Draws, Expectation
-from capsbayes.plan.expected_membrane import ExpectedMembrane, prior_widths
+from capsbayes.plan.expected_membrane import EACH, ExpectedMembrane, prior_widths
 from capsbayes.plan.flow import MARGIN, RISK, flow_rate
 from capsbayes.plan.identifiability import Progress, lab_attributes
 from capsbayes.plan.lab_errors import LabErrors
@@ -60,6 +60,7 @@ def membrane_flow_design(
     same_capsule: bool = False,
     flows: int = 4,
     velocities: Sequence[float] = (),
+    scale_error: float = 0.0,
     margin: float = MARGIN,
     risk: float = RISK,
     progress: Progress | None = None,
@@ -92,6 +93,8 @@ def membrane_flow_design(
         Flow rates, at most `MOST_FLOWS`.
     velocities : sequence of float, optional [m/s]
         Mean velocities of the flow; default: the best are sought.
+    scale_error : float
+        Relative standard error that all lengths share, as from the size of a pixel.
     margin, risk : float
         See `MARGIN` and `RISK` of `capsbayes.plan.flow`; the risk is that of too slow a flow as well.
     progress : callable, optional
@@ -115,7 +118,7 @@ def membrane_flow_design(
         safe = [one.mean_velocity for one in risks if max(one.beyond_margin, one.below) <= risk]
         tried = np.array(velocities or (np.geomspace(safe[0], safe[-1], _CANDIDATES) if safe else ()))
         lab = expectation, tried, errors, experiment, model, unknowns, scores
-        batch = PlannedBatch.of(*lab, same_capsule=same_capsule) if len(tried) else None
+        batch = PlannedBatch.of(*lab, same_capsule=same_capsule, scale_error=scale_error) if len(tried) else None
         wanted = [tuple(range(len(tried)))] if velocities else _sets(len(tried), flows)
         shown = wanted if progress is None else progress(wanted, len(wanted), "sets of flow rates")
         told = {} if batch is None else {some: batch.told_by(some, capsules) for some in shown}
@@ -255,7 +258,8 @@ def _planned(
     """Return a set of flow rates with the widths that are expected, errors of viscosity and half width included."""
     speeds = velocities[list(some)]
     sds = told.widths()
-    of_inputs = {"surface_shear_modulus": experiment.viscosity, "capsule_radius": experiment.half_width}
+    of_inputs = {"surface_shear_modulus": experiment.viscosity, EACH: experiment.viscosity}
+    of_inputs |= {"capsule_radius": experiment.half_width}
     for name, quantity in of_inputs.items():
         sds[name] = float(np.hypot(sds[name], quantity.sd / quantity.mean))
     viscosity = experiment.viscosity.sd / experiment.viscosity.mean

@@ -65,6 +65,7 @@ class PlannedBatch:
         scores: Floats,
         *,
         same_capsule: bool = False,
+        scale_error: float = 0.0,
     ) -> PlannedBatch:
         """Set up the capsules of a population at mean velocities of the flow; those without a shape are left out.
 
@@ -82,6 +83,8 @@ class PlannedBatch:
             Where it is expected.
         same_capsule : bool
             Whether one capsule is filmed at all flow rates.
+        scale_error : float
+            Relative standard error that all lengths share.
 
         Raises
         ------
@@ -114,7 +117,7 @@ class PlannedBatch:
             )
             for row in rows
         ]
-        capsules = capsules_of(measurements, experiment, model)
+        capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
         return cls(capsules, own[rows], flow[rows], means, known, scores)
 
     def told_by(self, flows: Sequence[int], count: int) -> ExpectedMembrane:

@@ -45,6 +45,10 @@ def planned_batch_of(
     flows: Annotated[
         int | None, typer.Option(min=1, max=5, help=f"Most flow rates to film a batch at; default: {_FLOWS}.")
     ] = None,
+    scale_error: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=0.2, help="Relative standard error of all lengths together, as by the pixel size."),
+    ] = None,
     mean_velocity: Annotated[
         list[str] | None,
         typer.Option(help='Mean velocity of a flow to film a batch at, as "2 mm/s"; default: the best are sought.'),
@@ -57,6 +61,7 @@ def planned_batch_of(
         "--capsules": capsules,
         "--same-capsule": same_capsule,
         "--flows": flows,
+        "--scale-error": scale_error,
         "--mean-velocity": mean_velocity,
     }
     return PlannedBatchOptions(membrane, given)
@@ -88,6 +93,7 @@ def print_membrane_flow(
         capsules=given["--capsules"] or _CAPSULES,
         same_capsule=given["--same-capsule"],
         flows=given["--flows"] or _FLOWS,
+        scale_error=given["--scale-error"] or 0.0,
         velocities=[speed.value for speed in speeds],
         progress=tracked,
     )

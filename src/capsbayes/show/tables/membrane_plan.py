@@ -8,7 +8,7 @@ import pandas as pd
 
 from capsbayes.parameters import PARAMETERS
 from capsbayes.plan import MembraneFlowDesign, PlannedFlows
-from capsbayes.plan.expected_membrane import LOGARITHMIC
+from capsbayes.plan.expected_membrane import EACH, LOGARITHMIC
 from capsbayes.plan.membrane_map import MEASURED
 from capsbayes.show.tables.table import Symbols, table
 
@@ -21,8 +21,8 @@ def membrane_flow_table(design: MembraneFlowDesign) -> pd.DataFrame:
     rows = [_row(str(len(one.mean_velocities)), one, names) for one in design.sets]
     if design.for_law is not None and design.for_law is not design.best:
         rows.append(_row(f"{len(design.for_law.mean_velocities)}, for the law", design.for_law, names))
-    rows.append(["prior", "", "", "", "", *(f"{design.prior_sds[name]:.2g}" for name in names)])
-    head = ["flow rates", f"U [{_SPEED.shown_unit}]", "Ca", "ln G_s", "ln G_s,\nmembrane known"]
+    rows.append(["prior", "", "", "", "", "", *(f"{design.prior_sds[name]:.2g}" for name in names)])
+    head = ["flow rates", f"U [{_SPEED.shown_unit}]", "Ca", "mean\nln G_s", "membrane\nknown", "ln G_s\nof each"]
     head += [_label(name) for name in names]
     batch = "one capsule" if design.same_capsule else f"{design.capsules} capsules"
     title = f"Expected standard deviations: {batch}, filmed in equal shares at the best flow rates"
@@ -45,7 +45,7 @@ def membrane_map_table(quantiles: Mapping[str, Mapping[str, float]]) -> pd.DataF
 def _row(name: str, one: PlannedFlows, parameters: tuple[str, ...]) -> list[str]:
     speeds = " ".join(f"{_SPEED.shown(speed):.2g}" for speed in one.mean_velocities)
     numbers = " ".join(f"{ca:.2g}" for ca in one.capillary_numbers)
-    widths = [one.sds["surface_shear_modulus"], one.sd_if_known, *(one.sds[key] for key in parameters)]
+    widths = [one.sds["surface_shear_modulus"], one.sd_if_known, one.sds[EACH], *(one.sds[key] for key in parameters)]
     return [name, speeds, numbers, *(f"{width:.2g}" for width in widths)]
 
 

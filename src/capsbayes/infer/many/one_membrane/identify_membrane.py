@@ -220,7 +220,7 @@ def _drawn(
     own, common = (np.concatenate([getattr(part, name) for part in parts]) for name in ("own", "common"))
     spreads, membranes = unknowns.spreads_at(points), unknowns.membranes(points)
     seen = _seen(capsules, membranes, own)
-    log_moduli = _log_moduli(capsules, own, np.log(seen["velocity_ratio_each"]), common, spreads.modulus, rng)
+    log_moduli = drawn_log_moduli(capsules, own, np.log(seen["velocity_ratio_each"]), common, spreads.modulus, rng)
     viscosity = LogGrid.of(experiment.viscosity).drawn(rng, _DRAWS) / experiment.viscosity.value
     width = LogGrid.of(experiment.half_width).drawn(rng, _DRAWS)
     varying = {}
@@ -250,7 +250,7 @@ def _seen(capsules: Capsules, membranes: Mapping[str, Floats], own: Floats) -> d
     return {f"{name}_each": values.reshape(own.shape[:2]) for name, values in flat.items()}
 
 
-def _log_moduli(
+def drawn_log_moduli(
     capsules: Capsules, own: Floats, log_ratio: Floats, common: Floats, spread: Floats, rng: np.random.Generator
 ) -> Floats:
     """Draw ln G_s of each capsule at central viscosity : (d, n) array; its velocity and the population both tell it."""
