@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sessions import drawn_session
+from sessions import EXPERIMENT, drawn_session
 
-from capsbayes import Surrogate
+from capsbayes import MembraneSurrogate, Session, Surrogate
 from capsbayes.diagnosis.diagnosis import Verdict, diagnose
 from capsbayes.diagnosis.finding import Deviation, Finding
 from capsbayes.diagnosis.fits import fitted, whitening
@@ -102,6 +102,26 @@ def test_a_measurement_made_elsewhere_distinguishes_look_alikes(model):
     assert not replace(weak, steps=(MeanRatio(-0.4, 0.2),), established=(True,)).holds
     scale = {"pixel_scale": (0.013, 0.002)}
     assert diagnose(session, model, seed=3, candidates=OPTICAL, measured=scale).verification.established == (True,)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("truth", "cross_section", "name", "size"),
+    [
+        (MembraneSurrogate.open("square").fixed(area_dilation_modulus=1.5), "square", "area_dilation_modulus", 1.5),
+        (Surrogate.open("circular-skalak"), "circular", "strain_hardening", 1.0),
+    ],
+    ids=("area dilation modulus", "hardening in a tube"),
+)
+def test_the_membrane_is_named_from_the_states_over_all_its_parameters(truth, cross_section, name, size):
+    drawn, known = drawn_session(truth, CAPSULES, seed=5, outline=True)
+    session = Session(drawn.measurements, replace(EXPERIMENT, cross_section=cross_section))
+    study = diagnose(session, Surrogate.open(f"{cross_section}-neo-hookean"), seed=1)
+    assert (study.verdict, study.names) == (Verdict.NAMED, (name,))
+    assert study.sizes[name] == pytest.approx(size, rel=0.25)
+    before, after = (comparison.median_modulus for comparison in study.verification.comparisons)
+    due = np.exp(np.median(known["log_modulus"]))
+    assert abs(np.log(after / due)) < 0.15 < abs(np.log(before / due))
 
 
 @pytest.mark.slow
