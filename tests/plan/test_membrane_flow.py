@@ -142,6 +142,13 @@ def test_the_best_of_few_flow_rates_is_sought(square):
     assert found.capsules == 1
 
 
+def test_one_capsule_counts_once_at_each_flow_rate(square):
+    lab = *EXPECTED, LAB, ERRORS
+    options = {"seed": 1, "model": square, "membrane": INFLATED, "velocities": SPEEDS, "same_capsule": True}
+    few, many = (membrane_flow_design(*lab, **options, capsules=count) for count in (1, 40))
+    assert few.sets == many.sets
+
+
 def test_outlines_tell_more_than_lengths(square, design):
     errors = LabErrors(0.01, 0.01, 0.01, outline=OutlineNoise(0.005, 0.4), flow_rate=0.01)
     seen = membrane_flow_design(

@@ -86,7 +86,7 @@ def membrane_flow_design(
     prior : Prior, optional
         Of the parameters of the membrane.
     capsules : int
-        In all, in equal shares at the flow rates.
+        In all, in equal shares at the flow rates; not read where it is one.
     same_capsule : bool
         One capsule is filmed at all flow rates.
     flows : int
@@ -110,7 +110,7 @@ def membrane_flow_design(
     model.check_experiment(experiment)
     unknowns = unknowns_of(model, membrane or Membrane(), prior or Prior(), experiment, (None, None))
     expectation = Expectation.of(surface_shear_modulus, capsule_radius, experiment)
-    scores = expected_scores(unknowns, guess, model)
+    scores, count = expected_scores(unknowns, guess, model), 1 if same_capsule else capsules
     expected = membrane_at(unknowns, scores, expectation)
     drawn = expectation.drawn(np.random.default_rng(seed), _DRAWS)
     with threadpool_limits(limits=1):
@@ -121,7 +121,7 @@ def membrane_flow_design(
         batch = PlannedBatch.of(*lab, same_capsule=same_capsule, scale_error=scale_error) if len(tried) else None
         wanted = [tuple(range(len(tried)))] if velocities else _sets(len(tried), flows)
         shown = wanted if progress is None else progress(wanted, len(wanted), "sets of flow rates")
-        told = {} if batch is None else {some: batch.told_by(some, capsules) for some in shown}
+        told = {} if batch is None else {some: batch.told_by(some, count) for some in shown}
         sets, for_law = _best(told, partial(_planned, tried, expectation, experiment))
     return MembraneFlowDesign(
         sets=sets,
@@ -130,7 +130,7 @@ def membrane_flow_design(
         risks=tuple(risks),
         limits=(safe[0], safe[-1]) if safe else None,
         outside=outside,
-        capsules=1 if same_capsule else capsules,
+        capsules=count,
         same_capsule=same_capsule,
         membrane=expected,
         expectation=expectation,
