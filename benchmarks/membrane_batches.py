@@ -10,9 +10,13 @@ population flow at it, and the 68 % and 95 % intervals of their L_z, L_a and v_o
 measured there. The same is done with the membrane taken as neo-Hookean, without inflation and with the bending
 stiffness of the plain databases.
 
+Batches whose pre-inflation varies, of ``data/pools/membrane-inflated.npz``, are read as of one inflation and as of one
+that varies, by outlines. The model's own error is measured at the capsules of ``data/pools/membrane-capsules.npz``
+along what tells a membrane, over its stated standard deviation: 5 % of a normal error would be above 1.96.
+
 ``--lengths N`` and ``--outlines N`` say how many batches there are to be of each kind. Each finished one is kept in
 FOLDER, so that an interrupted run resumes. ``--write`` renews ``docs/data/membrane-batches.json`` and the tables in
-``docs/membrane.md``.
+``docs/shared-membrane.md``.
 """
 
 from __future__ import annotations
@@ -34,18 +38,20 @@ from population_coverage import share
 from capsbayes import MeasuredOutline, Measurement
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer import Membrane
-from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
+from capsbayes.infer.many.one_membrane.identify_membrane import capsules_of, identify_membrane
 from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
 from capsbayes.infer.marginal import Marginal
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES
+from capsbayes.parameters import PARAMETERS
 from capsbayes.profile import vertex_normals
 from capsbayes.work import Store
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "membrane-batches.json", ROOT / "docs" / "membrane.md"
+STORED, PAGE = ROOT / "docs" / "data" / "membrane-batches.json", ROOT / "docs" / "shared-membrane.md"
 MARKS = {
     "coverage": ("<!-- batches -->\n", "<!-- end of batches -->\n"),
     "transfer": ("<!-- transfer -->\n", "<!-- end of transfer -->\n"),
+    "inflated": ("<!-- inflated -->\n", "<!-- end of inflated -->\n"),
 }
 PUMP = 0.01
 QUANTITIES = {
@@ -55,6 +61,8 @@ QUANTITIES = {
 }
 PREDICTED = {"axial_extent": "L_z", "axial_length": "L_a", "capsule_velocity": "v_o"}
 LEVELS = membrane_coverage.LEVELS
+INFLATED = {name: PARAMETERS[name].label for name in ("pre_inflation", "inflation_spread", "surface_shear_modulus")}
+READINGS = {"one": False, "varying": True}
 MEMBRANES = {
     "unknown": Membrane(),
     "neo-Hookean": Membrane("neo-Hookean", pre_inflation=0.0, bending=NULL_VALUES[-1]),
@@ -80,6 +88,9 @@ class Session:
         moduli = self.viscosity * self.speeds / of_batch["values"][:, 0]
         middle = float(moduli[0] / of_batch["relative_modulus"][0])
         of_membrane = dict(zip(FREE_PARAMETERS[2:], of_batch["values"][0, 2:].tolist(), strict=True))
+        if "relative_inflation" in pool:
+            of_membrane["pre_inflation"] /= pool["relative_inflation"][rows[0]]
+            of_membrane["inflation_spread"] = pool["inflation_spread"][rows[0]]
         self.truth = {"surface_shear_modulus": middle, "surface_shear_modulus_each": moduli, **of_membrane}
 
     def _measured(self, numbers: Floats, outline: Floats, speed: float, pump: float) -> Measurement:
@@ -168,6 +179,56 @@ def held(name: str, marginals: list[Marginal], truth: Floats) -> dict[str, int]:
     return counts | {name: len(pairs)}
 
 
+def inflated(session: Session) -> dict[str, Any]:
+    """Return median and ends of the 95 % interval, and the truth, by how the batch is read and by quantity."""
+    found: dict[str, Any] = {}
+    for reading, varies in READINGS.items():
+        told = identify_membrane(
+            session.measurements, membrane_coverage.experiment(), seed=1, laws=False, inflation_varies=varies
+        )
+        for name in INFLATED.keys() & told.marginals.keys():
+            marginal = told.marginals[name]
+            ends = marginal.median, marginal.lower_95, marginal.upper_95, session.truth[name]
+            found[f"{reading} {name}"] = [float(f"{value:.4g}") for value in ends]
+    return found
+
+
+def tail() -> float:
+    """Return the 95 % quantile of the model's error over its stated one, along what tells a membrane."""
+    pool, model = membrane_pools.stored("capsules"), membrane_coverage.model("unknown")
+    experiment = membrane_coverage.experiment()
+    exact = [
+        Measurement(
+            axial_extent=float(numbers[0]),
+            axial_extent_error=LENGTH_ERROR,
+            axial_length=float(min(numbers[:2])),
+            axial_length_error=LENGTH_ERROR,
+            capsule_velocity=float(numbers[2] * VELOCITY[0]),
+            capsule_velocity_error=VELOCITY[1] * VELOCITY[0],
+            outline=MeasuredOutline(outline[:: membrane_coverage.EVERY], NOISE),
+        )
+        for numbers, outline in zip(pool["numbers"], pool["profile"], strict=True)
+    ]
+    capsules = capsules_of(exact, experiment, model)
+    theta = dict(zip(FREE_PARAMETERS, pool["values"].T, strict=True))
+    steps = np.array([1e-3 * np.median(values) for values in theta.values()])
+    moved = [{**theta, name: theta[name] + step} for name, step in zip(theta, steps, strict=True)]
+    seen = capsules.model(theta)
+    _, slopes = capsules.model.with_slopes(theta, moved)
+    inside = np.isfinite(seen.log_ratio)
+    rows = capsules.batch.rows[inside]
+    away = capsules.batch.target[inside] - (rows @ seen.numbers[inside, :, None])[..., 0]
+    along = rows @ np.moveaxis(slopes.numbers[:, inside] / steps[:, None, None], 0, -1)
+    error = rows @ seen.covariances[inside] @ rows.swapaxes(1, 2)
+    weight = np.linalg.inv(error + np.eye(error.shape[1]))
+    own, of_membrane = along[..., :2], along[..., 2:]
+    taken = weight @ own @ np.linalg.inv(own.swapaxes(1, 2) @ weight @ own) @ own.swapaxes(1, 2) @ weight
+    telling = of_membrane.swapaxes(1, 2) @ (weight - taken)
+    stated = np.einsum("naq,nqp,nap->na", telling, error, telling)
+    score = np.abs((telling @ away[..., None])[..., 0]) / np.sqrt(stated)
+    return float(f"{np.quantile(score, 0.95):.2g}")
+
+
 def run(folder: Path, kind: str, count: int) -> None:
     """Identify the first batches that the folder lacks."""
     pool = membrane_pools.stored("batches")
@@ -182,15 +243,25 @@ def run(folder: Path, kind: str, count: int) -> None:
                     print(part, flush=True)
 
 
+def run_inflated(folder: Path) -> None:
+    """Read the inflated batches that the folder lacks."""
+    pool = membrane_pools.stored("inflated")
+    for number in np.unique(pool["batch"]).astype(int):
+        store, part = store_of(folder), f"inflated-{number:02d}"
+        if not store.holds(part):
+            store.save(part, inflated(Session(pool, int(number), "outline")))
+            print(part, flush=True)
+
+
 def store_of(folder: Path) -> Store:
     """Return the store of identified batches."""
     errors = [VISCOSITY, HALF_WIDTH, VELOCITY, LENGTH_ERROR, PUMP]
     return Store.open(folder, {"sha256": membrane_coverage.model("unknown").sha256, "errors": errors})
 
 
-def counted(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
+def counted(folder: Path) -> dict[str, Any]:
     """Return counts and medians of what a folder holds, by table, and by kind and membrane."""
-    store, tables = store_of(folder), {name: {} for name in MARKS}
+    store, tables = store_of(folder), {"coverage": {}, "transfer": {}}
     for table_name, rows in tables.items():
         for kind in membrane_coverage.KINDS:
             for membrane in MEMBRANES:
@@ -198,7 +269,9 @@ def counted(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
                 parts = [part for name in names if (part := store.load(name)) is not None]
                 if parts:
                     rows[f"{kind}, {membrane}"] = counts_of(parts)
-    return tables
+    names = sorted(store.names("inflated-*"))
+    tables["inflated"] = {str(number + 1): store.load(name) for number, name in enumerate(names)}
+    return tables | {"tail": tail()}
 
 
 def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
@@ -229,9 +302,25 @@ def table(rows: dict[str, dict[str, Any]], quantities: dict[str, str]) -> str:
     return re.sub(" ?%", " %", "".join(lines))
 
 
-def tables(counts: dict[str, dict[str, dict[str, Any]]]) -> dict[str, str]:
-    """Return both tables by the names of `MARKS`."""
-    return {name: table(counts[name], QUANTITIES if name == "coverage" else PREDICTED) for name in MARKS}
+def tables(counts: dict[str, Any]) -> dict[str, str]:
+    """Return the tables by the names of `MARKS`."""
+    both = {"coverage": QUANTITIES, "transfer": PREDICTED}
+    shown = {name: table(counts[name], quantities) for name, quantities in both.items()}
+    return shown | {"inflated": inflated_table(counts["inflated"])}
+
+
+def inflated_table(batches: dict[str, dict[str, Any]]) -> str:
+    """Return what batches with an inflation that varies tell as a Markdown table."""
+    lines = ["| batch | read as of | " + " | ".join(INFLATED.values()) + " |\n", "|---" * (2 + len(INFLATED)) + "|\n"]
+    for number, found in batches.items():
+        readings = {"the truth": [f"{PARAMETERS[n].shown(found[f'varying {n}'][3]):.3g}" for n in INFLATED]}
+        for reading in READINGS:
+            cells = [[PARAMETERS[n].shown(v) for v in found.get(f"{reading} {n}", [])[:3]] for n in INFLATED]
+            readings[f"{reading} inflation"] = [
+                "{:.3g} ({:.3g} to {:.3g})".format(*cell) if cell else "" for cell in cells
+            ]
+        lines += [f"| {number} | {reading} | {' | '.join(cells)} |\n" for reading, cells in readings.items()]
+    return "".join(lines)
 
 
 def main() -> None:
@@ -243,6 +332,7 @@ def main() -> None:
     options = parser.parse_args()
     run(options.folder, "lengths", options.lengths)
     run(options.folder, "outline", options.outlines)
+    run_inflated(options.folder)
     counts = counted(options.folder)
     shown = tables(counts)
     print(*shown.values(), sep="\n")

@@ -2,6 +2,7 @@
 
 import json
 
+import membrane_batches
 import membrane_coverage
 import membrane_pools
 import membrane_sensitivity
@@ -72,6 +73,14 @@ def test_the_page_shows_what_batches_are_expected_to_tell_and_what_they_tell():
     for kind, row in stored.items():
         expected, found = row["surface_shear_modulus"][:2]
         assert found == pytest.approx(expected, rel=0.25), kind  # the goal is a tenth; there are few batches yet
+
+
+def test_the_page_shows_what_batches_tell():
+    stored = json.loads(membrane_batches.STORED.read_text())
+    page, shown = membrane_batches.PAGE.read_text(), membrane_batches.tables(stored)
+    for name, (before, after) in membrane_batches.MARKS.items():
+        assert before + shown[name] + after in page
+    assert f"{stored['tail']:g} of its standard deviations" in page
 
 
 @pytest.mark.parametrize("kind", membrane_coverage.KINDS)
