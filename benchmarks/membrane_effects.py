@@ -30,8 +30,9 @@ from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.effects import SIMULATED
 from capsbayes.errors import InputError
-from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, OF_THE_MEMBRANE
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES
 from capsbayes.model import ForwardModel
+from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 
 ROOT = Path(__file__).parents[1]

@@ -19,15 +19,10 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import check_content, content_hash, read_dataset, shipped_folders
 from capsbayes.errors import DatabaseError
 from capsbayes.files.output_file import write_dataset
+from capsbayes.parameters import OF_THE_MEMBRANE
 
-FREE_PARAMETERS = (
-    *("capillary_number", "size_ratio"),
-    *("pre_inflation", "area_dilation_modulus", "strain_hardening", "bending"),
-)
+FREE_PARAMETERS = ("capillary_number", "size_ratio", *OF_THE_MEMBRANE)
 """Parameters over which the states are scattered, in their order."""
-
-OF_THE_MEMBRANE = FREE_PARAMETERS[2:]
-"""Those that are parameters of the membrane."""
 
 RANGES = ((0.01, 0.208), (0.75, 1.1), (0.0, 0.1), (1.0, 5.0), (0.0, 1.0), (1e-5, 1e-3))
 """Lowest and highest value of each."""

@@ -22,7 +22,7 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.effect import Effect, HasOutlineModes, Theta
 from capsbayes.errors import InputError, OutsideDatabaseError
 from capsbayes.measured_outline import MID_PLANE
-from capsbayes.membrane_database import OF_THE_MEMBRANE
+from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 
 if TYPE_CHECKING:

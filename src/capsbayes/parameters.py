@@ -183,6 +183,9 @@ STATED: Mapping[str, Stated] = MappingProxyType(
 )
 """The quantities that a user states, by name."""
 
+OF_THE_MEMBRANE = ("pre_inflation", "area_dilation_modulus", "strain_hardening", "bending")
+"""Parameters of a membrane of the general law."""
+
 COORDINATES = (
     "pre_inflation",
     "area_dilation_modulus",

@@ -6,7 +6,8 @@ import pytest
 
 from capsbayes import Surrogate
 from capsbayes.effects import SIMULATED, Halo
-from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, OF_THE_MEMBRANE, RANGES
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES
+from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.profile import vertex_normals
 from capsbayes.testing import check_model
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from capsbayes.database import Database
 from capsbayes.effect import Kind, Theta
-from capsbayes.membrane_database import OF_THE_MEMBRANE
 from capsbayes.model import ForwardModel
-from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.parameters import OF_THE_MEMBRANE, PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate.surrogate import joint_surrogate, plain_membrane

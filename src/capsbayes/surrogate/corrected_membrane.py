@@ -25,8 +25,9 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import Database
-from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, OF_THE_MEMBRANE, RANGES
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES
 from capsbayes.model import Domain, ForwardModel
+from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.membrane.domain import FixedMembraneDomain
 from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate, parameter_columns
