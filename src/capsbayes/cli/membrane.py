@@ -12,6 +12,7 @@ from capsbayes.cli.options import (
     ExperimentFile,
     MembraneKnown,
     Priors,
+    ScaleError,
     Scheduler,
     Seed,
     Workers,
@@ -42,10 +43,7 @@ def membrane(
     inflation_varies: Annotated[
         bool, typer.Option("--inflation-varies", help="Each capsule has a pre-inflation of its own.")
     ] = False,
-    scale_error: Annotated[
-        float,
-        typer.Option(min=0.0, max=0.2, help="Relative standard error of all lengths together, as by the pixel size."),
-    ] = 0.0,
+    scale_error: ScaleError = 0.0,
     laws: Annotated[bool, typer.Option(help="Compare known laws, which takes three times as long.")] = True,
     scheduler: Scheduler = None,
     workers: Workers = None,

@@ -78,6 +78,11 @@ Guess = Annotated[
     ),
 ]
 
+ScaleError = Annotated[
+    float,
+    typer.Option(min=0.0, max=0.2, help="Relative standard error of all lengths together, as by the pixel size."),
+]
+
 Priors = Annotated[
     list[str] | None,
     typer.Option(

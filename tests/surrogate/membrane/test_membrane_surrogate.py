@@ -40,7 +40,7 @@ def test_quadratics_are_reproduced():
     both, slopes = np.stack([values, 2.0 * values], axis=1), np.stack([along, 2.0 * along], axis=1)
     fits = local_fits(places, both, slopes, lost=np.full((1, 6), 9.0))
     points = rng.uniform(-1.0, 1.0, (50, 6))
-    means, covariances, slopes = averaged(points, *fits, 2, 2, len(points))
+    means, covariances, slopes = averaged(points, *fits, 2, 2, True)
     wanted = np.einsum("ni,ij,nj->n", points, form, points) + points @ slope
     np.testing.assert_allclose(means, np.stack([wanted, 2.0 * wanted], axis=1), atol=1e-4)
     assert np.abs(covariances).max() < 1e-8

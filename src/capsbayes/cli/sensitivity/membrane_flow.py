@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import Guess, MembraneKnown, Priors, membrane_of, prior_of
+from capsbayes.cli.options import Guess, MembraneKnown, Priors, ScaleError, membrane_of, prior_of
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
 from capsbayes.errors import InputError
 
@@ -28,7 +28,7 @@ class PlannedBatchOptions:
     def refuse(self) -> None:
         """Refuse them where the law is known."""
         for option, value in self.given.items():
-            if value not in (None, False, []):
+            if value not in (None, False, 0.0, []):
                 raise InputError("flow", option, "--membrane with it", f"{value} without")
 
 
@@ -45,10 +45,7 @@ def planned_batch_of(
     flows: Annotated[
         int | None, typer.Option(min=1, max=5, help=f"Most flow rates to film a batch at; default: {_FLOWS}.")
     ] = None,
-    scale_error: Annotated[
-        float | None,
-        typer.Option(min=0.0, max=0.2, help="Relative standard error of all lengths together, as by the pixel size."),
-    ] = None,
+    scale_error: ScaleError = 0.0,
     mean_velocity: Annotated[
         list[str] | None,
         typer.Option(help='Mean velocity of a flow to film a batch at, as "2 mm/s"; default: the best are sought.'),
@@ -93,7 +90,7 @@ def print_membrane_flow(
         capsules=given["--capsules"] or _CAPSULES,
         same_capsule=given["--same-capsule"],
         flows=given["--flows"] or _FLOWS,
-        scale_error=given["--scale-error"] or 0.0,
+        scale_error=given["--scale-error"],
         velocities=[speed.value for speed in speeds],
         progress=tracked,
     )

@@ -105,15 +105,16 @@ def _fill_slopes(point, mixed, slopes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def averaged(points, places, reaches, lost, coefficients, width, spread, sloping):  # type: ignore[no-untyped-def]
-    """Return means (n, width) at points (n, 6), covariances (n, spread, spread) and slopes (s, width, 6).
+    """Return means (n, width) at points (n, 6), covariances (n, spread, spread) and slopes (n, width, 6) if `sloping`.
 
     The covariances are those of the first `spread` values about their means. The slopes are those of the mean
-    polynomial, whose weights are held: the derivatives of a diffuse approximation. They are for the first `sloping`
-    points. Rows of points where the polynomials do not hold are NaN.
+    polynomial, whose weights are held: the derivatives of a diffuse approximation; (0, width, 6) if not `sloping`. Rows
+    of points where the polynomials do not hold are NaN.
     """
     count = len(points)
     means, covariances = np.full((count, width), np.nan), np.full((count, spread, spread), np.nan)
-    slopes = np.full((sloping, width, 6), np.nan)
+    slopes = np.full((count if sloping else 0, width, 6), np.nan)
+    first = 0 if sloping else spread  # below it, means of values take less time than a mean polynomial
     squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
     terms, found, origin = np.empty(coefficients.shape[2]), np.empty(spread), np.empty(spread)
     mixed, second = np.empty((width, coefficients.shape[2])), np.empty((spread, spread))
@@ -121,7 +122,6 @@ def averaged(points, places, reaches, lost, coefficients, width, spread, sloping
         some, total = _about(points[n], places, reaches, lost, squares, taken, weights)
         if some:
             _fill_terms(points[n], terms)
-            first = 0 if n < sloping else spread  # below it, means of values take less time than a mean polynomial
             mixed[:], second[:], means[n] = 0.0, 0.0, 0.0
             for k in range(some):
                 weight = weights[k] / total
@@ -134,7 +134,7 @@ def averaged(points, places, reaches, lost, coefficients, width, spread, sloping
                     for j in range(i + 1):
                         second[i, j] += weight * (found[i] - origin[i]) * (found[j] - origin[j])
             _polynomial(terms, mixed[first:], means[n, first:])
-            if n < sloping:
+            if sloping:
                 _fill_slopes(points[n], mixed, slopes[n])
             for i in range(spread):
                 for j in range(i + 1):

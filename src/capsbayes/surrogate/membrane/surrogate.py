@@ -239,13 +239,10 @@ class MembraneSurrogate(ForwardModel):
         values = parameter_columns(theta)
         inside = covered(values, self.membrane_database.cross_section)
         points = self._frame.points(values[inside])
-        found = averaged(points, *self._fits, width, spread, len(points) if slopes else 0)
-        whole = [np.full((len(values), *some.shape[1:]), np.nan) for some in found]
-        for every, some in zip(whole, found, strict=True):
-            if len(some):
-                every[inside] = some
-        means, covariances, along = whole
-        return means, covariances, along if slopes else along[:0]
+        means, covariances, along = averaged(points, *self._fits, width, spread, slopes)
+        if slopes:
+            along = _spread_out(along, inside)
+        return _spread_out(means, inside), _spread_out(covariances, inside), along
 
     def _prediction(self, means: Floats, covariances: Floats, *, outline: bool) -> Prediction:
         inside = np.isfinite(means[:, 0])
@@ -253,6 +250,13 @@ class MembraneSurrogate(ForwardModel):
         covariance = _ERROR**2 * covariances[:, :_ERRING, :_ERRING]
         extent, length, velocity, stretch = means.T[:_NUMBERS]
         return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
+
+
+def _spread_out(rows: Floats, inside: Booleans) -> Floats:
+    """Return rows at the places of a mask (n,), and NaN elsewhere : (n, ...) array."""
+    every = np.full((len(inside), *rows.shape[1:]), np.nan)
+    every[inside] = rows
+    return every
 
 
 def parameter_columns(theta: Mapping[str, ArrayLike]) -> Floats:
