@@ -1,0 +1,264 @@
+"""Lengths and silhouettes measured under the faults of a recording: ``python benchmarks/conditions.py [COUNT]``.
+
+The same simulated capsules, 60 px to l, are drawn under each condition by ``benchmarks/camera.py``, which shares no
+code with what measures them. For each condition the table gives how many were measured, with a warning, or refused; of
+L_z and L_a bias, scatter, stated error, and the shares of the 68 and 95 % intervals that hold the truth with the range
+that binomial chance allows at right intervals; and the misfit of the silhouette about the true one, the mean square of
+its residuals over the stated covariance, 1 if that is right.
+
+``--write`` renews ``docs/data/conditions.json`` and the table in ``docs/measuring.md``; ``--overlays FOLDER`` draws one
+measured picture of each condition.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import scipy.linalg
+from camera import MARGIN, Camera, Capsule, Grey, Looks, View, beside, photograph
+from rich.progress import track
+from scipy.stats import binom
+from threadpoolctl import threadpool_limits
+
+from capsbayes import Database
+from capsbayes.image.detection import Detection
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect
+from capsbayes.image.overlay import overlay
+from capsbayes.image.silhouette import silhouette_of
+from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.profile import signed_area
+
+ROOT = Path(__file__).parents[1]
+STORED, PAGE = ROOT / "docs" / "data" / "conditions.json", ROOT / "docs" / "measuring.md"
+BEGIN, END = "<!-- conditions -->\n", "<!-- end of conditions -->\n"
+HALF_WIDTH = 60.0  # px
+LEVELS = {0.68: 0.99446, 0.95: 1.95996}
+HEAD = ("condition", "measured", "warned", "refused", "L_z: bias, px", "scatter", "error", "in 68 %", "in 95 %")
+HEAD = (*HEAD, "L_a: n", "bias, px", "in 68 %", "in 95 %", "misfit")
+
+Change = Callable[[View, Camera, np.random.Generator], tuple[View, Camera]]
+
+
+def camera(**changes: Any) -> Change:
+    """Return a change of the camera."""
+    return lambda view, camera, random: (view, replace(camera, **changes))
+
+
+def faint(share: float) -> Change:
+    """Return a change that leaves a share of the darkness of the capsule."""
+    names = ("interior", "membrane", "rear", "halo")
+
+    def changed(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+        fainter = {name: share * getattr(view.looks, name) for name in names}
+        return replace(view, looks=replace(view.looks, **fainter)), camera
+
+    return changed
+
+
+def looks(**changes: float) -> Change:
+    """Return a change of capsule or channel."""
+    return lambda view, camera, random: (replace(view, looks=replace(view.looks, **changes)), camera)
+
+
+def overlapping(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+    """Add a second capsule that overlaps the first by a tenth to nine tenths of its length."""
+    along, across = random.uniform(0.1, 0.9) * view.axial_extent, random.uniform(-0.1, 0.1) * view.half_width
+    first, (rows, columns) = view.capsules[0], view.shape
+    moved = replace(first, centre=(first.centre[0] + along, first.centre[1]))
+    wider = replace(view, capsules=(moved,), shape=(rows, columns + 2 * int(along)))
+    return beside(wider, along, across), camera
+
+
+CONDITIONS: dict[str, Change] = {
+    "none": camera(),
+    "motion 1 px": camera(motion=1.0),
+    "motion 3 px": camera(motion=3.0),
+    "motion 6 px": camera(motion=6.0),
+    "motion 12 px": camera(motion=12.0),
+    "blur 2 px": camera(blur=2.0),
+    "blur 3 px": camera(blur=3.0),
+    "blur 4 px": camera(blur=4.0),
+    "defocus, disc of radius 3 px": camera(defocus=3.0),
+    "defocus, disc of radius 6 px": camera(defocus=6.0),
+    "defocus, disc of radius 8 px": camera(defocus=8.0),
+    "noise 2 %": camera(constant_noise=0.02),
+    "noise 5 %": camera(constant_noise=0.05),
+    "JPEG 90": camera(jpeg=90),
+    "JPEG 75": camera(jpeg=75),
+    "JPEG 50": camera(jpeg=50),
+    "JPEG 25": camera(jpeg=25),
+    "median of 3 x 3 px": camera(median=3),
+    "median of 5 x 5 px": camera(median=5),
+    "a third of the contrast": faint(0.33),
+    "a fifth of the contrast": faint(0.2),
+    "halo 15 %": looks(halo=0.15),
+    "two capsules overlap": overlapping,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A picture with the empty channel, and what stood before the camera."""
+
+    view: View
+    picture: Grey
+    empty: Grey
+
+
+def taken(cases: Database, number: int, names: Iterable[str]) -> Iterable[tuple[str, Taken]]:
+    """Return the pictures of one capsule, drawn at random by its number, under some conditions."""
+    random = np.random.default_rng([2026, number])
+    view, plain = scenery(cases, random)
+    for name in names:
+        shown, chosen = CONDITIONS[name](view, plain, np.random.default_rng([7, number]))
+        yield name, Taken(shown, *photograph(shown, chosen, seed=number))
+
+
+def scenery(cases: Database, random: np.random.Generator) -> tuple[View, Camera]:
+    """Return a capsule, a place, looks and a camera at random."""
+    case = int(random.integers(len(cases)))
+    silhouette = cases["silhouette"][case]
+    columns = int(HALF_WIDTH * np.ptp(silhouette[:, 0]) + 2.0 * MARGIN + random.integers(8, 40))
+    columns = max(columns, 200)
+    centre = 0.5 * columns + random.uniform(-4.0, 4.0), 99.5 + random.uniform(-4.0, 4.0)
+    drawn = Looks(
+        interior=random.uniform(0.1, 0.3),
+        membrane=random.uniform(0.25, 0.5),
+        membrane_width=random.uniform(3.0, 6.0),
+        rear=random.uniform(0.2, 0.45),
+        rear_width=random.uniform(1.5, 3.5),
+        halo=random.uniform(0.0, 0.08),
+        halo_width=random.uniform(1.5, 4.0),
+        wall=random.uniform(0.4, 0.6),
+        wall_width=random.uniform(1.5, 3.0),
+        beyond=random.uniform(0.85, 1.0),
+        unevenness=random.uniform(-0.1, 0.1),
+    )
+    view = View(
+        (Capsule(cases["profile"][case], silhouette, centre),),
+        HALF_WIDTH,
+        (200, columns),
+        tilt=random.uniform(-0.03, 0.03),
+        flow=int(random.choice([-1, 1])),
+        looks=drawn,
+    )
+    return view, Camera(blur=random.uniform(0.5, 1.0), photons=10.0 ** random.uniform(3.7, 4.5))
+
+
+def measured(shot: Taken) -> Detection:
+    """Return what is detected in a picture."""
+    return detect(Picture.from_array(shot.picture), background=Picture.from_array(shot.empty))
+
+
+def row(shot: Taken, seen: Detection) -> dict[str, Any]:
+    """Return the status, the errors of L_z and L_a with the stated ones [px], and the silhouette's misfit."""
+    made: dict[str, Any] = {"status": seen.status.name}
+    if seen.status.ok:
+        sd = np.sqrt(np.diag(seen.covariance))
+        made["L_z"] = [float(seen.lengths[0] - shot.view.axial_extent), float(sd[0])]
+        if seen.rear is not None:
+            made["L_a"] = [float(seen.lengths[1] - shot.view.axial_length), float(sd[1])]
+        if (outline := silhouette_of(seen)) is not None:
+            truth = shot.view.capsules[0].silhouette
+            points, feet = aligned_with(outline.points, truth if signed_area(truth) > 0.0 else truth[::-1])
+            covariance = outline.noise.covariance(points) + outline.pose.offset**2
+            factor = scipy.linalg.cholesky(covariance, lower=True)
+            made["misfit"] = float(np.mean(scipy.linalg.solve_triangular(factor, feet.distance, lower=True) ** 2))
+    return made
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the numbers of a condition."""
+    statuses = Counter(row["status"] for row in rows)
+    made: dict[str, Any] = {"pictures": len(rows), "statuses": dict(statuses.most_common())}
+    made["warned"] = sum(bool(row.get("warned")) for row in rows)
+    for name in ("L_z", "L_a"):
+        pairs = np.array([row[name] for row in rows if name in row])
+        if len(pairs):
+            error, sd = pairs.T
+            inside = {f"{level:.0%}": int(np.sum(np.abs(error) < limit * sd)) for level, limit in LEVELS.items()}
+            made[name] = {
+                "n": len(error),
+                "bias": float(error.mean()),
+                "median": float(np.median(error)),
+                "scatter": float(error.std()),
+                "largest": float(np.abs(error).max()),
+                "error": float(np.sqrt(np.mean(sd**2))),
+                "inside": inside,
+            }
+    misfits = [row["misfit"] for row in rows if "misfit" in row]
+    if misfits:
+        made["misfit"] = {"median": float(np.median(misfits)), "90 %": float(np.quantile(misfits, 0.9))}
+    return made
+
+
+def table(stored: dict[str, Any]) -> str:
+    """Return the table in Markdown."""
+    lines = [f"| {' | '.join(HEAD)} |", f"|{'---|' * len(HEAD)}"]
+    lines += [f"| {' | '.join((name, *_cells(numbers)))} |" for name, numbers in stored.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _cells(numbers: dict[str, Any]) -> list[str]:
+    done = numbers["statuses"].get("DONE", 0)
+    refused = [f"{name} {count}" for name, count in numbers["statuses"].items() if name != "DONE"]
+    cells = [str(done), str(numbers["warned"] or ""), ", ".join(refused)]
+    for name in ("L_z", "L_a"):
+        if name not in numbers:
+            cells += [""] * (5 if name == "L_z" else 4)
+            continue
+        found = numbers[name]
+        shares = [f"{found['inside'][f'{level:.0%}'] / found['n']:.0%}{_range(found['n'], level)}" for level in LEVELS]
+        first = [f"{found['bias']:+.2f}", f"{found['scatter']:.2f}", f"{found['error']:.2f}"]
+        cells += [*(first if name == "L_z" else [str(found["n"]), first[0]]), *shares]
+    misfit = numbers.get("misfit")
+    return [*cells, f"{misfit['median']:.2g} ({misfit['90 %']:.2g})" if misfit else ""]
+
+
+def _range(count: int, level: float) -> str:
+    low, high = binom.ppf([0.025, 0.975], count, level) / count
+    return f" ({low:.0%} to {high:.0%})"
+
+
+def run(count: int, names: list[str], folder: Path | None) -> dict[str, Any]:
+    """Draw and measure all pictures, and return the numbers of each condition."""
+    cases = Database.open("square-neo-hookean").converged
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
+    for number in track(range(count), description="capsules", transient=True):
+        for name, shot in taken(cases, number, names):
+            seen = measured(shot)
+            rows[name].append(row(shot, seen))
+            if folder is not None:
+                path = folder / f"{name.replace(' ', '-').replace(',', '').replace('%', 'percent')}-{number}.png"
+                cv2.imwrite(str(path), overlay(Picture.from_array(shot.picture), seen))
+    return {name: summary(made) for name, made in rows.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("count", nargs="?", type=int, default=10, help="number of capsules (default: 10)")
+    parser.add_argument("--only", default="", help="conditions whose name contains this")
+    parser.add_argument("--overlays", type=Path, help="folder for a drawing of each picture with what was detected")
+    parser.add_argument("--write", action="store_true", help="renew the stored numbers and the page")
+    asked = parser.parse_args()
+    names = [name for name in CONDITIONS if asked.only in name]
+    with threadpool_limits(limits=1):
+        made = run(asked.count, names, asked.overlays)
+    print(table(made))
+    if asked.write:
+        STORED.write_text(json.dumps(made, indent=1) + "\n")
+        before, _, rest = PAGE.read_text().partition(BEGIN)
+        PAGE.write_text(before + BEGIN + table(made) + END + rest.partition(END)[2])
+
+
+if __name__ == "__main__":
+    main()
