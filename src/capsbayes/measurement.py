@@ -64,6 +64,8 @@ class Measurement(Readable):
     conditions : mapping of str to float
         ``half_width`` and ``viscosity`` of this capsule of a set, in SI, if they differ from those of the experiment. A
         measurement file states them by the experiment that it names.
+    walls : str
+        How the walls, and with them l in pixels, were stated by hand; empty where they were found in the picture.
 
     Raises
     ------
@@ -99,6 +101,7 @@ class Measurement(Readable):
     flow_rate: Given | None = None
     flow_rate_error: float | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)
+    walls: str = ""
 
     def __post_init__(self) -> None:
         if not self.status.ok:
@@ -170,10 +173,10 @@ class Measurement(Readable):
         path : path
             File with a table ``[measurement]``: ``axial_extent``,
             ``capsule_velocity``, and optionally ``axial_length`` and
-            ``length_correlation``, or ``axial_length_bound``, and ``flow_rate``. It may name its experiment file
-            (``experiment = "..."``, relative to itself) and state a ``[prior]``, which `capsbayes.infer.Prior.read`
-            reads, a ``[membrane]``, which `capsbayes.infer.Membrane.read` reads, and an ``[outline]``, which
-            `MeasuredOutline.read` reads.
+            ``length_correlation``, or ``axial_length_bound``, ``flow_rate`` and ``walls``. It may name its experiment
+            file (``experiment = "..."``, relative to itself) and state a ``[prior]``, which
+            `capsbayes.infer.Prior.read` reads, a ``[membrane]``, which `capsbayes.infer.Membrane.read` reads, and an
+            ``[outline]``, which `MeasuredOutline.read` reads.
 
         Returns
         -------
@@ -199,6 +202,7 @@ class Measurement(Readable):
                 "length_correlation": unread,
                 "axial_length_bound": unread,
                 "flow_rate": quantity("flow_rate"),
+                "walls": _text,
             },
         )
         if "axial_length" in table:
@@ -242,6 +246,8 @@ class Measurement(Readable):
         if self.flow_rate is not None:
             error = f" +/- {float(self.flow_rate_error)!r}" if self.flow_rate_error else ""
             lines.append(f'flow_rate = "{float(self.flow_rate)!r}{error} m^3/s"')
+        if self.walls:
+            lines.append(f"walls = {json.dumps(self.walls)}")
         with together():
             if self.outline is not None:
                 lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
@@ -258,7 +264,8 @@ class Measurement(Readable):
             found["flow_rate"] = Quantity(self.flow_rate, self.flow_rate_error or 0.0, "m^3/s").shown("flow_rate")
         if self.outline is not None:
             found["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
-        return found | ({"source": self.source} if self.source else {})
+        stated = {"walls": self.walls, "source": self.source}
+        return found | {name: text for name, text in stated.items() if text}
 
     @property
     def lengths(self) -> Floats:
@@ -295,6 +302,12 @@ def _measured(*units: str) -> Reader:
         return found
 
     return read
+
+
+def _text(value: object, where: str, key: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(where, key, "a text", repr(value))
+    return value
 
 
 def _pair(value: float, error: float) -> str:

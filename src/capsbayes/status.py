@@ -24,10 +24,13 @@ class Status(enum.Enum):
     NOT_TRIED = "Not tried, because the cases it would have started from did not converge."
     # pictures
     BACKGROUND_DIFFERS = "The picture of the empty channel has another size than that of the capsule."
-    NO_WALLS = "No two parallel walls were found across the picture; it must show both, along its rows."
+    NO_WALLS = (
+        "No two parallel walls were found across the picture; say where they are (--walls), or give the size of a "
+        "pixel (--pixel-size) and the axis of the channel (--axis)."
+    )
     SATURATED = "The picture is clipped between the walls; expose it less."
     NO_CAPSULE = "No capsule was found between the walls."
-    SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them."
+    SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them (--crop)."
     DEBRIS = "The object found is too small for a capsule."
     DOUBLET = "The outline is notched: two capsules touch or overlap, or something sticks to one."
     LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."

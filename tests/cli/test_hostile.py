@@ -350,6 +350,11 @@ QUANTITIES = (
 OF_TEXT = {
     ("measure", "--velocity"): QUANTITIES,
     ("measure", "--flow"): ("up",),
+    ("measure", "--walls"): ("", "x", "nan, 5", "5", "1, 2, 3", "1e300, 2e300", "190, -1", "0 199, 199 0", "9" * 5000),
+    ("measure", "--wall-error"): ("", "x", "1 px"),
+    ("measure", "--pixel-size"): ("", "x", "0.3 um", "0.3 +/- 0.1 s", "nan um", "-1 um"),
+    ("measure", "--axis"): ("", "x", "99"),
+    ("measure", "--crop"): ("", "x", "0, 0, 1e9, 1e9", "0, 0, nan, 5", "5, 5, 1, 1", "-5, 0, 50, 50"),
     ("identify", "--prior"): ("x", "pre_inflation=", "pre_inflation=nan .. 1", "surface_shear_modulus=1"),
     ("identify", "--engine"): ("magic",),
     ("identify", "--database"): ("none", "../database.nc"),

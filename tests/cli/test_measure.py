@@ -58,6 +58,18 @@ def test_an_empty_channel_ends_with_its_status(folder):
     assert not (out / "measurement.toml").exists()
 
 
+def test_walls_by_hand_are_printed_and_stored(folder):
+    folder, made = folder
+    result = run(folder, "capsule.png", *VELOCITY, "--walls", "44.5, 154.5 px", "--out", str(folder / "m"))
+    assert result.exit_code == 0, result.output
+    stated = "walls by hand at rows 44.5, 154.5 px, each +/- 1 px"
+    assert stated in " ".join(result.output.split())
+    measured = Measurement.read(folder / "m" / "measurement.toml")
+    assert measured.walls == stated
+    assert measured.axial_extent == pytest.approx(made.axial_extent / made.half_width, rel=0.01)
+    assert measured.axial_extent_error > 0.01
+
+
 @pytest.mark.parametrize("velocity", ["6.2 mm/s", "6.2 +/- 0.1 mm", "fast"])
 def test_a_velocity_without_unit_or_error_is_refused(folder, velocity):
     result = run(folder[0], "capsule.png", "--velocity", velocity)
@@ -104,6 +116,8 @@ def test_the_rate_of_a_film_may_stand_in_the_experiment(filmed):
         ("empty.png", ("--frame-rate", "2 kHz")),
         ("points.csv", ("--background", "empty.png")),
         ("cells.rtdc", ("--edge-error", "0.1 um")),
+        ("cells.rtdc", ("--walls", "10, 70")),
+        ("points.csv", ("--crop", "0, 0, 50, 50")),
     ],
 )
 def test_an_option_of_another_kind_of_input_is_refused(filmed, name, option):

@@ -11,6 +11,7 @@ import typer
 
 from capsbayes.cli.measure.picture import DETECTED, is_picture, measured_picture
 from capsbayes.cli.options import (
+    BY_HAND,
     AsJson,
     Background,
     ExperimentFile,
@@ -20,11 +21,13 @@ from capsbayes.cli.options import (
     Priors,
     Seed,
     Velocity,
+    by_hand_of,
     capsule_model,
     membrane_of,
     named_experiment,
     prior_texts,
     speed_of,
+    with_options_of,
 )
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
 from capsbayes.cli.paths import Reads, Writes
@@ -39,6 +42,7 @@ def _written(values: Mapping[str, Any]) -> tuple[str, ...]:
     return (*results, *DETECTED) if is_picture(values["capsule"]) else results
 
 
+@with_options_of(by_hand_of, "by_hand")
 def identify(
     capsule: Annotated[
         Path,
@@ -62,6 +66,7 @@ def identify(
     velocity: Velocity = None,
     background: Background = None,
     flow: Flow = None,
+    by_hand: Any = None,
     engine: Annotated[
         str | None, typer.Option(help="emcee or quadrature; default: emcee, checked by quadrature.")
     ] = None,
@@ -82,10 +87,12 @@ def identify(
         if experiment is None:
             raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
         channel, speed = Experiment.read(experiment), speed_of(velocity)
-        measurement = measured_picture(capsule, channel, speed, background, flow, out, quiet=as_json)
+        measurement = measured_picture(capsule, channel, speed, background, flow, out, by_hand=by_hand, quiet=as_json)
         written, stated = Prior(), None
     else:
-        for option, given in {"--velocity": velocity, "--background": background, "--flow": flow}.items():
+        of_pictures = {option: by_hand and getattr(by_hand, name) for name, option in BY_HAND.items()}
+        of_pictures |= {"--velocity": velocity, "--background": background, "--flow": flow}
+        for option, given in of_pictures.items():
             if given is not None:
                 raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule))
         measurement, written, stated = Measurement.read(capsule), Prior.read(capsule), Membrane.read(capsule)

@@ -49,6 +49,56 @@ Flow = Annotated[
     str | None, typer.Option(help="Direction of the flow in a picture, right or left; default: found from the shape.")
 ]
 
+
+BY_HAND = {name: f"--{name.replace('_', '-')}" for name in ("walls", "wall_error", "pixel_size", "axis", "crop")}
+"""Options of `by_hand_of` by the names of the fields of `ByHand`."""
+
+
+def by_hand_of(
+    walls: Annotated[
+        str | None,
+        typer.Option(
+            help='Rows of the two walls in px, as "12.5, 187.0"; of tilted ones, of each at the left and the right '
+            'border, as "12.5 15.0, 187.0 189.5"; default: found in the picture.'
+        ),
+    ] = None,
+    wall_error: Annotated[
+        str | None, typer.Option(help='Standard error of either wall of --walls; default: "1 px".')
+    ] = None,
+    pixel_size: Annotated[
+        str | None,
+        typer.Option(
+            help='Size of a pixel, as "0.340 +/- 0.003 um": no walls are sought in the picture, and l in px is the '
+            "half width over it; of a contour or an .rtdc file, its scale."
+        ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(
+            help='Row of the axis of the channel in px, as "99.5", or at the left and the right border, as "98 101", '
+            "with --pixel-size; default: the middle row."
+        ),
+    ] = None,
+    crop: Annotated[
+        str | None,
+        typer.Option(help='Part to analyse: left column, upper row, width and height in px, as "40, 0, 220, 200".'),
+    ] = None,
+) -> Any:
+    """Return what is stated of a picture by hand, None if nothing; each is an option of commands that measure pictures.
+
+    Raises
+    ------
+    InputError
+        Naming what is wrong.
+    """
+    stated = {"walls": walls, "wall_error": wall_error, "pixel_size": pixel_size, "axis": axis, "crop": crop}
+    if all(text is None for text in stated.values()):
+        return None
+    from capsbayes.image.by_hand import ByHand  # slow to import
+
+    return ByHand(**stated)
+
+
 # the model
 DatabaseName = Annotated[str, typer.Argument(help="Name of a shipped database, or path of a .nc file."), Reads()]
 ModelName = Annotated[
@@ -257,22 +307,13 @@ def choose(command: str, option: str, name: str, known: Mapping[str, Any]) -> An
 
 def speed_of(text: str | None) -> Quantity:
     """Read ``--velocity``, which must have an error."""
-    read = _with_error("--velocity", text, "m/s", "6.20 +/- 0.06 mm/s")
-    return type(read).of(read, "capsule_velocity", where="--velocity", key="")
-
-
-def pixel_size_of(text: str | None) -> Quantity:
-    """Read ``--pixel-size``, which must have an error."""
-    return _with_error("--pixel-size", text, "m", "0.340 +/- 0.003 um")
-
-
-def _with_error(option: str, text: str | None, unit: str, example: str) -> Quantity:
     from capsbayes.quantity import Quantity
 
-    read = Quantity.read(text, where=option, key="", units=(unit,), example=example)
+    example = "6.20 +/- 0.06 mm/s"
+    read = Quantity.read(text, where="--velocity", key="", units=("m/s",), example=example)
     if read.error == 0.0:
-        raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
-    return read
+        raise InputError("--velocity", "", f'a standard error, as in "{example}"', repr(text))
+    return Quantity.of(read, "capsule_velocity", where="--velocity", key="")
 
 
 def prior_texts(priors: list[str] | None) -> dict[str, str]:

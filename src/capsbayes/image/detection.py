@@ -91,6 +91,25 @@ class Detection:
             return None
         return integrate_silhouette(self.outline, self.axis, self.walls.across, _NOSE_MISFIT)
 
+    def moved(self, right: int, down: int) -> Detection:
+        """Return the same in the coordinates of a picture whose first pixel lies further left and up by so much."""
+        if self.walls is None or (right, down) == (0, 0):
+            return self
+        by = np.array([right, down], dtype=float)
+        along = (self.flow or 1) * float(by @ self.walls.along)
+
+        def shifted(end: FurthestPoint | None, sense: float) -> FurthestPoint | None:
+            return None if end is None else replace(end, distance=end.distance + sense * along)
+
+        return replace(
+            self,
+            walls=self.walls.moved(*by),
+            outline=self.outline and replace(self.outline, points=self.outline.points + by),
+            nose=shifted(self.nose, 1.0),
+            end=shifted(self.end, -1.0),
+            blob=self.blob and replace(self.blob, polygon=self.blob.polygon + by),
+        )
+
     def table(self) -> pd.DataFrame:
         """Tabulate lengths and integrals in powers of a pixel and of l.
 

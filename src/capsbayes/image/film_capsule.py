@@ -123,9 +123,18 @@ class FilmCapsule:
 
     @classmethod
     def of(
-        cls, record: FrameRecord, experiment: Experiment, frame_rate: Quantity, film: Path, sha256: str
+        cls,
+        record: FrameRecord,
+        experiment: Experiment,
+        frame_rate: Quantity,
+        pixel_size: Quantity | None,
+        film: Path,
+        sha256: str,
     ) -> FilmCapsule:
-        """Return the mean of a record, refused unless it is steady; the frame rate is in 1/s."""
+        """Return the mean of a record, refused unless it is steady; the frame rate is in 1/s.
+
+        The size of a pixel [m] is that stated by hand; by default it follows from the walls and the half width.
+        """
         frames = record.measured
         speed, drifts = None, dict[str, Drift]()
         lengths, covariance, repeat = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
@@ -137,9 +146,18 @@ class FilmCapsule:
             speed, drifts = _motion(frames)
             status = Status.UNSTEADY if any(drift.unsteady for drift in drifts.values()) else Status.DONE
             lengths, covariance, repeat = _mean(frames, drifts)
-            capsule_velocity = _in_si(speed, lengths[3], covariance[3, 3], experiment, frame_rate)
+            size = pixel_size or _pixel_size(lengths[3], covariance[3, 3], experiment)
+            capsule_velocity = _in_si(speed, size, frame_rate)
+        seen = None if record.detection is None else record.detection.walls
         measured = measurement_of_lengths(
-            lengths, covariance, capsule_velocity, experiment, status=status, source=str(film), sha256=sha256
+            lengths,
+            covariance,
+            capsule_velocity,
+            experiment,
+            status=status,
+            walls="" if seen is None else seen.stated,
+            source=str(film),
+            sha256=sha256,
         )
         return cls(status, record, speed, drifts, repeat, measured)
 
@@ -198,14 +216,19 @@ def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Flo
     return mean, covariance, scatter
 
 
-def _in_si(speed: Velocity, l_px: float, l_variance: float, experiment: Experiment, frame_rate: Quantity) -> Quantity:
-    """Return the velocity in m/s, with the errors of the length of a pixel and of the frame rate."""
-    half_width, half_width_error = experiment.half_width.mean, experiment.half_width.sd
-    value = abs(speed.value) * half_width / l_px * frame_rate.value
+def _pixel_size(l_px: float, l_variance: float, experiment: Experiment) -> Quantity:
+    """Return the size of a pixel [m]: the half width in metres over that between the walls."""
+    width = experiment.half_width
+    size = width.mean / l_px
+    return Quantity(float(size), float(size * np.hypot(np.sqrt(l_variance) / l_px, width.sd / width.mean)), "m")
+
+
+def _in_si(speed: Velocity, pixel_size: Quantity, frame_rate: Quantity) -> Quantity:
+    """Return the velocity in m/s, with the errors of the size of a pixel and of the frame rate."""
+    value = abs(speed.value) * pixel_size.value * frame_rate.value
     relative_errors = (
         speed.error / speed.value,
-        np.sqrt(l_variance) / l_px,
-        half_width_error / half_width,
+        pixel_size.error / pixel_size.value,
         frame_rate.error / frame_rate.value,
         0.0 if speed.drift is None else speed.drift.unmodelled_error,
     )

@@ -13,11 +13,12 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.background import estimate_background, transmission
 from capsbayes.image.blobs import find_blobs
+from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detection import Detection, analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.silhouette import silhouette_of
-from capsbayes.image.walls import find_walls
+from capsbayes.image.walls import WallLines, find_walls
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
@@ -26,7 +27,14 @@ FLOWS = {"right": 1, "left": -1}
 CLIPPED = 0.02  # largest share of clipped pixels between the walls
 
 
-def detect(picture: Picture, *, background: Picture | None = None, flow: str | None = None) -> Detection:
+def detect(
+    picture: Picture,
+    *,
+    background: Picture | None = None,
+    flow: str | None = None,
+    by_hand: ByHand | None = None,
+    half_width: Given | None = None,
+) -> Detection:
     """Find the walls, the capsule and its concave rear in a picture.
 
     Parameters
@@ -37,6 +45,10 @@ def detect(picture: Picture, *, background: Picture | None = None, flow: str | N
         The empty channel; by default it is estimated from the picture, line by line along the channel.
     flow : str, optional
         ``"right"`` or ``"left"``; by default it follows from the shape.
+    by_hand : ByHand, optional
+        What is stated of walls, scale and the part to analyse; by default they are found in the picture.
+    half_width : Quantity, optional [m]
+        Of the channel, in any form that `Quantity.of` reads; needed with a pixel size.
 
     Returns
     -------
@@ -46,12 +58,23 @@ def detect(picture: Picture, *, background: Picture | None = None, flow: str | N
     Raises
     ------
     InputError
-        If `flow` is another word.
+        If `flow` is another word, or what is stated by hand does not suit the picture.
     """
     direction = check_flow(flow)
     if background is not None and background.shape != picture.shape:
         return Detection(Status.BACKGROUND_DIFFERS)
-    walls = find_walls((background or picture).grey)
+    width = None if half_width is None else Quantity.of(half_width, "half_width", where="detect")
+    by_hand = by_hand or ByHand()
+    rows, columns = part = by_hand.part(picture.shape)
+    stated = by_hand.lines_in_part(picture.shape, width)
+    empty = None if background is None else background.cut(part)
+    found = _detect(picture.cut(part), empty, stated, direction)
+    return found.moved(columns.start, rows.start)
+
+
+def _detect(picture: Picture, background: Picture | None, stated: WallLines | None, direction: int) -> Detection:
+    """Find a capsule in the part of a picture that is analysed, between walls that are stated or found."""
+    walls = stated or find_walls((background or picture).grey)
     if walls is None:
         return Detection(Status.NO_WALLS)
     between = np.abs(walls.offset(picture.shape)) < walls.half_width
@@ -73,6 +96,7 @@ def measure(
     capsule_velocity: Given,
     background: str | Path | ArrayLike | None = None,
     flow: str | None = None,
+    by_hand: ByHand | None = None,
 ) -> Measurement:
     """Measure the capsule in a picture.
 
@@ -88,6 +112,9 @@ def measure(
         The empty channel; by default it is estimated from the picture.
     flow : str, optional
         ``"right"`` or ``"left"``; by default it follows from the shape.
+    by_hand : ByHand, optional
+        What is stated of walls, scale and the part to analyse, as `capsbayes.image.ByHand`; by default they are found
+        in the picture.
 
     Returns
     -------
@@ -99,11 +126,13 @@ def measure(
     Raises
     ------
     InputError
-        If a file is missing or not a picture, or `flow` is another word.
+        If a file is missing or not a picture, `flow` is another word, or what is stated by hand does not suit the
+        picture.
     """
     capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure")
     seen = read_picture(picture)
-    detection = detect(seen, background=None if background is None else read_picture(background), flow=flow)
+    empty = None if background is None else read_picture(background)
+    detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
     return measurement_of(detection, seen, experiment, capsule_velocity)
 
 
@@ -117,6 +146,7 @@ def measurement_of(
         capsule_velocity,
         experiment,
         status=detection.status,
+        walls=detection.walls.stated if detection.walls else "",
         source=picture.source,
         sha256=picture.sha256,
     )
@@ -131,6 +161,7 @@ def measurement_of_lengths(
     *,
     status: Status = Status.DONE,
     pixel_size: Quantity | None = None,
+    walls: str = "",
     source: str = "",
     sha256: str = "",
 ) -> Measurement:
@@ -148,7 +179,7 @@ def measurement_of_lengths(
         Unless it is ``DONE``, the measurement is refused.
     pixel_size : Quantity, optional [m]
         If given, the lengths become metres; otherwise they are divided by l of the same picture.
-    source, sha256
+    walls, source, sha256
         As in `Measurement`.
     """
     file = Path(experiment.source) if experiment.source else None
@@ -168,6 +199,7 @@ def measurement_of_lengths(
         capsule_velocity=capsule_velocity.value,
         capsule_velocity_error=capsule_velocity.error,
         over_half_width=pixel_size is None,
+        walls=walls,
         source=source,
         sha256=sha256,
         experiment_file=file,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.background import estimate_background, flatten, temporal_median, transmission
 from capsbayes.image.blobs import find_blobs
+from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detection import analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.film import Film
@@ -98,6 +99,7 @@ def measure_film(
     frame_rate: Given | None = None,
     background: str | Path | ArrayLike | None = None,
     flow: str | None = None,
+    by_hand: ByHand | None = None,
     watch: Callable[[int], None] | None = None,
 ) -> FilmMeasurement:
     """Measure every capsule in a film.
@@ -114,6 +116,8 @@ def measure_film(
         The empty channel; by default the median of 41 frames.
     flow : str, optional
         ``"right"`` or ``"left"``; by default the direction in which the nearest blobs of one size move.
+    by_hand : ByHand, optional
+        What is stated of walls, scale and the part to analyse; by default they are found in the empty channel.
     watch : function, optional
         Called with the number of frames done.
 
@@ -124,21 +128,22 @@ def measure_film(
     Raises
     ------
     InputError
-        If a file is missing or not a film, `flow` is another word, or the film has fewer than three frames.
+        If a file is missing or not a film, `flow` is another word, the film has fewer than three frames, or what is
+        stated by hand does not suit its frames.
     """
     given = experiment.frame_rate if frame_rate is None else frame_rate
     rate = Quantity.of(given, "frame_rate", where=experiment.source or "measure_film")
     film = film if isinstance(film, Film) else Film.open(film)
-    direction = check_flow(flow)
+    direction, by_hand = check_flow(flow), by_hand or ByHand()
     empty = _background(film) if background is None else read_picture(background).grey
-    view = _view(film, empty, given=background is not None)
+    view = _view(film, empty, by_hand, experiment, given=background is not None)
     if isinstance(view, Status):
         return FilmMeasurement(view)
     linker = Linker(view.walls, direction)
     records: dict[Track, FrameRecord] = {}
     statuses: Counter[Status] = Counter()
     frames = unreadable = saturated = 0
-    for frames, picture in enumerate(film.frames(view.rows), start=1):
+    for frames, picture in enumerate(film.frames(view.part), start=1):
         if picture is None:
             unreadable += 1
         elif view.is_clipped(picture):
@@ -148,15 +153,16 @@ def measure_film(
         if watch is not None:
             watch(frames)
     sha256 = film.sha256
-    capsules = [FilmCapsule.of(record, experiment, rate, film.source, sha256) for record in records.values()]
+    size = by_hand.pixel_size
+    capsules = [FilmCapsule.of(record, experiment, rate, size, film.source, sha256) for record in records.values()]
     return FilmMeasurement(Status.DONE, tuple(capsules), statuses, frames, unreadable, saturated)
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Part of the frames that is analysed: its rows, the walls in it, and the factor from grey levels to light."""
+    """Part of the frames that is analysed, as rows and columns; the walls in it, and the factor from grey to light."""
 
-    rows: slice
+    part: tuple[slice, slice]
     walls: WallLines
     gain: Floats
     between: Booleans
@@ -195,13 +201,16 @@ def _background(film: Film) -> Floats:
     return temporal_median(sampled).astype(np.float64)
 
 
-def _view(film: Film, empty: Floats, *, given: bool) -> _View | Status:
+def _view(film: Film, empty: Floats, by_hand: ByHand, experiment: Experiment, *, given: bool) -> _View | Status:
     first = next((picture for picture in film.frames() if picture is not None), None)
     if first is None:
         raise InputError(str(film.source), "", "frames that can be read", "none")
     if first.shape != empty.shape:
         return Status.BACKGROUND_DIFFERS
-    walls = find_walls(empty)
+    rows, columns = part = by_hand.part(first.shape)
+    stated = by_hand.lines_in_part(first.shape, experiment.half_width)
+    empty = empty[part]
+    walls = stated or find_walls(empty)
     if walls is None:
         return Status.NO_WALLS
     if not given:
@@ -209,8 +218,9 @@ def _view(film: Film, empty: Floats, *, given: bool) -> _View | Status:
         if find_blobs(light, walls, pixel_noise(light)):
             return Status.COVERED
     reach = walls.half_width + _MARGIN + abs(np.tan(walls.tilt)) * walls.centre_column
-    rows = slice(max(0, int(walls.centre_row - reach)), min(empty.shape[0], int(walls.centre_row + reach) + 2))
-    walls = replace(walls, centre_row=walls.centre_row - rows.start)
-    shown = empty[rows]
+    near = slice(max(0, int(walls.centre_row - reach)), min(empty.shape[0], int(walls.centre_row + reach) + 2))
+    walls = walls.moved(0, -near.start)
+    shown = empty[near]
     between = np.abs(walls.offset((len(shown), shown.shape[1]))) < walls.half_width
-    return _View(rows, walls, transmission(np.ones_like(shown), shown), between)
+    read = slice(rows.start + near.start, rows.start + near.stop), columns
+    return _View(read, walls, transmission(np.ones_like(shown), shown), between)

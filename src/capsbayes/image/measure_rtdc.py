@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.background import temporal_median, transmission
 from capsbayes.image.blobs import blob_of_mask
+from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detection import Detection, analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.film import evenly_spaced
@@ -74,6 +76,7 @@ def measure_rtdc(
     capsule_velocity: Quantity,
     pixel_size: Quantity,
     flow: str | None = None,
+    axis: Any = None,
     events: Iterable[int] | None = None,
 ) -> Iterator[Event]:
     """Measure event after event.
@@ -89,6 +92,9 @@ def measure_rtdc(
         With its standard error, which the file does not hold; its value must be about that of the file.
     flow : str, optional
         ``"right"`` or ``"left"``, which the file does not hold; by default it follows from the shape.
+    axis : text or sequence of float, optional [px]
+        Row of the channel's axis, as `capsbayes.image.ByHand` reads it; by default the walls are placed where the
+        median of the events is darkest.
     events : iterable of int, optional
         Numbers of the events to measure, from 0; by default all.
 
@@ -102,7 +108,11 @@ def measure_rtdc(
     _check_channel(file, experiment, pixel_size)
     sampled = sorted(evenly_spaced(file.events, _SAMPLED))
     empty = temporal_median([image for image, _ in file.pictures(sampled)])
-    walls = _walls(empty, 0.5 * file.channel_width / pixel_size.value)
+    walls = None
+    if axis is not None:
+        half_width = Quantity(0.5 * file.channel_width, unit="m")
+        walls = ByHand(pixel_size=pixel_size, axis=axis).lines(empty.shape, half_width)
+    walls = walls or _walls(empty, 0.5 * file.channel_width / pixel_size.value)
     gain = transmission(np.ones_like(empty), empty)
     chosen = range(file.events) if events is None else list(events)
     for number, (image, mask) in zip(chosen, file.pictures(chosen), strict=True):
@@ -116,6 +126,7 @@ def measure_rtdc(
             experiment,
             status=detection.status,
             pixel_size=pixel_size,
+            walls=walls.stated,
             source=picture.source,
             sha256=file.sha256,
         )

@@ -14,12 +14,14 @@ from capsbayes.arrays import Floats
 from capsbayes.files.output_file import write_file
 from capsbayes.image.detection import Detection
 from capsbayes.image.files.picture import Picture
+from capsbayes.image.walls import WallLines
 
 Colour = tuple[int, int, int]
 
 _LARGEST_SCALE = 4  # drawn pixels per pixel of the picture
 _MOST_DRAWN = 2**23  # pixels to which a picture is enlarged
 _SHIFT = 4  # binary digits of a drawn pixel's fractions
+_DASHES, _DOTS = (6.0, 4.0), (0.5, 5.0)  # px: drawn and left out
 WALL, OUTLINE, REAR, EXTENT, LENGTH = (200, 120, 0), (0, 0, 220), (0, 150, 255), (180, 0, 140), (0, 140, 0)
 
 
@@ -28,8 +30,9 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
 
     s is 4, or less for a picture that would become larger than eight million pixels.
 
-    Walls are blue, the outline red, the rear band orange, L_z violet above the axis, L_a green below. The dark blob of
-    a refused capsule is outlined in orange. What is missing in the detection is not drawn.
+    Walls are blue, the outline red, the rear band orange, L_z violet above the axis, L_a green below. Walls that were
+    stated by hand are dashed, and the axis between them is dotted. The dark blob of a refused capsule is outlined in
+    orange. What is missing in the detection is not drawn.
     """
     low, high = float(picture.grey.min()), float(picture.grey.max())
     grey = cv2.convertScaleAbs(picture.grey - low, alpha=255.0 / max(high - low, 1e-9))
@@ -37,11 +40,7 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
     large = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     canvas = _Canvas(np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)
     if detection.walls is not None:
-        walls = detection.walls
-        middle = np.array([walls.centre_column, walls.centre_row])
-        for side in (-1.0, 1.0):
-            ends = [-1.2 * walls.centre_column, 1.2 * walls.centre_column]
-            canvas.line([middle + side * walls.half_width * walls.across + end * walls.along for end in ends], WALL)
+        _walls(canvas, detection.walls, picture.shape[1])
     if detection.outline is not None:
         canvas.line(list(detection.outline.points), OUTLINE, closed=True)
     elif detection.blob is not None:
@@ -75,6 +74,18 @@ class _Canvas:
         self.line([start, stop], colour)
         for end, sense in ((start, 1.0), (stop, -1.0)):
             self.line([end + sense * 3.0 * along + across, end, end + sense * 3.0 * along - across], colour)
+
+
+def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
+    walls = walls.centred_at(0.5 * (columns - 1))
+    middle = np.array([walls.centre_column, walls.centre_row])
+    reach = 0.6 * columns
+    dash, gap = _DASHES if walls.stated else (2.0 * reach, 0.0)
+    lines = [(-1.0, dash, gap), (1.0, dash, gap), *([(0.0, *_DOTS)] if walls.stated else [])]
+    for side, drawn, skipped in lines:
+        start = middle + side * walls.half_width * walls.across
+        for first in np.arange(-reach, reach, drawn + skipped):
+            canvas.line([start + end * walls.along for end in (first, first + drawn)], WALL)
 
 
 def _lengths(canvas: _Canvas, detection: Detection) -> None:

@@ -5,7 +5,7 @@ A wall shows as a dark line along the picture, and lies in the middle of that li
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,8 @@ class WallLines:
         l and its standard error.
     line_width : float [px]
         Standard deviation of the dark lines across.
+    stated : str
+        How the walls were stated by hand; empty if they were found in the picture.
     """
 
     centre_row: float
@@ -50,6 +52,7 @@ class WallLines:
     half_width: float
     half_width_error: float
     line_width: float
+    stated: str = ""
 
     @property
     def along(self) -> Floats:
@@ -66,6 +69,16 @@ class WallLines:
         rows, columns = (np.arange(count, dtype=float) for count in shape)
         below, right = rows[:, None] - self.centre_row, columns - self.centre_column
         return np.asarray(below * self.across[1] + right * self.across[0])
+
+    def moved(self, right: float, down: float) -> WallLines:
+        """Return the same lines in a picture whose first pixel lies further left and further up by so much [px]."""
+        row, column = float(self.centre_row + down), float(self.centre_column + right)
+        return replace(self, centre_row=row, centre_column=column)
+
+    def centred_at(self, column: float) -> WallLines:
+        """Return the same lines, their centre at another column."""
+        row = self.centre_row + np.tan(self.tilt) * (column - self.centre_column)
+        return replace(self, centre_row=float(row), centre_column=column)
 
     def clearance(self, points: Floats) -> Floats:
         """Return the distance of points (n, 2) from the nearer wall, negative beyond it : (n,) array [px]."""

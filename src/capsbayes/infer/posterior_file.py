@@ -45,6 +45,7 @@ _MEASURED = (
     "axial_length_bound",
     "flow_rate",
     "flow_rate_error",
+    "walls",
 )
 _MARGINAL = tuple(field.name for field in fields(Marginal))
 

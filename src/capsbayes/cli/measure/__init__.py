@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.measure.picture import DETECTED, measured_picture, pair
-from capsbayes.cli.options import Background, Flow, Velocity, pixel_size_of, speed_of
+from capsbayes.cli.options import BY_HAND, Background, Flow, Velocity, by_hand_of, speed_of, with_options_of
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
+    from capsbayes.image import ByHand
     from capsbayes.quantity import Quantity
 
 _CONTOURS = (".csv", ".txt")
 # which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
-    "picture": ("--velocity", "--background"),
-    "film": ("--frame-rate", "--background"),
+    "picture": ("--velocity", "--background", *BY_HAND.values()),
+    "film": ("--frame-rate", "--background", *BY_HAND.values()),
     "contour": ("--velocity", "--pixel-size", "--edge-error", "--contour-unit", "--contour-points"),
-    ".rtdc file": ("--velocity", "--pixel-size"),
+    ".rtdc file": ("--velocity", "--pixel-size", "--axis"),
 }
 
 
@@ -36,6 +37,7 @@ def _written(values: Mapping[str, Any]) -> tuple[str, ...]:
     return of_kind.get(_kind(values["picture"]), DETECTED)
 
 
+@with_options_of(by_hand_of, "by_hand")
 def measure(
     picture: Annotated[
         Path,
@@ -52,9 +54,7 @@ def measure(
     ] = None,
     background: Background = None,
     flow: Flow = None,
-    pixel_size: Annotated[
-        str | None, typer.Option(help='Of a contour or an .rtdc file, as "0.340 +/- 0.003 um".')
-    ] = None,
+    by_hand: Any = None,
     edge_error: Annotated[str | None, typer.Option(help='How well a contour lies on the edge, as "0.10 um".')] = None,
     contour_unit: Annotated[str | None, typer.Option(help="px or um, where a contour's columns do not say.")] = None,
     contour_points: Annotated[
@@ -76,28 +76,31 @@ def measure(
         "--velocity": velocity,
         "--frame-rate": frame_rate,
         "--background": background,
-        "--pixel-size": pixel_size,
+        **{option: by_hand and getattr(by_hand, name) for name, option in BY_HAND.items()},
         "--edge-error": edge_error,
         "--contour-unit": contour_unit,
         "--contour-points": contour_points,
     }
     for option, given in options.items():
         if given is not None and option not in _TAKES[kind]:
-            raise InputError("measure", option, f"one of {', '.join(_TAKES[kind])} for a {kind}", str(given))
+            raise InputError("measure", option, f"one of {', '.join(_TAKES[kind])} for a {kind}", _typed(given))
     known = Experiment.read(experiment)
     with resumable(out):
         if kind == "film":
-            measure_film(picture, known, frame_rate=frame_rate, background=background, flow=flow, out=out)
+            how = {"frame_rate": frame_rate, "background": background, "flow": flow, "by_hand": by_hand}
+            measure_film(picture, known, **how, out=out)
         elif kind == ".rtdc file":
-            measure_rtdc(
-                picture, known, velocity=speed_of(velocity), pixel_size=pixel_size_of(pixel_size), flow=flow, out=out
-            )
+            measure_rtdc(picture, known, velocity=speed_of(velocity), flow=flow, by_hand=by_hand, out=out)
         elif kind == "contour":
             _measure_contour(
-                picture, known, speed_of(velocity), pixel_size, edge_error, contour_unit, contour_points, flow, out
+                picture, known, speed_of(velocity), by_hand, edge_error, contour_unit, contour_points, flow, out
             )
         else:
-            measured_picture(picture, known, speed_of(velocity), background, flow, out)
+            measured_picture(picture, known, speed_of(velocity), background, flow, out, by_hand=by_hand)
+
+
+def _typed(given: object) -> str:
+    return " ".join(map("{:g}".format, given)) if isinstance(given, tuple) else str(given)
 
 
 def _kind(path: Path) -> str:
@@ -115,7 +118,7 @@ def _measure_contour(
     path: Path,
     experiment: Experiment,
     speed: Quantity,
-    pixel_size: str | None,
+    by_hand: ByHand | None,
     edge_error: str | None,
     unit: str | None,
     points: str | None,
@@ -135,7 +138,7 @@ def _measure_contour(
         capsule_velocity=speed,
         edge_error=edge,
         flow=flow,
-        pixel_size=None if pixel_size is None else pixel_size_of(pixel_size),
+        pixel_size=None if by_hand is None else by_hand.pixel_size,
         points=points,
     )
     typer.echo(f"L_z {pair(1e6 * measured.axial_extent, 1e6 * measured.axial_extent_error, digits=3)} µm")

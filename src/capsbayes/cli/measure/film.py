@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from capsbayes.experiment import Experiment
+    from capsbayes.image import ByHand
     from capsbayes.image.measure_film import FilmMeasurement
     from capsbayes.quantity import Quantity
 
@@ -31,6 +32,7 @@ def measure_film(
     frame_rate: str | None,
     background: Path | None,
     flow: str | None,
+    by_hand: ByHand | None,
     out: Path | None,
 ) -> None:
     """Measure the capsules of a film, print them, and write the files of each."""
@@ -41,7 +43,9 @@ def measure_film(
     rate = _rate(frame_rate, experiment)
     film = Film.open(path)
     with progress_bar(film.count, "frames") as update:
-        made = measure_film(film, experiment, frame_rate=rate, background=background, flow=flow, watch=update)
+        made = measure_film(
+            film, experiment, frame_rate=rate, background=background, flow=flow, by_hand=by_hand, watch=update
+        )
     table = made.table()
     if made.status.ok:
         _print(made, table)
@@ -58,8 +62,8 @@ def measure_rtdc(
     experiment: Experiment,
     *,
     velocity: Quantity,
-    pixel_size: Quantity,
     flow: str | None,
+    by_hand: ByHand | None,
     out: Path | None,
 ) -> None:
     """Measure the events of a file, count their statuses, and write the files of each."""
@@ -69,12 +73,13 @@ def measure_rtdc(
     from capsbayes.image.measure_rtdc import measure_rtdc
     from capsbayes.work import progress_bar, step_of
 
-    file = RtdcFile.open(path)
+    if by_hand is None or by_hand.pixel_size is None:
+        raise InputError("measure", "--pixel-size", 'one with an error, as "0.340 +/- 0.003 um"', "nothing")
+    file, how = RtdcFile.open(path), {"pixel_size": by_hand.pixel_size, "axis": by_hand.axis, "flow": flow}
 
     def measured(events: range) -> list[dict[str, object]]:
-        how = {"capsule_velocity": velocity, "pixel_size": pixel_size}
         rows = []
-        for event in measure_rtdc(file, experiment, flow=flow, events=events, **how):
+        for event in measure_rtdc(file, experiment, capsule_velocity=velocity, events=events, **how):
             rows.append(event.row())
             if out is not None:
                 write_detection(out / f"event-{event.number}", event.picture, event.detection, event.measurement)
@@ -84,7 +89,7 @@ def measure_rtdc(
     with progress_bar(file.events, "events") as update:
         for start in range(0, file.events, _PART):
             events = range(start, min(start + _PART, file.events))
-            key = "events", file.sha256, experiment, velocity, pixel_size, flow, events
+            key = "events", file.sha256, experiment, velocity, by_hand, flow, events
             rows += step_of(list, key, partial(measured, events))
             update(events.stop)
     table = pd.DataFrame(rows)

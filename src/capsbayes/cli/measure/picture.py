@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -11,6 +11,7 @@ from capsbayes.files.output_file import together, write_file
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
+    from capsbayes.image import ByHand
     from capsbayes.image.detection import Detection
     from capsbayes.image.files.picture import Picture
     from capsbayes.measurement import Measurement
@@ -37,6 +38,7 @@ def measured_picture(
     flow: str | None,
     out: Path | None,
     *,
+    by_hand: ByHand | None = None,
     quiet: bool = False,
 ) -> Measurement:
     """Measure the capsule in a picture, print and write what was detected; end the command on a failure.
@@ -53,6 +55,8 @@ def measured_picture(
         ``"right"`` or ``"left"``.
     out : Path, optional
         Folder.
+    by_hand : ByHand, optional
+        What is stated of the picture.
     quiet : bool
         True to print only the reason of a failure.
     """
@@ -60,7 +64,8 @@ def measured_picture(
     from capsbayes.image.measure import detect, measurement_of
 
     seen = Picture.read(path)
-    detection = detect(seen, background=None if background is None else Picture.read(background), flow=flow)
+    empty = None if background is None else Picture.read(background)
+    detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
     measured = measurement_of(detection, seen, experiment, speed)
     if detection.status.ok and not quiet:
         _print(detection, experiment)
@@ -113,7 +118,10 @@ def _print(detection: Detection, experiment: Experiment) -> None:
             f"L_a goes to the middle of the rear band, whose standard deviation is {detection.rear.width:.1f} px; "
             "where in the band the membrane lies is not in the error."
         )
-    print_parts(table(("", "px", "over l", "µm"), rows, numbers=(1, 2, 3)), rear)
+    parts: list[Any] = [table(("", "px", "over l", "µm"), rows, numbers=(1, 2, 3)), rear]
+    if detection.walls is not None and detection.walls.stated:
+        parts.append(f"l in px is that of {detection.walls.stated}.")
+    print_parts(*parts)
 
 
 def _significant(value: float, error: float) -> str:

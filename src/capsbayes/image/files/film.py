@@ -80,8 +80,10 @@ class Film:
             raise InputError(where, "", "a film (AVI, MP4, TIFF or a folder)", "a file that cannot be read as one")
         return cls(path, count)
 
-    def frames(self, rows: slice = slice(None), *, only: Collection[int] | None = None) -> Iterator[Picture | None]:
-        """Iterate over some rows of the frames; a frame that cannot be read, or is of another size, is None.
+    def frames(
+        self, part: tuple[slice, slice] = (slice(None), slice(None)), *, only: Collection[int] | None = None
+    ) -> Iterator[Picture | None]:
+        """Iterate over some rows and columns of the frames; one that cannot be read, or is of another size, is None.
 
         If `only` holds numbers of frames, all others are None as well.
         """
@@ -89,7 +91,7 @@ class Film:
         for pixels in self._decoded(only):
             if pixels is not None:
                 shape = shape or pixels.shape
-            yield None if pixels is None or pixels.shape != shape else Picture.from_array(pixels[rows])
+            yield None if pixels is None or pixels.shape != shape else Picture.from_array(pixels[part])
 
     def spread(self, count: int) -> Iterator[Picture]:
         """Iterate over at most `count` frames at about equal distances; those that cannot be read are omitted."""

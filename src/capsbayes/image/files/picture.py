@@ -8,7 +8,7 @@ import os
 import struct
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ from capsbayes.files.input_file import read_bytes
 
 Pixels = NDArray[Any]
 
+SMALLEST_SIDE = 16
+"""Fewest rows and columns of a picture."""
 _MOST_PIXELS = 2**23
 _LONGEST_SIDE = 2**15 - 2  # which OpenCV can turn
 MOST_IN_FRAMES = 2**22
@@ -100,8 +102,9 @@ class Picture:
 
     @classmethod
     def _of(cls, pixels: Pixels, where: str, sha256: str) -> Picture:
-        if pixels.ndim not in (2, 3) or min(pixels.shape[:2]) < 16:
-            raise InputError(where, "", "a picture of at least 16 x 16 pixels", f"an array of shape {pixels.shape}")
+        if pixels.ndim not in (2, 3) or min(pixels.shape[:2]) < SMALLEST_SIDE:
+            expected = f"a picture of at least {SMALLEST_SIDE} x {SMALLEST_SIDE} pixels"
+            raise InputError(where, "", expected, f"an array of shape {pixels.shape}")
         if max(pixels.shape[:2]) > _LONGEST_SIDE:
             rows, columns = pixels.shape[:2]
             raise InputError(where, "", f"sides of at most {_LONGEST_SIDE} pixels", f"{columns} x {rows}")
@@ -122,6 +125,10 @@ class Picture:
         """Rows and columns."""
         rows, columns = self.grey.shape
         return rows, columns
+
+    def cut(self, part: tuple[slice, slice]) -> Picture:
+        """Return a part of the picture, by its rows and columns."""
+        return replace(self, grey=self.grey[part], clipped=self.clipped[part])
 
 
 def check_size(file: bytes | Path, where: str, *, most: int = _MOST_PIXELS) -> bool:

@@ -1,0 +1,223 @@
+"""What a person states of a picture: a part of it, the walls, or the size of a pixel and the axis of the channel.
+
+Places are in pixels of the whole picture, columns x to the right and rows y down; the middle of the first pixel is at
+(0, 0). ImageJ counts from the corner of the first pixel: its numbers are larger by 0.5.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from capsbayes.errors import InputError
+from capsbayes.image.files.picture import SMALLEST_SIDE
+from capsbayes.image.walls import WallLines
+from capsbayes.quantity import Given, Quantity
+
+WALL_ERROR = 1.0
+"""Standard error of a wall placed by hand [px], unless another one is stated: a wall's line is some pixels wide, and a
+person does not see which of them is the wall."""
+
+_LINE = 2.0  # px: standard deviation of the dark line of a wall that was not fitted, as of a bundle of thin lines
+_TAPER = 0.1  # largest relative difference of the distances between the walls at the two borders
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
+
+_FORMS: tuple[tuple[str, tuple[int, ...], str], ...] = (
+    (
+        "walls",
+        (2, 4),
+        'the rows of two walls in px, as "12.5, 187.0", or those of each at the left and the right border, as '
+        '"12.5 15.0, 187.0 189.5"',
+    ),
+    ("axis", (1, 2), 'the row of the axis in px, as "99.5", or its rows at the left and the right border, as "98 101"'),
+    ("crop", (4,), 'left column, upper row, width and height in px, as "40, 0, 220, 200"'),
+    ("wall_error", (1,), 'one number of px, as "1.0"'),
+)
+_LINES = ("walls", "axis")
+
+
+@dataclass(frozen=True)
+class ByHand:
+    """What is stated of a picture by hand; what is not stated is found in the picture.
+
+    Parameters
+    ----------
+    walls : text or sequence of float, optional [px]
+        Rows of the upper and the lower wall, as ``"12.5, 187.0 px"``; of tilted walls, the rows of each at the left
+        and the right border of the picture, as ``"12.5 15.0, 187.0 189.5 px"``. A wall is the middle of its dark line.
+    wall_error : text or float, optional [px]
+        Standard error of either wall; `WALL_ERROR` by default.
+    pixel_size : Quantity, optional [m]
+        With its standard error, in place of walls: l in pixels is then the half width over it.
+    axis : text or sequence of float, optional [px]
+        With a pixel size, the row of the channel's axis, or its rows at the left and the right border; by default the
+        axis is the middle row of the picture, or of the part of it that is cut out.
+    crop : text or sequence of float, optional [px]
+        Left column, upper row, width and height of the part of the picture that is analysed.
+
+    Raises
+    ------
+    InputError
+        If a text is not such numbers, or two of them contradict each other.
+
+    Examples
+    --------
+    >>> ByHand(walls="12.5, 187.0 px").walls
+    (12.5, 12.5, 187.0, 187.0)
+    >>> ByHand(pixel_size="0.34 +/- 0.003 um", axis=(98.0, 101.0)).pixel_size.error
+    3e-09
+    """
+
+    walls: Any = None
+    wall_error: Any = None
+    pixel_size: Given | None = None
+    axis: Any = None
+    crop: Any = None
+
+    def __post_init__(self) -> None:
+        for name, counts, expected in _FORMS:
+            numbers = _numbers(getattr(self, name), name.replace("_", " "), counts, expected)
+            if numbers is not None and name in _LINES and len(numbers) == counts[0]:
+                numbers = tuple(np.repeat(numbers, 2).tolist())  # along the rows: at both borders the same
+            object.__setattr__(self, name, numbers)
+        if self.pixel_size is not None:
+            size = Quantity.of(self.pixel_size, where="pixel size", key="", units=("m",))
+            if size.known:
+                raise InputError("pixel size", "", 'a standard error, as in "0.340 +/- 0.003 um"', str(self.pixel_size))
+            object.__setattr__(self, "pixel_size", size)
+        if self.walls is not None and self.pixel_size is not None:
+            raise InputError("walls, pixel size", "", "one of the two: each of them gives l in pixels", "both")
+        if self.axis is not None and self.pixel_size is None:
+            expected = "a pixel size with it: walls that are found or stated have their own axis"
+            raise InputError("axis", "", expected, "none")
+        if self.wall_error is not None and not (self.walls is not None and self.wall_error[0] > 0.0):
+            given = "no walls" if self.walls is None else f"{self.wall_error[0]:g}"
+            raise InputError("wall error", "", "a positive number of px, for walls that are stated", given)
+
+    def part(self, shape: tuple[int, int]) -> tuple[slice, slice]:
+        """Return the rows and columns that are analysed of a picture of a shape.
+
+        Raises
+        ------
+        InputError
+            If they are not within it.
+        """
+        rows, columns = shape
+        if self.crop is None:
+            return slice(0, rows), slice(0, columns)
+        left, top, width, height = (round(number) for number in self.crop)
+        right, bottom = left + width, top + height
+        if left < 0 or top < 0 or right > columns or bottom > rows:
+            raise InputError("crop", "", f"a part of the picture of {columns} x {rows} px", _listed(self.crop))
+        if min(width, height) < SMALLEST_SIDE:
+            raise InputError("crop", "", f"at least {SMALLEST_SIDE} x {SMALLEST_SIDE} px", f"{width} x {height} px")
+        return slice(top, bottom), slice(left, right)
+
+    def lines_in_part(self, shape: tuple[int, int], half_width: Quantity | None) -> WallLines | None:
+        """Return the walls, as `lines` does, in the coordinates of the part that is analysed."""
+        rows, columns = self.part(shape)
+        found = self.lines(shape, half_width)
+        if found is None:
+            return None
+        return found.moved(-columns.start, -rows.start).centred_at(0.5 * (columns.stop - columns.start - 1))
+
+    def lines(self, shape: tuple[int, int], half_width: Quantity | None) -> WallLines | None:
+        """Return the walls in a picture of a shape, or None where they are to be found in it.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Rows and columns of the whole picture.
+        half_width : Quantity, optional [m]
+            Of the channel, which a pixel size needs.
+
+        Raises
+        ------
+        InputError
+            If the walls cross or are not parallel, or walls or axis lie outside the picture, or the half width is
+            missing.
+        """
+        if self.walls is not None:
+            return self._stated_walls(shape)
+        return None if self.pixel_size is None else self._around_axis(shape, self.pixel_size, half_width)
+
+    def _stated_walls(self, shape: tuple[int, int]) -> WallLines:
+        rows, columns = shape
+        upper, lower = sorted(np.reshape(self.walls, (2, 2)), key=np.mean)
+        apart, middle = lower - upper, 0.5 * (upper + lower)
+        if np.any(apart <= 0.0):
+            raise InputError("walls", "", "two walls that do not cross in the picture", _listed(self.walls))
+        if np.ptp(apart) > _TAPER * apart.mean():
+            got = f"{apart[0]:g} px apart at the left border and {apart[1]:g} px at the right one"
+            raise InputError("walls", "", "two parallel walls", got)
+        for row in (upper.mean(), lower.mean()):
+            _check_row(row, rows, "walls")
+        tilt = float(np.arctan2(middle[1] - middle[0], columns - 1.0))
+        error = WALL_ERROR if self.wall_error is None else self.wall_error[0]
+        # lines that open: l at a capsule anywhere between the borders is that in the middle, to this error
+        opening = 0.5 * np.ptp(apart) / np.sqrt(12.0)
+        return WallLines(
+            centre_row=float(middle.mean()),
+            centre_column=0.5 * (columns - 1),
+            tilt=tilt,
+            half_width=float(0.5 * np.cos(tilt) * apart.mean()),
+            half_width_error=float(np.cos(tilt) * np.hypot(error / np.sqrt(2.0), opening)),
+            line_width=_LINE,
+            stated=f"walls by hand at rows {_listed(self.walls)} px, each +/- {error:g} px",
+        )
+
+    def _around_axis(self, shape: tuple[int, int], size: Quantity, half_width: Quantity | None) -> WallLines:
+        if half_width is None:
+            raise InputError("half width", "", "that of the channel, which turns a pixel size into l", "nothing")
+        rows, columns = shape
+        if self.axis is None:
+            within = self.part(shape)[0]
+            left = right = 0.5 * (within.start + within.stop - 1)
+        else:
+            left, right = self.axis
+        _check_row(0.5 * (left + right), rows, "axis")
+        l_px = half_width.mean / size.value
+        return WallLines(
+            centre_row=0.5 * (left + right),
+            centre_column=0.5 * (columns - 1),
+            tilt=float(np.arctan2(right - left, columns - 1.0)),
+            half_width=float(l_px),
+            half_width_error=float(l_px * np.hypot(size.error / size.value, half_width.sd / half_width.mean)),
+            line_width=_LINE,
+            stated=f"the half width over a pixel of {1e6 * size.value:.4g} +/- {1e6 * size.error:.2g} um",
+        )
+
+
+def _numbers(given: Any, name: str, counts: tuple[int, ...], expected: str) -> tuple[float, ...] | None:
+    """Return the numbers of a text or a sequence."""
+    if given is None:
+        return None
+    if isinstance(given, str):
+        text = given.strip().removesuffix("px")
+        parts = [part for part in re.split(r"[,\s]+", text.strip()) if part]
+        found = [float(part) for part in parts if _NUMBER.fullmatch(part)]
+        good = len(found) == len(parts)
+    else:
+        found, good = [], True
+        try:
+            found = [float(number) for number in np.atleast_1d(given)]
+        except (TypeError, ValueError):
+            good = False
+    if not good or len(found) not in counts or not np.all(np.isfinite(found)):
+        raise InputError(name, "", expected, repr(given))
+    return tuple(found)
+
+
+def _check_row(row: float, rows: int, name: str) -> None:
+    if not -0.5 <= row <= rows - 0.5:
+        raise InputError(name, "", f"rows within the picture, from 0 to {rows - 1} px", f"{row:g}")
+
+
+def _listed(numbers: tuple[float, ...]) -> str:
+    """Return numbers as text; those of a line with the same row at both borders once."""
+    if len(numbers) == 4 and numbers[0] == numbers[1] and numbers[2] == numbers[3]:
+        numbers = numbers[::2]
+    return ", ".join(f"{number:g}" for number in numbers)
