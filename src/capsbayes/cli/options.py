@@ -50,7 +50,8 @@ Flow = Annotated[
 ]
 
 
-BY_HAND = {name: f"--{name.replace('_', '-')}" for name in ("walls", "wall_error", "pixel_size", "axis", "crop")}
+_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "contrast")
+BY_HAND = {name: f"--{name.replace('_', '-')}" for name in _BY_HAND}
 """Options of `by_hand_of` by the names of the fields of `ByHand`."""
 
 
@@ -83,6 +84,10 @@ def by_hand_of(
         str | None,
         typer.Option(help='Part to analyse: left column, upper row, width and height in px, as "40, 0, 220, 200".'),
     ] = None,
+    contrast: Annotated[
+        str | None,
+        typer.Option(help="Capsule and walls compared with the liquid, dark or bright; default: found in the picture."),
+    ] = None,
 ) -> Any:
     """Return what is stated of a picture by hand, None if nothing; each is an option of commands that measure pictures.
 
@@ -91,12 +96,12 @@ def by_hand_of(
     InputError
         Naming what is wrong.
     """
-    stated = {"walls": walls, "wall_error": wall_error, "pixel_size": pixel_size, "axis": axis, "crop": crop}
-    if all(text is None for text in stated.values()):
+    stated = (walls, wall_error, pixel_size, axis, crop, contrast)
+    if all(text is None for text in stated):
         return None
     from capsbayes.image.by_hand import ByHand  # slow to import
 
-    return ByHand(**stated)
+    return ByHand(**dict(zip(_BY_HAND, stated, strict=True)))
 
 
 # the model

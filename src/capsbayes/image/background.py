@@ -48,10 +48,11 @@ def _median(levels: NDArray[Any]) -> Floats:
     return np.asarray(both.mean(axis=1, dtype=np.float64).reshape(levels.shape[1:]))
 
 
-def estimate_background(grey: Floats, walls: WallLines) -> Floats:
+def estimate_background(grey: Floats, walls: WallLines, percentile: float = _BRIGHT) -> Floats:
     """Estimate the background from one picture: the bright end of the levels on each line parallel to the walls.
 
-    Grey levels and background are (rows, columns) arrays. Light that is uneven along the channel stays in the picture.
+    Grey levels and background are (rows, columns) arrays; the percentile is that of the levels of a line. Light that is
+    uneven along the channel stays in the picture.
     """
     rows, columns = grey.shape
     turn = cv2.getRotationMatrix2D((walls.centre_column, walls.centre_row), float(np.degrees(walls.tilt)), 1.0)
@@ -59,7 +60,7 @@ def estimate_background(grey: Floats, walls: WallLines) -> Floats:
         grey, turn, (columns, rows), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
     )
     seen = np.isfinite(level).sum(axis=1) > columns // 2
-    bright = np.nanpercentile(level[seen], _BRIGHT, axis=1)
+    bright = np.nanpercentile(level[seen], percentile, axis=1)
     across = np.flatnonzero(seen) - walls.centre_row
     return np.interp(walls.offset((rows, columns)), across, bright)
 

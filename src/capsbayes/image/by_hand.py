@@ -1,4 +1,4 @@
-"""What a person states of a picture: a part of it, the walls, or the size of a pixel and the axis of the channel.
+"""What a person states of a picture: a part of it, the walls, or the size of a pixel and the axis, and the contrast.
 
 Places are in pixels of the whole picture, columns x to the right and rows y down; the middle of the first pixel is at
 (0, 0). ImageJ counts from the corner of the first pixel: its numbers are larger by 0.5.
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from capsbayes.errors import InputError
+from capsbayes.image.contrast import CONTRASTS
 from capsbayes.image.files.picture import SMALLEST_SIDE
 from capsbayes.image.walls import WallLines
 from capsbayes.quantity import Given, Quantity
@@ -57,6 +58,8 @@ class ByHand:
         axis is the middle row of the picture, or of the part of it that is cut out.
     crop : text or sequence of float, optional [px]
         Left column, upper row, width and height of the part of the picture that is analysed.
+    contrast : str, optional
+        ``"dark"`` or ``"bright"``, as capsule and walls are compared with the liquid; by default the picture tells it.
 
     Raises
     ------
@@ -76,6 +79,7 @@ class ByHand:
     pixel_size: Given | None = None
     axis: Any = None
     crop: Any = None
+    contrast: str | None = None
 
     def __post_init__(self) -> None:
         for name, counts, expected in _FORMS:
@@ -83,6 +87,8 @@ class ByHand:
             if numbers is not None and name in _LINES and len(numbers) == counts[0]:
                 numbers = tuple(np.repeat(numbers, 2).tolist())  # along the rows: at both borders the same
             object.__setattr__(self, name, numbers)
+        if self.contrast is not None and self.contrast not in CONTRASTS:
+            raise InputError("contrast", "", " or ".join(f'"{name}"' for name in CONTRASTS), repr(self.contrast))
         if self.pixel_size is not None:
             size = Quantity.of(self.pixel_size, where="pixel size", key="", units=("m",))
             if size.known:

@@ -14,11 +14,12 @@ from capsbayes.experiment import Experiment
 from capsbayes.image.background import estimate_background, transmission
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.by_hand import ByHand
+from capsbayes.image.contrast import Contrast
 from capsbayes.image.detection import Detection, analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.silhouette import silhouette_of
-from capsbayes.image.walls import WallLines, find_walls
+from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
@@ -68,15 +69,16 @@ def detect(
     rows, columns = part = by_hand.part(picture.shape)
     stated = by_hand.lines_in_part(picture.shape, width)
     empty = None if background is None else background.cut(part)
-    found = _detect(picture.cut(part), empty, stated, direction)
+    seen = picture.cut(part)
+    contrast = Contrast.of([seen.grey], None if empty is None else empty.grey, stated, by_hand.contrast)
+    if contrast.walls is None:
+        return Detection(Status.NO_WALLS)
+    found = _detect(contrast.shown(seen), empty and contrast.shown(empty), contrast.walls, direction)
     return found.moved(columns.start, rows.start)
 
 
-def _detect(picture: Picture, background: Picture | None, stated: WallLines | None, direction: int) -> Detection:
-    """Find a capsule in the part of a picture that is analysed, between walls that are stated or found."""
-    walls = stated or find_walls((background or picture).grey)
-    if walls is None:
-        return Detection(Status.NO_WALLS)
+def _detect(picture: Picture, background: Picture | None, walls: WallLines, direction: int) -> Detection:
+    """Find a dark capsule between the walls in the part of a picture that is analysed."""
     between = np.abs(walls.offset(picture.shape)) < walls.half_width
     if np.mean(picture.clipped[between]) > CLIPPED:
         return Detection(Status.SATURATED, walls)

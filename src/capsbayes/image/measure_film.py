@@ -17,6 +17,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.image.background import estimate_background, flatten, temporal_median, transmission
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.by_hand import ByHand
+from capsbayes.image.contrast import Contrast
 from capsbayes.image.detection import analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.film import Film
@@ -24,7 +25,7 @@ from capsbayes.image.files.picture import Picture
 from capsbayes.image.film_capsule import FilmCapsule, FrameRecord
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture
 from capsbayes.image.tracking import Linker, Track
-from capsbayes.image.walls import WallLines, find_walls
+from capsbayes.image.walls import WallLines
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _SAMPLED = 41  # frames in the median that is the background
+_TELLING = 9  # frames that tell whether the capsules are dark or bright, where the background is given
 _MARGIN = 14.0  # px beyond the walls that are read
 _NOISE_PIXELS = 40_000  # from which the noise of a frame is estimated
 _COLUMNS = {  # of the table of capsules, and the attributes of their measurements
@@ -135,8 +137,10 @@ def measure_film(
     rate = Quantity.of(given, "frame_rate", where=experiment.source or "measure_film")
     film = film if isinstance(film, Film) else Film.open(film)
     direction, by_hand = check_flow(flow), by_hand or ByHand()
-    empty = _background(film) if background is None else read_picture(background).grey
-    view = _view(film, empty, by_hand, experiment, given=background is not None)
+    given = background is not None
+    sampled = [_half(picture.grey) for picture in film.spread(_TELLING if given else _SAMPLED)]
+    empty = read_picture(background).grey if background is not None else _background(film, sampled)
+    view = _view(film, empty, sampled, by_hand, experiment, given=given)
     if isinstance(view, Status):
         return FilmMeasurement(view)
     linker = Linker(view.walls, direction)
@@ -146,7 +150,7 @@ def measure_film(
     for frames, picture in enumerate(film.frames(view.part), start=1):
         if picture is None:
             unreadable += 1
-        elif view.is_clipped(picture):
+        elif view.is_clipped(view.contrast.shown(picture)):
             saturated += 1
         else:
             _measure_frame(picture, frames - 1, view, linker, records, statuses)
@@ -166,6 +170,7 @@ class _View:
     walls: WallLines
     gain: Floats
     between: Booleans
+    contrast: Contrast
 
     def is_clipped(self, picture: Picture) -> bool:
         return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))
@@ -180,7 +185,7 @@ def _measure_frame(
     statuses: Counter[Status],
 ) -> None:
     """Find the blobs of one frame, link them and measure each."""
-    light = picture.grey * view.gain
+    light = view.contrast.shown(picture).grey * view.gain
     noise = pixel_noise(light[:: max(1, light.size // _NOISE_PIXELS)])
     blobs = find_blobs(light, view.walls, noise)
     for blob, track in zip(blobs, linker.link(frame, blobs), strict=True):
@@ -192,8 +197,12 @@ def _measure_frame(
         records.setdefault(track, FrameRecord()).add(frame, picture, detection)
 
 
-def _background(film: Film) -> Floats:
-    sampled = [picture.grey.astype(np.float32) for picture in film.spread(_SAMPLED)]
+def _half(grey: Floats) -> Floats:
+    """Return grey levels in half the memory."""
+    return grey.astype(np.float32)
+
+
+def _background(film: Film, sampled: list[Floats]) -> Floats:
     if len(sampled) < 3:
         raise InputError(
             str(film.source), "", "at least three readable frames", f"{len(sampled)}", "or give a background"
@@ -201,7 +210,9 @@ def _background(film: Film) -> Floats:
     return temporal_median(sampled).astype(np.float64)
 
 
-def _view(film: Film, empty: Floats, by_hand: ByHand, experiment: Experiment, *, given: bool) -> _View | Status:
+def _view(
+    film: Film, empty: Floats, sampled: list[Floats], by_hand: ByHand, experiment: Experiment, *, given: bool
+) -> _View | Status:
     first = next((picture for picture in film.frames() if picture is not None), None)
     if first is None:
         raise InputError(str(film.source), "", "frames that can be read", "none")
@@ -209,8 +220,10 @@ def _view(film: Film, empty: Floats, by_hand: ByHand, experiment: Experiment, *,
         return Status.BACKGROUND_DIFFERS
     rows, columns = part = by_hand.part(first.shape)
     stated = by_hand.lines_in_part(first.shape, experiment.half_width)
-    empty = empty[part]
-    walls = stated or find_walls(empty)
+    empty, sampled = empty[part], [frame[part] for frame in sampled if frame.shape == empty.shape]
+    contrast = Contrast.of(sampled, empty, stated, by_hand.contrast)
+    empty = empty if contrast.mirror is None else contrast.mirror - empty
+    walls = contrast.walls
     if walls is None:
         return Status.NO_WALLS
     if not given:
@@ -223,4 +236,4 @@ def _view(film: Film, empty: Floats, by_hand: ByHand, experiment: Experiment, *,
     shown = empty[near]
     between = np.abs(walls.offset((len(shown), shown.shape[1]))) < walls.half_width
     read = slice(rows.start + near.start, rows.start + near.stop), columns
-    return _View(read, walls, transmission(np.ones_like(shown), shown), between)
+    return _View(read, walls, transmission(np.ones_like(shown), shown), between, contrast)

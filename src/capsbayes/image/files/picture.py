@@ -126,6 +126,13 @@ class Picture:
         rows, columns = self.grey.shape
         return rows, columns
 
+    def mirrored(self, level: float) -> Picture:
+        """Return the picture with its grey levels subtracted from one, so that what was bright is dark.
+
+        Of the clipped pixels only the brightest stay: a dark ground that is clipped hides no edge.
+        """
+        return replace(self, grey=level - self.grey, clipped=self.clipped & (self.grey > 0.0))
+
     def cut(self, part: tuple[slice, slice]) -> Picture:
         """Return a part of the picture, by its rows and columns."""
         return replace(self, grey=self.grey[part], clipped=self.clipped[part])

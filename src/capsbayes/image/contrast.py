@@ -1,0 +1,93 @@
+"""Whether capsules are darker or brighter than the liquid; bright ones are measured in the mirrored picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from capsbayes.arrays import Floats
+from capsbayes.image.background import estimate_background
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.walls import WallLines, find_walls
+
+CONTRASTS = ("dark", "bright")
+_ENDS = 0.1, 99.9  # percentiles of what differs from the empty channel
+_BRIGHTER = 2.0  # of the largest darkening: a dark capsule may gather light in its middle
+_CLEAR = 2.0  # of the width of a wall's line: nearer to it, the line itself differs
+
+
+def mirror_level(empty: Floats, frames: Sequence[Floats]) -> float:
+    """Return the grey level from which those of a bright picture are subtracted.
+
+    The empty channel becomes as bright as the brightest place of the frames, and that as dark as the channel was. All
+    are (rows, columns) arrays. A single bright pixel, as a faulty one, does not count.
+    """
+    brightest = max(float(cv2.medianBlur(frame.astype(np.float32), 3).max()) for frame in (empty, *frames))
+    return brightest + float(np.median(empty))
+
+
+def is_brighter(frames: Sequence[Floats], empty: Floats, walls: WallLines) -> bool:
+    """Return True if what differs most from the empty channel between the walls is brighter than it."""
+    between = np.abs(walls.offset((empty.shape[0], empty.shape[1]))) < walls.half_width - _CLEAR * walls.line_width
+    darkening = brightening = 0.0
+    for frame in frames:
+        change = cv2.GaussianBlur((frame - empty).astype(np.float32), (0, 0), 1.0)[between]
+        least, most = np.percentile(change, _ENDS) if change.size else (0.0, 0.0)
+        darkening, brightening = max(darkening, -float(least)), max(brightening, float(most))
+    return brightening > _BRIGHTER * darkening
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """How pictures of one view are made such that capsules are dark, and the walls in them.
+
+    Parameters
+    ----------
+    mirror : float, optional
+        Grey level from which those of the pictures are subtracted; None where capsules are dark already.
+    walls : WallLines, optional
+        As stated or found; None where none were found.
+    """
+
+    mirror: float | None
+    walls: WallLines | None
+
+    @classmethod
+    def of(
+        cls, frames: Sequence[Floats], empty: Floats | None, stated: WallLines | None, contrast: str | None
+    ) -> Contrast:
+        """Find out whether capsules and walls are darker or brighter than the liquid.
+
+        The walls tell it where they are found in one of the two ways only, else the capsules do.
+
+        Parameters
+        ----------
+        frames : sequence of (rows, columns) array
+            Pictures of one view, in grey levels.
+        empty : (rows, columns) array, optional
+            The empty channel; by default the median of the first picture on each line parallel to the walls.
+        stated : WallLines, optional
+            Walls that are stated; by default they are sought.
+        contrast : str, optional
+            One of `CONTRASTS`, where it is stated.
+        """
+        base = frames[0] if empty is None else empty
+        walls = stated or (None if contrast == "bright" else find_walls(base))
+        if contrast == "dark":
+            return cls(None, walls)
+        if contrast is None and walls is not None:
+            ground = estimate_background(base, walls, percentile=50.0) if empty is None else empty
+            if not is_brighter(frames, ground, walls):
+                return cls(None, walls)
+        level = mirror_level(base, frames)
+        bright_walls = stated or find_walls(level - base)
+        if contrast is None and bright_walls is None:
+            return cls(None, walls)
+        return cls(level, bright_walls)
+
+    def shown(self, picture: Picture) -> Picture:
+        """Return a picture as it is analysed."""
+        return picture if self.mirror is None else picture.mirrored(self.mirror)
