@@ -354,6 +354,7 @@ OF_TEXT = {
     ("measure", "--wall-error"): ("", "x", "1 px"),
     ("measure", "--pixel-size"): ("", "x", "0.3 um", "0.3 +/- 0.1 s", "nan um", "-1 um"),
     ("measure", "--axis"): ("", "x", "99"),
+    ("measure", "--contrast"): ("", "x"),
     ("measure", "--crop"): ("", "x", "0, 0, 1e9, 1e9", "0, 0, nan, 5", "5, 5, 1, 1", "-5, 0, 50, 50"),
     ("identify", "--prior"): ("x", "pre_inflation=", "pre_inflation=nan .. 1", "surface_shear_modulus=1"),
     ("identify", "--engine"): ("magic",),

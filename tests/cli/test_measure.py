@@ -133,5 +133,5 @@ def test_a_contour_becomes_a_file_that_identify_reads(folder):
     result = run(folder, "c.csv", *VELOCITY, *options, "--out", str(folder / "m"))
     assert result.exit_code == 0, result.output
     measured = Measurement.read(folder / "m" / "measurement.toml")
-    assert measured.axial_extent == pytest.approx(0.45e-6 * made.axial_extent, rel=1e-4)
-    assert not measured.over_half_width
+    assert measured.axial_extent == pytest.approx(0.45e-6 / 25e-6 * made.axial_extent, rel=1e-3)
+    assert measured.outline.view == "silhouette"

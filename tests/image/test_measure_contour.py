@@ -1,8 +1,12 @@
+import json
+import struct
+
 import cv2
 import numpy as np
 import pytest
 from drawn import circle, shapes
 
+from capsbayes import Surrogate, identify
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.files.contour import ContourFile
@@ -40,16 +44,21 @@ def test_a_traced_parachute_has_both_lengths(tmp_path, header, scale, flow):
     if "label" in header:
         points = np.column_stack([points[:, 1], np.zeros(len(points)), points[:, 0]])
     found = measured(written(tmp_path / "c.csv", points, header), flow=flow)
-    assert not found.over_half_width
-    np.testing.assert_allclose(found.lengths, [25e-6 * extent, 25e-6 * length], atol=1e-9)
-    pixel = 0.0 if "um" in header else 0.002 / 0.5 * 25e-6 * extent
-    assert found.axial_extent_error == pytest.approx(np.hypot(np.sqrt(2.0) * 0.05e-6, pixel), rel=1e-3)
+    assert found.over_half_width
+    np.testing.assert_allclose(found.lengths, [extent, length], atol=1e-4)
+    pixel = 0.0 if "um" in header else 0.002 / 0.5 * extent
+    # half of the variance is alike at both ends
+    assert found.axial_extent_error == pytest.approx(np.hypot(np.sqrt(3.0) * 0.05e-6 / 25e-6, pixel), rel=1e-2)
+    z, y = found.outline.points.T
+    on_axis = z[np.abs(y) < 0.2]  # the nose alone: the rear that is seen through the rim is no part of the silhouette
+    assert len(on_axis) > 2
+    assert np.all(on_axis > z.mean())
 
 
 def test_the_text_file_of_imagej_needs_its_unit(tmp_path):
     path = tmp_path / "points.txt"
     np.savetxt(path, 20.0 * circle(1.0), delimiter="\t", fmt="%.3f")
-    assert measured(path, "um").axial_extent == pytest.approx(40e-6, rel=2e-3)
+    assert measured(path, "um").axial_extent == pytest.approx(1.6, rel=2e-3)
     with pytest.raises(InputError, match="or the unit px or um"):
         measured(path)
 
@@ -63,8 +72,8 @@ def test_a_polygon_through_pixel_centres_is_not_taken_for_the_edge(tmp_path):
         contour = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0][0][:, 0]
         path = written(tmp_path / "mask.csv", contour)
         found = measured(path, points="centres", edge_error=Quantity(0.2e-6, 0.0, "m"))
-        errors.append(found.axial_extent / 0.5e-6 - 2.0 * radius)
-        assert abs(errors[-1]) < 2.5 * found.axial_extent_error / 0.5e-6
+        errors.append(50.0 * found.axial_extent - 2.0 * radius)
+        assert abs(errors[-1]) < 2.5 * 50.0 * found.axial_extent_error
         assert found.axial_length is None
         assert found.axial_length_bound > found.axial_extent
     assert abs(np.mean(errors)) < 0.3
@@ -92,3 +101,117 @@ def test_a_file_without_points_is_refused_in_one_line(tmp_path, content, message
 def test_points_in_pixels_need_the_size_of_a_pixel(tmp_path):
     with pytest.raises(InputError, match="pixel size: expected one with an error"):
         measured(written(tmp_path / "c.csv", 20.0 * circle(1.0)), pixel_size=None)
+
+
+def clicked(radius=30.0, count=30, scatter=0.0, seed=0):
+    """Points that a hand set on a circle, at unequal distances."""
+    random = np.random.default_rng(seed)
+    angle = 2.0 * np.pi * (np.arange(count) + 0.3 * random.uniform(-1.0, 1.0, count)) / count
+    points = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) + scatter * random.standard_normal((count, 2))
+    return points + np.array([80.25, 60.5])
+
+
+def roi(points, *, kind=0, whole=False):
+    """The bytes of an ImageJ ROI."""
+    x, y = np.rint(points).astype(int).T
+    left, top, count = x.min(), y.min(), len(points)
+    head = struct.pack(">4shBxhhhhH", b"Iout", 228, kind, top, left, y.max(), x.max(), count).ljust(64, b"\0")
+    if not whole:
+        head = head[:50] + struct.pack(">h", 128) + head[52:]
+    body = np.concatenate([x - left, y - top]).astype(">i2").tobytes()
+    return head + body + (b"" if whole else points.T.astype(">f4").tobytes())
+
+
+def labelme(points, *more):
+    shapes = [{"label": "capsule", "shape_type": "polygon", "points": points.tolist()}, *more]
+    return json.dumps({"shapes": shapes, "imageWidth": 160}).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("c.roi", roi(clicked())),
+        ("c.roi", roi(clicked(), kind=7, whole=True)),
+        ("c.json", labelme(clicked())),
+        ("c.json", labelme(clicked(), {"label": "wall", "shape_type": "line", "points": [[0, 0], [1, 1]]})),
+    ],
+)
+def test_a_contour_drawn_by_hand_has_a_silhouette(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    found = measured(tmp_path / name, edge_error=None)
+    assert found.axial_extent == pytest.approx(60.0 / 50.0, abs=0.02)
+    assert found.axial_extent_error == pytest.approx(np.sqrt(3.0) / 50.0, rel=0.3)
+    assert found.outline.view == "silhouette"
+    radius = np.hypot(*(found.outline.points - found.outline.points.mean(axis=0)).T)
+    np.testing.assert_allclose(radius, 0.6, atol=0.03)
+    # half of the variance of one pixel is alike all around, half drifts along the edge
+    assert found.outline.pose.offset == pytest.approx(np.sqrt(0.5) / 50.0, rel=0.1)
+    assert found.outline.noise.scale == pytest.approx(np.sqrt(0.5) / 50.0, rel=0.4)
+
+
+def test_the_scatter_of_clicks_is_that_of_their_points(tmp_path):
+    """The error of the edge, which the points do not show, stays; what they show is added."""
+    for scatter in (0.3, 1.0):
+        whites = []
+        for seed in range(12):
+            path = tmp_path / "c.json"
+            path.write_bytes(labelme(clicked(scatter=scatter, count=40, seed=seed)))
+            noise = measured(path, edge_error=Quantity(0.25e-6, 0.0, "m")).outline.noise
+            whites.append(noise.scale * np.sqrt(noise.white) * 50.0)
+        assert np.mean(whites) == pytest.approx(scatter, rel=0.25)
+
+
+def test_a_silhouette_drawn_by_hand_tells_the_capsule(tmp_path):
+    """Clicks of 0.5 px on the silhouette of a capsule of the database, drawn half a pixel too far out."""
+    cases = shapes()
+    row = int(np.argmin(np.abs(np.log(cases["capillary_number"] / 0.06)) + np.abs(cases["size_ratio"] - 0.9)))
+    random = np.random.default_rng(4)
+    silhouette = np.asarray(cases["silhouette"][row])[::6]
+    points = 60.0 * silhouette * (1.0 + 0.5 / 60.0) + 0.5 * random.standard_normal(silhouette.shape) + 100.0
+    (tmp_path / "c.json").write_bytes(labelme(points))
+    experiment = Experiment(cross_section="square", half_width=30e-6, viscosity=1.0)
+    found = measure_contour(
+        ContourFile.read(tmp_path / "c.json"),
+        experiment,
+        capsule_velocity=Quantity(5e-3, 5e-5, "m/s"),
+        flow="right",
+        pixel_size=PIXEL,
+    )
+    model = Surrogate.open("square-neo-hookean", view="silhouette")
+    posterior = identify(found, model, experiment, seed=1, engine="quadrature")
+    assert posterior.status.ok
+    for name in ("capillary_number", "size_ratio"):
+        marginal = posterior.marginals[name]
+        assert marginal.lower_95 < cases[name][row] < marginal.upper_95
+    assert posterior.marginals["size_ratio"].upper_95 < 1.15 * posterior.marginals["size_ratio"].lower_95
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("c.roi", b"", "expected an ImageJ ROI"),
+        ("c.roi", b"PK" * 60, "got another file"),
+        ("c.roi", roi(clicked(), kind=1), "got a ROI of type 1"),
+        ("c.roi", roi(clicked())[:120], "a file that cannot be read as one"),
+        ("c.json", b"{", "a LabelMe file with a polygon"),
+        ("c.json", b'{"shapes": [{"points": [[1]]}]}', "a LabelMe file with a polygon"),
+        ("c.json", b'{"shapes": []}', "expected one polygon, the contour, got none"),
+        ("c.json", labelme(clicked(), {"label": "cell 2", "points": []}), "got capsule, cell 2"),
+        ("c.json", labelme(clicked(count=8)), "at least 16 finite points, got 8 points"),
+        ("c.json", labelme(clicked() * np.nan), "at least 16 finite points"),
+    ],
+)
+def test_a_drawing_without_one_contour_is_refused_in_one_line(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        ContourFile.read(tmp_path / name)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_contour_in_micrometres_needs_the_error_of_its_edge(tmp_path):
+    with pytest.raises(InputError, match="edge error: expected that of a contour in um"):
+        measured(written(tmp_path / "c.csv", 20.0 * circle(1.0), "x_um,y_um"), edge_error=None)
+    (tmp_path / "c.json").write_bytes(labelme(clicked()))
+    with pytest.raises(InputError, match=r"unit: expected px, in which a .json file is"):
+        ContourFile.read(tmp_path / "c.json", "um")

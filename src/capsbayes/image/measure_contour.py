@@ -1,21 +1,50 @@
-"""From a contour that another program traced to a measurement."""
+"""From a contour that a person or another program traced to a measurement with its silhouette."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
+import shapely
+from scipy.interpolate import CubicSpline
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.image.edges.robust import robust_spread
 from capsbayes.image.files.contour import ContourFile
 from capsbayes.image.measure import FLOWS, check_flow, measurement_of_lengths
+from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
-from capsbayes.profile import Profile, signed_area, vertex_normals
+from capsbayes.profile import Profile, arc_length, signed_area, vertex_normals
 from capsbayes.quantity import Quantity
 
 POINTS = ("centres", "borders")
+EDGE_ERROR = 1.0
+"""Standard error of either end of a contour [px], unless another one is stated: the edge in a picture is blurred over
+some pixels, a line is drawn anywhere in it, and the line itself does not show where."""
+
 _HALF_PIXEL = 0.45  # px: how far inside the edge a polygon through the centres of the outermost pixels lies, on average
 _CONCAVE = 3.0  # of the edge's error: a rear that is hollow by more is taken to have been traced
+_COMMON = 0.5  # of the variance of the edge's error: alike all around, as of a line drawn too far out everywhere
+_DRIFT = 0.5  # l: length along the edge over which the rest of it is alike, as a hand drifts
+_MOST_POINTS = 128  # of a silhouette: those of a denser contour are averaged
+_SPARSE = 200  # points: a contour of fewer is smoothed by a spline, as its sides cut off the curve
+_LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """Edge of a contour, clockwise with the flow along z, in pixels or micrometres.
+
+    `unit` is the length of that unit, `points` are columns (z, y), `error` is the standard error of either end, and
+    `scatter` that of a point against its neighbours.
+    """
+
+    unit: Quantity
+    points: Floats
+    error: float
+    scatter: float
 
 
 def measure_contour(
@@ -23,8 +52,8 @@ def measure_contour(
     experiment: Experiment,
     *,
     capsule_velocity: Quantity,
-    edge_error: Quantity,
     flow: str,
+    edge_error: Quantity | None = None,
     pixel_size: Quantity | None = None,
     points: str | None = None,
 ) -> Measurement:
@@ -36,10 +65,11 @@ def measure_contour(
     experiment : Experiment
     capsule_velocity : Quantity [m/s]
         v_o with its standard error.
-    edge_error : Quantity [m]
-        Standard error of either end of the contour; the value is used, not its error.
     flow : str
         ``"right"`` or ``"left"``.
+    edge_error : Quantity, optional [m]
+        Standard error of either end of the contour, which it does not show itself; the value is used, not its error. By
+        default it is that of `EDGE_ERROR` pixels.
     pixel_size : Quantity, optional [m]
         Of a contour in pixels, with its standard error.
     points : str, optional
@@ -49,8 +79,10 @@ def measure_contour(
     Returns
     -------
     Measurement
-        Lengths in metres. L_a is that of the contour if its rear is concave by more than three errors of the edge;
-        otherwise it is missing, as the rim may hide a concave rear, and has an upper bound.
+        Lengths over l, and the silhouette. The scatter of its points is that of the contour against the curve through
+        their neighbours; half of the variance of the edge's error is alike all around, the rest along l/2 of the edge.
+        L_a is that of the contour if its rear is concave by more than three errors of the edge, and the hollow is no
+        part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper bound.
 
     Raises
     ------
@@ -58,35 +90,94 @@ def measure_contour(
         If an option is missing that the file does not tell.
     """
     direction = FLOWS[flow] if check_flow(flow) else 1
-    unit, outline = _edge(contour, pixel_size, points)
-    z, y = direction * outline[:, 0], outline[:, 1]
-    centred = np.stack([z, y - 0.5 * (y.max() + y.min())], axis=1)
-    profile = Profile.from_outline(centred)
-    error = edge_error.value / unit.value
-    depth = profile.parachute_depth if profile.parachute_depth > _CONCAVE * error else np.nan
+    edge = _edge(contour, direction, edge_error, pixel_size, points)
+    half_width = experiment.half_width.mean / edge.unit.value
+    relative = np.hypot(edge.unit.error / edge.unit.value, experiment.half_width.sd / experiment.half_width.mean)
+    profile = Profile.from_outline(_smooth(edge.points))
+    depth = profile.parachute_depth if profile.parachute_depth > _CONCAVE * edge.error else np.nan
+    own = (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
     covariance = np.zeros((4, 4))
-    covariance[:2, :2] = error**2 * np.array([[2.0, 1.0], [1.0, 2.0]])  # both lengths end at the nose
-    return measurement_of_lengths(
-        np.array([profile.axial_extent, profile.axial_extent - depth, depth, np.nan]),
+    # both lengths end at the nose; what is alike all around moves either end outwards
+    covariance[:2, :2] = own * np.array([[2.0, 1.0], [1.0, 2.0]]) + 4.0 * _COMMON * edge.error**2
+    covariance[3, 3] = (relative * half_width) ** 2
+    measured = measurement_of_lengths(
+        np.array([profile.axial_extent, profile.axial_extent - depth, depth, half_width]),
         covariance,
         capsule_velocity,
         experiment,
-        pixel_size=unit,
+        walls=f"the half width over a {'pixel' if contour.unit == 'px' else 'unit'} of {1e6 * edge.unit.value:.4g} um",
         source=contour.source,
         sha256=contour.sha256,
     )
+    return replace(measured, outline=_silhouette(edge, half_width, float(relative), hollow=bool(np.isfinite(depth))))
 
 
-def _edge(contour: ContourFile, pixel_size: Quantity | None, points: str | None) -> tuple[Quantity, Floats]:
-    """Return the length of the contour's unit, and the edge in that unit."""
+def _silhouette(edge: _Edge, half_width: float, relative: float, *, hollow: bool) -> MeasuredOutline | None:
+    """Return the silhouette over l, without the points of a rear that is seen through its rim."""
+    group = -(-len(edge.points) // _MOST_POINTS)
+    whole = len(edge.points) // group * group
+    points = edge.points[:whole].reshape(-1, group, 2).mean(axis=1)
+    if hollow:
+        hull = shapely.convex_hull(shapely.multipoints(points)).exterior
+        points = points[shapely.distance(shapely.points(points), hull) < edge.error]
+    if len(points) < FEWEST_POINTS:
+        return None
+    scatter = max(edge.scatter / half_width, _LEAST_NOISE)
+    drift, common = (np.sqrt(share) * edge.error / half_width for share in (1.0 - _COMMON, _COMMON))
+    over_l = points / half_width
+    radius = float(np.mean(np.hypot(*(over_l - over_l.mean(axis=0)).T)))
+    noise = OutlineNoise(float(np.hypot(scatter, drift)), _DRIFT, float(scatter**2 / (scatter**2 + drift**2)))
+    return MeasuredOutline(over_l, noise, Pose(offset=float(np.hypot(common, radius * relative))), SILHOUETTE)
+
+
+def _edge(
+    contour: ContourFile, direction: int, edge_error: Quantity | None, pixel_size: Quantity | None, points: str | None
+) -> _Edge:
+    """Return the edge of a contour, on its axis."""
     outline = contour.points if signed_area(contour.points) > 0.0 else contour.points[::-1]
     if contour.unit == "um":
-        return Quantity(1e-6, 0.0, "m"), outline
-    if pixel_size is None or pixel_size.error == 0.0:
-        raise InputError(contour.source, "pixel size", "one with an error for points in pixels", "nothing")
-    if np.array_equal(outline, np.rint(outline)) and points not in POINTS:
-        expected = "whether these whole pixels are centres of pixels or borders between them"
-        raise InputError(contour.source, "points", expected, repr(points), "say centres or borders")
-    if points == "centres":
-        outline = outline + _HALF_PIXEL * vertex_normals(outline)
-    return pixel_size, outline
+        unit = Quantity(1e-6, 0.0, "m")
+        if edge_error is None:
+            expected = 'that of a contour in um, as "0.10 um"'
+            raise InputError(contour.source, "edge error", expected, "nothing", "or give the contour in px")
+    else:
+        if pixel_size is None or pixel_size.error == 0.0:
+            raise InputError(contour.source, "pixel size", "one with an error for points in pixels", "nothing")
+        unit = pixel_size
+        if np.array_equal(outline, np.rint(outline)) and not contour.along_borders and points not in POINTS:
+            expected = "whether these whole pixels are centres of pixels or borders between them"
+            raise InputError(contour.source, "points", expected, repr(points), "say centres or borders")
+        if points == "centres":
+            outline = outline + _HALF_PIXEL * vertex_normals(outline)
+    z, y = direction * outline[:, 0], outline[:, 1]
+    centred = np.stack([z, y - 0.5 * (y.max() + y.min())], axis=1)
+    error = EDGE_ERROR if edge_error is None else edge_error.value / unit.value
+    return _Edge(unit, centred, error, _scatter(outline))
+
+
+def _scatter(outline: Floats) -> float:
+    """Return the standard deviation of the points along the normal, against cubics through two neighbours either side.
+
+    The cubics are those of the arc length, so that points at unequal distances do not scatter; corners are few.
+    """
+    steps = np.array([np.roll(outline, -k, axis=0) - outline for k in (-2, -1, 1, 2)])
+    one = np.hypot(*np.moveaxis(steps, -1, 0))
+    before, after = np.roll(one[2], 1), np.roll(one[2], -1)
+    places = np.array([-one[1] - np.roll(before, 1), -one[1], one[2], one[2] + after])
+    others = [[places[j] for j in range(4) if j != k] for k in range(4)]
+    weights = np.array(
+        [np.prod([p / (p - places[k]) for p in others[k]], axis=0) for k in range(4)]
+    )  # of Lagrange, at the point itself
+    off = -np.einsum("kn,knd->nd", weights, steps)
+    normal = vertex_normals(outline)
+    return robust_spread(np.sum(off * normal, axis=1) / np.sqrt(1.0 + np.sum(weights**2, axis=0)))
+
+
+def _smooth(outline: Floats) -> Floats:
+    """Return dense points of a smooth closed curve through the points of a sparse contour."""
+    if len(outline) >= _SPARSE:
+        return outline
+    closed = np.concatenate([outline, outline[:1]])
+    place = arc_length(outline)
+    spline = CubicSpline(place, closed, bc_type="periodic")
+    return np.asarray(spline(np.linspace(0.0, place[-1], 2 * _SPARSE, endpoint=False)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.measure.picture import DETECTED, measured_picture, pair
+from capsbayes.cli.measure.picture import DETECTED, measured_picture, pair, print_outline
 from capsbayes.cli.options import BY_HAND, Background, Flow, Velocity, by_hand_of, speed_of, with_options_of
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from capsbayes.image import ByHand
     from capsbayes.quantity import Quantity
 
-_CONTOURS = (".csv", ".txt")
+_CONTOURS = (".csv", ".txt", ".roi", ".json")  # as `capsbayes.image.files.contour` reads, which is slow to import
 # which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
     "picture": ("--velocity", "--background", *BY_HAND.values()),
@@ -43,7 +43,7 @@ def measure(
         Path,
         typer.Argument(
             help="PNG, TIFF or JPEG of one capsule between the two walls; a film: AVI, MP4, TIFF of several pages, or "
-            "a folder of pictures; a contour: CSV or text of points; or an .rtdc file."
+            "a folder of pictures; a contour: CSV or text of points, ImageJ .roi, LabelMe .json; or an .rtdc file."
         ),
         Reads(),
     ],
@@ -55,7 +55,9 @@ def measure(
     background: Background = None,
     flow: Flow = None,
     by_hand: Any = None,
-    edge_error: Annotated[str | None, typer.Option(help='How well a contour lies on the edge, as "0.10 um".')] = None,
+    edge_error: Annotated[
+        str | None, typer.Option(help='How well either end of a contour lies on the edge, as "0.10 um"; default: 1 px.')
+    ] = None,
     contour_unit: Annotated[str | None, typer.Option(help="px or um, where a contour's columns do not say.")] = None,
     contour_points: Annotated[
         str | None, typer.Option(help="Of a contour of whole pixels: through their centres, or along their borders.")
@@ -131,7 +133,9 @@ def _measure_contour(
 
     if flow is None:
         raise InputError("measure", "--flow", "right or left", "nothing", "a contour does not say")
-    edge = Quantity.read(edge_error, where="measure", key="--edge-error", units=("m",), example="0.10 um")
+    edge = None
+    if edge_error is not None:
+        edge = Quantity.read(edge_error, where="measure", key="--edge-error", units=("m",), example="0.10 um")
     measured = measure_contour(
         ContourFile.read(path, unit),
         experiment,
@@ -141,11 +145,12 @@ def _measure_contour(
         pixel_size=None if by_hand is None else by_hand.pixel_size,
         points=points,
     )
-    typer.echo(f"L_z {pair(1e6 * measured.axial_extent, 1e6 * measured.axial_extent_error, digits=3)} µm")
+    typer.echo(f"L_z {pair(measured.axial_extent, measured.axial_extent_error, digits=4)} l")
     if measured.axial_length is None or measured.axial_length_error is None:
         typer.echo("The contour has no concave rear: L_a is at most its length.")
     else:
-        typer.echo(f"L_a {pair(1e6 * measured.axial_length, 1e6 * measured.axial_length_error, digits=3)} µm")
+        typer.echo(f"L_a {pair(measured.axial_length, measured.axial_length_error, digits=4)} l")
+    print_outline(measured)
     if out is not None:
         measured.write(out / "measurement.toml")
     typer.echo(f"Status: {measured.status}")

@@ -69,7 +69,7 @@ def measured_picture(
     measured = measurement_of(detection, seen, experiment, speed)
     if detection.status.ok and not quiet:
         _print(detection, experiment)
-        _print_outline(measured)
+        print_outline(measured)
     if out is not None:
         write_detection(out, seen, detection, measured)
     if not (quiet and measured.status.ok):
@@ -79,7 +79,8 @@ def measured_picture(
     return measured
 
 
-def _print_outline(measured: Measurement) -> None:
+def print_outline(measured: Measurement) -> None:
+    """Print the errors of the silhouette of a measurement, or why there is none."""
     if measured.outline is None:
         typer.echo("The shape does not show which end is the front: no silhouette is kept. Give --flow.")
         return

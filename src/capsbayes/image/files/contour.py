@@ -1,10 +1,13 @@
-"""A contour that another program traced: points in pixels or micrometres in a text file."""
+"""A contour that a person or another program traced: points in a text file, a file of ImageJ or one of LabelMe."""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import struct
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +20,8 @@ _HEADINGS = (("px", "x_px", "y_px"), ("um", "x_um", "y_um"), (None, "x", "y"))
 _FEWEST = 16
 _MOST_SIDES = 1000  # compared with each other
 _NEIGHBOURS = 4  # sides that noise may make cross
+# of an ImageJ ROI: types of closed lines, places of its parts, flag and first version of points as floats
+_CLOSED, _OPTIONS, _POINTS, _SUB_PIXEL, _WITH_FLOATS = (0, 7, 8), 50, 64, 128, 222
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,22 +36,26 @@ class ContourFile:
         ``"px"`` or ``"um"``.
     source, sha256 : str
         File and its hash.
+    along_borders : bool
+        True if whole numbers are known to be borders between pixels, not centres of pixels.
     """
 
     points: Floats
     unit: str
     source: str
     sha256: str
+    along_borders: bool = False
 
     @classmethod
     def read(cls, path: str | Path, unit: str | None = None) -> ContourFile:
-        """Read a CSV file, or the text file that ImageJ saves XY coordinates to.
+        """Read a CSV file, the text file or the ROI that ImageJ saves, or the JSON file of LabelMe.
 
         Parameters
         ----------
         path : path
             File with the columns ``x_px`` and ``y_px``, or ``x_um`` and ``y_um``, among others; or with ``X`` and
-            ``Y`` or two columns without a heading, which need `unit`.
+            ``Y`` or two columns without a heading, which need `unit`. Or an ImageJ file ``.roi`` of a polygon or a
+            freehand or traced line; or a LabelMe file ``.json`` with one polygon; both are in pixels.
         unit : str, optional
             ``"px"`` or ``"um"``.
 
@@ -56,6 +65,11 @@ class ContourFile:
             Naming file, column, what was expected and what was found.
         """
         where, raw = str(path), read_bytes(path, "file of points")
+        sha256, suffix = hashlib.sha256(raw).hexdigest(), Path(path).suffix.lower()
+        if suffix in _DRAWN:
+            if unit not in (None, "px"):
+                raise InputError(where, "unit", f"px, in which a {suffix} file is", repr(unit))
+            return cls(_checked(_DRAWN[suffix](raw, where), where), "px", where, sha256, along_borders=True)
         try:
             text = raw.decode("utf-8-sig").replace(",", " ").replace(";", " ")
         except UnicodeDecodeError as error:
@@ -68,7 +82,7 @@ class ContourFile:
         if unit not in UNITS:
             raise InputError(where, "unit", "columns x_px, y_px or x_um, y_um, or the unit px or um", repr(unit))
         points = _points(lines[0 if columns is None else 1 :], columns or (0, 1), where)
-        return cls(points, unit, where, hashlib.sha256(raw).hexdigest())
+        return cls(points, unit, where, sha256)
 
 
 def _columns(first: list[str], where: str) -> tuple[tuple[int, int] | None, str | None]:
@@ -89,8 +103,12 @@ def _points(lines: list[str], columns: tuple[int, int], where: str) -> Floats:
         points = np.loadtxt(lines, usecols=columns, comments=None, ndmin=2) if lines else np.empty((0, 2))
     except ValueError:
         raise InputError(where, "points", "two numbers in each line", "a line without them") from None
-    if len(points) and np.array_equal(points[0], points[-1]):
-        points = points[:-1]
+    return _checked(points, where)
+
+
+def _checked(points: Floats, where: str) -> Floats:
+    if len(points):  # a point clicked twice, or the first one again
+        points = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]
     if len(points) < _FEWEST or not np.isfinite(points).all():
         raise InputError(where, "points", f"at least {_FEWEST} finite points", f"{len(points)} points")
     if _crosses_itself(points):
@@ -108,3 +126,43 @@ def _crosses_itself(points: Floats) -> bool:
     distance = np.abs(np.subtract.outer(np.arange(len(starts)), np.arange(len(starts))))
     far = np.minimum(distance, len(starts) - distance) > _NEIGHBOURS
     return bool((opposite & opposite.T & far).any())
+
+
+def _of_imagej(raw: bytes, where: str) -> Floats:
+    """Return the points of a polygon, freehand or traced ROI.
+
+    References
+    ----------
+    `ij.io.RoiDecoder` of ImageJ: big-endian; version at 4, type at 6, top and left at 8 and 10, number of points at 16,
+    options at 50; from 64 on the columns and rows less left and top in two bytes each, then, if the options say so,
+    both as floats.
+    """
+    try:
+        magic, version, kind, top, left, count = struct.unpack_from(">4shBx2h4xH", raw)
+        (options,) = struct.unpack_from(">h", raw, _OPTIONS)
+        if magic != b"Iout" or kind not in _CLOSED:
+            got = "another file" if magic != b"Iout" else f"a ROI of type {kind}"
+            raise InputError(where, "", "an ImageJ polygon, freehand or traced ROI", got)
+        if options & _SUB_PIXEL and version >= _WITH_FLOATS:
+            pairs = np.frombuffer(raw, ">f4", 2 * count, _POINTS + 4 * count).reshape(2, count)
+            return pairs.T.astype(np.float64)
+        pairs = np.frombuffer(raw, ">i2", 2 * count, _POINTS).reshape(2, count)
+    except (struct.error, ValueError):
+        raise InputError(where, "", "an ImageJ ROI", "a file that cannot be read as one") from None
+    return pairs.T.astype(np.float64) + np.array([left, top])
+
+
+def _of_labelme(raw: bytes, where: str) -> Floats:
+    """Return the points of the one polygon of a LabelMe file."""
+    try:
+        content: Any = json.loads(raw)
+        polygons = [shape for shape in content["shapes"] if shape.get("shape_type", "polygon") == "polygon"]
+        if len(polygons) == 1:
+            return np.array([[float(x), float(y)] for x, y in polygons[0]["points"]]).reshape(-1, 2)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise InputError(where, "", "a LabelMe file with a polygon", "a file that cannot be read as one") from None
+    labels = ", ".join(str(shape.get("label"))[:40] for shape in polygons[:8]) or "none"
+    raise InputError(where, "shapes", "one polygon, the contour", labels, "remove the others")
+
+
+_DRAWN = {".roi": _of_imagej, ".json": _of_labelme}
