@@ -74,10 +74,12 @@ def test_a_sheet_of_incompressible_material_bends_like_a_plate():
         (("0.85", "nan"), "viscosity: expected a positive finite number"),
         (
             ("viscosity", "viscocity"),
-            "viscocity: expected one of cross_section, half_width, viscosity, frame_rate, density, membrane_thickness, "
-            "got an unknown key",
+            "viscocity: expected one of cross_section, half_width, viscosity, viscous_tension, frame_rate, density, "
+            "membrane_thickness, got an unknown key",
         ),
-        (('viscosity = "0.85 Pa s"', ""), "viscosity: expected a value, got nothing"),
+        (('viscosity = "0.85 Pa s"', ""), "viscosity, viscous_tension: expected one of the two"),
+        (('"0.85 Pa s"', '"0.85 Pa s"\nviscous_tension = "0.028 N/m"'), "viscosity, viscous_tension: expected one of"),
+        (('viscosity = "0.85 Pa s"', 'viscous_tension = "0.028 Pa s"'), "viscous_tension: expected a text in N/m"),
         (('"0.85 Pa s"', "0.85"), "viscosity: expected a text in Pa s"),
     ],
 )
@@ -86,6 +88,18 @@ def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
         Experiment.read(written(tmp_path, GOOD.replace(*change)))
     assert f"experiment.toml: {message}" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_viscosity_times_velocity_may_be_known_alone(tmp_path):
+    known = Experiment(cross_section="circular", half_width="2.0 mm", viscous_tension="28 +/- 1 mN/m")
+    assert known.viscosity is None
+    assert np.isnan(known.reynolds_number(5e-3))
+    known.write(tmp_path / "e.toml")
+    again = Experiment.read(tmp_path / "e.toml")
+    assert (again.viscous_tension.value, again.viscous_tension.error) == (0.028, 0.001)
+    assert again.viscosity is None
+    assert again.described()["viscous_tension"] == "28 +/- 1 mN/m"
+    assert "viscosity" not in again.described()
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ WATER = Quantity(998.0, unit="kg/m^3")
 AREAS = {"square": 4.0, "circular": math.pi}
 """Areas of the cross-sections over l^2."""
 
+_FLUID = ("viscosity", "viscous_tension")  # one of them
 _OPTIONAL = ("frame_rate", "density", "membrane_thickness")
 
 
@@ -38,13 +39,17 @@ class Experiment(Readable):
         Half the side of the square, or the radius of the circle, l. This and the next two may be given as whatever
         `Quantity.of` reads: ``"25.0 +/- 0.2 um"``, a number in SI, a quantity of pint, a frozen distribution.
     viscosity : Quantity [Pa s]
-        Viscosity of the suspending liquid, mu.
+        Viscosity of the suspending liquid, mu. Either this or `viscous_tension` is given.
     frame_rate : Quantity, optional [1/s]
         Pictures per second of films.
     density : Quantity [kg/m^3]
         Of the suspending liquid; by default that of water at 20 C. Only the Reynolds number is computed from it.
     membrane_thickness : Quantity, optional [m]
         Of the capsules, t. It tells the bending modulus where a model has it as a coordinate, see `bending`.
+    viscous_tension : Quantity, optional [N/m]
+        mu U as one number, U the mean velocity of the undisturbed flow, where neither of the two is known: then
+        G_s = mu U / Ca, and the velocity of a capsule is not used. One capsule can be identified with it; what needs
+        viscosity or velocity refuses it.
     source : str
         File the experiment was read from, empty if none.
     sha256 : str
@@ -53,7 +58,8 @@ class Experiment(Readable):
     Raises
     ------
     InputError
-        On an unknown cross-section, or on a value that is not positive or not plausible.
+        On an unknown cross-section, on a value that is not positive or not plausible, or unless one of viscosity and
+        viscous tension is given.
 
     Examples
     --------
@@ -66,19 +72,24 @@ class Experiment(Readable):
 
     cross_section: str
     half_width: Given
-    viscosity: Given
+    viscosity: Given = None
     source: str = ""
     sha256: str = ""
     frame_rate: Given | None = None
     density: Given = WATER
     membrane_thickness: Given | None = None
+    viscous_tension: Given | None = None
 
     def __post_init__(self) -> None:
         where = self.source or "experiment"
         if self.cross_section not in AREAS:
             expected = " or ".join(f'"{name}"' for name in AREAS)
             raise InputError(where, "cross_section", expected, repr(self.cross_section))
-        for key in ("half_width", "viscosity", *_OPTIONAL):
+        given = [key for key in _FLUID if getattr(self, key) is not None]
+        if len(given) != 1:
+            expected = "one of the two: viscous_tension is mu U, for when mu and U are not known"
+            raise InputError(where, ", ".join(_FLUID), expected, "both" if given else "neither")
+        for key in ("half_width", *given, *_OPTIONAL):
             if key not in _OPTIONAL or getattr(self, key) is not None:
                 object.__setattr__(self, key, Quantity.of(getattr(self, key), key, where=where))
 
@@ -89,9 +100,9 @@ class Experiment(Readable):
         Parameters
         ----------
         path : path
-            File with the keys ``cross_section`` (``section`` in older files), ``half_width`` and ``viscosity``, and
-            optionally ``frame_rate``, ``density`` and ``membrane_thickness``; all but the first are texts that
-            `Quantity.read` reads.
+            File with the keys ``cross_section`` (``section`` in older files), ``half_width`` and ``viscosity``, or
+            ``viscous_tension`` in place of it, and optionally ``frame_rate``, ``density`` and ``membrane_thickness``;
+            all but the first are texts that `Quantity.read` reads.
 
         Returns
         -------
@@ -104,19 +115,21 @@ class Experiment(Readable):
         """
         file = InputFile.read(path)
         table = file.table(
-            required={"cross_section": unread, **{key: quantity(key) for key in ("half_width", "viscosity")}},
-            optional={key: quantity(key) for key in _OPTIONAL},
+            required={"cross_section": unread, "half_width": quantity("half_width")},
+            optional={key: quantity(key) for key in (*_FLUID, *_OPTIONAL)},
             renamed={"section": "cross_section"},
         )
         return cls(**table, source=str(path), sha256=file.sha256)
 
     def reynolds_number(self, mean_velocity: ArrayLike) -> Floats:
-        """Return rho U l / mu at a mean velocity of the undisturbed flow [m/s]."""
+        """Return rho U l / mu at a mean velocity of the undisturbed flow [m/s]; NaN where mu is not known."""
+        if self.viscosity is None:
+            return np.full(np.shape(mean_velocity), np.nan)
         return self.density.mean * np.asarray(mean_velocity) * self.half_width.mean / self.viscosity.mean
 
     def described(self) -> dict[str, str]:
         """Return channel and liquid in the units that people read."""
-        stated = {key: getattr(self, key) for key in ("half_width", "viscosity", *_OPTIONAL)}
+        stated = {key: getattr(self, key) for key in ("half_width", *_FLUID, *_OPTIONAL)}
         if self.density == WATER:
             del stated["density"]
         found = {
@@ -140,9 +153,8 @@ class Experiment(Readable):
         lines = [
             f"cross_section = {json.dumps(self.cross_section)}",
             f'half_width = "{_text(self.half_width, "half_width")}"',
-            f'viscosity = "{_text(self.viscosity, "viscosity")}"',
         ]
-        for key in _OPTIONAL:
+        for key in (*_FLUID, *_OPTIONAL):
             value = getattr(self, key)
             if value not in (None, WATER):
                 lines.append(f'{key} = "{_text(value, key)}"')

@@ -36,7 +36,8 @@ class Measurement(Readable):
         Maximum extension along the flow L_z and its standard error, over l or
         in metres.
     capsule_velocity, capsule_velocity_error : float [m/s]
-        Velocity of the capsule v_o and its standard error.
+        Velocity of the capsule v_o and its standard error; both are missing, None and NaN, where the experiment states
+        the viscous tension.
     axial_length, axial_length_error : float, optional
         Length on the axis L_a and its standard error, in the unit of L_z;
         missing where the rear is hidden behind its rim.
@@ -150,6 +151,8 @@ class Measurement(Readable):
         value, error = getattr(self, key), getattr(self, f"{key}_error")
         if key == "axial_length" and value is None and error is None:
             return
+        if key == "capsule_velocity" and value is None and np.isnan(error):
+            return
         for name, number in ((key, value), (f"{key}_error", error)):
             if number is None or not (np.isfinite(number) and number > 0.0):
                 raise InputError(where, name, "a positive finite number", repr(number))
@@ -172,7 +175,7 @@ class Measurement(Readable):
         ----------
         path : path
             File with a table ``[measurement]``: ``axial_extent``,
-            ``capsule_velocity``, and optionally ``axial_length`` and
+            ``capsule_velocity`` unless the experiment states a viscous tension, and optionally ``axial_length`` and
             ``length_correlation``, or ``axial_length_bound``, ``flow_rate`` and ``walls``. It may name its experiment
             file (``experiment = "..."``, relative to itself) and state a ``[prior]``, which
             `capsbayes.infer.Prior.read` reads, a ``[membrane]``, which `capsbayes.infer.Membrane.read` reads, and an
@@ -196,8 +199,9 @@ class Measurement(Readable):
             raise InputError(str(path), "measurement.capsule_velocity", "a velocity", "a flow rate alone", advice)
         table = file.table(
             "measurement",
-            required={"axial_extent": _measured("", "m"), "capsule_velocity": _measured("m/s")},
+            required={"axial_extent": _measured("", "m")},
             optional={
+                "capsule_velocity": _measured("m/s"),
                 "axial_length": unread,
                 "length_correlation": unread,
                 "axial_length_bound": unread,
@@ -242,7 +246,8 @@ class Measurement(Readable):
             ]
         if self.axial_length_bound is not None:
             lines.append(f"axial_length_bound = {float(self.axial_length_bound)!r}")
-        lines.append(f'capsule_velocity = "{_pair(self.capsule_velocity, self.capsule_velocity_error)} m/s"')
+        if self.capsule_velocity is not None:
+            lines.append(f'capsule_velocity = "{_pair(self.capsule_velocity, self.capsule_velocity_error)} m/s"')
         if self.flow_rate is not None:
             error = f" +/- {float(self.flow_rate_error)!r}" if self.flow_rate_error else ""
             lines.append(f'flow_rate = "{float(self.flow_rate)!r}{error} m^3/s"')
@@ -266,6 +271,20 @@ class Measurement(Readable):
             found["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
         stated = {"walls": self.walls, "source": self.source}
         return found | {name: text for name, text in stated.items() if text}
+
+    @property
+    def known_velocity(self) -> Quantity:
+        """v_o with its standard error [m/s].
+
+        Raises
+        ------
+        InputError
+            If it is missing.
+        """
+        if self.capsule_velocity is None:
+            where, advice = self.source or "measurement", "or state viscous_tension = mu U in the experiment"
+            raise InputError(where, "measurement.capsule_velocity", "a value with an error", "nothing", advice)
+        return Quantity(self.capsule_velocity, self.capsule_velocity_error, "m/s")
 
     @property
     def lengths(self) -> Floats:

@@ -177,8 +177,10 @@ class ForwardModel(ABC):
         if unknown:
             raise InputError(self.name, "theta", f"names among {', '.join(known)}", ", ".join(map(repr, unknown)))
 
-    def check_experiment(self, experiment: Experiment) -> None:
+    def check_experiment(self, experiment: Experiment, *, viscosity_needed: bool = True) -> None:
         """Refuse an experiment of another cross-section, or of a membrane whose thickness the model cannot use.
+
+        Where the viscosity is needed, an experiment that states the viscous tension in place of it is refused too.
 
         Raises
         ------
@@ -188,6 +190,9 @@ class ForwardModel(ABC):
         if self.cross_section not in (None, experiment.cross_section):
             expected = f'"{self.cross_section}", that of the model'
             raise InputError(where, "cross_section", expected, f'"{experiment.cross_section}"')
+        if viscosity_needed and experiment.viscosity is None:
+            expected = "one, and the velocity of the capsules: viscous_tension identifies one capsule only"
+            raise InputError(where, "viscosity", expected, "nothing")
         if experiment.membrane_thickness is not None and "bending" not in self.coordinates:
             expected = f"none, as {self.name} has no unknown bending modulus"
             advice = "omit it, or identify with --membrane unknown (in Python with a MembraneSurrogate)"

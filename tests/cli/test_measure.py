@@ -70,6 +70,19 @@ def test_walls_by_hand_are_printed_and_stored(folder):
     assert measured.axial_extent_error > 0.01
 
 
+def test_no_velocity_where_the_experiment_states_the_viscous_tension(folder):
+    folder, _ = folder
+    (folder / "experiment.toml").write_text(
+        'cross_section = "square"\nhalf_width = "25 um"\nviscous_tension = "3 mN/m"\n'
+    )
+    result = run(folder, "capsule.png", "--out", str(folder / "m"))
+    assert result.exit_code == 0, result.output
+    assert Measurement.read(folder / "m" / "measurement.toml").capsule_velocity is None
+    refused = run(folder, "capsule.png", *VELOCITY)
+    assert isinstance(refused.exception, InputError)
+    assert str(refused.exception).startswith("--velocity: expected none: the experiment states viscous_tension")
+
+
 @pytest.mark.parametrize("velocity", ["6.2 mm/s", "6.2 +/- 0.1 mm", "fast"])
 def test_a_velocity_without_unit_or_error_is_refused(folder, velocity):
     result = run(folder[0], "capsule.png", "--velocity", velocity)

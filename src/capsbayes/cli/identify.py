@@ -26,7 +26,7 @@ from capsbayes.cli.options import (
     membrane_of,
     named_experiment,
     prior_texts,
-    speed_of,
+    speed_in,
     with_options_of,
 )
 from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
@@ -86,7 +86,8 @@ def identify(
     if is_picture(capsule):
         if experiment is None:
             raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
-        channel, speed = Experiment.read(experiment), speed_of(velocity)
+        channel = Experiment.read(experiment)
+        speed = speed_in(velocity, channel)
         measurement = measured_picture(capsule, channel, speed, background, flow, out, by_hand=by_hand, quiet=as_json)
         written, stated = Prior(), None
     else:

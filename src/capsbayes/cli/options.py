@@ -310,6 +310,15 @@ def choose(command: str, option: str, name: str, known: Mapping[str, Any]) -> An
     return known[name]
 
 
+def speed_in(text: str | None, experiment: Experiment) -> Quantity | None:
+    """Read ``--velocity`` as `speed_of` does; None where the experiment states mu U in place of viscosity and it."""
+    if experiment.viscous_tension is None:
+        return speed_of(text)
+    if text is not None:
+        raise InputError("--velocity", "", "none: the experiment states viscous_tension, mu U", repr(text))
+    return None
+
+
 def speed_of(text: str | None) -> Quantity:
     """Read ``--velocity``, which must have an error."""
     from capsbayes.quantity import Quantity

@@ -111,7 +111,7 @@ class Session:
     @cached_property
     def circumstances(self) -> dict[str, Floats]:
         """Conditions of each capsule on which effects may depend : dict of (n,) array, SI."""
-        velocity = np.array([measurement.capsule_velocity for measurement in self.measurements])
+        velocity = np.array([measurement.known_velocity.value for measurement in self.measurements])
         found = {"capsule_velocity": velocity}
         for name in CONDITIONS:
             usual = getattr(self.experiment, name).mean

@@ -95,7 +95,7 @@ def measure(
     picture: str | Path | ArrayLike,
     experiment: Experiment,
     *,
-    capsule_velocity: Given,
+    capsule_velocity: Given | None = None,
     background: str | Path | ArrayLike | None = None,
     flow: str | None = None,
     by_hand: ByHand | None = None,
@@ -109,7 +109,7 @@ def measure(
     experiment : Experiment
     capsule_velocity : Quantity [m/s]
         v_o with its standard error, which one picture does not show; in any form that `Quantity.of`
-        reads.
+        reads. It is missing where the experiment states the viscous tension.
     background : path or array, optional
         The empty channel; by default it is estimated from the picture.
     flow : str, optional
@@ -131,7 +131,8 @@ def measure(
         If a file is missing or not a picture, `flow` is another word, or what is stated by hand does not suit the
         picture.
     """
-    capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure")
+    if capsule_velocity is not None or experiment.viscous_tension is None:
+        capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure")
     seen = read_picture(picture)
     empty = None if background is None else read_picture(background)
     detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
@@ -139,7 +140,7 @@ def measure(
 
 
 def measurement_of(
-    detection: Detection, picture: Picture, experiment: Experiment, capsule_velocity: Quantity
+    detection: Detection, picture: Picture, experiment: Experiment, capsule_velocity: Quantity | None
 ) -> Measurement:
     """Return the measurement that follows from a detection in a picture, refused unless its status is ``DONE``."""
     measured = measurement_of_lengths(
@@ -158,7 +159,7 @@ def measurement_of(
 def measurement_of_lengths(
     lengths: Floats,
     covariance: Floats,
-    capsule_velocity: Quantity,
+    capsule_velocity: Quantity | None,
     experiment: Experiment,
     *,
     status: Status = Status.DONE,
@@ -175,7 +176,7 @@ def measurement_of_lengths(
         L_z, L_a, L_p and l; L_a and L_p are NaN where the rear is not seen.
     covariance : (4, 4) array [px^2]
         Covariance of their errors.
-    capsule_velocity : Quantity [m/s]
+    capsule_velocity : Quantity, optional [m/s]
     experiment : Experiment
     status : Status
         Unless it is ``DONE``, the measurement is refused.
@@ -198,8 +199,8 @@ def measurement_of_lengths(
     measured = Measurement(
         axial_extent=float(scaled[0]),
         axial_extent_error=float(errors[0]),
-        capsule_velocity=capsule_velocity.value,
-        capsule_velocity_error=capsule_velocity.error,
+        capsule_velocity=None if capsule_velocity is None else capsule_velocity.value,
+        capsule_velocity_error=np.nan if capsule_velocity is None else capsule_velocity.error,
         over_half_width=pixel_size is None,
         walls=walls,
         source=source,

@@ -51,7 +51,7 @@ def measure_contour(
     contour: ContourFile,
     experiment: Experiment,
     *,
-    capsule_velocity: Quantity,
+    capsule_velocity: Quantity | None,
     flow: str,
     edge_error: Quantity | None = None,
     pixel_size: Quantity | None = None,

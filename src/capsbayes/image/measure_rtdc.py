@@ -73,7 +73,7 @@ def measure_rtdc(
     file: RtdcFile | str | Path,
     experiment: Experiment,
     *,
-    capsule_velocity: Quantity,
+    capsule_velocity: Quantity | None,
     pixel_size: Quantity,
     flow: str | None = None,
     axis: Any = None,

@@ -105,6 +105,8 @@ class PosteriorDensity:
         theta = {"capillary_number": ca, "size_ratio": size, **(further or {})}
         prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
+        if self.inputs.viscous_tension:
+            points = points.at_unit_velocity()
         if outline and self.outline is not None:
             points = points._replace(outline=self.outline.at(model, theta))
         if self.flow_rate is not None:

@@ -15,12 +15,13 @@ from capsbayes.model import ForwardModel
 class DeterministicAnswer:
     """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`.
 
-    `assumed` holds the null value of a further coordinate of the model, which the procedure does not know.
+    The mean velocity is missing where mu U is given as one quantity. `assumed` holds the null value of a further
+    coordinate of the model, which the procedure does not know.
     """
 
     surface_shear_modulus: float
     capsule_radius: float
-    mean_velocity: float
+    mean_velocity: float | None
     capillary_number: float
     size_ratio: float
     velocity_ratio: float
@@ -29,7 +30,8 @@ class DeterministicAnswer:
     def as_dict(self) -> dict[str, float]:
         """Return the quantities by name, those assumed included."""
         quantities = asdict(self)
-        return quantities | quantities.pop("assumed")
+        quantities |= quantities.pop("assumed")
+        return {name: value for name, value in quantities.items() if value is not None}
 
 
 def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: Inputs) -> DeterministicAnswer | None:
@@ -49,11 +51,13 @@ def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: 
     found = inverse(database)(
         axial_extent=measurement.axial_extent / scale, axial_length=measurement.axial_length / scale
     )
-    flow = mean_velocity(capsule_velocity=measurement.capsule_velocity, velocity_ratio=found.velocity_ratio)
+    speed, ratio = inputs.capsule_velocity.value, 1.0 if inputs.viscous_tension else found.velocity_ratio
+    flow = mean_velocity(capsule_velocity=speed, velocity_ratio=ratio)
     modulus = surface_shear_modulus(
         viscosity=inputs.viscosity.value, mean_velocity=flow, capillary_number=found.capillary_number
     )
     radius = capsule_radius(size_ratio=found.size_ratio, half_width=inputs.half_width.value)
     assumed = {name: ends.null_value for name, ends in model.coordinates.items()}
     shape = found.capillary_number, found.size_ratio, found.velocity_ratio
-    return DeterministicAnswer(float(modulus), float(radius), float(flow), *shape, assumed)
+    known = None if inputs.viscous_tension else float(flow)
+    return DeterministicAnswer(float(modulus), float(radius), known, *shape, assumed)

@@ -25,7 +25,7 @@ from capsbayes.infer.narrowing import expected_log_modulus_sds
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
 from capsbayes.infer.outline.misfit import drawn_outlines, outline_misfit
 from capsbayes.infer.outline.table import TabulatedOutline
-from capsbayes.infer.posterior import REPORTED, Posterior
+from capsbayes.infer.posterior import OF_VELOCITY, REPORTED, Posterior
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.sampling.convergence import ess_gates
 from capsbayes.infer.sampling.ensembles import Chains, Effort, sampled
@@ -100,7 +100,7 @@ def identify(
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
     if membrane is not None:
         model, prior = membrane.applied(model, prior or Prior())
-    check_applies(model, measurement, experiment)
+    check_applies(model, measurement, experiment, viscosity_needed=False)
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
         quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
@@ -112,10 +112,12 @@ def identify(
         reported = _reported(grid)
         exact = {name: grid.marginal(name) for name in reported}
         marginals = {name: Marginal.of_draws(draws[name]) for name in reported} if agreed else exact
+        draws = _named_as_given(draws, grid)
         leans = leanings(draws, model, quadrature.prior)
         if measurement.outline is not None:
             misfits.insert(0, Misfit(outline_misfit(measurement.outline, model, draws), Status.OUTLINE_MISFIT))
-        misfits.append(inertia(float(experiment.reynolds_number(marginals["mean_velocity"].median))))
+        if not grid.density.inputs.viscous_tension:
+            misfits.append(inertia(float(experiment.reynolds_number(marginals["mean_velocity"].median))))
         return Posterior(
             draws=draws,
             ensemble=ensemble,
@@ -142,14 +144,18 @@ def identify(
         )
 
 
-def check_applies(model: ForwardModel, measurement: Measurement, experiment: Experiment) -> None:
+def check_applies(
+    model: ForwardModel, measurement: Measurement, experiment: Experiment, *, viscosity_needed: bool = True
+) -> None:
     """Refuse a model of another cross-section than the experiment, or of another view than the measured outline.
+
+    Where the viscosity is needed, an experiment without one is refused too.
 
     Raises
     ------
     InputError
     """
-    model.check_experiment(experiment)
+    model.check_experiment(experiment, viscosity_needed=viscosity_needed)
     if measurement.outline is not None:
         check_view_of(model, measurement.outline, measurement.source or "measurement")
 
@@ -166,13 +172,25 @@ def _log_modulus_sd_if_known(grid: ExactPosterior, measurement: Measurement, exp
 
 
 def _expected(grid: ExactPosterior, measurement: Measurement) -> dict[str, float]:
-    return expected_log_modulus_sds(grid, measurement) if isinstance(grid, WeightedPosterior) else {}
+    if not isinstance(grid, WeightedPosterior) or grid.density.inputs.viscous_tension:
+        return {}  # another flow rate, which is among what may be measured, needs a velocity
+    return expected_log_modulus_sds(grid, measurement)
 
 
 def _reported(grid: ExactPosterior) -> tuple[str, ...]:
     """Return the names of the quantities that are reported: a thickness of the membrane with the bending it tells."""
     names = [coordinate.name for coordinate in grid.density.coordinates]
-    return (*REPORTED, *dict.fromkeys((*names, *grid.density.prior.uncertain)))
+    known = set(OF_VELOCITY) if grid.density.inputs.viscous_tension else set()
+    return (*(name for name in REPORTED if name not in known), *dict.fromkeys((*names, *grid.density.prior.uncertain)))
+
+
+def _named_as_given(draws: dict[str, Floats], grid: ExactPosterior) -> dict[str, Floats]:
+    """Return draws with that of mu U in place of viscosity and velocities where it was given as one quantity."""
+    if not grid.density.inputs.viscous_tension:
+        return draws
+    return {name: values for name, values in draws.items() if name not in OF_VELOCITY} | {
+        "viscous_tension": draws["viscosity"]
+    }
 
 
 def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:

@@ -17,13 +17,18 @@ LOOSEST_VELOCITY = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Inputs of one capsule other than its lengths; `area` is that of the cross-section over l^2."""
+    """Inputs of one capsule other than its lengths; `area` is that of the cross-section over l^2.
+
+    Where only the product mu U is known, `viscous_tension` is True: the viscosity is that product over 1 m/s, the
+    velocity is 1 m/s, and the posterior density takes v_o/U as one, so that G_s = mu U / Ca.
+    """
 
     viscosity: Quantity
     half_width: Quantity
     capsule_velocity: Quantity
     flow_rate: Quantity | None = None
     area: float = 4.0
+    viscous_tension: bool = False
 
     @classmethod
     def of(cls, measurement: Measurement, experiment: Experiment) -> Inputs:
@@ -33,8 +38,11 @@ class Inputs:
     @classmethod
     def of_experiment(cls, experiment: Experiment) -> Inputs:
         """Return the inputs that many capsules share, with NaN as the velocity."""
-        velocity = Quantity(np.nan, unit="m/s")
-        return cls(experiment.viscosity, experiment.half_width, velocity, area=AREAS[experiment.cross_section])
+        velocity, area = Quantity(np.nan, unit="m/s"), AREAS[experiment.cross_section]
+        if experiment.viscous_tension is not None:
+            velocity = Quantity(1.0, unit="m/s")
+            return cls(experiment.viscous_tension, experiment.half_width, velocity, area=area, viscous_tension=True)
+        return cls(experiment.viscosity, experiment.half_width, velocity, area=area)
 
     def with_velocity_of(self, measurement: Measurement) -> Inputs:
         """Return the same viscosity and half width with the velocity of a capsule and the flow rate.
@@ -42,12 +50,18 @@ class Inputs:
         Raises
         ------
         InputError
-            If the measurement failed, or velocity or flow rate are less certain than `LOOSEST_VELOCITY`.
+            If the measurement failed, its velocity is missing, velocity or flow rate are less certain than
+            `LOOSEST_VELOCITY`, or a flow rate contradicts a viscous tension.
         """
         if not measurement.status.ok:
             where = measurement.source or "measurement"
             raise InputError(where, "status", "a measurement that ended as it should", str(measurement.status))
-        velocity = Quantity(measurement.capsule_velocity, measurement.capsule_velocity_error, "m/s")
+        if self.viscous_tension:
+            if measurement.flow_rate is not None:
+                where = measurement.source or "measurement"
+                raise InputError(where, "flow_rate", "none: the experiment states viscous_tension", "one")
+            return self
+        velocity = measurement.known_velocity
         rate = measurement.flow_rate and Quantity(measurement.flow_rate, measurement.flow_rate_error or 0.0, "m^3/s")
         for key, seen in (("capsule_velocity", velocity), ("flow_rate", rate)):
             if seen is not None and seen.error > LOOSEST_VELOCITY * seen.value:

@@ -50,6 +50,11 @@ class ModelAtPoints(NamedTuple):
     outline: Floats | None = None
     log_area: Floats | None = None
 
+    def at_unit_velocity(self) -> ModelAtPoints:
+        """Return the same with v_o/U known to be one, as where mu U is given in place of viscosity and velocity."""
+        none = 0.0 * self.velocity_ratio  # NaN where the model has no answer
+        return self._replace(velocity_ratio=none + 1.0, zr=none, ar=none, rr=none)
+
     @classmethod
     def of(cls, prediction: Prediction, *, error_scale: float = 1.0) -> ModelAtPoints:
         """Return the numbers of a prediction; `error_scale` multiplies the standard errors of the model."""

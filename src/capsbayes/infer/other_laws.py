@@ -8,6 +8,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.experiment import Experiment, mean_velocity, surface_shear_modulus
+from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -45,12 +46,13 @@ def modulus_over_laws(
     ends = [
         (model.coordinates[name].low, model.coordinates[name].null_value, model.coordinates[name].high) for name in _LAW
     ]
-    found = []
+    inputs, found = Inputs.of(measurement, experiment), []
     for law in product(*ends):
         place = _nearest(model.fixed(**dict(zip(_LAW, law, strict=True))), seen)
         if place is not None:
-            flow = mean_velocity(capsule_velocity=measurement.capsule_velocity, velocity_ratio=place[1])
-            viscosity = experiment.viscosity.value
+            ratio = 1.0 if inputs.viscous_tension else place[1]
+            flow = mean_velocity(capsule_velocity=inputs.capsule_velocity.value, velocity_ratio=ratio)
+            viscosity = inputs.viscosity.value
             found.append(surface_shear_modulus(viscosity=viscosity, mean_velocity=flow, capillary_number=place[0]))
     return (float(min(found)), float(max(found))) if len(found) > 1 else None
 

@@ -41,6 +41,9 @@ REPORTED = (
 )
 """Quantities whose intervals are reported and whose chains are checked; further coordinates of the model are added."""
 
+OF_VELOCITY = ("viscosity", "capsule_velocity", "mean_velocity", "velocity_ratio")
+"""Quantities that a posterior lacks where mu U was given as one quantity."""
+
 _WITHIN_68 = 0.68
 
 
@@ -192,7 +195,7 @@ class Posterior:
             "share_next_to_border": dict(self.leaning),
             "p_values": dict(self.p_values),
             **self._of_coordinates(),
-            "reynolds_number": float(self.experiment.reynolds_number(self.marginals["mean_velocity"].median)),
+            "reynolds_number": self._reynolds_number(),
             "gates": [gate.as_dict() for gate in self.gates],
             "inputs": self._inputs(),
             "prior": self._priors(),
@@ -201,6 +204,12 @@ class Posterior:
             "seed": self.seed,
             "version": self.version,
         }
+
+    def _reynolds_number(self) -> float | None:
+        """Return that of the median flow, None where neither viscosity nor velocity is known."""
+        if self.inputs.viscous_tension:
+            return None
+        return float(self.experiment.reynolds_number(self.marginals["mean_velocity"].median))
 
     def _of_coordinates(self) -> dict[str, Any]:
         if self.modulus_over_laws is not None:
@@ -232,8 +241,12 @@ class Posterior:
             "capsule_velocity": (seen.capsule_velocity, seen.capsule_velocity_error, "m/s"),
             "flow_rate": (seen.flow_rate, seen.flow_rate_error, "m^3/s"),
             "half_width": (self.inputs.half_width.value, self.inputs.half_width.error, "m"),
-            "viscosity": (self.inputs.viscosity.value, self.inputs.viscosity.error, "Pa s"),
         }
+        if self.inputs.viscous_tension:
+            del pairs["capsule_velocity"]  # it is not used
+            pairs["viscous_tension"] = self.inputs.viscosity.value, self.inputs.viscosity.error, "N/m"
+        else:
+            pairs["viscosity"] = self.inputs.viscosity.value, self.inputs.viscosity.error, "Pa s"
         return {
             **{name: dict(zip(("value", "error", "unit"), pair, strict=True)) for name, pair in pairs.items()},
             "length_correlation": seen.length_correlation,

@@ -17,6 +17,7 @@ from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.prior import THICKNESS, Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
+from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity, json_number
 from capsbayes.status import Status
 
@@ -47,6 +48,7 @@ _MEASURED = (
     "flow_rate_error",
     "walls",
 )
+_FLUID = ("viscosity", "viscous_tension")
 _MARGINAL = tuple(field.name for field in fields(Marginal))
 
 
@@ -66,16 +68,20 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
         "experiment": {
             "cross_section": known.cross_section,
             "half_width": known.half_width.as_record(),
-            "viscosity": known.viscosity.as_record(),
+            **{name: _recorded(getattr(known, name)) for name in _FLUID},
             "source": known.source,
             "sha256": known.sha256,
             "density": known.density.as_record(),
-            THICKNESS: None if known.membrane_thickness is None else known.membrane_thickness.as_record(),
+            THICKNESS: _recorded(known.membrane_thickness),
             "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
         "gates": [[gate.name, *map(json_number, (gate.value, gate.least, gate.most))] for gate in gates],
     }
+
+
+def _recorded(quantity: Quantity | None) -> Any:
+    return None if quantity is None else quantity.as_record()
 
 
 def work_of(path: Path) -> str | None:
@@ -172,7 +178,10 @@ def _marginal(table: Mapping[str, Any]) -> Marginal:
 
 
 def _answer(table: Mapping[str, float]) -> DeterministicAnswer:
-    own = {name: value for name, value in table.items() if name in DeterministicAnswer.__dataclass_fields__}
+    own: dict[str, Any] = {
+        name: value for name, value in table.items() if name in DeterministicAnswer.__dataclass_fields__
+    }
+    own.setdefault("mean_velocity", None)
     return DeterministicAnswer(**own, assumed=_without(table, *own))
 
 
@@ -190,7 +199,10 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
     return Experiment(
         cross_section=table["cross_section"] if "cross_section" in table else table["section"],
         half_width=Quantity.of_record(table["half_width"], "m"),
-        viscosity=Quantity.of_record(table["viscosity"], "Pa s"),
+        **{
+            name: None if table.get(name) is None else Quantity.of_record(table[name], PARAMETERS[name].si)
+            for name in _FLUID
+        },
         source=table["source"],
         sha256=table["sha256"],
         frame_rate=None if rate is None else Quantity(**rate),

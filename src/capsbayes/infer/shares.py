@@ -76,6 +76,9 @@ def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[
             shares[coordinate.name] = posterior.variance_given(coordinate.name, quantity) / total
     if not density.shape_depends_on_half_width and flow is None:
         shares["half_width"] = 0.0 if of_modulus else density.half_width.variance / total
+    if density.inputs.viscous_tension:
+        del shares["capsule_velocity"]
+        shares["viscous_tension"] = shares.pop("viscosity")
     return shares
 
 

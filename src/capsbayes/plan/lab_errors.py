@@ -69,7 +69,7 @@ class LabErrors:
     @classmethod
     def of(cls, measurement: Measurement) -> LabErrors:
         """Return the errors of a measured capsule."""
-        relative = measurement.capsule_velocity_error / measurement.capsule_velocity
+        relative = measurement.known_velocity.error / measurement.known_velocity.value
         outline, rate = measurement.outline, measurement.flow_rate
         return cls(
             measurement.axial_extent_error,

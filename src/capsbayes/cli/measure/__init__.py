@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.measure.picture import DETECTED, measured_picture, pair, print_outline
-from capsbayes.cli.options import BY_HAND, Background, Flow, Velocity, by_hand_of, speed_of, with_options_of
+from capsbayes.cli.options import BY_HAND, Background, Flow, Velocity, by_hand_of, speed_in, with_options_of
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
@@ -92,13 +92,13 @@ def measure(
             how = {"frame_rate": frame_rate, "background": background, "flow": flow, "by_hand": by_hand}
             measure_film(picture, known, **how, out=out)
         elif kind == ".rtdc file":
-            measure_rtdc(picture, known, velocity=speed_of(velocity), flow=flow, by_hand=by_hand, out=out)
+            measure_rtdc(picture, known, velocity=speed_in(velocity, known), flow=flow, by_hand=by_hand, out=out)
         elif kind == "contour":
             _measure_contour(
-                picture, known, speed_of(velocity), by_hand, edge_error, contour_unit, contour_points, flow, out
+                picture, known, speed_in(velocity, known), by_hand, edge_error, contour_unit, contour_points, flow, out
             )
         else:
-            measured_picture(picture, known, speed_of(velocity), background, flow, out, by_hand=by_hand)
+            measured_picture(picture, known, speed_in(velocity, known), background, flow, out, by_hand=by_hand)
 
 
 def _typed(given: object) -> str:
@@ -119,7 +119,7 @@ def _kind(path: Path) -> str:
 def _measure_contour(
     path: Path,
     experiment: Experiment,
-    speed: Quantity,
+    speed: Quantity | None,
     by_hand: ByHand | None,
     edge_error: str | None,
     unit: str | None,

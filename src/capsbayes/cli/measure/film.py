@@ -61,7 +61,7 @@ def measure_rtdc(
     path: Path,
     experiment: Experiment,
     *,
-    velocity: Quantity,
+    velocity: Quantity | None,
     flow: str | None,
     by_hand: ByHand | None,
     out: Path | None,

@@ -33,7 +33,7 @@ def is_picture(path: Path) -> bool:
 def measured_picture(
     path: Path,
     experiment: Experiment,
-    speed: Quantity,
+    speed: Quantity | None,
     background: Path | None,
     flow: str | None,
     out: Path | None,
@@ -47,8 +47,8 @@ def measured_picture(
     ----------
     path : Path
     experiment : Experiment
-    speed : Quantity [m/s]
-        Velocity of the capsule with its standard error.
+    speed : Quantity, optional [m/s]
+        Velocity of the capsule with its standard error; None where the experiment states the viscous tension.
     background : Path, optional
         Picture of the empty channel.
     flow : str, optional

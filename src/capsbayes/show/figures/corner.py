@@ -30,9 +30,9 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     ----------
     posterior : Posterior
     names : sequence of str
-        Quantities, as in `capsbayes.parameters`.
+        Quantities, as in `capsbayes.parameters`; those that the posterior lacks are omitted.
     """
-    shown = [PARAMETERS[name] for name in names]
+    shown = [PARAMETERS[name] for name in names if name in posterior.draws]
     draws = np.stack([parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown], axis=1)
     draws = draws[:: max(1, len(draws) // _MOST_DRAWS)]
     with warnings.catch_warnings():
@@ -58,7 +58,7 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     axes = np.array(figure.axes).reshape(len(shown), len(shown))
     for k, parameter in enumerate(shown):
         axes[k, k].set_title(_title(parameter, posterior.marginals[parameter.name]), fontsize=11)
-    _mark_deterministic(axes, posterior, names)
+    _mark_deterministic(axes, posterior, [parameter.name for parameter in shown])
     figure.subplots_adjust(left=0.09, bottom=0.09, right=0.98, top=0.95, wspace=0.06, hspace=0.06)
     return figure
 

@@ -147,8 +147,8 @@ def batch_of(
     rates = [measurement.flow_rate or np.nan for measurement in measurements]
     rate_errors = [(m.flow_rate_error or 0.0) / m.flow_rate for m in measurements if m.flow_rate]
     area = AREAS[experiment.cross_section] * width.value**2
-    velocity = np.array([measurement.capsule_velocity for measurement in measurements])
-    errors = np.array([measurement.capsule_velocity_error for measurement in measurements])
+    speeds = [measurement.known_velocity for measurement in measurements]
+    velocity, errors = (np.array([getattr(speed, name) for speed in speeds]) for name in ("value", "error"))
     mean_velocity = np.log(np.array(rates) / area)
     return Batch(
         rows=np.array([one.rows for one in reduced]),
