@@ -34,6 +34,8 @@ class Status(enum.Enum):
     DEBRIS = "The object found is too small for a capsule."
     DOUBLET = "The outline is notched: two capsules touch or overlap, or something sticks to one."
     LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."
+    OVERLAP = "A second nose is seen inside the capsule: two capsules overlap."
+    SMEARED = "The capsule moved by more than three pixels during the exposure; expose it for a shorter time."
     BROKEN_MASK = "The mask of the event falls into several pieces."
     TOO_CLOSE = "Something else lies so close to the capsule that its edge could not be located."
     TOUCHES_BORDER = "The capsule touches the border of the picture."

@@ -13,7 +13,7 @@ from capsbayes.image.blobs import Blob
 from capsbayes.image.edges.extent import FurthestPoint, furthest_point
 from capsbayes.image.edges.integrals import SilhouetteIntegrals, centroid, integrate_silhouette
 from capsbayes.image.edges.outline import EdgeOutline, locate_edge
-from capsbayes.image.edges.rear import RearBand, find_rear
+from capsbayes.image.edges.rear import RearBand, find_rear, shows_second_nose
 from capsbayes.image.walls import WallLines
 from capsbayes.status import Status
 
@@ -23,9 +23,14 @@ if TYPE_CHECKING:
 _SYMMETRIC = 0.005  # of the length: a centroid nearer to the middle does not distinguish front from rear
 _LOPSIDED = 0.08  # of the breadth: real beads and cells stay below 0.04
 _ENDS = 0.17  # of the length, omitted at either end
+_FACING, _BESIDE = 0.8, 0.6  # cosines of a normal's angle to the channel: least at the ends, largest at the flanks
+_FOUND = 0.5  # of an end: part along which the edge must be located
+_WIDEST = 3.3  # px: a blur of 3 px, up to which intervals were counted, leaves 2.8 to 3.2 in the upper quartile
+_SMEARED = 4.0  # px of motion during the exposure; where 3 px are seen as 2.7 to 3.5, intervals are right
+_CLEAR_OF_WALL = 3.0  # of the width of a wall's line
 # 1/px: error of the located edge over its width squared; at the rear end it is larger, as a concave rear darkens what
 # lies behind it. Both were set on drawn pictures, other ones than those whose coverage is counted.
-_NOSE_MISFIT, _END_MISFIT = 0.012, 0.033
+_NOSE_MISFIT, _END_MISFIT = 0.035, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,14 +167,39 @@ def analyse_blob(light: Floats, noise: float, walls: WallLines, blob: Blob, flow
     if not blob.status.ok:
         return Detection(blob.status, walls, blob=blob)
     outline = locate_edge(light, blob.polygon, noise)
-    if outline is None:
+    if outline is None or not _ends_located(outline, walls):
         return Detection(Status.NO_EDGE, walls, blob=blob)
+    if smear(outline, walls) > _SMEARED:
+        return Detection(Status.SMEARED, walls, outline, blob=blob)
     if _asymmetry(outline, walls) > _LOPSIDED:
         return Detection(Status.LOPSIDED, walls, outline, blob=blob)
     of_shape = _flow_of_shape(outline, walls)
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
     return _with_ends(light, noise, walls, outline, Detection(Status.DONE, walls, outline, flow or of_shape, blob=blob))
+
+
+def _ends_located(outline: EdgeOutline, walls: WallLines) -> bool:
+    """Return whether the edge is not blurred beyond what was tried, and was located along most of either end."""
+    facing = outline.normals @ walls.along
+    ends = [outline.located[side * facing > _FACING] for side in (1.0, -1.0)]
+    sharp = float(np.quantile(outline.edge_width, 0.75)) < _WIDEST
+    return sharp and all(len(end) > 0 and np.mean(end) > _FOUND for end in ends)
+
+
+def smear(outline: EdgeOutline, walls: WallLines) -> float:
+    """Return the way of the capsule during the exposure [px], by the edges that face along it and those beside.
+
+    A motion by s adds s^2 / 12 to the square of the width of the edges at the ends, and nothing at the flanks.
+    """
+    facing = outline.normals @ walls.along
+    width = np.square(outline.edge_width)
+    clear = walls.clearance(outline.points) > _CLEAR_OF_WALL * walls.line_width
+    flank = (np.abs(facing) < _BESIDE) & clear
+    if not flank.any():
+        return 0.0
+    ends = [float(np.median(width[side * facing > _FACING])) for side in (1.0, -1.0)]
+    return float(np.sqrt(12.0 * max(np.mean(ends) - np.median(width[flank]), 0.0)))
 
 
 def _asymmetry(outline: EdgeOutline, walls: WallLines) -> float:
@@ -197,11 +227,16 @@ def _with_ends(light: Floats, noise: float, walls: WallLines, outline: EdgeOutli
     nose = furthest_point(outline, downstream, _NOSE_MISFIT)
     end = furthest_point(outline, -downstream, _END_MISFIT)
     detection = replace(detection, nose=nose, end=end)
+    half_height, length = 0.5 * float(np.ptp(outline.points @ walls.across)), nose.distance + end.distance
+    tips = [(downstream, nose), (-downstream, end)]
+    for outwards, tip in tips if detection.flow == 0 else tips[:1]:
+        at = detection.axis + tip.distance * outwards
+        if shows_second_nose(light, at, -outwards, length, half_height, noise):
+            return Detection(Status.OVERLAP, walls, outline, detection.flow, blob=detection.blob)
     if detection.flow == 0:
         return detection
-    half_height = 0.5 * float(np.ptp(outline.points @ walls.across))
     start = detection.axis - end.distance * downstream
     flank = np.abs(outline.normals @ walls.across) > 0.8
     blur = float(np.median(outline.edge_width[flank] if flank.any() else outline.edge_width))
-    rear = find_rear(light, start, downstream, nose.distance + end.distance, half_height, blur, noise)
+    rear = find_rear(light, start, downstream, length, half_height, blur, noise)
     return replace(detection, rear=rear)

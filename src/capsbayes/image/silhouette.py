@@ -10,18 +10,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from capsbayes.arrays import Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.extent import EDGE_FLOOR
-from capsbayes.image.edges.outline import ARC, EdgeOutline
+from capsbayes.image.edges.outline import ARC, EdgeOutline, averaged, scatter_expected
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 
 _WALL = 2.0  # of the width of a wall's dark line: nearer to it, blur mixes the two, and an edge is found too far out
-_AVERAGED = 3  # points
-_SCATTER = 0.75, 0.15  # variance of their mean over that of independent points: at zero width, and per width squared
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
-_MISFIT = 0.018  # 1/px: error along the edge over the square of its width
-_OFFSET = 0.016  # 1/px: common error of all edges over the square of their width
+_MISFIT = 0.024  # 1/px: error along the edge over the square of its width
+_OFFSET = 0.02  # 1/px: common error of all edges over the square of their width
 
 
 def silhouette_of(detection: Detection) -> MeasuredOutline | None:
@@ -33,7 +30,7 @@ def silhouette_of(detection: Detection) -> MeasuredOutline | None:
     if not detection.status.ok or detection.outline is None or detection.walls is None or detection.flow == 0:
         return None
     walls = detection.walls
-    points = _averaged(detection.outline.points)
+    points = averaged(detection.outline.points)
     clear = walls.clearance(points) > _WALL * walls.line_width
     if np.count_nonzero(clear) < FEWEST_POINTS:
         return None
@@ -51,17 +48,9 @@ def silhouette_of(detection: Detection) -> MeasuredOutline | None:
     return MeasuredOutline(over_l, noise, pose, SILHOUETTE)
 
 
-def _averaged(values: Floats) -> Floats:
-    """Return the means of consecutive rows; an incomplete last group is omitted."""
-    count = len(values) // _AVERAGED
-    return np.asarray(values[: count * _AVERAGED].reshape(count, _AVERAGED, -1).mean(axis=1))
-
-
 def _errors(outline: EdgeOutline) -> tuple[float, float, float]:
     """Return the standard deviations [px] that are independent, alike along the edge, and alike all around."""
     width = np.square(outline.edge_width)
-    least, more = _SCATTER
-    scatter = np.mean(np.square(outline.point_error) * (least + more * width)) / _AVERAGED
     smooth = np.mean(np.square(_ARC_SHARE * outline.arc_error) + np.square(_MISFIT * width))
     offset = EDGE_FLOOR**2 + np.mean(np.square(_OFFSET * width))
-    return float(np.sqrt(scatter)), float(np.sqrt(smooth)), float(np.sqrt(offset))
+    return scatter_expected(outline), float(np.sqrt(smooth)), float(np.sqrt(offset))

@@ -65,12 +65,41 @@ def test_all_functions_and_derivatives_are_filled_in(model):
     place, width, step = 0.4, 1.8, 1e-3
     shape = len(SAMPLES), len(COEFFICIENTS[model])
     values, by_place, by_width = (np.full(shape, np.nan) for _ in range(3))
-    _evaluated(int(model), SAMPLES, place, width, values, by_place, by_width)
+    _evaluated(int(model), 0.0, SAMPLES, np.ones(len(SAMPLES)), place, width, values, by_place, by_width)
     shifted = functions(model, place + step, width) - functions(model, place - step, width)
     wider = functions(model, place, width * np.exp(step)) - functions(model, place, width * np.exp(-step))
     np.testing.assert_allclose(values, functions(model, place, width), atol=2e-3)
     np.testing.assert_allclose(by_place, shifted / (2.0 * step), atol=2e-3)
     np.testing.assert_allclose(by_width, wider / (2.0 * step), atol=2e-3)
+
+
+@pytest.mark.parametrize("bend", [-0.15, 0.3])
+def test_darkness_that_falls_exponentially_is_found_again_with_its_bend(bend):
+    """The band is the sum of a jump and an exponential of the depth, each blurred by quadrature."""
+    place, width = 0.3, 1.6
+    depth = np.linspace(0.0, 40.0, 40_001)
+    band = np.exp(-bend * depth) if bend > 0.0 else np.where(depth < 15.0, np.exp(-bend * depth), 0.0)
+    spread = np.exp(-0.5 * ((SAMPLES[:, None] - place - depth) / width) ** 2) / (width * np.sqrt(2.0 * np.pi))
+    darkness = 0.2 * 0.5 * erfc((place - SAMPLES) / (width * np.sqrt(2.0)))
+    darkness += 0.2 * (spread * band).sum(axis=1) * (depth[1] - depth[0])
+    used = (np.abs(SAMPLES) <= 6.0).astype(float)
+    start = np.zeros(1), np.array([1.3])
+    fit, straight = (
+        locate(1.0 - darkness[None], SAMPLES, Model.EDGE, *start, used[None], each) for each in (bend, 0.0)
+    )
+    assert fit.place[0] == pytest.approx(place, abs=5e-3)
+    assert fit.width[0] == pytest.approx(width, rel=5e-3)
+    np.testing.assert_allclose(fit.fitted[0], used * (1.0 - darkness), atol=3e-4)
+    assert abs(straight.place[0] - place) > 0.02
+
+
+def test_a_small_bend_is_none():
+    profile = drawn(Model.EDGE, 0.4, 1.5)[None]
+    places = [
+        locate(profile, SAMPLES, Model.EDGE, np.zeros(1), np.ones(1), np.ones_like(profile), bend).place[0]
+        for bend in (0.0, 1e-17, 1e-3)
+    ]
+    assert places == pytest.approx([0.4] * 3, abs=5e-3)
 
 
 def test_the_place_moves_by_twelve_steps_of_at_most_a_pixel():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.image.edges.rear import _coarse, find_rear
+from capsbayes.image.edges.rear import _CURVATURES, _coarse, find_rear
 
 END, LENGTH, HALF_HEIGHT = np.array([20.0, 40.0]), 100.0, 34.0
 
@@ -78,7 +78,7 @@ def test_a_band_within_the_noise_is_none():
 def coarse(profile):
     """What is found where all rays see the same light, so near to the axis that no curvature of the band matters."""
     y = np.arange(-2.0, 3.0)
-    return _coarse(np.tile(profile, (len(y), 1)), y, HALF_HEIGHT, 1e-3)
+    return _coarse(np.tile(profile, (len(y), 1)), y, _CURVATURES / HALF_HEIGHT, 1e-3)
 
 
 def dip(depth, dark, width=2.0):
@@ -94,7 +94,7 @@ def test_a_band_is_darker_than_its_surroundings_by_two_hundredths_of_the_light(d
 def test_the_search_knows_the_curvature_of_a_band_to_a_step_of_its_grid():
     y, depth = np.arange(-10.0, 11.0)[:, None], np.arange(45.0)
     rays = 0.9 - 0.3 * np.exp(-0.5 * ((depth - 24.0 + 0.5 * 0.05 * y**2) / 2.0) ** 2)
-    place, curvature, width = _coarse(rays, y[:, 0], HALF_HEIGHT, 1e-3)
+    place, curvature, width = _coarse(rays, y[:, 0], _CURVATURES / HALF_HEIGHT, 1e-3)
     assert place == pytest.approx(24, abs=1)
     assert curvature == pytest.approx(-0.05, abs=0.2 / HALF_HEIGHT)
     assert width == pytest.approx(2.0, abs=1.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.image.edges.outline import EdgeOutline
@@ -53,16 +54,34 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> Fu
         residual = (reach[index] - design @ coefficients) / error
         if residual @ residual < _MISFIT * (len(t) - _ORDER - 1):
             break
+    powers = np.arange(_ORDER + 1)
     fine = np.linspace(-0.5, 0.5, 101)
-    values = (fine[:, None] ** np.arange(_ORDER + 1)) @ coefficients
+    values = (fine[:, None] ** powers) @ coefficients
     best = int(np.argmax(values))
-    weights = (fine[best] ** np.arange(_ORDER + 1)) @ inverse
     excess = max(1.0, float(residual @ residual) / (len(t) - _ORDER - 1))
-    own = excess * float(np.sum((weights * error) ** 2))
+    value, slope, bend = _derivatives(fine[best], powers)
+    weights = value @ inverse
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
-    shared = float(np.sum(of_arcs**2))
+    variance = excess * float(np.sum((weights * error) ** 2)) + float(np.sum(of_arcs**2))
+    too_far = _too_far(excess * float(np.sum((slope @ inverse * error) ** 2)), -float(bend @ coefficients), variance)
     model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2
-    return FurthestPoint(float(values[best]), own + shared + model, model)
+    return FurthestPoint(float(values[best]) - too_far, variance + model, model)
+
+
+def _derivatives(t: float, powers: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
+    """Return the powers of t with their first and second derivatives."""
+    once, twice = np.maximum(powers - 1, 0), np.maximum(powers - 2, 0)
+    return np.asarray(t**powers), np.asarray(powers * t**once), np.asarray(powers * once * t**twice)
+
+
+def _too_far(slope_variance: float, bend: float, variance: float) -> float:
+    """Return how much too large the maximum of a fitted curve is on average, as it lies where errors raise the curve.
+
+    An error of the slope moves the maximum of a curve whose second derivative is -bend, and raises it by half the
+    slope's square over the bend. No more than the standard error of the maximum is taken off a flat curve.
+    """
+    largest = float(np.sqrt(variance))
+    return min(0.5 * slope_variance / bend, largest) if bend > 0.0 else largest
 
 
 def _moving_mean(values: Floats) -> Floats:

@@ -23,6 +23,7 @@ _ITERATIONS = 12
 _TOLERANCE = 2e-3  # px
 _NARROWEST, _WIDEST = 0.3, 12.0  # px
 _LONGEST = 1.0, 0.4  # steps of the place [px] and of the logarithm of the width
+_STRAIGHT = 1e-4  # 1/px: a smaller bend is none
 _RIDGE = 1e-10  # two functions may become alike as the width grows
 
 
@@ -56,7 +57,7 @@ class ProfileFit:
     coefficients : (n, k) array
         Coefficients of the model's k functions.
     fitted : (n, m) array
-        The model at the samples.
+        The model at the samples that are used, 0 at the others.
     slope : (n, m) array
         Its derivative with respect to the place.
     converged : (n,) array of bool
@@ -71,7 +72,15 @@ class ProfileFit:
     converged: Booleans
 
 
-def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width: Floats, used: Floats) -> ProfileFit:
+def locate(
+    profiles: Floats,
+    samples: Floats,
+    model: Model,
+    place: Floats,
+    width: Floats,
+    used: Floats,
+    bend: float = 0.0,
+) -> ProfileFit:
     """Fit a model to each profile.
 
     Parameters
@@ -85,6 +94,9 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
         Initial guesses.
     used : (n, m) array
         1 for the samples to fit, 0 for the others.
+    bend : float
+        Of an edge: inverse of the depth at which the darkness inside falls to 1/e; 0 for a straight line, negative
+        where it falls more steeply further inside.
     """
     count = len(profiles)
     fit = ProfileFit(
@@ -101,6 +113,7 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
         np.ascontiguousarray(samples, dtype=np.float64),
         np.ascontiguousarray(used, dtype=np.float64),
         int(model),
+        float(bend),
         fit.place,
         fit.width,
         fit.place_variance,
@@ -114,7 +127,7 @@ def locate(profiles: Floats, samples: Floats, model: Model, place: Floats, width
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _locate(  # type: ignore[no-untyped-def]
-    profiles, samples, used, model, place, width, variance, coefficients, fitted, slope, converged
+    profiles, samples, used, model, bend, place, width, variance, coefficients, fitted, slope, converged
 ):
     m, k = len(samples), coefficients.shape[1]
     functions, by_place, by_width = np.empty((m, k)), np.empty((m, k)), np.empty((m, k))
@@ -122,7 +135,7 @@ def _locate(  # type: ignore[no-untyped-def]
     for n in range(len(profiles)):
         converged[n] = False
         for iteration in range(_ITERATIONS + 1):
-            _evaluated(model, samples, place[n], width[n], functions, by_place, by_width)
+            _evaluated(model, bend, samples, used[n], place[n], width[n], functions, by_place, by_width)
             _projected(
                 profiles[n], used[n], functions, by_place, by_width, coefficients[n], fitted[n], slope[n], jacobian
             )
@@ -137,9 +150,14 @@ def _locate(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _evaluated(model, samples, place, width, functions, by_place, by_width):  # type: ignore[no-untyped-def]
+def _evaluated(  # type: ignore[no-untyped-def]
+    model, bend, samples, used, place, width, functions, by_place, by_width
+):
     """Fill in the functions (m, k) and their derivatives with respect to the place and the logarithm of the width."""
     for i in range(len(samples)):
+        if used[i] == 0.0:
+            functions[i], by_place[i], by_width[i] = 0.0, 0.0, 0.0
+            continue
         t = samples[i] - place
         u = t / width
         bell = math.exp(-0.5 * u * u)
@@ -150,6 +168,12 @@ def _evaluated(model, samples, place, width, functions, by_place, by_width):  # 
             f[0], f[1], f[2], f[3] = 1.0, t - ramp, above, ramp
             p[0], p[1], p[2], p[3] = 0.0, above - 1.0, -density / width, -above
             w[0], w[1], w[2], w[3] = 0.0, -width * density, -u * density, width * density
+            if abs(bend) > _STRAIGHT:  # (jump - blurred exponential) / bend, whose limit for no bend is the ramp
+                blurred = bend * width
+                fall = math.exp(0.5 * blurred * blurred - bend * t) * 0.5 * math.erfc((blurred - u) / math.sqrt(2.0))
+                f[3] = (above - fall) / bend
+                p[3] = -fall
+                w[3] = width * density - blurred * width * fall
         elif model == 1:
             density, above = bell / math.sqrt(2.0 * math.pi), 0.5 * math.erfc(-u / math.sqrt(2.0))
             f[0], f[1], f[2] = bell, 1.0, above
@@ -167,18 +191,20 @@ def _projected(  # type: ignore[no-untyped-def]
 ):
     """Fill in the best coefficients, the fit, its slope, and the Jacobian (m, 2) with the coefficients eliminated."""
     m, k = functions.shape
-    matrix, sides = np.zeros((k, k)), np.zeros((3, k))
+    matrix, sides = np.zeros((k, k)), np.zeros((k, 3))  # of the profile, and of the derivatives by place and width
     for i in range(m):
         if used[i] != 0.0:
             for a in range(k):
-                sides[0, a] += functions[i, a] * profile[i]
+                sides[a, 0] += functions[i, a] * profile[i]
                 for b in range(a + 1):
                     matrix[a, b] += functions[i, a] * functions[i, b]
     for a in range(k):
         matrix[a, a] = matrix[a, a] * (1.0 + 1e-12) + _RIDGE
         for b in range(a):
             matrix[b, a] = matrix[a, b]
-    coefficients[:] = np.linalg.solve(matrix, sides[0])
+    factorise(matrix)
+    substitute(matrix, sides[:, 0])
+    coefficients[:] = sides[:, 0]
     for i in range(m):
         total, along_place, along_width = 0.0, 0.0, 0.0
         for a in range(k):
@@ -188,14 +214,42 @@ def _projected(  # type: ignore[no-untyped-def]
         fitted[i], slope[i] = total, along_place
         jacobian[i, 0], jacobian[i, 1] = along_place * used[i], along_width * used[i]
         for a in range(k):
-            sides[1, a] += jacobian[i, 0] * functions[i, a]
-            sides[2, a] += jacobian[i, 1] * functions[i, a]
-    shares = np.linalg.solve(matrix, sides[1:].T)
+            sides[a, 1] += jacobian[i, 0] * functions[i, a]
+            sides[a, 2] += jacobian[i, 1] * functions[i, a]
+    substitute(matrix, sides[:, 1])
+    substitute(matrix, sides[:, 2])
     for i in range(m):
         if used[i] != 0.0:
             for a in range(k):
-                jacobian[i, 0] -= functions[i, a] * shares[a, 0]
-                jacobian[i, 1] -= functions[i, a] * shares[a, 1]
+                jacobian[i, 0] -= functions[i, a] * sides[a, 1]
+                jacobian[i, 1] -= functions[i, a] * sides[a, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def factorise(matrix):  # type: ignore[no-untyped-def]
+    """Replace a positive definite matrix (k, k) by its Cholesky factor, for matrices too small for a library's call."""
+    for a in range(len(matrix)):
+        for b in range(a + 1):
+            total = matrix[a, b]
+            for c in range(b):
+                total -= matrix[a, c] * matrix[b, c]
+            if a == b:
+                matrix[a, a] = math.sqrt(max(total, 1e-15 * matrix[a, a]))
+            else:
+                matrix[a, b] = total / matrix[b, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def substitute(factor, side):  # type: ignore[no-untyped-def]
+    """Replace a right-hand side (k,) by the solution of the equations whose matrix has this Cholesky factor."""
+    for a in range(len(side)):
+        for b in range(a):
+            side[a] -= factor[a, b] * side[b]
+        side[a] /= factor[a, a]
+    for a in range(len(side) - 1, -1, -1):
+        for b in range(a + 1, len(side)):
+            side[a] -= factor[b, a] * side[b]
+        side[a] /= factor[a, a]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
-from capsbayes.arrays import Floats
-from capsbayes.image.edges.models import Model, locate
+from capsbayes.arrays import Booleans, Floats
+from capsbayes.image.edges.models import Model, ProfileFit, factorise, locate, substitute
 from capsbayes.image.edges.robust import robust_spread
 from capsbayes.profile import arc_length, equally_spaced
 
@@ -25,6 +26,17 @@ _REACH = 9  # px along a normal, to either side
 _SMOOTHING = 2.0  # px: of the curve on which the normals stand
 _START_WIDTH = 1.5  # px
 _FURTHER_ROUNDS = 2
+AVERAGED = 3  # points: the errors of their means are almost independent
+_SCATTER = 0.75, 0.15  # variance of their mean over that of independent points: at zero width, and per width squared
+_NEIGHBOURS, _ALIKE = 2, 1.7  # arcs to either side, and the largest ratio of an arc's width to the median of these
+_BEFOREHAND = 0.7, 0.5, 0.5  # px, and of the light: spreads of shift, contrast and brightness about those of the arc
+_BENDS = 0.15 * np.arange(-1.0, 4.0)  # 1/px: of the darkness inside an edge
+_BENDS_SPREAD = 0.15  # 1/px, beforehand
+_LARGEST = 5.0  # of the median misfit of an arc: more does not count
+_FITTED = 6.0  # parameters of an edge
+_ALONG = 2.0  # samples along a normal over which what a model leaves over is alike
+_LEAST = 0.5  # of the scatter expected: less is chance
+_NOT_LOCATED = 0.3  # px: error of an arc whose edge is taken from its neighbours
 _CONTRAST = 0.03  # of the light: a fainter jump is no edge
 
 
@@ -46,6 +58,8 @@ class EdgeOutline:
         Number of the arc of each point.
     edge_width : (n,) array [px]
         Standard deviation of the blur at each point.
+    located : (n,) array of bool
+        False where the edge of an arc was not found, and is taken from its neighbours.
     """
 
     points: Floats = field(repr=False)
@@ -54,6 +68,7 @@ class EdgeOutline:
     arc_error: Floats = field(repr=False)
     arc: NDArray[np.intp] = field(repr=False)
     edge_width: Floats = field(repr=False)
+    located: Booleans = field(repr=False)
 
 
 def pixel_noise(light: Floats) -> float:
@@ -71,67 +86,179 @@ def locate_edge(light: Floats, polygon: Floats, noise: float) -> EdgeOutline | N
     first = np.maximum(np.floor(polygon.min(axis=0)).astype(int) - 2 * _REACH, 0)
     last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH
     spline = spline_filter(light[first[1] : last[1], first[0] : last[0]], order=3, mode="mirror")
-    outline = _moved(spline, polygon - first, np.array([_START_WIDTH]), noise)
-    for _ in range(_FURTHER_ROUNDS):
-        if outline is not None:
-            outline = _moved(spline, outline.points, outline.edge_width, noise)
-    if outline is None:
+    moved = _moved(spline, polygon - first, np.array([_START_WIDTH]), 0.0)
+    for bend in (None, 0.0):  # estimated where the curve lies on the edge to a fraction of a pixel, then kept
+        if moved is not None:
+            moved = _moved(spline, moved.outline.points, moved.outline.edge_width, bend if bend is None else moved.bend)
+    if moved is None:
         return None
-    return replace(outline, points=outline.points + first)
+    outline = moved.outline
+    raised = scatter_left(outline) / (noise * scatter_expected(outline))
+    of_noise = np.square(noise * max(1.0, raised) * outline.arc_error)
+    arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(moved.arc_misfit) - of_noise, 0.0))
+    return replace(
+        outline,
+        points=outline.points + first,
+        point_error=noise * max(_LEAST, raised) * outline.point_error,
+        arc_error=np.where(outline.located, arc_error, _NOT_LOCATED),
+    )
 
 
-def _moved(spline: Floats, curve: Floats, widths: Floats, noise: float) -> EdgeOutline | None:
+def averaged(values: Floats) -> Floats:
+    """Return the means of three consecutive rows each; an incomplete last group is omitted."""
+    count = len(values) // AVERAGED
+    return np.asarray(values[: count * AVERAGED].reshape(count, AVERAGED, -1).mean(axis=1))
+
+
+def scatter_expected(outline: EdgeOutline) -> float:
+    """Return the standard deviation [px] of means of three points that follows from the errors of the points."""
+    least, more = _SCATTER
+    variance = np.square(outline.point_error) * (least + more * np.square(outline.edge_width))
+    return float(np.sqrt(np.mean(variance) / AVERAGED))
+
+
+def scatter_left(outline: EdgeOutline) -> float:
+    """Return the standard deviation [px] of means of three points that is seen in the outline itself.
+
+    A curve that is smooth over five of these means has no fourth difference; tight corners are outliers. The noise of a
+    pixel tells less where a picture was compressed or filtered: its errors are then alike over several pixels.
+    """
+    means = averaged(outline.points)
+    fourth = sum(
+        factor * np.roll(means, shift, axis=0)
+        for factor, shift in zip((1.0, -4.0, 6.0, -4.0, 1.0), range(-2, 3), strict=True)
+    )
+    across = np.sum(fourth * averaged(outline.normals), axis=1)
+    # of the middle four fifths: the errors of a compressed picture differ from place to place
+    return float(np.quantile(np.abs(across), 0.8)) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Outline of one round, its errors those for noise 1.
+
+    Parameters
+    ----------
+    outline : EdgeOutline
+    arc_misfit : (n,) array [px]
+        Error of the arc of each point that follows from what the model leaves over.
+    bend : float [1/px]
+        Bend of the darkness inside the edge.
+    """
+
+    outline: EdgeOutline
+    arc_misfit: Floats
+    bend: float
+
+
+def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) -> _Moved | None:
     """Locate the edge in the mean of each arc, along normals on the smoothed curve, and the shift of each normal.
 
-    The windows along the normals follow the widths of the last round, given at equal distances along the curve.
+    The windows along the normals follow the widths of the last round, given at equal distances along the curve. The
+    bend is estimated if it is None.
     """
-    base, tangent, curvature = _smoothed(curve)
+    base, tangent, curvature = _smoothed(curve, float(np.median(widths)))
     normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-    samples = np.arange(-_REACH, _REACH + 1, dtype=float)  # positive inwards
-    at = base[:, None] - samples[:, None] * normals[:, None]
-    profiles = map_coordinates(spline, [at[..., 1], at[..., 0]], order=3, mode="nearest", prefilter=False)
     arcs = max(8, round(_SPACING * len(base) / ARC))
-    arc = np.arange(len(base)) * arcs // len(base)
-    count = np.bincount(arc, minlength=arcs)
-    means = np.add.reduceat(profiles, np.flatnonzero(np.diff(arc, prepend=-1)), axis=0) / count[:, None]
     width = np.interp((np.arange(arcs) + 0.5) / arcs, (np.arange(len(widths)) + 0.5) / len(widths), widths)
     window = np.clip(2.0 * width + 1.5, 3.0, _REACH)
+    reach = float(np.floor(window.max()))
+    samples = np.arange(-reach, reach + 1.0)  # positive inwards
     used = (np.abs(samples) <= window[:, None]).astype(float)
-    edge = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used)
-    located = edge.converged & (np.abs(edge.place) < 0.7 * window) & (edge.coefficients[:, 2] < -_CONTRAST)
+    at = base[:, None] - samples[:, None] * normals[:, None]
+    profiles = map_coordinates(spline, [at[..., 1], at[..., 0]], order=3, mode="nearest", prefilter=False)
+    arc = np.arange(len(base)) * arcs // len(base)
+    count = np.bincount(arc)
+    means = np.add.reduceat(profiles, np.flatnonzero(np.diff(arc, prepend=-1)), axis=0) / count[:, None]
+    if bend is None:
+        noise = float(np.median(_mean_square(profiles - means[arc], used[arc])))
+        bend = _bend_of(means, samples, width, used, count / noise)
+    edge = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used, bend)
+    located = _is_located(edge, window)
     if located.sum() < arcs // 2:
         return None
-    place = np.where(located, edge.place, 0.0)
-    arc_width = np.where(located, edge.width, np.median(edge.width[located]))
+    each, found = np.arange(arcs), np.flatnonzero(located)
+    place = np.interp(each, found, edge.place[found], period=arcs)
+    blur = np.interp(each, found, edge.width[found], period=arcs)[arc]
     # further inside, a concave rear darkens only parts of an arc
     outer = used * (samples <= width[:, None])
-    blur = arc_width[arc]
     across, along = _blur_at(blur, normals)
     # the samples end nearer inside than outside: a difference in width would be taken for one in place
     wider = np.log(across) - (np.bincount(arc, np.log(across)) / count)[arc]
     of_width = wider[:, None] * (samples - place[arc][:, None]) * edge.slope[arc]
     shift, shift_variance = _shifts(profiles - of_width, arc, means, edge.slope, outer)
     outward = 0.5 * curvature * along**2 - place[arc] - shift
-    arc_variance = np.where(located, edge.place_variance / count, 1.0 / noise**2)
-    return EdgeOutline(
+    outline = EdgeOutline(
         points=base + outward[:, None] * normals,
         normals=normals,
-        point_error=noise * np.sqrt(shift_variance),
-        arc_error=noise * np.sqrt(arc_variance[arc]),
+        point_error=np.sqrt(shift_variance),
+        arc_error=np.sqrt((edge.place_variance / count)[arc]),
         arc=arc,
         edge_width=blur,
+        located=located[arc],
     )
+    return _Moved(outline, _misfit(means - edge.fitted, used, edge)[arc], bend)
 
 
-def _smoothed(curve: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex."""
+def _mean_square(values: Floats, used: Floats) -> Floats:
+    """Return the mean square of each row, where it is used."""
+    return np.asarray(np.sum(used * values**2, axis=1) / np.sum(used, axis=1))
+
+
+def _is_located(edge: ProfileFit, window: Floats) -> Booleans:
+    """Return whether the edge of each arc was located: near the curve, dark inside, and as wide as around."""
+    wide = np.concatenate([edge.width[-_NEIGHBOURS:], edge.width, edge.width[:_NEIGHBOURS]])
+    around = np.sort(sliding_window_view(wide, 2 * _NEIGHBOURS + 1), axis=1)[:, _NEIGHBOURS]
+    alike = np.maximum(edge.width, around) < _ALIKE * np.minimum(edge.width, around)
+    near = np.abs(edge.place) < 0.7 * window
+    return np.asarray(edge.converged & alike & near & (edge.coefficients[:, 2] < -_CONTRAST))
+
+
+def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight: Floats) -> float:
+    """Return the bend of the darkness inside the edge, one for the whole outline, that fits the arcs best [1/px].
+
+    The weights (arcs,) are the inverse variances of a sample. Where a picture hardly tells the bend, it is near zero.
+    """
+    place = np.zeros(len(means))
+    squares = []
+    for bend in _BENDS:
+        edge = locate(means, samples, Model.EDGE, place, width, used, bend)
+        place, width = edge.place, edge.width  # near those of the next bend
+        square = weight * np.sum(used * (means - edge.fitted) ** 2, axis=1)
+        squares.append(np.minimum(square, _LARGEST * np.median(square)).sum() + (bend / _BENDS_SPREAD) ** 2)
+    best = int(np.clip(np.argmin(squares), 1, len(_BENDS) - 2))
+    before, least, after = squares[best - 1 : best + 2]
+    step = _BENDS[1] - _BENDS[0]
+    curved = before - 2.0 * least + after
+    vertex = 0.5 * (before - after) / curved if curved > 0.0 else np.sign(before - after)
+    return float(_BENDS[best] + step * np.clip(vertex, -1.0, 1.0))
+
+
+def _misfit(left: Floats, used: Floats, edge: ProfileFit) -> Floats:
+    """Return the error of the place of each arc that follows from what the model leaves over (arcs, m) : (arcs,) array.
+
+    It has few degrees of freedom: those of the neighbours are added to them.
+    """
+    free = np.maximum(used.sum(axis=1) - _FITTED, 0.0)
+    square = np.sum(used * left**2, axis=1)
+    around = range(-_NEIGHBOURS, _NEIGHBOURS + 1)
+    total, degrees = (sum(np.roll(each, shift) for shift in around) for each in (square, free))
+    return np.asarray(np.sqrt(total / np.maximum(degrees, 1.0) * edge.place_variance))
+
+
+def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
+    """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex.
+
+    The curvature is that of the curve smoothed by the blur too, which averages it.
+    """
     count = max(32, round(arc_length(curve)[-1] / _SPACING))
     base = gaussian_filter1d(equally_spaced(curve, count), _SMOOTHING / _SPACING, axis=0, mode="wrap")
     first = 0.5 * (np.roll(base, -1, axis=0) - np.roll(base, 1, axis=0))
-    second = np.roll(base, -1, axis=0) - 2.0 * base + np.roll(base, 1, axis=0)
-    speed = np.hypot(*first.T)
-    curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
-    return base, first / speed[:, None], np.asarray(curvature)
+    bent = gaussian_filter1d(base, blur / _SPACING, axis=0, mode="wrap")
+    turn = 0.5 * (np.roll(bent, -1, axis=0) - np.roll(bent, 1, axis=0))
+    second = np.roll(bent, -1, axis=0) - 2.0 * bent + np.roll(bent, 1, axis=0)
+    curvature = (turn[:, 0] * second[:, 1] - turn[:, 1] * second[:, 0]) / np.hypot(*turn.T) ** 3
+    return base, first / np.hypot(*first.T)[:, None], np.asarray(curvature)
 
 
 def _shifts(
@@ -139,15 +266,18 @@ def _shifts(
 ) -> tuple[Floats, Floats]:
     """Return the inward shift of each profile against the mean of its arc, and its variance for noise 1.
 
-    Differences of brightness and contrast from the mean are fitted together with the shift.
+    Differences of brightness and contrast from the mean are fitted together with the shift. In a wide blur the three
+    are much alike: each has a normal distribution beforehand, wide where a picture tells them.
     """
     shift, variance = np.empty(len(profiles)), np.empty(len(profiles))
-    _shifted(profiles, arc, means, slopes, used, shift, variance)
+    left = np.sum(used[arc] * (profiles - means[arc]) ** 2, axis=1) / np.sum(used[arc], axis=1)
+    held = float(np.median(left)) / np.square(_BEFOREHAND)
+    _shifted(profiles, arc, means, slopes, used, held, shift, variance)
     return np.clip(shift, -1.5, 1.5), variance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shifted(profiles, arc, means, slopes, used, shift, variance):  # type: ignore[no-untyped-def]
+def _shifted(profiles, arc, means, slopes, used, held, shift, variance):  # type: ignore[no-untyped-def]
     """Fill in the coefficient of the slope by least squares in slope, mean and 1, and its variance."""
     normal, sides = np.empty((3, 3)), np.empty((3, 2))
     for n in range(len(profiles)):
@@ -162,9 +292,11 @@ def _shifted(profiles, arc, means, slopes, used, shift, variance):  # type: igno
                     normal[a, b] += row[a] * row[b]
         ridge = 1e-9 * (normal[0, 0] + normal[1, 1] + normal[2, 2])
         for a in range(3):
-            normal[a, a] += ridge
-        solved = np.linalg.solve(normal, sides)
-        shift[n], variance[n] = solved[0, 0], solved[0, 1]
+            normal[a, a] += ridge + held[a]
+        factorise(normal)
+        substitute(normal, sides[:, 0])
+        substitute(normal, sides[:, 1])
+        shift[n], variance[n] = sides[0, 0], sides[0, 1]
 
 
 def _blur_at(width: Floats, normals: Floats) -> tuple[Floats, Floats]:

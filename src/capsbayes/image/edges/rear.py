@@ -26,6 +26,9 @@ _REACH = 1.7, 5, 14  # half width of the fit around the band: over its deviation
 _PROMINENCE = 0.02  # of the light, at least
 _SIGNIFICANCE = 6.0  # of the prominence over its noise
 _CURVATURES = np.linspace(-2.4, 0.2, 14)  # over the capsule's half height: off the axis the rear is less deep
+_FRONT = 0.5  # of the capsule's length: a concave rear is never as deep as that from the nose
+_RESOLVED = 60.0  # px: shortest capsule in which a second nose is sought; cells of 36 px show dark structures
+_NOSES = np.linspace(0.4, 2.0, 5)  # over the capsule's half height: curvatures of a second nose
 _CLEAR = 3.0  # of the band's deviation: nearer to the end of the silhouette it merges with the band of the outer edge
 _OVERLAP, _FADING = 0.08, 2.5  # of the deviation: shift by the outer edge's band, and distance at which it fades
 _MISFIT = 0.02  # of the width of the band: how far the model's middle may be from that of the band
@@ -77,28 +80,53 @@ def find_rear(
     noise : float
         Standard deviation of one pixel of `light`.
     """
-    across = np.array([-inwards[1], inwards[0]])
-    breadth = _BREADTH * half_height
-    y = np.arange(-np.floor(breadth), np.floor(breadth) + 1.0)
-    u = np.arange(0.0, _DEPTH * length)
-    at = end + u[:, None] * inwards + y[:, None, None] * across
-    rays = map_coordinates(light, [at[..., 1], at[..., 0]], order=1, mode="nearest")
-    start = _coarse(rays, y, half_height, noise)
+    rays, y = _rays(light, end, inwards, _DEPTH * length, half_height)
+    start = _coarse(rays, y, _CURVATURES / half_height, noise)
     return None if start is None else _fine(rays, y, start, blur, noise)
 
 
-def _coarse(rays: Floats, y: Floats, half_height: float, noise: float) -> tuple[int, float, float] | None:
-    """Return the depth of the band on the axis, its curvature, and its standard deviation, to a pixel."""
-    bend = np.rint(0.5 * _CURVATURES[:, None] / half_height * y**2).astype(np.int64)
+def shows_second_nose(
+    light: Floats, nose: Floats, inwards: Floats, length: float, half_height: float, noise: float
+) -> bool:
+    """Return whether a dark band as of a second nose is seen inside the front half of a capsule.
+
+    Two capsules overlap there. The arguments are those of `find_rear`, with the nose in place of the rear end. In a
+    small cell, what lies in it is not distinct from a nose, and none is sought.
+    """
+    if length < _RESOLVED:
+        return False
+    rays, y = _rays(light, nose, inwards, _FRONT * length, half_height)
+    return _coarse(rays, y, _NOSES / half_height, noise, behind_rim=True) is not None
+
+
+def _rays(light: Floats, end: Floats, inwards: Floats, depth: float, half_height: float) -> tuple[Floats, Floats]:
+    """Return the light along rays (r, u) from an end inwards, a pixel apart, and their distances (r,) from the axis."""
+    across = np.array([-inwards[1], inwards[0]])
+    breadth = _BREADTH * half_height
+    y = np.arange(-np.floor(breadth), np.floor(breadth) + 1.0)
+    at = end + np.arange(0.0, depth)[:, None] * inwards + y[:, None, None] * across
+    return map_coordinates(light, [at[..., 1], at[..., 0]], order=1, mode="nearest"), y
+
+
+def _coarse(
+    rays: Floats, y: Floats, curvatures: Floats, noise: float, *, behind_rim: bool = False
+) -> tuple[int, float, float] | None:
+    """Return the depth of a band on the axis, its curvature, and its standard deviation, to a pixel.
+
+    Behind the rim, only a band is sought that another one, that of the outer edge, is seen in front of.
+    """
+    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)
     last = rays.shape[1] - 1
     shifted = np.clip(np.arange(last + 1) + bend[..., None], 0, last)  # curvatures, rays, points
     stacked = rays[np.arange(len(rays))[:, None], shifted].mean(axis=1)
     smooth = gaussian_filter1d(stacked, _SMOOTHING, axis=1, mode="nearest")
     best, found = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y))), None
-    for curvature, profile in zip(_CURVATURES / half_height, smooth, strict=True):
+    for curvature, profile in zip(curvatures, smooth, strict=True):
         dips = (profile[1:-1] < profile[:-2]) & (profile[1:-1] <= profile[2:])
         for dip in (int(index) + 1 for index in np.flatnonzero(dips)):
             rim = int(np.argmin(profile[: max(dip // 2, 1)]))  # the dark band of the outer edge
+            if behind_rim and (rim == 0 or profile[rim + 1] < profile[rim]):
+                continue  # the dip is that band itself
             before, behind = profile[rim:dip].max(), profile[dip : dip + _BEHIND + 1].max()
             prominence = min(before, behind) - profile[dip]
             if prominence > best:

@@ -1,0 +1,73 @@
+"""Faults of a recording, drawn by a renderer of its own: few pictures each, limits far from what was counted."""
+
+from functools import cache
+
+import conditions
+import numpy as np
+import pytest
+
+from capsbayes.database import Database
+from capsbayes.status import Status
+
+CASES = Database.open("square-neo-hookean").converged
+CAPSULES = 6
+
+
+@cache
+def rows(name):
+    """Return what was measured in the pictures of a condition."""
+    made = []
+    for number in range(CAPSULES):
+        ((_, shot),) = conditions.taken(CASES, number, [name])
+        made.append(conditions.row(shot, conditions.measured(shot)))
+    return made
+
+
+def statuses(name):
+    return {Status[row["status"]] for row in rows(name)}
+
+
+MEASURED = (
+    *("none", "motion 1 px", "motion 3 px", "blur 2 px", "defocus, disc of radius 3 px", "noise 2 %"),
+    *("JPEG 90", "JPEG 75", "JPEG 50", "JPEG 25", "a third of the contrast", "halo 15 %"),
+)
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_lengths_lie_within_their_intervals(name):
+    """Of six pictures with right intervals of three standard errors, two are outside in one of ten thousand."""
+    assert statuses(name) == {Status.DONE}
+    errors = np.array([row["L_z"] for row in rows(name)])
+    assert np.sum(np.abs(errors[:, 0]) < 3.0 * errors[:, 1]) >= CAPSULES - 1
+    assert np.abs(errors[:, 0]).max() < 1.5
+
+
+@pytest.mark.parametrize("name", ["none", "JPEG 90", "JPEG 50", "JPEG 25", "noise 2 %"])
+def test_silhouettes_scatter_as_stated_however_the_picture_was_kept(name):
+    """Without the scatter left in the outline, the misfit of compressed pictures was ten to some hundreds."""
+    misfits = [row["misfit"] for row in rows(name) if "misfit" in row]
+    assert len(misfits) >= CAPSULES - 2
+    assert 0.3 < np.median(misfits) < 3.0
+
+
+@pytest.mark.parametrize("name", ["motion 6 px", "motion 12 px"])
+def test_a_capsule_that_moved_far_during_the_exposure_is_refused(name):
+    assert statuses(name) <= {Status.SMEARED, Status.NO_EDGE}
+
+
+@pytest.mark.parametrize("name", ["blur 4 px", "defocus, disc of radius 6 px", "defocus, disc of radius 8 px"])
+def test_blur_beyond_what_was_counted_is_refused(name):
+    refused = [row["status"] for row in rows(name) if row["status"] == "NO_EDGE"]
+    assert len(refused) >= CAPSULES - 1
+
+
+def test_two_capsules_that_overlap_are_refused():
+    assert statuses("two capsules overlap") <= {Status.OVERLAP, Status.DOUBLET}
+
+
+def test_the_table_has_a_row_for_each_condition_and_counts_all_pictures():
+    made = {name: conditions.summary(rows(name)) for name in ("none", "two capsules overlap")}
+    lines = conditions.table(made).splitlines()
+    assert [len(line.split("|")) for line in lines] == [len(conditions.HEAD) + 2] * 4
+    assert lines[2].startswith(f"| none | {CAPSULES} |")
+    assert sum(made["two capsules overlap"]["statuses"].values()) == CAPSULES
