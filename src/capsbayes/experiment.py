@@ -24,7 +24,7 @@ AREAS = {"square": 4.0, "circular": math.pi}
 """Areas of the cross-sections over l^2."""
 
 _FLUID = ("viscosity", "viscous_tension")  # one of them
-_OPTIONAL = ("frame_rate", "density", "membrane_thickness")
+_OPTIONAL = ("frame_rate", "exposure", "density", "membrane_thickness")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,6 +50,9 @@ class Experiment(Readable):
         mu U as one number, U the mean velocity of the undisturbed flow, where neither of the two is known: then
         G_s = mu U / Ca, and the velocity of a capsule is not used. One capsule can be identified with it; what needs
         viscosity or velocity refuses it.
+    exposure : Quantity [s]
+        Time for which light falls on one picture, of the shutter or of a flash. A capsule that moves by more than three
+        pixels in it is refused.
     source : str
         File the experiment was read from, empty if none.
     sha256 : str
@@ -79,6 +82,7 @@ class Experiment(Readable):
     density: Given = WATER
     membrane_thickness: Given | None = None
     viscous_tension: Given | None = None
+    exposure: Given | None = None
 
     def __post_init__(self) -> None:
         where = self.source or "experiment"
@@ -101,7 +105,8 @@ class Experiment(Readable):
         ----------
         path : path
             File with the keys ``cross_section`` (``section`` in older files), ``half_width`` and ``viscosity``, or
-            ``viscous_tension`` in place of it, and optionally ``frame_rate``, ``density`` and ``membrane_thickness``;
+            ``viscous_tension`` in place of it, and optionally ``frame_rate``, ``exposure``, ``density`` and
+            ``membrane_thickness``;
             all but the first are texts that `Quantity.read` reads.
 
         Returns

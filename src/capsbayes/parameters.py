@@ -95,6 +95,7 @@ _TABLE = (
     Parameter("flow_rate", "Q", "Q", "m^3/s", "µL/min", 6e10, "volume of the liquid that flows through in a time"),
     Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
     Parameter("frame_rate", "f", "f", "1/s", "1/s", 1.0, "pictures per second of a film"),
+    Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "µs", 1e6, "time for which light falls on one picture"),
     # of the flow problem
     _ratio("capillary_number", "Ca", r"\mathrm{Ca}", "capillary number mu U / G_s"),
     _ratio("size_ratio", "a/l", r"a/\ell", "radius at rest over half width"),
@@ -180,6 +181,7 @@ STATED: Mapping[str, Stated] = MappingProxyType(
         "axial_extent": Stated("2.14 +/- 0.01", 1e-2, 20.0),
         "axial_length": Stated("1.81 +/- 0.01", 1e-4, 20.0),
         "frame_rate": Stated("2000 Hz", 1e-3, 1e9),
+        "exposure": Stated("20 us", 1e-9, 10.0),
         "membrane_thickness": Stated("0.6 +/- 0.2 um", 1e-10, 1e-2),
     }
 )

@@ -131,6 +131,16 @@ def test_a_wrong_flow_is_refused():
         seen(made, flow="up")
 
 
+@pytest.mark.parametrize(("exposure", "status"), [("0.1 ms", Status.DONE), ("1 ms", Status.SMEARED)])
+def test_a_stated_exposure_in_which_the_capsule_moves_far_is_refused(exposure, status):
+    """At 6 mm/s and 25 um to 60 px it moves by 1.4 px in 0.1 ms, by 14 px in 1 ms."""
+    made = drawn(0.05, 0.8)
+    known = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85, exposure=exposure)
+    found = measure(made.picture, known, capsule_velocity=VELOCITY, background=made.background)
+    assert found.status is status
+    assert (found.outline is None) == (status is Status.SMEARED)
+
+
 def test_errors_grow_with_the_noise():
     quiet, noisy = (
         np.sqrt(seen(drawn(0.08, 1.05, half_width=55.0, optics=Optics(electrons=count))).covariance[0, 0])

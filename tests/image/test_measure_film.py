@@ -50,6 +50,25 @@ def test_velocity_and_lengths_lie_within_their_errors(tmp_path):
     assert np.max(np.abs(in_si)) < 2.5
 
 
+@pytest.mark.parametrize("kept", [[0, 1, 3, 4, 5, 8], [0, 1, 1, 2, 3, 4, 5]], ids=["dropped", "repeated"])
+def test_frames_that_were_dropped_or_repeated_leave_the_velocity_right(tmp_path, kept):
+    made = film(PLACES, 1)
+    (capsule,) = measured(tmp_path / "film", [made[number] for number in kept]).capsules
+    assert capsule.status is Status.DONE
+    assert abs(capsule.velocity.value - STEP) < 4.0 * capsule.velocity.error
+    assert capsule.velocity.error < 1e-3 * STEP
+
+
+@pytest.mark.parametrize(("exposure", "status"), [("20 us", Status.DONE), ("150 us", Status.SMEARED)])
+def test_a_capsule_that_moves_by_more_than_three_pixels_in_the_exposure_is_refused(tmp_path, exposure, status):
+    """It moves by 0.93 px in 20 us at 2000 pictures in a second, by 7 px in 150 us."""
+    folder = written(tmp_path / "film", film(PLACES))
+    known = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85, exposure=exposure)
+    (capsule,) = measure_film(folder, known, frame_rate=RATE, background=empty()).capsules
+    assert capsule.status is status
+    assert capsule.measurement.status is status
+
+
 def test_the_error_of_the_half_width_is_in_the_velocity(tmp_path):
     folder = written(tmp_path / "film", film(PLACES))
     known = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.5e-6), viscosity=0.85)

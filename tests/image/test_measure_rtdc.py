@@ -55,6 +55,22 @@ def path(tmp_path):
     return made
 
 
+@pytest.mark.parametrize(
+    ("flash", "speed", "stated", "refused"),
+    [(2.0, 0.15, None, False), (2.0, 1.5, None, True), (2.0, 1.5, "100 ns", False), (None, 1.5, None, False)],
+)
+def test_events_that_smear_during_the_flash_are_refused(path, flash, speed, stated, refused):
+    """Two microseconds at 0.15 m/s are 0.9 px, at 1.5 m/s 8.8 px; an exposure that is stated overrules the file."""
+    with h5py.File(path, "a") as file:
+        if flash is not None:
+            file.attrs["imaging:flash duration"] = flash
+    known = replace(EXPERIMENT, exposure=stated)
+    velocity = Quantity(speed, 0.01 * speed, "m/s")
+    found = [event.detection.status for event in measure_rtdc(path, known, capsule_velocity=velocity, pixel_size=PIXEL)]
+    assert found[:2] == [Status.SMEARED if refused else Status.DONE] * 2
+    assert found[2] is Status.BROKEN_MASK
+
+
 def test_sizes_that_a_file_declares_are_checked_before_it_is_read(path):
     whole = {"dtype": np.uint8, "chunks": (1, 80, 160)}
     for declared, message in (

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.image.motion import drift, velocity
+from capsbayes.image.motion import drift, times_of, velocity
 
 FRAMES = np.array([0.0, 1.0, 2.0, 4.0, 5.0, 6.0, 8.0, 9.0])  # two frames could not be read
 NOISE = 0.05
@@ -41,3 +41,13 @@ def test_a_length_that_changes_along_the_channel(slope, unsteady):
     found = drift(along, lengths, np.full(len(along), 4e-4))
     assert found.change == pytest.approx(-slope * 90.0 / 80.0, abs=3.0 * found.error)
     assert found.unsteady is unsteady
+
+
+def test_the_times_of_dropped_and_repeated_frames_follow_from_the_steps():
+    number, variance = np.arange(12.0), np.full(12, 0.01)
+    true = np.array([0, 1, 2, 4, 5, 5, 6, 7, 10, 11, 12, 13.0])
+    noise = 0.1 * np.random.default_rng(1).standard_normal(12)
+    np.testing.assert_array_equal(times_of(number, 7.0 - 9.0 * true + noise, variance), true)
+    np.testing.assert_array_equal(times_of(number, 0.3 * true + noise, variance), number)  # within the errors
+    np.testing.assert_array_equal(times_of(number, 9.0 * true + 4.0 * (number > 6), variance), number)  # no multiple
+    np.testing.assert_array_equal(times_of(2.0 * number, 18.0 * number, variance), 2.0 * number)

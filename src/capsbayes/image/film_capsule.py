@@ -15,7 +15,7 @@ from capsbayes.image.detection import Detection
 from capsbayes.image.edges.integrals import centroid, centroid_variance
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.measure import measurement_of_lengths
-from capsbayes.image.motion import Drift, Velocity, drift, velocity
+from capsbayes.image.motion import Drift, Velocity, drift, smeared, times_of, velocity
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
@@ -148,6 +148,8 @@ class FilmCapsule:
             lengths, covariance, repeat = _mean(frames, drifts)
             size = pixel_size or _pixel_size(lengths[3], covariance[3, 3], experiment)
             capsule_velocity = _in_si(speed, size, frame_rate)
+            if status.ok and smeared(experiment.exposure, capsule_velocity.value, size.value):
+                status = Status.SMEARED
         seen = None if record.detection is None else record.detection.walls
         measured = measurement_of_lengths(
             lengths,
@@ -178,9 +180,10 @@ class FilmCapsule:
 
 
 def _motion(frames: list[FrameMeasurement]) -> tuple[Velocity, dict[str, Drift]]:
-    times = np.array([float(measured.frame) for measured in frames])
+    numbers = np.array([float(measured.frame) for measured in frames])
     along = np.array([measured.place[0] for measured in frames])
-    speed = velocity(times, along, np.array([measured.place_variance for measured in frames]))
+    variance = np.array([measured.place_variance for measured in frames])
+    speed = velocity(times_of(numbers, along, variance), along, variance)
     drifts = {} if speed.drift is None else {"v_o": speed.drift}
     lengths = np.array([measured.lengths for measured in frames])
     random = np.array([np.diag(measured.covariance - measured.systematic) for measured in frames])

@@ -18,6 +18,7 @@ from capsbayes.image.contrast import Contrast
 from capsbayes.image.detection import Detection, analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.picture import Picture
+from capsbayes.image.motion import smeared
 from capsbayes.image.silhouette import silhouette_of
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
@@ -143,17 +144,21 @@ def measurement_of(
     detection: Detection, picture: Picture, experiment: Experiment, capsule_velocity: Quantity | None
 ) -> Measurement:
     """Return the measurement that follows from a detection in a picture, refused unless its status is ``DONE``."""
+    status = detection.status
+    if status.ok and capsule_velocity is not None:
+        pixel_size = experiment.half_width.mean / float(detection.lengths[3])
+        status = Status.SMEARED if smeared(experiment.exposure, capsule_velocity.value, pixel_size) else status
     measured = measurement_of_lengths(
         detection.lengths,
         detection.covariance,
         capsule_velocity,
         experiment,
-        status=detection.status,
+        status=status,
         walls=detection.walls.stated if detection.walls else "",
         source=picture.source,
         sha256=picture.sha256,
     )
-    return replace(measured, outline=silhouette_of(detection))
+    return replace(measured, outline=silhouette_of(detection)) if status.ok else measured
 
 
 def measurement_of_lengths(

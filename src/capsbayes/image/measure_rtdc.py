@@ -26,9 +26,11 @@ from capsbayes.image.files.film import evenly_spaced
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.files.rtdc import RtdcFile
 from capsbayes.image.measure import check_flow, measurement_of_lengths
+from capsbayes.image.motion import smeared
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
+from capsbayes.status import Status
 
 _SAMPLED = 101  # events in the median that is the background
 _WIDTHS = 0.1  # largest relative difference of the channel's width between file and experiment
@@ -119,6 +121,8 @@ def measure_rtdc(
         picture = replace(Picture.from_array(image), source=f"{file.path}, event {number}", sha256=file.sha256)
         light = picture.grey * gain
         detection = analyse_blob(light, pixel_noise(light), walls, blob_of_mask(mask, walls), direction)
+        if detection.status.ok and _is_smeared(file, experiment, capsule_velocity, pixel_size):
+            detection = replace(detection, status=Status.SMEARED)
         measured = measurement_of_lengths(
             detection.lengths,
             detection.covariance,
@@ -131,6 +135,12 @@ def measure_rtdc(
             sha256=file.sha256,
         )
         yield Event(number, picture, detection, measured, pixel_size.value)
+
+
+def _is_smeared(file: RtdcFile, experiment: Experiment, velocity: Quantity | None, pixel_size: Quantity) -> bool:
+    """Return whether capsules move too far during the exposure, or else the flash that the file states."""
+    flash = None if file.flash_duration is None else Quantity(file.flash_duration, unit="s")
+    return velocity is not None and smeared(experiment.exposure or flash, velocity.value, pixel_size.value)
 
 
 def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity) -> None:

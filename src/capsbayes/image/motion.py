@@ -7,9 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from capsbayes.arrays import Floats
+from capsbayes.quantity import Quantity
 
+LONGEST_SMEAR = 3.0  # px in one exposure, up to which the intervals of pictures were counted
+_DISTINCT = 10.0  # standard errors of a step
+_WHOLE = 0.25  # of a step: how far one may be from a whole multiple of it
 _SIGNIFICANT = 3.0  # standard errors
 _NEGLIGIBLE = 0.01  # of the quantity itself: a smaller change is added to the error, not a reason to refuse
+
+
+def smeared(exposure: Quantity | None, velocity: float, pixel_size: float) -> bool:
+    """Return whether a capsule at a velocity [m/s] moves by too many pixels, of a size [m], during the exposure [s]."""
+    return exposure is not None and exposure.mean * abs(velocity) > LONGEST_SMEAR * pixel_size
 
 
 @dataclass(frozen=True)
@@ -59,6 +68,24 @@ class Velocity:
     error: float
     scatter: float
     drift: Drift | None
+
+
+def times_of(frames: Floats, places: Floats, variance: Floats) -> Floats:
+    """Return the times of frames, some of which a camera dropped or repeated unseen : (n,) array, in frames.
+
+    A capsule moves by almost the same step from frame to frame: where it moves by two of them, a frame is missing. The
+    frames keep their numbers where a step is not distinct from its errors, or where steps are no whole multiples.
+    Arguments are those of `velocity`.
+    """
+    apart = np.diff(frames)
+    steps = np.diff(places)
+    step = float(np.median(steps / apart))
+    if abs(step) < _DISTINCT * np.sqrt(2.0 * float(variance.max())):
+        return frames
+    passed = np.rint(steps / step)
+    if np.any(passed < 0.0) or np.any(np.abs(steps / step - passed) > _WHOLE):
+        return frames
+    return np.concatenate([frames[:1], frames[0] + np.cumsum(passed)])
 
 
 def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:

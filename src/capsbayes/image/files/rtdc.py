@@ -18,6 +18,7 @@ from capsbayes.errors import InputError
 from capsbayes.image.files.picture import MOST_IN_FRAMES, check_pixels
 
 _MICROMETRE = 1e-6  # the unit of the file's lengths
+_MICROSECOND = 1e-6
 _LARGEST_CHUNK = 2**28  # bytes that are in memory together
 
 
@@ -34,6 +35,8 @@ class RtdcFile:
         Size of a pixel, and full width of the square channel.
     sha256 : str
         Hash of the file.
+    flash_duration : float, optional [s]
+        Time for which light falls on one picture.
 
     References
     ----------
@@ -45,6 +48,7 @@ class RtdcFile:
     pixel_size: float
     channel_width: float
     sha256: str
+    flash_duration: float | None = None
 
     @classmethod
     def open(cls, path: str | Path) -> RtdcFile:
@@ -67,10 +71,13 @@ class RtdcFile:
                 raise InputError(where, "events/mask", f"masks of {_size(shapes[0])}", _size(shapes[1]))
             keys = ("imaging:pixel size", "setup:channel width")
             pixel, width = (_positive(file.attrs.get(key), where, key) * _MICROMETRE for key in keys)
+            flash = file.attrs.get("imaging:flash duration")
+            if flash is not None:
+                flash = _positive(flash, where, "imaging:flash duration", "microseconds") * _MICROSECOND
             count = min(len(file["events/image"]), len(file["events/mask"]))
         with path.open("rb") as raw:
             digest = hashlib.file_digest(raw, "sha256").hexdigest()
-        return cls(path, count, pixel, width, digest)
+        return cls(path, count, pixel, width, digest, flash)
 
     def pictures(self, events: Iterable[int] | None = None) -> Iterator[tuple[NDArray[np.uint8], Booleans]]:
         """Iterate over the picture and the mask of each event, or of some by number : (rows, columns) arrays."""
@@ -118,7 +125,7 @@ def _size(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape[::-1]))
 
 
-def _positive(value: object, where: str, key: str) -> float:
+def _positive(value: object, where: str, key: str, unit: str = "micrometres") -> float:
     if not isinstance(value, (int, float, np.number)) or not (np.isfinite(value) and value > 0.0):
-        raise InputError(where, key, "a positive number of micrometres", "nothing" if value is None else repr(value))
+        raise InputError(where, key, f"a positive number of {unit}", "nothing" if value is None else repr(value))
     return float(value)
