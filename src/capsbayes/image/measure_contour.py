@@ -28,6 +28,7 @@ _HALF_PIXEL = 0.45  # px: how far inside the edge a polygon through the centres 
 _CONCAVE = 3.0  # of the edge's error: a rear that is hollow by more is taken to have been traced
 _COMMON = 0.5  # of the variance of the edge's error: alike all around, as of a line drawn too far out everywhere
 _DRIFT = 0.5  # l: length along the edge over which the rest of it is alike, as a hand drifts
+_RAISED = 1.4  # of both in a silhouette: of 100 drawn contours, the 95 % intervals without it held 85
 _MOST_POINTS = 128  # of a silhouette: those of a denser contour are averaged
 _SPARSE = 200  # points: a contour of fewer is smoothed by a spline, as its sides cut off the curve
 _LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
@@ -123,7 +124,7 @@ def _silhouette(edge: _Edge, half_width: float, relative: float, *, hollow: bool
     if len(points) < FEWEST_POINTS:
         return None
     scatter = max(edge.scatter / half_width, _LEAST_NOISE)
-    drift, common = (np.sqrt(share) * edge.error / half_width for share in (1.0 - _COMMON, _COMMON))
+    drift, common = (_RAISED * np.sqrt(share) * edge.error / half_width for share in (1.0 - _COMMON, _COMMON))
     over_l = points / half_width
     radius = float(np.mean(np.hypot(*(over_l - over_l.mean(axis=0)).T)))
     noise = OutlineNoise(float(np.hypot(scatter, drift)), _DRIFT, float(scatter**2 / (scatter**2 + drift**2)))
