@@ -1,10 +1,10 @@
 """Lengths and silhouettes measured under the faults of a recording: ``python benchmarks/conditions.py [COUNT]``.
 
 The same simulated capsules, 60 px to l, are drawn under each condition by ``benchmarks/camera.py``, which shares no
-code with what measures them. For each condition the table gives how many were measured, with a warning, or refused; of
-L_z and L_a bias, scatter, stated error, and the shares of the 68 and 95 % intervals that hold the truth with the range
-that binomial chance allows at right intervals; and the misfit of the silhouette about the true one, the mean square of
-its residuals over the stated covariance, 1 if that is right.
+code with what measures them. For each condition the table gives how many were measured or refused; of L_z and L_a
+bias, scatter, stated error, and the shares of the 68 and 95 % intervals that hold the truth; and the misfit of the
+silhouette about the true one, the mean square of its residuals over the stated covariance, 1 if that is right: median
+and 90 % quantile.
 
 ``--write`` renews ``docs/data/conditions.json`` and the table in ``docs/measuring.md``; ``--overlays FOLDER`` draws one
 measured picture of each condition.
@@ -25,7 +25,6 @@ import numpy as np
 import scipy.linalg
 from camera import MARGIN, Camera, Capsule, Grey, Looks, View, beside, photograph
 from rich.progress import track
-from scipy.stats import binom
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database
@@ -42,7 +41,7 @@ STORED, PAGE = ROOT / "docs" / "data" / "conditions.json", ROOT / "docs" / "meas
 BEGIN, END = "<!-- conditions -->\n", "<!-- end of conditions -->\n"
 HALF_WIDTH = 60.0  # px
 LEVELS = {0.68: 0.99446, 0.95: 1.95996}
-HEAD = ("condition", "measured", "warned", "refused", "L_z: bias, px", "scatter", "error", "in 68 %", "in 95 %")
+HEAD = ("condition", "measured", "refused", "L_z: bias, px", "scatter", "error", "in 68 %", "in 95 %")
 HEAD = (*HEAD, "L_a: n", "bias, px", "in 68 %", "in 95 %", "misfit")
 
 Change = Callable[[View, Camera, np.random.Generator], tuple[View, Camera]]
@@ -180,7 +179,6 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the numbers of a condition."""
     statuses = Counter(row["status"] for row in rows)
     made: dict[str, Any] = {"pictures": len(rows), "statuses": dict(statuses.most_common())}
-    made["warned"] = sum(bool(row.get("warned")) for row in rows)
     for name in ("L_z", "L_a"):
         pairs = np.array([row[name] for row in rows if name in row])
         if len(pairs):
@@ -211,22 +209,17 @@ def table(stored: dict[str, Any]) -> str:
 def _cells(numbers: dict[str, Any]) -> list[str]:
     done = numbers["statuses"].get("DONE", 0)
     refused = [f"{name} {count}" for name, count in numbers["statuses"].items() if name != "DONE"]
-    cells = [str(done), str(numbers["warned"] or ""), ", ".join(refused)]
+    cells = [str(done), ", ".join(refused)]
     for name in ("L_z", "L_a"):
         if name not in numbers:
             cells += [""] * (5 if name == "L_z" else 4)
             continue
         found = numbers[name]
-        shares = [f"{found['inside'][f'{level:.0%}'] / found['n']:.0%}{_range(found['n'], level)}" for level in LEVELS]
+        shares = [f"{found['inside'][f'{level:.0%}'] / found['n']:.0%}" for level in LEVELS]
         first = [f"{found['bias']:+.2f}", f"{found['scatter']:.2f}", f"{found['error']:.2f}"]
         cells += [*(first if name == "L_z" else [str(found["n"]), first[0]]), *shares]
     misfit = numbers.get("misfit")
     return [*cells, f"{misfit['median']:.2g} ({misfit['90 %']:.2g})" if misfit else ""]
-
-
-def _range(count: int, level: float) -> str:
-    low, high = binom.ppf([0.025, 0.975], count, level) / count
-    return f" ({low:.0%} to {high:.0%})"
 
 
 def run(count: int, names: list[str], folder: Path | None) -> dict[str, Any]:

@@ -124,19 +124,14 @@ EQUIVALENT = {
     ): "a work array of which nothing reads what was added",
     (
         "image/edges/outline.py",
-        "samples = np.arange(-_REACH, _REACH + 1, dtype=float)  # positive inwards",
-        "1 -> 2",
+        "samples = np.arange(-reach, reach + 1.0)  # positive inwards",
+        "1.0 -> 1.5",
     ): "no window holds the sample that is added",
     (
         "image/edges/outline.py",
         "normal, sides = np.empty((3, 3)), np.empty((3, 2))",
         "2 -> 3",
     ): "a right-hand side of which nothing reads the solution",
-    (
-        "image/edges/outline.py",
-        "sides[a, 0] += row[a] * (profiles[n, i] - mean[i])",
-        "Sub -> Add",
-    ): "the mean is one of the functions of the fit, whose coefficient takes it up",
 }
 """Mutants that change no result, with the reason: module, line and change. A mutant that is killed is none of them."""
 

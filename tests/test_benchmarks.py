@@ -114,3 +114,12 @@ def test_the_errors_of_the_membrane_model_are_those_of_the_page():
     assert len(numbers) == len(now) == 7
     for one, other in zip(numbers, now, strict=True):
         assert one == pytest.approx(other, rel=0.15)  # of two digits
+
+
+def test_the_table_of_conditions_is_that_of_the_last_run_of_all_conditions():
+    import conditions
+
+    done = json.loads(conditions.STORED.read_text())
+    assert list(done) == list(conditions.CONDITIONS)
+    assert {sum(numbers["statuses"].values()) for numbers in done.values()} == {100}
+    assert conditions.BEGIN + conditions.table(done) + conditions.END in conditions.PAGE.read_text()

@@ -25,7 +25,6 @@ ARC = 18.0  # px: length of the arcs that share one shape of the edge
 _REACH = 9  # px along a normal, to either side
 _SMOOTHING = 2.0  # px: of the curve on which the normals stand
 _START_WIDTH = 1.5  # px
-_FURTHER_ROUNDS = 2
 AVERAGED = 3  # points: the errors of their means are almost independent
 _SCATTER = 0.75, 0.15  # variance of their mean over that of independent points: at zero width, and per width squared
 _NEIGHBOURS, _ALIKE = 2, 1.7  # arcs to either side, and the largest ratio of an arc's width to the median of these
@@ -87,9 +86,11 @@ def locate_edge(light: Floats, polygon: Floats, noise: float) -> EdgeOutline | N
     last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH
     spline = spline_filter(light[first[1] : last[1], first[0] : last[0]], order=3, mode="mirror")
     moved = _moved(spline, polygon - first, np.array([_START_WIDTH]), 0.0)
-    for bend in (None, 0.0):  # estimated where the curve lies on the edge to a fraction of a pixel, then kept
-        if moved is not None:
-            moved = _moved(spline, moved.outline.points, moved.outline.edge_width, bend if bend is None else moved.bend)
+    for estimated in (True, False):  # where the curve lies on the edge to a fraction of a pixel, then kept
+        if moved is None:
+            return None
+        bend = None if estimated else moved.bend
+        moved = _moved(spline, moved.outline.points, moved.outline.edge_width, bend)
     if moved is None:
         return None
     outline = moved.outline
