@@ -144,9 +144,9 @@ def test_a_contour_drawn_by_hand_has_a_silhouette(tmp_path, name, content):
     assert found.outline.view == "silhouette"
     radius = np.hypot(*(found.outline.points - found.outline.points.mean(axis=0)).T)
     np.testing.assert_allclose(radius, 0.6, atol=0.03)
-    # the error of one pixel: half of its variance is alike all around, half drifts along the edge, and both are raised
-    assert 1.0 / 60.0 < found.outline.pose.offset < 1.0 / 35.0
-    assert 1.0 / 60.0 < found.outline.noise.scale < 1.0 / 35.0
+    # the error of one pixel: half of its variance is alike all around, half drifts along the edge
+    assert found.outline.pose.offset == pytest.approx(np.sqrt(0.5) / 50.0, rel=0.1)
+    assert found.outline.noise.scale == pytest.approx(np.sqrt(0.5) / 50.0, rel=0.4)
 
 
 def test_the_scatter_of_clicks_is_that_of_their_points(tmp_path):
@@ -177,6 +177,7 @@ def test_a_silhouette_drawn_by_hand_tells_the_capsule(tmp_path):
         flow="right",
         pixel_size=PIXEL,
     )
+    assert found.axial_length is None  # a silhouette that is hollow by some errors shows no concave rear
     model = Surrogate.open("square-neo-hookean", view="silhouette")
     posterior = identify(found, model, experiment, seed=1, engine="quadrature")
     assert posterior.status.ok

@@ -25,10 +25,11 @@ EDGE_ERROR = 1.0
 some pixels, a line is drawn anywhere in it, and the line itself does not show where."""
 
 _HALF_PIXEL = 0.45  # px: how far inside the edge a polygon through the centres of the outermost pixels lies, on average
-_CONCAVE = 3.0  # of the edge's error: a rear that is hollow by more is taken to have been traced
+# of the depth's standard error, and of l: a rear that is hollow by more is taken to have been traced; a silhouette is
+# hollow by less, and 12 of 60 drawn with an error of a pixel were hollow by more than three errors of the edge
+_CONCAVE = 4.0, 0.1
 _COMMON = 0.5  # of the variance of the edge's error: alike all around, as of a line drawn too far out everywhere
 _DRIFT = 0.5  # l: length along the edge over which the rest of it is alike, as a hand drifts
-_RAISED = 1.4  # of both in a silhouette: of 100 drawn contours, the 95 % intervals without it held 85
 _MOST_POINTS = 128  # of a silhouette: those of a denser contour are averaged
 _SPARSE = 200  # points: a contour of fewer is smoothed by a spline, as its sides cut off the curve
 _LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
@@ -82,8 +83,8 @@ def measure_contour(
     Measurement
         Lengths over l, and the silhouette. The scatter of its points is that of the contour against the curve through
         their neighbours; half of the variance of the edge's error is alike all around, the rest along l/2 of the edge.
-        L_a is that of the contour if its rear is concave by more than three errors of the edge, and the hollow is no
-        part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper bound.
+        L_a is that of the contour if its rear is concave by more than four errors of the depth and l/10, and the hollow
+        is no part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper bound.
 
     Raises
     ------
@@ -95,8 +96,9 @@ def measure_contour(
     half_width = experiment.half_width.mean / edge.unit.value
     relative = np.hypot(edge.unit.error / edge.unit.value, experiment.half_width.sd / experiment.half_width.mean)
     profile = Profile.from_outline(_smooth(edge.points))
-    depth = profile.parachute_depth if profile.parachute_depth > _CONCAVE * edge.error else np.nan
     own = (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
+    hollow = max(_CONCAVE[0] * np.sqrt(2.0 * own), _CONCAVE[1] * half_width)
+    depth = profile.parachute_depth if profile.parachute_depth > hollow else np.nan
     covariance = np.zeros((4, 4))
     # both lengths end at the nose; what is alike all around moves either end outwards
     covariance[:2, :2] = own * np.array([[2.0, 1.0], [1.0, 2.0]]) + 4.0 * _COMMON * edge.error**2
@@ -124,7 +126,7 @@ def _silhouette(edge: _Edge, half_width: float, relative: float, *, hollow: bool
     if len(points) < FEWEST_POINTS:
         return None
     scatter = max(edge.scatter / half_width, _LEAST_NOISE)
-    drift, common = (_RAISED * np.sqrt(share) * edge.error / half_width for share in (1.0 - _COMMON, _COMMON))
+    drift, common = (np.sqrt(share) * edge.error / half_width for share in (1.0 - _COMMON, _COMMON))
     over_l = points / half_width
     radius = float(np.mean(np.hypot(*(over_l - over_l.mean(axis=0)).T)))
     noise = OutlineNoise(float(np.hypot(scatter, drift)), _DRIFT, float(scatter**2 / (scatter**2 + drift**2)))
