@@ -19,9 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.arrays import Floats
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
-from capsbayes.physics.databases.membranes import membrane_continuation, membrane_places
-from capsbayes.physics.databases.scattered import NUMBERS, ScatteredState
-from capsbayes.physics.surface.octasphere import prolonged
+from capsbayes.physics.databases.membranes import membrane_continuation, membrane_places, nearest_state
+from capsbayes.physics.databases.scattered import NUMBERS
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import MembraneSurrogate
 from capsbayes.work import Store
@@ -116,21 +115,14 @@ def speed(count: int = 100_000) -> tuple[float, float]:
 def simulate(folder: Path) -> None:
     """Simulate the shapes that the folder lacks, each from the nearest state."""
     database = MembraneDatabase.open("square")
-    coarse, fine = membrane_continuation("square"), membrane_continuation("square", FINE)
-    meshes = coarse.simulator.problem.mesh, fine.simulator.problem.mesh
-    units = fine.places(database["values"])
+    fine = membrane_continuation("square", FINE)
     store, random = Store.open(folder, fine.settings), qmc.Sobol(len(FREE_PARAMETERS), rng=11).random_base2(6)[:COUNT]
     stretched = membrane_places(fine, random)
     for number, place in enumerate(stretched):
         name = f"shape-{number:03d}"
         if store.holds(name):
             continue
-        near = int(np.argmin(np.linalg.norm(units - place, axis=1)))
-        shape = database["mesh_mean"] + database["mesh"][near] @ database["mesh_modes"]
-        unknowns = np.append(prolonged(shape, *meshes), [database["numbers"][near, 2], database["slack"][near]])
-        start = ScatteredState(units[near], unknowns, np.zeros((len(unknowns), len(place))))
-        state = fine.reached(start, units[near])
-        state = None if state is None else fine.reached(state, place)
+        state = fine.reached(nearest_state(database, fine, place), place)
         seen = {} if state is None else fine.seen(state)
         store.save(name, {"values": fine.values(place[None])[0], "reached": state is not None, **seen})
         print(f"{number + 1} of {COUNT}", flush=True)

@@ -44,7 +44,7 @@ from capsbayes.membrane_database import (
     highest_ca,
     lowest_ca,
 )
-from capsbayes.physics.databases.membranes import membrane_continuation
+from capsbayes.physics.databases.membranes import membrane_continuation, nearest_state
 from capsbayes.physics.databases.scattered import (
     Continuation,
     ScatteredState,
@@ -55,7 +55,6 @@ from capsbayes.physics.databases.scattered import (
     stored_states,
 )
 from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke
-from capsbayes.physics.surface.octasphere import prolonged
 from capsbayes.work import Store
 
 POOLS = Path(__file__).parents[1] / "data" / "pools"
@@ -250,22 +249,10 @@ def simulate_pairs(store: Store, continuation: Continuation) -> None:
             continue
         values = drawn_pair(number)
         place = continuation.places(values[None])[0]
-        start = prolonged_start(database, continuation, place)
-        state = None if start is None else continuation.reached(start, place, derivatives=False)
+        state = continuation.reached(nearest_state(database, continuation, place), place, derivatives=False)
         seen = {} if state is None else continuation.seen(state)
         store.save(name, {"values": values, "reached": state is not None, **seen})
         print(f"{number + 1} of {PAIRS}", flush=True)
-
-
-def prolonged_start(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
-    """Return the shipped state next to a place on the finer mesh of a continuation, or None."""
-    units = continuation.places(database["values"])
-    near = int(np.argmin(np.linalg.norm(units - place, axis=1)))
-    shape = database["mesh_mean"] + database["mesh"][near] @ database["mesh_modes"]
-    meshes = membrane_continuation(database.cross_section).simulator.problem.mesh, continuation.simulator.problem.mesh
-    unknowns = np.append(prolonged(shape, *meshes), [database["numbers"][near, 2], database["slack"][near]])
-    start = ScatteredState(units[near], unknowns, np.zeros((len(unknowns), len(place))))
-    return continuation.reached(start, units[near])
 
 
 def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:

@@ -5,8 +5,13 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.membrane_database import MembraneDatabase, covered
-from capsbayes.physics.databases.membranes import build_membranes, membrane_continuation, membrane_places
-from capsbayes.physics.databases.scattered import ScatteredState, sobol_places
+from capsbayes.physics.databases.membranes import (
+    build_membranes,
+    membrane_continuation,
+    membrane_places,
+    nearest_state,
+)
+from capsbayes.physics.databases.scattered import sobol_places
 
 
 def test_places_lie_where_states_are_sought():
@@ -23,17 +28,25 @@ def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stor
     chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
     values = shipped["values"][chosen]
     place = continuation.places(values[None])[0]
-    shape = shipped["mesh_mean"] + shipped["mesh"][chosen] @ shipped["mesh_modes"]
-    unknowns = np.append(shape, [shipped["numbers"][chosen, 2], shipped["slack"][chosen]])
-    near = ScatteredState(place, unknowns, np.zeros((len(unknowns), len(place))))
+    near = nearest_state(shipped, continuation, place + 1e-3)
+    np.testing.assert_array_equal(near.place, place)
     state = continuation.reached(near, place)
     assert state is not None
-    np.testing.assert_allclose(state.unknowns[:-2], shape, atol=5e-3)
+    np.testing.assert_allclose(state.unknowns[:-2], near.unknowns[:-2], atol=5e-3)
     assert state.unknowns[-2] == pytest.approx(shipped["numbers"][chosen, 2], rel=1e-5)
     ahead = continuation.reached(state, place + 1e-3)
     slopes = [axis.slope(unit) for axis, unit in zip(continuation.axes, place, strict=True)]
     rate = shipped["numbers_along"][chosen, 2] * slopes
     assert (ahead.unknowns[-2] - state.unknowns[-2]) / 1e-3 == pytest.approx(rate.sum(), rel=0.02, abs=1e-3)
+
+
+def test_a_shipped_state_is_found_again_on_a_finer_mesh():
+    shipped, finer = MembraneDatabase.open("square"), membrane_continuation("square", 10)
+    chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
+    place = finer.places(shipped["values"][chosen][None])[0]
+    state = finer.reached(nearest_state(shipped, finer, place), place, derivatives=False)
+    assert len(state.unknowns) > len(shipped["mesh_mean"]) + 2
+    assert state.unknowns[-2] == pytest.approx(shipped["numbers"][chosen, 2], rel=0.01)
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """Scattered states are those of the simulator, found again after an interruption, and predict their neighbours."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from capsbayes.physics.databases.scattered import (
 from capsbayes.physics.membrane.general import GeneralLaw
 from capsbayes.physics.simulation import Simulator
 from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.work import Store
 
 HERE = {"scheduler": "synchronous", "progress": False}
 AXES = (
@@ -80,6 +83,34 @@ def test_what_is_missing_is_computed_again(start, states, folder):
     for state, other in zip(states, again, strict=True):
         np.testing.assert_allclose(other.unknowns, state.unknowns, atol=1e-6)
     assert {part: part.stat().st_mtime_ns for part in before} == before
+
+
+def test_a_place_that_was_not_reached_is_tried_again_from_the_nearest_state(
+    start, states, folder, tmp_path, monkeypatch
+):
+    """As where the first way to it leads over a fold, and another one does not."""
+    copy, honest, refused = shutil.copytree(folder, tmp_path / "copy"), Continuation.reached, []
+    name = next(part.name for part in copy.glob("state-*.part") if _holds(copy, part, PLACES[5]))
+    (copy / name).unlink()
+
+    def at_the_second_time(self, near, place, **options):
+        if np.array_equal(place, PLACES[5]) and not refused:
+            return refused.append(near)
+        return honest(self, near, place, **options)
+
+    monkeypatch.setattr(Continuation, "reached", at_the_second_time)
+    found = scattered_states(CONTINUATION, start, PLACES, folder=copy, **HERE)
+    assert len(refused) == 1
+    np.testing.assert_allclose(found[5].unknowns, states[5].unknowns, atol=1e-5)
+    assert len(stored_states(CONTINUATION, copy)) == len(PLACES)
+    monkeypatch.setattr(Continuation, "reached", None)  # all is kept
+    again = scattered_states(CONTINUATION, start, PLACES, folder=copy, **HERE)
+    np.testing.assert_array_equal(again[5].unknowns, found[5].unknowns)
+
+
+def _holds(folder, part, place):
+    kept = Store.open(folder, CONTINUATION.settings).load(part.stem)
+    return kept is not None and np.array_equal(kept["place"], place)
 
 
 def test_the_dataset_holds_what_is_seen_of_the_states_and_its_derivatives(states, start):

@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
+
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable, guarded
@@ -23,6 +25,7 @@ from capsbayes.physics.databases.scattered import (
 )
 from capsbayes.physics.membrane.general import GeneralLaw
 from capsbayes.physics.simulation.simulator import Simulator
+from capsbayes.physics.surface.octasphere import prolonged
 
 MEMBRANES = {"membrane-square": "square", "membrane-circular": "circular"}
 """Cross-sections of the shipped databases over the membrane, by their names."""
@@ -116,3 +119,22 @@ def build_membranes(
     database = MembraneDatabase.of(scattered_dataset(continuation, places, resolved))
     database.write(out)
     return database
+
+
+def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState:
+    """Return the state of a database next to a place (6,), on the mesh of a continuation.
+
+    It is as exact as the modes are in which it is stored, which suffices to begin from.
+    """
+    units = continuation.places(database["values"])
+    near = int(np.argmin(np.linalg.norm(units - place, axis=1)))
+    shape = database["mesh_mean"] + database["mesh"][near] @ database["mesh_modes"]
+    if continuation.settings["refinement"] != database.settings["refinement"]:
+        coarse = _continuation_of(database).simulator.problem.mesh
+        shape = prolonged(shape, coarse, continuation.simulator.problem.mesh)
+    unknowns = np.append(shape, [database["numbers"][near, 2], database["slack"][near]])
+    return continuation.with_derivatives(units[near], unknowns)
+
+
+def _continuation_of(database: MembraneDatabase) -> Continuation:
+    return membrane_continuation(database.cross_section, int(database.settings["refinement"]))

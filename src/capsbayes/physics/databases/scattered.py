@@ -2,8 +2,9 @@
 
 A state and its derivatives predict its neighbours, so that Newton's method reaches one from the nearest in few steps.
 The places form a tree in which each is near its parent: first a few that are far apart, then the others, each in the
-group of the nearest of these. The groups are independent, and the tree depends on the places alone: results do not
-depend on interruptions or on the number of workers.
+group of the nearest of these. Where a branch seems to end on the way, a place is tried again from the nearest of all
+states that were found. The groups are independent, and the tree depends on the places alone: results do not depend on
+interruptions or on the number of workers.
 """
 
 from __future__ import annotations
@@ -185,7 +186,7 @@ class Continuation:
         values = [getattr(state, name) if name in _OF_THE_CASE else known[name] for name in self.names]
         place = np.array([axis.unit(value) for axis, value in zip(self.axes, values, strict=True)])
         unknowns = np.append(state.mesh.reduced(state.nodes), [state.velocity_ratio, state.slack])
-        return self._with_derivatives(place, unknowns)
+        return self.with_derivatives(place, unknowns)
 
     def reached(self, start: ScatteredState, place: Floats, *, derivatives: bool = True) -> ScatteredState | None:
         """Return the state at a place, on the branch of another state; None if that ends on the way.
@@ -214,9 +215,10 @@ class Continuation:
             return None
         if not derivatives:
             return ScatteredState(place, unknowns, np.full_like(near.derivatives, np.nan))
-        return self._with_derivatives(place, unknowns)
+        return self.with_derivatives(place, unknowns)
 
-    def _with_derivatives(self, place: Floats, unknowns: Floats) -> ScatteredState:
+    def with_derivatives(self, place: Floats, unknowns: Floats) -> ScatteredState:
+        """Return a state that is known at a place, with its derivatives."""
         along = parameter_derivatives(self._problem(place), self._iterate(place, unknowns), self.names)
         slopes = [axis.slope(unit) for axis, unit in zip(self.axes, place.tolist(), strict=True)]
         return ScatteredState(place, unknowns, along * slopes)
@@ -277,7 +279,15 @@ def scattered_states(
             groups = [(seed, places[first:][nearest == number]) for number, seed in enumerate(seeds)]
             tasks = [partial(_grown, continuation, store, seed, group) for seed, group in groups if len(group)]
             run_tasks(tasks, scheduler, workers)
-    return [_stored(store, place) for place in places]
+            found = [_stored(store, _name(place)) for place in places]
+            known = [state for state in found if state is not None] or [start]
+            lost = [number for number, state in enumerate(found) if state is None]
+            nearest = np.argmin(cdist(places[lost], np.array([state.place for state in known])), axis=1)
+            pairs = zip(nearest, places[lost], strict=True)
+            again = [partial(_tried_again, continuation, store, known[near], place) for near, place in pairs]
+            for number, state in zip(lost, run_tasks(again, scheduler, workers), strict=True):
+                found[number] = state
+    return found
 
 
 def _grown(
@@ -292,10 +302,20 @@ def _grown(
             if not store.holds(name):
                 near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
                 _save(store, name, continuation.reached(near, place))
-            state = found[number] = _stored(store, place)
+            state = found[number] = _stored(store, name)
             if state is not None:
                 states.append(state)
     return found
+
+
+def _tried_again(
+    continuation: Continuation, store: Store, near: ScatteredState, place: Floats
+) -> ScatteredState | None:
+    name = f"again-{digest_of(place, near.place)[:24]}"
+    if not store.holds(name):
+        with threadpool_limits(limits=1):
+            _save(store, name, continuation.reached(near, place))
+    return _stored(store, name)
 
 
 def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
@@ -318,15 +338,15 @@ def _save(store: Store, name: str, state: ScatteredState | None) -> None:
     store.save(name, {"reached": state is not None, **values})
 
 
-def _stored(store: Store, place: Floats) -> ScatteredState | None:
-    values = store.load(_name(place))
+def _stored(store: Store, name: str) -> ScatteredState | None:
+    values = store.load(name)
     return ScatteredState(**values) if values is not None and values.pop("reached") else None
 
 
 def stored_states(continuation: Continuation, folder: str | os.PathLike[str]) -> list[ScatteredState]:
     """Return the states that `scattered_states` has kept in a folder so far."""
     store = Store.open(folder, continuation.settings)
-    parts = [store.load(name) for name in sorted(store.names("state-*"))]
+    parts = [store.load(name) for pattern in ("state-*", "again-*") for name in sorted(store.names(pattern))]
     return [ScatteredState(**part) for part in parts if part is not None and part.pop("reached")]
 
 
