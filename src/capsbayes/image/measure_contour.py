@@ -84,7 +84,8 @@ def measure_contour(
         Lengths over l, and the silhouette. The scatter of its points is that of the contour against the curve through
         their neighbours; half of the variance of the edge's error is alike all around, the rest along l/2 of the edge.
         L_a is that of the contour if its rear is concave by more than four errors of the depth and l/10, and the hollow
-        is no part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper bound.
+        is no part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper
+        bound.
 
     Raises
     ------
