@@ -245,6 +245,8 @@ def main() -> None:
     asked = parser.parse_args()
     names = [name for name in CONDITIONS if asked.only in name]
     with threadpool_limits(limits=1):
+        if asked.overlays is not None:
+            asked.overlays.mkdir(parents=True, exist_ok=True)
         made = run(asked.count, names, asked.overlays)
     print(table(made))
     if asked.write:
