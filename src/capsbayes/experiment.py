@@ -106,8 +106,7 @@ class Experiment(Readable):
         path : path
             File with the keys ``cross_section`` (``section`` in older files), ``half_width`` and ``viscosity``, or
             ``viscous_tension`` in place of it, and optionally ``frame_rate``, ``exposure``, ``density`` and
-            ``membrane_thickness``;
-            all but the first are texts that `Quantity.read` reads.
+            ``membrane_thickness``; all but the first are texts that `Quantity.read` reads.
 
         Returns
         -------

@@ -116,12 +116,13 @@ def measure_rtdc(
         walls = ByHand(pixel_size=pixel_size, axis=axis).lines(empty.shape, half_width)
     walls = walls or _walls(empty, 0.5 * file.channel_width / pixel_size.value)
     gain = transmission(np.ones_like(empty), empty)
+    is_smeared = _is_smeared(file, experiment, capsule_velocity, pixel_size)
     chosen = range(file.events) if events is None else list(events)
     for number, (image, mask) in zip(chosen, file.pictures(chosen), strict=True):
         picture = replace(Picture.from_array(image), source=f"{file.path}, event {number}", sha256=file.sha256)
         light = picture.grey * gain
         detection = analyse_blob(light, pixel_noise(light), walls, blob_of_mask(mask, walls), direction)
-        if detection.status.ok and _is_smeared(file, experiment, capsule_velocity, pixel_size):
+        if detection.status.ok and is_smeared:
             detection = replace(detection, status=Status.SMEARED)
         measured = measurement_of_lengths(
             detection.lengths,
