@@ -79,7 +79,7 @@ def identify_film(folder):
     film = measure_film(
         folder / "frames", EXPERIMENT, frame_rate=EXPERIMENT.frame_rate, background=folder / "empty.png"
     )
-    model = Surrogate.open("square-neo-hookean")
+    model = Surrogate.open("square-neo-hookean", view="silhouette")
     for capsule in film.capsules:
         posterior = identify(capsule.measurement, model, EXPERIMENT, engine="quadrature", seed=1)
         modulus, radius = (posterior.marginals[name] for name in ("surface_shear_modulus", "capsule_radius"))

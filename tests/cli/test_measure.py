@@ -110,7 +110,7 @@ def test_a_film_becomes_one_file_for_each_capsule(filmed):
     assert measured.capsule_velocity_error == pytest.approx(0.008 * measured.capsule_velocity, rel=0.1)
     assert (out / "capsule-1" / "overlay.png").exists()
     assert len((out / "capsule-1" / "frames.csv").read_text().splitlines()) == 6
-    assert (out / "capsules.csv").read_text().splitlines()[1].startswith("1,DONE,5,2.19")
+    assert (out / "capsules.csv").read_text().splitlines()[1].startswith("1,DONE,5,5,2.19")
 
 
 def test_the_rate_of_a_film_may_stand_in_the_experiment(filmed):

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.experiment import Experiment
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.integrals import centroid, centroid_variance
 from capsbayes.image.files.picture import Picture
+from capsbayes.image.film_silhouette import AlignedOutlines, FrameOutline
 from capsbayes.image.measure import measurement_of_lengths
 from capsbayes.image.motion import Drift, Velocity, drift, smeared, times_of, velocity
 from capsbayes.measurement import Measurement
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _FEWEST = 3  # frames that give a velocity and its error
+_UNLIKE = 0.2  # of the frames: more that disagree with the others are no chance, but another shape
 _SAMPLING = 0.005  # px: no centroid is located better than that in a picture sampled at whole pixels
 
 
@@ -43,6 +45,7 @@ class FrameMeasurement:
         L_z, L_a, L_p and l; NaN where missing.
     covariance, systematic : (4, 4) array [px^2]
         Of their errors, and the part of it that is the same in all frames.
+    outline : FrameOutline
     """
 
     frame: int
@@ -51,6 +54,7 @@ class FrameMeasurement:
     lengths: Floats
     covariance: Floats
     systematic: Floats
+    outline: FrameOutline = field(repr=False)
 
 
 @dataclass(eq=False)
@@ -88,7 +92,13 @@ class FrameRecord:
         variance = centroid_variance(outline, walls.along) + _SAMPLING**2
         self.measured.append(
             FrameMeasurement(
-                frame, place, variance, detection.lengths, detection.covariance, detection.systematic_covariance
+                frame,
+                place,
+                variance,
+                detection.lengths,
+                detection.covariance,
+                detection.systematic_covariance,
+                FrameOutline.of(detection),
             )
         )
         distances = [abs(float(measured.place[0]) - walls.centre_column) for measured in self.measured]
@@ -111,7 +121,9 @@ class FilmCapsule:
     repeat_error : (4,) array [px]
         Scatter of L_z, L_a, L_p and l from frame to frame.
     measurement : Measurement
-        The mean over the frames; refused unless the status is ``DONE``.
+        The means of lengths and outline over the frames that agree; refused unless the status is ``DONE``.
+    alike : (n,) array of bool
+        Which of the frames in which it was measured agree with the others.
     """
 
     status: Status
@@ -120,6 +132,7 @@ class FilmCapsule:
     drifts: dict[str, Drift]
     repeat_error: Floats
     measurement: Measurement
+    alike: Booleans
 
     @classmethod
     def of(
@@ -136,32 +149,40 @@ class FilmCapsule:
         The size of a pixel [m] is that stated by hand; by default it follows from the walls and the half width.
         """
         frames = record.measured
-        speed, drifts = None, dict[str, Drift]()
+        speed, drifts, outlines = None, dict[str, Drift](), None
         lengths, covariance, repeat = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
+        alike = np.ones(len(frames), dtype=bool)
         capsule_velocity = Quantity(np.nan, np.nan, "m/s")
         if len(frames) < _FEWEST:
             reasons = [(status, count) for status, count in record.statuses.most_common() if not status.ok]
             status = reasons[0][0] if reasons and reasons[0][1] > len(frames) else Status.FEW_FRAMES
         else:
             speed, drifts = _motion(frames)
-            status = Status.UNSTEADY if any(drift.unsteady for drift in drifts.values()) else Status.DONE
-            lengths, covariance, repeat = _mean(frames, drifts)
+            outlines = AlignedOutlines.of([measured.outline for measured in frames])
+            alike = outlines.alike
+            status = _steady(alike, drifts)
+            used = [measured for measured, kept in zip(frames, alike, strict=True) if kept] if status.ok else frames
+            lengths, covariance, repeat = _mean(used, drifts)
             size = pixel_size or _pixel_size(lengths[3], covariance[3, 3], experiment)
             capsule_velocity = _in_si(speed, size, frame_rate)
             if status.ok and smeared(experiment.exposure, capsule_velocity.value, size.value):
                 status = Status.SMEARED
-        seen = None if record.detection is None else record.detection.walls
+        walls = None if record.detection is None else record.detection.walls
         measured = measurement_of_lengths(
             lengths,
             covariance,
             capsule_velocity,
             experiment,
             status=status,
-            walls="" if seen is None else seen.stated,
+            walls="" if walls is None else walls.stated,
             source=str(film),
             sha256=sha256,
         )
-        return cls(status, record, speed, drifts, repeat, measured)
+        if status.ok and outlines is not None and speed is not None and walls is not None:
+            change = 0.5 * lengths[0] * drifts["L_z"].unmodelled_error  # of either end
+            silhouette = outlines.taken(alike).sharpest().silhouette(walls, int(np.sign(speed.value)), change)
+            measured = replace(measured, outline=silhouette)
+        return cls(status, record, speed, drifts, repeat, measured, alike)
 
     def table(self) -> pd.DataFrame:
         """Tabulate the frames in which the capsule was measured.
@@ -169,14 +190,25 @@ class FilmCapsule:
         Returns
         -------
         DataFrame
-            One row a frame: ``frame``, and in pixels ``along_px``, ``across_px``, ``axial_extent_px``,
-            ``axial_length_px`` and ``half_width_px``.
+            One row a frame: ``frame``; in pixels ``along_px``, ``across_px``, ``axial_extent_px``, ``axial_length_px``
+            and ``half_width_px``; and ``alike``, whether its outline agrees with those of the other frames.
         """
         import pandas as pd
 
-        columns = ("frame", "along_px", "across_px", "axial_extent_px", "axial_length_px", "half_width_px")
-        rows = [(measured.frame, *measured.place, *measured.lengths[[0, 1, 3]]) for measured in self.record.measured]
+        columns = ("frame", "along_px", "across_px", "axial_extent_px", "axial_length_px", "half_width_px", "alike")
+        rows = [
+            (measured.frame, *measured.place, *measured.lengths[[0, 1, 3]], bool(alike))
+            for measured, alike in zip(self.record.measured, self.alike, strict=True)
+        ]
         return pd.DataFrame(rows, columns=columns)
+
+
+def _steady(alike: Booleans, drifts: dict[str, Drift]) -> Status:
+    """Return whether a capsule is steady by its changes along the channel, and enough of its frames agree."""
+    unlike = np.count_nonzero(~alike)
+    if any(drift.unsteady for drift in drifts.values()) or unlike > max(1.0, _UNLIKE * len(alike)):
+        return Status.UNSTEADY
+    return Status.DONE if len(alike) - unlike >= _FEWEST else Status.FEW_FRAMES
 
 
 def _motion(frames: list[FrameMeasurement]) -> tuple[Velocity, dict[str, Drift]]:

@@ -77,9 +77,10 @@ class FilmMeasurement:
         Returns
         -------
         DataFrame
-            One row a capsule: ``capsule`` (from 1), ``status``, ``frames``; lengths over l and velocity in m/s with
-            their standard errors, NaN where missing; ``axial_length_bound_over_l``; and for L_z, L_a and v_o the
-            change along the channel over the mean, with its standard error (``L_z_change``, ``L_z_change_error``).
+            One row a capsule: ``capsule`` (from 1), ``status``, ``frames`` in which it was measured and ``alike``, how
+            many of them agree; lengths over l and velocity in m/s with their standard errors, NaN where missing;
+            ``axial_length_bound_over_l``; and for L_z, L_a and v_o the change along the channel over the mean, with its
+            standard error (``L_z_change``, ``L_z_change_error``).
         """
         import pandas as pd
 
@@ -88,9 +89,10 @@ class FilmMeasurement:
             measured, drifts = capsule.measurement, (capsule.drifts.get(name) for name in _DRIFTS)
             changes = [pair for drift in drifts for pair in ((drift.change, drift.error) if drift else (None, None))]
             values = [getattr(measured, name) for name in _COLUMNS.values()]
-            rows.append((number, capsule.status.name, len(capsule.record.measured), *values, *changes))
+            frames = len(capsule.record.measured), int(np.count_nonzero(capsule.alike))
+            rows.append((number, capsule.status.name, *frames, *values, *changes))
         of_changes = [f"{name}_{what}" for name in _DRIFTS for what in ("change", "change_error")]
-        table = pd.DataFrame(rows, columns=["capsule", "status", "frames", *_COLUMNS, *of_changes])
+        table = pd.DataFrame(rows, columns=["capsule", "status", "frames", "alike", *_COLUMNS, *of_changes])
         return table.astype(dict.fromkeys([*_COLUMNS, *of_changes], float))
 
 

@@ -8,17 +8,52 @@ coverage is counted.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.extent import EDGE_FLOOR
 from capsbayes.image.edges.outline import ARC, EdgeOutline, averaged, scatter_expected
+from capsbayes.image.walls import WallLines
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 
 _WALL = 2.0  # of the width of a wall's dark line: nearer to it, blur mixes the two, and an edge is found too far out
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
 _MISFIT = 0.024  # 1/px: error along the edge over the square of its width
 _OFFSET = 0.02  # 1/px: common error of all edges over the square of their width
+
+
+@dataclass(frozen=True)
+class EdgeErrors:
+    """Standard deviations of the errors of a silhouette's points along their normals [px].
+
+    Parameters
+    ----------
+    scatter : float
+        Of means of three points, independent of each other and in each picture.
+    arc : float
+        Alike along an arc, and independent in each picture.
+    misfit : float
+        Alike along an arc, and the same in all pictures of a capsule: that of the edge's model.
+    offset : float
+        Alike all around, and the same in all pictures of a capsule.
+    """
+
+    scatter: float
+    arc: float
+    misfit: float
+    offset: float
+
+    @classmethod
+    def of(cls, outline: EdgeOutline) -> EdgeErrors:
+        """Return the errors that follow from those with which an outline was located."""
+        width = np.square(outline.edge_width)
+        arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error)))
+        misfit = _MISFIT * np.sqrt(np.mean(np.square(width)))
+        offset = np.hypot(EDGE_FLOOR, _OFFSET * np.sqrt(np.mean(np.square(width))))
+        return cls(scatter_expected(outline), float(arc), float(misfit), float(offset))
 
 
 def silhouette_of(detection: Detection) -> MeasuredOutline | None:
@@ -31,26 +66,32 @@ def silhouette_of(detection: Detection) -> MeasuredOutline | None:
         return None
     walls = detection.walls
     points = averaged(detection.outline.points)
-    clear = walls.clearance(points) > _WALL * walls.line_width
-    if np.count_nonzero(clear) < FEWEST_POINTS:
-        return None
+    clear = is_clear(walls.clearance(points), walls)
     points = points[clear] - detection.axis
-    over_l = np.stack([detection.flow * (points @ walls.along), points @ walls.across], axis=1) / walls.half_width
-    scatter, smooth, offset = _errors(detection.outline)
-    radius = float(np.mean(np.hypot(*(over_l - over_l.mean(axis=0)).T)))
+    return over_l(
+        np.stack([detection.flow * (points @ walls.along), points @ walls.across], axis=1),
+        EdgeErrors.of(detection.outline),
+        walls,
+    )
+
+
+def is_clear(clearance: Floats, walls: WallLines) -> Booleans:
+    """Return which points are far enough from the walls, by their distances from the nearer one [px]."""
+    return np.asarray(clearance > _WALL * walls.line_width)
+
+
+def over_l(points: Floats, errors: EdgeErrors, walls: WallLines) -> MeasuredOutline | None:
+    """Return the silhouette with points (m, 2) along and across the flow [px]; None if they are too few."""
+    if len(points) < FEWEST_POINTS:
+        return None
+    half_width, smooth = walls.half_width, np.hypot(errors.arc, errors.misfit)
+    points = points / half_width
+    radius = float(np.mean(np.hypot(*(points - points.mean(axis=0)).T)))
     noise = OutlineNoise(
-        float(np.hypot(scatter, smooth)) / walls.half_width,
-        ARC / walls.half_width,
-        scatter**2 / (scatter**2 + smooth**2),
+        float(np.hypot(errors.scatter, smooth)) / half_width,
+        ARC / half_width,
+        float(errors.scatter**2 / (errors.scatter**2 + smooth**2)),
     )
     # an error of l changes all radii in proportion, much as an offset does
-    pose = Pose(offset=float(np.hypot(offset, radius * walls.half_width_error)) / walls.half_width)
-    return MeasuredOutline(over_l, noise, pose, SILHOUETTE)
-
-
-def _errors(outline: EdgeOutline) -> tuple[float, float, float]:
-    """Return the standard deviations [px] that are independent, alike along the edge, and alike all around."""
-    width = np.square(outline.edge_width)
-    smooth = np.mean(np.square(_ARC_SHARE * outline.arc_error) + np.square(_MISFIT * width))
-    offset = EDGE_FLOOR**2 + np.mean(np.square(_OFFSET * width))
-    return scatter_expected(outline), float(np.sqrt(smooth)), float(np.sqrt(offset))
+    pose = Pose(offset=float(np.hypot(errors.offset, radius * walls.half_width_error)) / half_width)
+    return MeasuredOutline(points, noise, pose, SILHOUETTE)

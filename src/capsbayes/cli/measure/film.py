@@ -117,12 +117,18 @@ def _print(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
     from capsbayes.show.tables.table import print_parts, table
 
     head = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "change of L_z", "of L_a", "of v_o", "")
-    rows = [(str(row["capsule"]), str(row["frames"]), *_cells(row), row["status"]) for _, row in capsules.iterrows()]
+    rows = [(str(row["capsule"]), _frames(row), *_cells(row), row["status"]) for _, row in capsules.iterrows()]
     clipped = f", {made.saturated} clipped between the walls" if made.saturated else ""
     unread = f", {made.unreadable} that could not be read" if made.unreadable else ""
     refused = [f"{status.name} {count}" for status, count in (made.statuses or {}).items() if not status.ok]
     counts = f"{made.frames} frames{unread}{clipped}. Objects refused: {', '.join(refused) or 'none'}."
     print_parts(table(head, rows), counts)
+
+
+def _frames(row: pd.Series) -> str:
+    """Return in how many frames a capsule was measured, and how many of them count if not all do."""
+    frames, alike = row["frames"], row["alike"]
+    return str(frames) if alike == frames else f"{alike} of {frames}"
 
 
 def _cells(row: pd.Series) -> list[str]:

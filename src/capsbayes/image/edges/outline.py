@@ -94,7 +94,7 @@ def locate_edge(light: Floats, polygon: Floats, noise: float) -> EdgeOutline | N
     if moved is None:
         return None
     outline = moved.outline
-    raised = scatter_left(outline) / (noise * scatter_expected(outline))
+    raised = scatter_left(averaged(outline.points), averaged(outline.normals)) / (noise * scatter_expected(outline))
     of_noise = np.square(noise * max(1.0, raised) * outline.arc_error)
     arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(moved.arc_misfit) - of_noise, 0.0))
     return replace(
@@ -118,18 +118,18 @@ def scatter_expected(outline: EdgeOutline) -> float:
     return float(np.sqrt(np.mean(variance) / AVERAGED))
 
 
-def scatter_left(outline: EdgeOutline) -> float:
-    """Return the standard deviation [px] of means of three points that is seen in the outline itself.
+def scatter_left(points: Floats, normals: Floats) -> float:
+    """Return the standard deviation of points (n, 2) of an outline that is seen in themselves, in their unit.
 
-    A curve that is smooth over five of these means has no fourth difference; tight corners are outliers. The noise of a
-    pixel tells less where a picture was compressed or filtered: its errors are then alike over several pixels.
+    The points are so far apart that their errors are almost independent. A curve that is smooth over five of them has
+    no fourth difference; tight corners are outliers. The noise of a pixel tells less where a picture was compressed or
+    filtered: its errors are then alike over several pixels.
     """
-    means = averaged(outline.points)
     fourth = sum(
-        factor * np.roll(means, shift, axis=0)
+        factor * np.roll(points, shift, axis=0)
         for factor, shift in zip((1.0, -4.0, 6.0, -4.0, 1.0), range(-2, 3), strict=True)
     )
-    across = np.sum(fourth * averaged(outline.normals), axis=1)
+    across = np.sum(fourth * normals, axis=1)
     # of the middle four fifths: the errors of a compressed picture differ from place to place
     return float(np.quantile(np.abs(across), 0.8)) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
 
