@@ -20,6 +20,9 @@ from capsbayes.experiment import Experiment
 from capsbayes.image.files.rtdc import RtdcFile
 from capsbayes.image.measure_rtdc import measure_rtdc
 from capsbayes.image.synthetic import Optics, Scene, draw
+from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.measurement import Measurement
+from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
@@ -66,7 +69,9 @@ def test_events_that_smear_during_the_flash_are_refused(path, flash, speed, stat
             file.attrs["imaging:flash duration"] = flash
     known = replace(EXPERIMENT, exposure=stated)
     velocity = Quantity(speed, 0.01 * speed, "m/s")
-    found = [event.detection.status for event in measure_rtdc(path, known, capsule_velocity=velocity, pixel_size=PIXEL)]
+    found = [
+        event.measurement.status for event in measure_rtdc(path, known, capsule_velocity=velocity, pixel_size=PIXEL)
+    ]
     assert found[:2] == [Status.SMEARED if refused else Status.DONE] * 2
     assert found[2] is Status.BROKEN_MASK
 
@@ -100,11 +105,28 @@ def test_drawn_spheres_and_a_mask_in_two_pieces(path):
     assert [event.detection.status for event in found] == [Status.DONE, Status.DONE, Status.BROKEN_MASK]
     for event in found[:2]:
         seen = event.measurement
-        assert abs(seen.axial_extent - 12e-6) < 2.5 * seen.axial_extent_error
-        assert seen.axial_extent_error > 0.003 / 0.34 * 12e-6
+        assert abs(seen.axial_extent - 1.2) < 2.5 * seen.axial_extent_error
+        assert seen.axial_extent_error > 0.003 / 0.34 * 1.2
+        assert event.row()["axial_extent_m"] == pytest.approx(seen.axial_extent * 10e-6)
+        assert event.row()["axial_extent_error_m"] == pytest.approx(seen.axial_extent_error * 10e-6, rel=0.01)
         assert seen.axial_length is None
     assert np.isnan(found[2].measurement.axial_extent)
     assert found[1].picture.source.endswith("drawn.rtdc, event 1")
+
+
+def test_events_have_the_silhouette_of_a_picture(path, tmp_path):
+    """A sphere does not tell the flow: it is stated. The error of the pixel moves all points of the edge alike."""
+    how = {"capsule_velocity": SPEED, "pixel_size": PIXEL}
+    assert [event.measurement.outline for event in measure_rtdc(path, EXPERIMENT, **how)] == [None] * 3
+    for event in list(measure_rtdc(path, EXPERIMENT, **how, flow="right"))[:2]:
+        event.measurement.write(tmp_path / "measurement.toml")
+        outline = Measurement.read(tmp_path / "measurement.toml").outline
+        assert outline.view == "silhouette"
+        truth = circle(0.6)
+        _, feet = aligned_with(outline.points, truth if signed_area(truth) > 0.0 else truth[::-1])
+        assert abs(feet.distance.mean()) < 2.5 * outline.pose.offset
+        assert outline.pose.offset > 0.9 * 0.6 * 0.003 / 0.34
+        assert feet.distance.std() < 3.0 * outline.noise.scale
 
 
 @pytest.mark.parametrize(

@@ -168,7 +168,6 @@ def measurement_of_lengths(
     experiment: Experiment,
     *,
     status: Status = Status.DONE,
-    pixel_size: Quantity | None = None,
     walls: str = "",
     source: str = "",
     sha256: str = "",
@@ -185,8 +184,6 @@ def measurement_of_lengths(
     experiment : Experiment
     status : Status
         Unless it is ``DONE``, the measurement is refused.
-    pixel_size : Quantity, optional [m]
-        If given, the lengths become metres; otherwise they are divided by l of the same picture.
     walls, source, sha256
         As in `Measurement`.
     """
@@ -195,8 +192,6 @@ def measurement_of_lengths(
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     half_width = lengths[3]
     scale, relative_error = 1.0 / half_width, np.sqrt(covariance[3, 3]) / half_width
-    if pixel_size is not None:
-        scale, relative_error = pixel_size.value, pixel_size.error / pixel_size.value
     known = [0, 1] if np.isfinite(lengths[1]) else [0]
     scaled = lengths[known] * scale
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2
@@ -206,7 +201,6 @@ def measurement_of_lengths(
         axial_extent_error=float(errors[0]),
         capsule_velocity=None if capsule_velocity is None else capsule_velocity.value,
         capsule_velocity_error=np.nan if capsule_velocity is None else capsule_velocity.error,
-        over_half_width=pixel_size is None,
         walls=walls,
         source=source,
         sha256=sha256,

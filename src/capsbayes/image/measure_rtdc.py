@@ -25,12 +25,10 @@ from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.film import evenly_spaced
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.files.rtdc import RtdcFile
-from capsbayes.image.measure import check_flow, measurement_of_lengths
-from capsbayes.image.motion import smeared
+from capsbayes.image.measure import check_flow, measurement_of
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
-from capsbayes.status import Status
 
 _SAMPLED = 101  # events in the median that is the background
 _WIDTHS = 0.1  # largest relative difference of the channel's width between file and experiment
@@ -50,24 +48,28 @@ class Event:
     detection : Detection
         In pixels; the distance of its walls is that of the file.
     measurement : Measurement
-        Lengths in metres; refused unless the detection's status is ``DONE``.
-    pixel_size : float [m]
+        Lengths over l and the silhouette, or why there are none.
+    pixel_size : Quantity [m]
     """
 
     number: int
     picture: Picture
     detection: Detection
     measurement: Measurement
-    pixel_size: float
+    pixel_size: Quantity
 
     def row(self) -> dict[str, object]:
         """Return the event as a row of a table: lengths with their errors and integrals in SI, None where missing."""
-        measured, integrals = self.measurement, self.detection.integrals if self.measurement.status.ok else None
-        lengths = ("axial_extent", "axial_extent_error", "axial_length", "axial_length_error")
-        row: dict[str, object] = {"event": self.number, "status": self.detection.status.name}
-        row |= {f"{name}_m": getattr(measured, name) if measured.status.ok else None for name in lengths}
+        seen, size, ok = self.detection, self.pixel_size, self.measurement.status.ok
+        row: dict[str, object] = {"event": self.number, "status": self.measurement.status.name}
+        for index, name in enumerate(("axial_extent", "axial_length")):
+            length, error = seen.lengths[index], np.sqrt(seen.covariance[index, index])
+            known = ok and np.isfinite(length)
+            row[f"{name}_m"] = float(length * size.value) if known else None
+            row[f"{name}_error_m"] = float(np.hypot(error * size.value, length * size.error)) if known else None
+        integrals = seen.integrals if ok else None
         for name, unit, power in (("area", "m2", 2), ("perimeter", "m", 1), ("volume", "m3", 3)):
-            row[f"{name}_{unit}"] = integrals and getattr(integrals, name).value * self.pixel_size**power
+            row[f"{name}_{unit}"] = integrals and getattr(integrals, name).value * size.value**power
         return row
 
 
@@ -110,38 +112,17 @@ def measure_rtdc(
     _check_channel(file, experiment, pixel_size)
     sampled = sorted(evenly_spaced(file.events, _SAMPLED))
     empty = temporal_median([image for image, _ in file.pictures(sampled)])
-    walls = None
-    if axis is not None:
-        half_width = Quantity(0.5 * file.channel_width, unit="m")
-        walls = ByHand(pixel_size=pixel_size, axis=axis).lines(empty.shape, half_width)
-    walls = walls or _walls(empty, 0.5 * file.channel_width / pixel_size.value)
+    walls = _walls(empty, experiment, pixel_size, axis)
     gain = transmission(np.ones_like(empty), empty)
-    is_smeared = _is_smeared(file, experiment, capsule_velocity, pixel_size)
+    flash = None if file.flash_duration is None else Quantity(file.flash_duration, unit="s")
+    known = replace(experiment, exposure=experiment.exposure or flash)
     chosen = range(file.events) if events is None else list(events)
     for number, (image, mask) in zip(chosen, file.pictures(chosen), strict=True):
         picture = replace(Picture.from_array(image), source=f"{file.path}, event {number}", sha256=file.sha256)
         light = picture.grey * gain
         detection = analyse_blob(light, pixel_noise(light), walls, blob_of_mask(mask, walls), direction)
-        if detection.status.ok and is_smeared:
-            detection = replace(detection, status=Status.SMEARED)
-        measured = measurement_of_lengths(
-            detection.lengths,
-            detection.covariance,
-            capsule_velocity,
-            experiment,
-            status=detection.status,
-            pixel_size=pixel_size,
-            walls=walls.stated,
-            source=picture.source,
-            sha256=file.sha256,
-        )
-        yield Event(number, picture, detection, measured, pixel_size.value)
-
-
-def _is_smeared(file: RtdcFile, experiment: Experiment, velocity: Quantity | None, pixel_size: Quantity) -> bool:
-    """Return whether capsules move too far during the exposure, or else the flash that the file states."""
-    flash = None if file.flash_duration is None else Quantity(file.flash_duration, unit="s")
-    return velocity is not None and smeared(experiment.exposure or flash, velocity.value, pixel_size.value)
+        measured = measurement_of(detection, picture, known, capsule_velocity)
+        yield Event(number, picture, detection, measured, pixel_size)
 
 
 def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity) -> None:
@@ -157,8 +138,19 @@ def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity)
         raise InputError(str(file.path), "events", "at least three", str(file.events))
 
 
-def _walls(empty: Floats, half_width: float) -> WallLines:
-    """Return the walls at the distance that the file gives, where the empty channel is darkest.
+def _walls(empty: Floats, experiment: Experiment, pixel_size: Quantity, axis: Any) -> WallLines:
+    """Return the walls around the axis that is stated, by default where the empty channel is darkest."""
+    shape = (empty.shape[0], empty.shape[1])
+    walls = ByHand(pixel_size=pixel_size, axis=axis).lines(shape, experiment.half_width)
+    assert walls is not None, "a pixel size is stated"
+    if axis is not None:
+        return walls
+    row, tilt = _darkest(empty, walls.half_width)
+    return replace(walls, centre_row=row, tilt=tilt, line_width=_LINES)
+
+
+def _darkest(empty: Floats, half_width: float) -> tuple[float, float]:
+    """Return the row [px] at which the channel's axis crosses the middle column, and its tilt.
 
     At this magnification a wall is a bundle of dark lines, none of which is the wall by itself.
     """
@@ -177,4 +169,4 @@ def _walls(empty: Floats, half_width: float) -> WallLines:
         blurred = gaussian_filter1d(level, _LINES)
         dark = sum(np.interp(candidates + side * vertical, np.arange(rows), blurred) for side in (-1.0, 1.0))
         row = float(candidates[np.argmin(dark)])
-    return WallLines(row, middle, float(np.arctan(slope)), half_width, 0.0, _LINES)
+    return row, float(np.arctan(slope))
