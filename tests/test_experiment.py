@@ -75,7 +75,7 @@ def test_a_sheet_of_incompressible_material_bends_like_a_plate():
         (
             ("viscosity", "viscocity"),
             "viscocity: expected one of cross_section, half_width, viscosity, viscous_tension, frame_rate, exposure, "
-            "density, membrane_thickness, got an unknown key",
+            "density, membrane_thickness, camera, got an unknown key",
         ),
         (('viscosity = "0.85 Pa s"', ""), "viscosity, viscous_tension: expected one of the two"),
         (('"0.85 Pa s"', '"0.85 Pa s"\nviscous_tension = "0.028 N/m"'), "viscosity, viscous_tension: expected one of"),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Floats
+from capsbayes.camera import Camera
 from capsbayes.errors import InputError
 from capsbayes.files.input_file import InputFile, quantity, unread
 from capsbayes.files.output_file import write_file
@@ -53,6 +54,8 @@ class Experiment(Readable):
     exposure : Quantity [s]
         Time for which light falls on one picture, of the shutter or of a flash. A capsule that moves by more than three
         pixels in it is refused.
+    camera : Camera, optional
+        Geometry of the camera, for what is measured in its pictures; by default it has no faults.
     source : str
         File the experiment was read from, empty if none.
     sha256 : str
@@ -83,6 +86,7 @@ class Experiment(Readable):
     membrane_thickness: Given | None = None
     viscous_tension: Given | None = None
     exposure: Given | None = None
+    camera: Camera | None = None
 
     def __post_init__(self) -> None:
         where = self.source or "experiment"
@@ -106,7 +110,8 @@ class Experiment(Readable):
         path : path
             File with the keys ``cross_section`` (``section`` in older files), ``half_width`` and ``viscosity``, or
             ``viscous_tension`` in place of it, and optionally ``frame_rate``, ``exposure``, ``density`` and
-            ``membrane_thickness``; all but the first are texts that `Quantity.read` reads.
+            ``membrane_thickness``; all but the first are texts that `Quantity.read` reads. A table ``[camera]`` states
+            the geometry of the camera as `Camera.read` reads it.
 
         Returns
         -------
@@ -120,7 +125,7 @@ class Experiment(Readable):
         file = InputFile.read(path)
         table = file.table(
             required={"cross_section": unread, "half_width": quantity("half_width")},
-            optional={key: quantity(key) for key in (*_FLUID, *_OPTIONAL)},
+            optional={key: quantity(key) for key in (*_FLUID, *_OPTIONAL)} | {"camera": Camera.read},
             renamed={"section": "cross_section"},
         )
         return cls(**table, source=str(path), sha256=file.sha256)
@@ -140,7 +145,8 @@ class Experiment(Readable):
             "cross_section": self.cross_section,
             **{key: value.shown(key) for key, value in stated.items() if value is not None},
         }
-        return found | ({"source": self.source} if self.source else {})
+        more = {"camera": self.camera and self.camera.described(), "source": self.source}
+        return found | {name: text for name, text in more.items() if text}
 
     def write(self, path: str | Path) -> None:
         """Write a file that `read` reads.
@@ -162,6 +168,8 @@ class Experiment(Readable):
             value = getattr(self, key)
             if value not in (None, WATER):
                 lines.append(f'{key} = "{_text(value, key)}"')
+        if self.camera is not None:
+            lines += ["", "[camera]", *(f'{key} = "{_text(it, key)}"' for key, it in self.camera.stated.items())]
         write_file(path, "\n".join(lines) + "\n")
 
 

@@ -81,7 +81,7 @@ class OutlineNoise:
 
 @dataclass(frozen=True)
 class Pose:
-    """Standard deviations of the position, the tilt and the offset of an outline.
+    """Standard deviations of the position, the tilt and the offset of an outline, and of the camera's geometry.
 
     Parameters
     ----------
@@ -91,18 +91,37 @@ class Pose:
         Of the flow direction on the picture [rad].
     offset : float
         Of all edges along their normals, over l: a halo or a threshold puts them too far out.
+    pixel_aspect, distortion, taper : float
+        Of the numbers of a `Camera`, which is taken to be without faults otherwise.
+    middle : float
+        Not a deviation: where the middle of the capsule is along the flow, from the middle of the picture, over l.
+    walls : float
+        Nor this: mean square distance from there of the walls at which l was read, over l^2.
     """
 
     along: float = 1.0
     across: float = 1.0
     tilt: float = 0.05
     offset: float = 0.0
+    pixel_aspect: float = 0.0
+    distortion: float = 0.0
+    taper: float = 0.0
+    middle: float = 0.0
+    walls: float = 1.0
 
     def directions(self, points: Floats, normal: Floats) -> Floats:
-        """Return the change of the normal distances by one standard deviation of each : (m, 4) array."""
+        """Return the change of the normal distances by one standard deviation of each : (m, 4 to 7) array."""
         turned = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
         each = [self.along * normal[:, 0], self.across * normal[:, 1], self.tilt * turned]
-        return np.stack([*each, np.full(len(points), self.offset)], axis=1)
+        each.append(np.full(len(points), self.offset))
+        place = points - 0.5 * (points.max(axis=0) + points.min(axis=0)) + [self.middle, 0.0]
+        radial = np.sum(place * normal, axis=1)
+        of_camera = (
+            (self.pixel_aspect, place[:, 0] * normal[:, 0]),
+            (self.distortion, (np.sum(place**2, axis=1) - self.walls) * radial),
+            (self.taper, place[:, 0] * radial),
+        )
+        return np.stack([*each, *(sd * change for sd, change in of_camera if sd > 0.0)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,4 +231,5 @@ def check_view(view: object, where: str, key: str) -> str:
 
 
 def _pose(table: object, where: str, key: str) -> Pose:
-    return Pose(**checked_table(table, where, key, optional={entry.name: not_negative for entry in fields(Pose)}))
+    readers = {entry.name: not_negative for entry in fields(Pose)} | {"middle": number}
+    return Pose(**checked_table(table, where, key, optional=readers))

@@ -117,6 +117,15 @@ _TABLE = (
     Parameter("halo", "delta", r"\delta", "m", "µm", 1e6, "distance by which all detected edges lie too far out"),
     Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "µs", 1e6, "time for which a picture is exposed"),
     Parameter("pixel_scale", "eps_p", r"\epsilon_\mathrm{p}", "-", "%", 1e2, "relative error of the size of a pixel"),
+    _ratio("pixel_aspect", "h_p/w_p", r"h_\mathrm{p}/w_\mathrm{p}", "height of a pixel over its width"),
+    Parameter(
+        *("distortion", "k_r", r"k_\mathrm{r}", "-", "%", 1e2),
+        "relative change of the magnification a half width away from the middle of the picture",
+    ),
+    Parameter(
+        *("taper", "k_t", r"k_\mathrm{t}", "-", "%", 1e2),
+        "relative change of the magnification along a half width downstream",
+    ),
     Parameter("swelling", "s_l", r"s_\ell", "s/m", "% per mm/s", 0.1, "relative widening of the channel per velocity"),
     # of the membranes of a session, and of the liquid
     _ratio("modulus_slope", "d ln G_s / d ln a", r"d\ln G_\mathrm{s}/d\ln a", "power of the size with which G_s grows"),

@@ -11,13 +11,18 @@ from capsbayes.effects import (
     Halo,
     ModulusSlope,
     MotionBlur,
+    OblongPixels,
     PixelScale,
+    RadialDistortion,
+    Taper,
     ViscosityError,
     catalogue,
 )
 from capsbayes.effects.simulated import SIMULATED, Simulated
 from capsbayes.errors import DatabaseError, InputError
+from capsbayes.evidence.blind.optics import distorted, enlarged, in_perspective
 from capsbayes.model import Extended
+from capsbayes.profile import Profile
 from capsbayes.testing import check_effect, check_model
 
 CAPSULES = {"capillary_number": np.array([0.03, 0.06, 0.09]), "size_ratio": np.array([0.8, 0.9, 1.0])}
@@ -58,6 +63,40 @@ def test_motion_blur_lengthens_and_does_not_widen(model):
     np.testing.assert_allclose(seen.axial_extent - without.axial_extent, 1e-4 * 4e-3 / 25e-6, atol=1e-12)
     wider = np.ptp(seen.outline[..., 1], axis=1) - np.ptp(without.outline[..., 1], axis=1)
     assert np.all(np.abs(wider) < 2e-3)
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "drawn", "tolerance"),
+    [
+        (OblongPixels(), 1.03, lambda outline, size: enlarged(outline, size, 1.0), 1e-9),
+        (RadialDistortion(), -0.01, distorted, 5e-4),  # geometry is exact, the effect of first order
+        (Taper(), 0.01, in_perspective, 5e-4),
+    ],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_faults_of_the_camera_are_those_of_geometry(model, effect, size, drawn, tolerance):
+    theta = CAPSULES | {effect.parameter.name: three(size)}
+    seen, without = (model + effect)(theta, outline=True), model(CAPSULES, outline=True)
+    assert (model + effect)(theta).outline is None
+    for row in range(3):
+        due = Profile.from_outline(drawn(without.outline[row], size))
+        assert seen.axial_length[row] - without.axial_length[row] == pytest.approx(
+            due.axial_length - Profile.from_outline(without.outline[row]).axial_length, abs=2.0 * tolerance
+        )
+        for axis in (0, 1):
+            assert np.ptp(seen.outline[row, :, axis]) == pytest.approx(np.ptp(due.points[:, axis]), abs=tolerance)
+    moved = np.abs(seen.outline - without.outline - (seen.outline - without.outline).mean(axis=1, keepdims=True))
+    assert moved.max() > 5.0 * tolerance
+
+
+def test_oblong_pixels_change_what_is_seen_of_the_velocity_and_the_others_do_not(model):
+    plain = model(CAPSULES).velocity_ratio
+    np.testing.assert_allclose(
+        (model + OblongPixels())(CAPSULES | {"pixel_aspect": three(1.03)}).velocity_ratio, 1.03 * plain
+    )
+    for effect in (RadialDistortion(), Taper()):
+        seen = (model + effect)(CAPSULES | {effect.parameter.name: three(0.01)})
+        np.testing.assert_array_equal(seen.velocity_ratio, plain)
 
 
 def test_swollen_channel_is_a_smaller_capsule_seen_larger(model):

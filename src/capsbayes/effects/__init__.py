@@ -5,8 +5,11 @@ from capsbayes.effects.channel_swelling import ChannelSwelling
 from capsbayes.effects.halo import Halo
 from capsbayes.effects.modulus_slope import ModulusSlope
 from capsbayes.effects.motion_blur import MotionBlur
+from capsbayes.effects.oblong_pixels import OblongPixels
 from capsbayes.effects.pixel_scale import PixelScale
+from capsbayes.effects.radial_distortion import RadialDistortion
 from capsbayes.effects.simulated import SIMULATED, Simulated
+from capsbayes.effects.taper import Taper
 from capsbayes.effects.viscosity_error import ViscosityError
 
 __all__ = [
@@ -15,8 +18,11 @@ __all__ = [
     "Halo",
     "ModulusSlope",
     "MotionBlur",
+    "OblongPixels",
     "PixelScale",
+    "RadialDistortion",
     "Simulated",
+    "Taper",
     "ViscosityError",
     "catalogue",
 ]

@@ -10,8 +10,11 @@ from capsbayes.effects.channel_swelling import ChannelSwelling
 from capsbayes.effects.halo import Halo
 from capsbayes.effects.modulus_slope import ModulusSlope
 from capsbayes.effects.motion_blur import MotionBlur
+from capsbayes.effects.oblong_pixels import OblongPixels
 from capsbayes.effects.pixel_scale import PixelScale
+from capsbayes.effects.radial_distortion import RadialDistortion
 from capsbayes.effects.simulated import SIMULATED, Simulated
+from capsbayes.effects.taper import Taper
 from capsbayes.effects.viscosity_error import ViscosityError
 from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase
 from capsbayes.quantity import Quantity
@@ -41,7 +44,8 @@ def catalogue(cross_section: str = "square") -> dict[str, Effect]:
         effects += [effect for effect in SIMULATED.values() if effect.of_membrane or effect.database in shipped]
     elif cross_section in MembraneDatabase.shipped():
         effects += [_within_states(effect) for effect in SIMULATED.values() if effect.of_membrane]
-    effects += [ChannelSwelling(), Halo(), ModulusSlope(), MotionBlur(), PixelScale(), ViscosityError()]
+    effects += [Halo(), MotionBlur(), PixelScale(), OblongPixels(), RadialDistortion(), Taper()]
+    effects += [ChannelSwelling(), ModulusSlope(), ViscosityError()]
     return {effect.parameter.name: effect for effect in effects}
 
 

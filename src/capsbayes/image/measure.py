@@ -20,6 +20,7 @@ from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.motion import smeared
 from capsbayes.image.silhouette import silhouette_of
+from capsbayes.image.straightened import straightened_lengths, straightened_silhouette
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
@@ -148,17 +149,22 @@ def measurement_of(
     if status.ok and capsule_velocity is not None:
         pixel_size = experiment.half_width.mean / float(detection.lengths[3])
         status = Status.SMEARED if smeared(experiment.exposure, capsule_velocity.value, pixel_size) else status
+    lengths, covariance, outline = detection.lengths, detection.covariance, silhouette_of(detection)
+    if status.ok and (camera := experiment.camera) is not None:
+        columns = picture.shape[1]
+        lengths, covariance = straightened_lengths(detection, columns, camera)
+        outline = outline and straightened_silhouette(outline, detection, columns, camera)
     measured = measurement_of_lengths(
-        detection.lengths,
-        detection.covariance,
+        lengths,
+        covariance,
         capsule_velocity,
-        experiment,
+        replace(experiment, camera=None),
         status=status,
         walls=detection.walls.stated if detection.walls else "",
         source=picture.source,
         sha256=picture.sha256,
     )
-    return replace(measured, outline=silhouette_of(detection)) if status.ok else measured
+    return replace(measured, outline=outline) if status.ok else measured
 
 
 def measurement_of_lengths(
@@ -186,7 +192,15 @@ def measurement_of_lengths(
         Unless it is ``DONE``, the measurement is refused.
     walls, source, sha256
         As in `Measurement`.
+
+    Raises
+    ------
+    InputError
+        If the experiment states the geometry of the camera, which is for its pictures and not for lengths.
     """
+    if experiment.camera is not None:
+        expected = "none for a film: single pictures, events and contours alone are corrected"
+        raise InputError(experiment.source or "experiment", "camera", expected, experiment.camera.described())
     file = Path(experiment.source) if experiment.source else None
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)

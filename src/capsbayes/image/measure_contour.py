@@ -9,6 +9,7 @@ import shapely
 from scipy.interpolate import CubicSpline
 
 from capsbayes.arrays import Floats
+from capsbayes.camera import Camera
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.edges.robust import robust_spread
@@ -94,6 +95,8 @@ def measure_contour(
     """
     direction = FLOWS[flow] if check_flow(flow) else 1
     edge = _edge(contour, direction, edge_error, pixel_size, points)
+    aspect = _aspect(experiment)
+    edge = replace(edge, points=edge.points / [aspect.mean, 1.0])
     half_width = experiment.half_width.mean / edge.unit.value
     relative = np.hypot(edge.unit.error / edge.unit.value, experiment.half_width.sd / experiment.half_width.mean)
     profile = Profile.from_outline(_smooth(edge.points))
@@ -104,16 +107,30 @@ def measure_contour(
     # both lengths end at the nose; what is alike all around moves either end outwards
     covariance[:2, :2] = own * np.array([[2.0, 1.0], [1.0, 2.0]]) + 4.0 * _COMMON * edge.error**2
     covariance[3, 3] = (relative * half_width) ** 2
+    lengths = np.array([profile.axial_extent, profile.axial_extent - depth, depth, half_width])
+    covariance[:2, :2] += (aspect.sd / aspect.mean) ** 2 * np.outer(lengths[:2], lengths[:2])
     measured = measurement_of_lengths(
-        np.array([profile.axial_extent, profile.axial_extent - depth, depth, half_width]),
+        lengths,
         covariance,
         capsule_velocity,
-        experiment,
+        replace(experiment, camera=None),
         walls=f"the half width over a {'pixel' if contour.unit == 'px' else 'unit'} of {1e6 * edge.unit.value:.4g} um",
         source=contour.source,
         sha256=contour.sha256,
     )
-    return replace(measured, outline=_silhouette(edge, half_width, float(relative), hollow=bool(np.isfinite(depth))))
+    seen = _silhouette(edge, half_width, float(relative), hollow=bool(np.isfinite(depth)))
+    if seen is not None and aspect.sd > 0.0:
+        seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
+    return replace(measured, outline=seen)
+
+
+def _aspect(experiment: Experiment) -> Quantity:
+    """Return the height of a pixel over its width; refuse what needs the place of the contour in its picture."""
+    camera = experiment.camera or Camera()
+    if others := [name for name in camera.stated if name != "pixel_aspect"]:
+        expected = "pixel_aspect alone for a contour, which does not tell where the middle of its picture is"
+        raise InputError(experiment.source or "experiment", "camera", expected, ", ".join(others))
+    return camera.pixel_aspect
 
 
 def _silhouette(edge: _Edge, half_width: float, relative: float, *, hollow: bool) -> MeasuredOutline | None:

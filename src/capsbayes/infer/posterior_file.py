@@ -196,13 +196,14 @@ def _measurement(table: Mapping[str, Any], points: Any) -> Measurement:
 
 def _experiment(table: Mapping[str, Any]) -> Experiment:
     rate, thickness = table["frame_rate"], table.get(THICKNESS)
+    viscosity, tension = (
+        None if table.get(name) is None else Quantity.of_record(table[name], PARAMETERS[name].si) for name in _FLUID
+    )
     return Experiment(
         cross_section=table["cross_section"] if "cross_section" in table else table["section"],
         half_width=Quantity.of_record(table["half_width"], "m"),
-        **{
-            name: None if table.get(name) is None else Quantity.of_record(table[name], PARAMETERS[name].si)
-            for name in _FLUID
-        },
+        viscosity=viscosity,
+        viscous_tension=tension,
         source=table["source"],
         sha256=table["sha256"],
         frame_rate=None if rate is None else Quantity(**rate),

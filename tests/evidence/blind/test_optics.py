@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.evidence.blind.optics import enlarged, grown, smeared
+from capsbayes.evidence.blind.optics import distorted, enlarged, grown, in_perspective, smeared
 from capsbayes.profile import Profile
 
 ANGLE = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
@@ -43,6 +43,27 @@ def test_smeared_circle_gains_the_area_of_its_way():
 
 
 def test_enlarged_shape_is_similar(parachute):
-    before, after = Profile.from_outline(parachute), Profile.from_outline(enlarged(parachute, 1.03))
+    before, after = Profile.from_outline(parachute), Profile.from_outline(enlarged(parachute, 1.03, 1.03))
     assert after.area == pytest.approx(1.03**2 * before.area)
     assert after.axial_length == pytest.approx(1.03 * before.axial_length)
+
+
+def test_oblong_pixels_stretch_the_flow_direction_alone(parachute):
+    before, after = Profile.from_outline(parachute), Profile.from_outline(enlarged(parachute, 1.03, 1.0))
+    assert after.area == pytest.approx(1.03 * before.area)
+    assert np.ptp(after.points[:, 1]) == pytest.approx(np.ptp(before.points[:, 1]))
+
+
+def test_a_barrel_leaves_the_circle_through_the_walls_and_shortens_what_is_longer():
+    np.testing.assert_allclose(np.hypot(*distorted(CIRCLE, -0.02).T), 1.0)
+    seen = distorted(CIRCLE * [1.5, 0.5], -0.02)
+    assert seen[:, 0].max() == pytest.approx(1.5 * (1.0 - 0.02 * 1.5**2) / 0.98)
+    assert seen[:, 1].max() == pytest.approx(0.5 * (1.0 - 0.02 * 0.5**2) / 0.98, rel=1e-4)
+
+
+def test_straight_lines_stay_straight_in_perspective():
+    """A rectangle becomes a trapezoid, broader downstream by the ratio of the distances."""
+    corners = np.array([[1.0, 0.5], [-1.0, 0.5], [-1.0, -0.5], [1.0, -0.5]])
+    seen = in_perspective(corners, 0.02)
+    breadth = [np.ptp(seen[sign * seen[:, 0] > 0.0, 1]) for sign in (1.0, -1.0)]
+    assert breadth[0] / breadth[1] == pytest.approx(1.02 / 0.98)

@@ -141,6 +141,26 @@ def test_the_covariance_is_that_of_the_errors_drawn(model):
     np.testing.assert_allclose(np.cov(errors.T), NOISE.covariance(pilot), atol=0.04 * NOISE.scale**2)
 
 
+@pytest.mark.parametrize(
+    ("seen", "pose"),
+    [
+        (lambda points: points * [1.03, 1.0], Pose(pixel_aspect=0.02)),
+        (lambda points: points * (0.97 + 0.03 * np.sum(points**2, axis=1, keepdims=True)), Pose(distortion=0.02)),
+        (lambda points: points * (1.0 + 0.05 * points[:, :1]), Pose(taper=0.03)),
+    ],
+    ids=["oblong pixels", "radial distortion", "taper"],
+)
+def test_a_fault_of_the_camera_is_within_the_error_that_is_stated_of_it(model, seen, pose):
+    pilot = outlines(model, TRUTH)[0]
+    centred = pilot[::4] - 0.5 * (pilot.max(axis=0) + pilot.min(axis=0))
+    misfits = []
+    for known in (Pose(), pose):
+        found, precision = fitted(model, OutlineLikelihood(seen(centred), NOISE, pilot, known))
+        misfits.append((found - TRUTH) @ precision @ (found - TRUTH))
+    assert misfits[0] > 15.0
+    assert misfits[1] < 4.0
+
+
 @pytest.mark.slow
 def test_the_95_per_cent_region_covers(model):
     """150 outlines each: 0.95 within three binomial standard errors, 0.05; taken as white the errors deceive."""

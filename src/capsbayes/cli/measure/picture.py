@@ -69,6 +69,9 @@ def measured_picture(
     measured = measurement_of(detection, seen, experiment, speed)
     if detection.status.ok and not quiet:
         _print(detection, experiment)
+        if experiment.camera is not None:
+            lengths = ", ".join(f"{length:.4f}" for length in measured.lengths)
+            typer.echo(f"Over l without the faults of the camera ({experiment.camera.described()}): {lengths}.")
         print_outline(measured)
     if out is not None:
         write_detection(out, seen, detection, measured)

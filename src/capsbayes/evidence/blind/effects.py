@@ -10,7 +10,14 @@ from typing import Any
 from capsbayes.errors import InputError
 from capsbayes.evidence.blind.capsule import Capsule
 from capsbayes.evidence.blind.lab import Lab
-from capsbayes.evidence.blind.optics import enlarged, grown, smeared, smooth_pattern
+from capsbayes.evidence.blind.optics import (
+    distorted,
+    enlarged,
+    grown,
+    in_perspective,
+    smeared,
+    smooth_pattern,
+)
 from capsbayes.physics.membrane import GeneralisedHooke, Skalak, StrainHardening
 
 Drawn = Callable[[Capsule, float, Lab, int], Capsule]
@@ -66,13 +73,29 @@ def _blurred(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
 
 def _wrong_pixels(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
     factor = 1.0 + size
-    return replace(capsule, outline=enlarged(capsule.outline, factor), velocity_seen=capsule.velocity_seen * factor)
+    return replace(
+        capsule, outline=enlarged(capsule.outline, factor, factor), velocity_seen=capsule.velocity_seen * factor
+    )
+
+
+def _oblong(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    return replace(capsule, outline=enlarged(capsule.outline, size, 1.0), velocity_seen=capsule.velocity_seen * size)
+
+
+def _distorted(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    return replace(capsule, outline=distorted(capsule.outline, size))
+
+
+def _in_perspective(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    return replace(capsule, outline=in_perspective(capsule.outline, size))
 
 
 def _swollen(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
     """Enlarge the capsule: it was simulated in the true channel, and the lab divides by the nominal half width."""
     factor = 1.0 + size * capsule.capsule_velocity
-    return replace(capsule, outline=enlarged(capsule.outline, factor), capsule_radius=capsule.capsule_radius * factor)
+    return replace(
+        capsule, outline=enlarged(capsule.outline, factor, factor), capsule_radius=capsule.capsule_radius * factor
+    )
 
 
 def _patterned(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
@@ -95,6 +118,9 @@ TRUE_EFFECTS = MappingProxyType(
             TrueEffect("halo", "m", drawn=_halo),
             TrueEffect("exposure", "s", drawn=_blurred),
             TrueEffect("pixel_scale", drawn=_wrong_pixels),
+            TrueEffect("pixel_aspect", drawn=_oblong),
+            TrueEffect("distortion", drawn=_distorted),
+            TrueEffect("taper", drawn=_in_perspective),
             TrueEffect("swelling", "s/m", drawn=_swollen),
             TrueEffect("modulus_slope", lab=lambda lab, size: replace(lab, slope=size)),
             TrueEffect("pattern", drawn=_patterned),

@@ -33,9 +33,37 @@ def smeared(outline: Floats, length: float) -> Floats:
     return _edge(shapely.union_all(np.concatenate([swaths, ends])))
 
 
-def enlarged(outline: Floats, factor: float) -> Floats:
-    """Return the outline scaled about the origin."""
-    return _edge(scale(Polygon(outline), factor, factor, origin=(0.0, 0.0)))
+def enlarged(outline: Floats, along: float, across: float) -> Floats:
+    """Return the outline scaled about the origin, along the flow and across it."""
+    return _edge(scale(Polygon(outline), along, across, origin=(0.0, 0.0)))
+
+
+def distorted(outline: Floats, size: float) -> Floats:
+    """Return the outline in the middle of a picture that a lens distorts, over the half width as the picture shows it.
+
+    A point at a distance r from the middle is seen at r (1 + size r^2).
+    """
+    middle = np.mean(Polygon(outline).bounds[::2])
+
+    def seen(points: Floats) -> Floats:
+        radial = points - [middle, 0.0]
+        return np.asarray(radial * (1.0 + size * np.sum(radial**2, axis=1, keepdims=True)) / (1.0 + size))
+
+    return _edge(shapely.transform(Polygon(outline), seen))
+
+
+def in_perspective(outline: Floats, size: float) -> Floats:
+    """Return the outline in the middle of a picture of a tilted plane.
+
+    Along a half width downstream the plane comes nearer to the lens by the share `size` of its distance.
+    """
+    middle = np.mean(Polygon(outline).bounds[::2])
+
+    def seen(points: Floats) -> Floats:
+        away = points - [middle, 0.0]
+        return np.asarray(away / (1.0 - size * away[:, :1]))
+
+    return _edge(shapely.transform(Polygon(outline), seen))
 
 
 def smooth_pattern(outline: Floats, seed: int) -> Floats:
