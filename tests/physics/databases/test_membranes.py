@@ -10,15 +10,25 @@ from capsbayes.physics.databases.membranes import (
     membrane_continuation,
     membrane_places,
     nearest_state,
+    spread_points,
 )
-from capsbayes.physics.databases.scattered import sobol_places
 
 
 def test_places_lie_where_states_are_sought():
     continuation = membrane_continuation("square")
-    assert covered(
-        continuation.values(membrane_places(continuation, sobol_places(512, 6))[1:])
-    ).all()  # the first is a corner
+    values = continuation.values(membrane_places(continuation, spread_points(512, 256)))
+    assert covered(values[1:]).all()  # the first is a corner
+
+
+def test_border_points_follow_the_others_and_reach_every_face():
+    points = spread_points(512, 256)
+    np.testing.assert_array_equal(points[:512], spread_points(512, 0))
+    inner, outer = points[:512, 1:], points[512:, 1:]
+    assert np.all(np.sum((inner == 0.0) | (inner == 1.0), axis=0) <= 1)
+    moved = (outer == 0.0) | (outer == 1.0)
+    assert np.all((outer[~moved] >= 0.2) & (outer[~moved] <= 0.8))
+    for end in (0.0, 1.0):
+        assert np.all(np.abs(np.mean(outer == end, axis=0) - 0.2) < 0.02)
 
 
 @pytest.mark.parametrize("cross_section", ["square", "circular"])
@@ -52,7 +62,13 @@ def test_a_shipped_state_is_found_again_on_a_finer_mesh():
 @pytest.mark.slow
 def test_a_small_one_is_built_and_read(tmp_path):
     built = build_membranes(
-        "membrane-square", out=tmp_path / "few.nc", states=3, refinement=5, scheduler="synchronous", progress=False
+        "membrane-square",
+        out=tmp_path / "few.nc",
+        states=2,
+        border_states=1,
+        refinement=5,
+        scheduler="synchronous",
+        progress=False,
     )
     again = MembraneDatabase.open(tmp_path / "few.nc")
     assert again.sha256 == built.sha256

@@ -1,6 +1,8 @@
 """Recipe of the states over flow and membrane that come with the library.
 
 The places follow Sobol's sequence, stretched along Ca to where states are sought at each size, inflation and hardening.
+In six dimensions most of a box is near its border, where a polynomial through the states of one side is off by far more
+than inside; and the known laws are on it. So some of the places are moved to the border.
 """
 
 from __future__ import annotations
@@ -30,10 +32,11 @@ from capsbayes.physics.surface.octasphere import prolonged
 MEMBRANES = {"membrane-square": "square", "membrane-circular": "circular"}
 """Cross-sections of the shipped databases over the membrane, by their names."""
 
-STATES = 1024
-"""Number of places, those included where no state is reached."""
+STATES, BORDER_STATES = 2048, 1024
+"""Number of places within the range and on its border, those included where no state is reached."""
 
 _OFFSETS = (0.0, None, 0.01, 0.0, None, 0.0)  # of the logarithms along which places are spread; None: evenly
+_NEAR = 0.2  # share of each range, at either end, from where places are moved to the border
 _FARTHEST_CA = 0.25  # end of the axis of Ca, beyond the highest Ca of the states
 
 
@@ -57,8 +60,21 @@ def membrane_start(continuation: Continuation) -> ScatteredState:
     return continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))
 
 
+def spread_points(states: int, border_states: int) -> Floats:
+    """Return points (n, 6) from 0 to 1 : first some spread evenly, then some that follow them, moved to the border.
+
+    Of the latter, coordinates of the membrane and of the size that are near to an end are moved there : on the
+    average two of a point, so that all faces and many edges and corners have states.
+    """
+    points = sobol_places(states + border_states, len(FREE_PARAMETERS))
+    of_membrane = points[states:, 1:]
+    of_membrane[of_membrane < _NEAR] = 0.0
+    of_membrane[of_membrane > 1.0 - _NEAR] = 1.0
+    return points
+
+
 def membrane_places(continuation: Continuation, points: Floats) -> Floats:
-    """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1 that are spread evenly."""
+    """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1."""
     places = points.copy()
     _, size, inflation, _, hardening, _ = continuation.values(places).T
     cross_section = str(continuation.settings["cross_section"])
@@ -74,6 +90,7 @@ def build_membranes(
     *,
     out: str | os.PathLike[str],
     states: int = STATES,
+    border_states: int = BORDER_STATES,
     refinement: int = 8,
     scheduler: str | None = None,
     workers: int | None = None,
@@ -89,8 +106,8 @@ def build_membranes(
         One of `MEMBRANES`.
     out : path
         NetCDF file.
-    states : int
-        Number of places.
+    states, border_states : int
+        Number of places within the range and on its border.
     refinement : int
         Of the mesh.
     scheduler, workers, progress
@@ -105,7 +122,7 @@ def build_membranes(
         raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
     check_replaceable(Path(out))
     continuation = membrane_continuation(MEMBRANES[name], refinement)
-    places = membrane_places(continuation, sobol_places(states, len(FREE_PARAMETERS)))
+    places = membrane_places(continuation, spread_points(states, border_states))
     found = scattered_states(
         continuation,
         membrane_start(continuation),

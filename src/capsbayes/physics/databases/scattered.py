@@ -70,6 +70,8 @@ class Axis:
 
     def value(self, unit: float) -> float:
         """Return the value at a coordinate from 0 to 1."""
+        if unit == 1.0:  # not beyond the end by a rounding error
+            return self.high
         if self.offset is None:
             return self.low + (self.high - self.low) * unit
         return float((self.low + self.offset) * np.exp(unit * self._ratio)) - self.offset
