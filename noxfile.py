@@ -49,7 +49,7 @@ def lowest(session: nox.Session) -> None:
     _tested(session, LOWEST)
 
 
-@nox.session(python=PYTHONS[1:])
+@nox.session(python=PYTHONS[1:], venv_backend="uv|virtualenv")  # uv installs in a tenth of the time
 def smoke(session: nox.Session) -> None:
     """Import the package and run the tests of the basic types, with the newest versions of what it needs."""
     _tested(session, tests=SMOKE)
