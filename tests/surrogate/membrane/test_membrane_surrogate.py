@@ -48,6 +48,21 @@ def test_quadratics_are_reproduced():
     np.testing.assert_allclose(slopes, np.stack([along, 2.0 * along], axis=1), atol=1e-3)
 
 
+def test_a_polynomial_that_does_not_fit_its_neighbours_counts_for_little():
+    """A step, as of a shape that snaps: beyond it the values are as if it were not there."""
+    places = np.random.default_rng(0).uniform(-2.0, 2.0, (1500, 6))
+    values = np.sin(places[:, :1]) + 5.0 * (places[:, :1] > 1.0)
+    along = np.cos(places[:, :1])[..., None] * np.eye(6)[0]
+    fits = local_fits(places, values, along, lost=np.full((1, 6), 9.0))
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (200, 6))
+    points[:, 0] = 0.5
+    rms = {}
+    for name, trust in (("fitting", fits.trust), ("alike", np.ones(len(places)))):
+        means, _, _ = averaged(points, *fits._replace(trust=trust), 1, 1, False)
+        rms[name] = np.sqrt(np.mean((means[:, 0] - np.sin(0.5)) ** 2))
+    assert rms["fitting"] < 0.5 * rms["alike"]
+
+
 def test_nothing_is_said_nearer_to_a_lost_place_than_to_a_state():
     places = np.random.default_rng(0).uniform(-2.0, 2.0, (300, 6))
     fits = local_fits(places, places[:, :1], np.eye(6)[None, :1].repeat(300, axis=0), lost=np.full((1, 6), 0.25))
@@ -55,7 +70,7 @@ def test_nothing_is_said_nearer_to_a_lost_place_than_to_a_state():
     near_state = np.linalg.norm(towards[:, None] - places, axis=2).min(axis=1)
     expected = near_state <= np.linalg.norm(towards - 0.25, axis=1)
     assert 0 < expected.sum() < len(expected)
-    np.testing.assert_array_equal(reached(towards, *fits[:3]), expected)
+    np.testing.assert_array_equal(reached(towards, *fits[:4]), expected)
 
 
 def test_derivatives_turn_with_the_coordinates(whole):

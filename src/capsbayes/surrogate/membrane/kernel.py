@@ -19,11 +19,11 @@ def _smallest(values):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS)
-def _about(point, places, reaches, lost, squares, taken, weights):  # type: ignore[no-untyped-def]
+def _about(point, places, reaches, trust, lost, squares, taken, weights):  # type: ignore[no-untyped-def]
     """Fill in the states that reach a point and their weights; return how many there are and the sum of the weights.
 
     None if they are too few, or if a place without a state is nearer than all. `places` are (6, n), `lost` (6, m),
-    `squares` (n,) is room to work in.
+    `trust` (n,) is a factor of the weights, `squares` (n,) is room to work in.
     """
     squares[:] = 0.0
     for axis in range(6):
@@ -35,7 +35,7 @@ def _about(point, places, reaches, lost, squares, taken, weights):  # type: igno
         if squares[state] < reaches[state] ** 2:
             share = squares[state] / reaches[state] ** 2
             taken[count] = state
-            weights[count] = np.exp(-_DECAY * share) * (1.0 - share) ** 2
+            weights[count] = trust[state] * np.exp(-_DECAY * share) * (1.0 - share) ** 2
             total += weights[count]
             count += 1
     if count < _FEWEST:
@@ -51,12 +51,12 @@ def _about(point, places, reaches, lost, squares, taken, weights):  # type: igno
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def reached(points, places, reaches, lost):  # type: ignore[no-untyped-def]
+def reached(points, places, reaches, trust, lost):  # type: ignore[no-untyped-def]
     """Return whether the polynomials hold at each point : (n,) bool array."""
     squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
     enough = np.empty(len(points), np.bool_)
     for n in range(len(points)):
-        enough[n] = _about(points[n], places, reaches, lost, squares, taken, weights)[0] > 0
+        enough[n] = _about(points[n], places, reaches, trust, lost, squares, taken, weights)[0] > 0
     return enough
 
 
@@ -104,7 +104,7 @@ def _fill_slopes(point, mixed, slopes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def averaged(points, places, reaches, lost, coefficients, width, spread, sloping):  # type: ignore[no-untyped-def]
+def averaged(points, places, reaches, trust, lost, coefficients, width, spread, sloping):  # type: ignore[no-untyped-def]
     """Return means (n, width) at points (n, 6), covariances (n, spread, spread) and slopes (n, width, 6) if `sloping`.
 
     The covariances are those of the first `spread` values about their means. The slopes are those of the mean
@@ -119,7 +119,7 @@ def averaged(points, places, reaches, lost, coefficients, width, spread, sloping
     terms, found, origin = np.empty(coefficients.shape[2]), np.empty(spread), np.empty(spread)
     mixed, second = np.empty((width, coefficients.shape[2])), np.empty((spread, spread))
     for n in range(count):
-        some, total = _about(points[n], places, reaches, lost, squares, taken, weights)
+        some, total = _about(points[n], places, reaches, trust, lost, squares, taken, weights)
         if some:
             _fill_terms(points[n], terms)
             mixed[:], second[:], means[n] = 0.0, 0.0, 0.0
@@ -144,10 +144,10 @@ def averaged(points, places, reaches, lost, coefficients, width, spread, sloping
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def each(point, places, reaches, lost, coefficients):  # type: ignore[no-untyped-def]
+def each(point, places, reaches, trust, lost, coefficients):  # type: ignore[no-untyped-def]
     """Return the weights (k,) of the polynomials that reach one point, and their values (k, q) there."""
     squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
-    some, total = _about(point, places, reaches, lost, squares, taken, weights)
+    some, total = _about(point, places, reaches, trust, lost, squares, taken, weights)
     values, terms = np.empty((some, coefficients.shape[1])), np.empty(coefficients.shape[2])
     _fill_terms(point, terms)
     for k in range(some):

@@ -18,6 +18,7 @@ _NEIGHBOURS = 30  # of a fit, the state itself included
 _DECAY = 4.0  # of the weights exp(-decay (r/R)^2) of a fit
 _SLOPES = 0.5  # weight of a derivative over the radius of the fit, beside a value
 _RIDGE = 1e-6
+_FLOOR = 0.3  # of the median misfit of the polynomials, below which a smaller one counts for little
 _REACH = 20  # a state takes part in predictions up to its neighbour of this rank
 _CHUNK = 200
 
@@ -34,6 +35,9 @@ class LocalFits(NamedTuple):
         Scaled coordinates of the states.
     reaches : (n,) array
         Distance up to which each takes part in predictions.
+    trust : (n,) array
+        Factor of the weight in predictions: next to a limit of existence, or where a feature comes or goes, a
+        polynomial does not fit its own neighbours.
     lost : (6, m) array
         Scaled coordinates of places without a state: they hold nowhere that is nearer to one of these than to a state.
     coefficients : (n, q, 28) array
@@ -42,6 +46,7 @@ class LocalFits(NamedTuple):
 
     places: Floats
     reaches: Floats
+    trust: Floats
     lost: Floats
     coefficients: Floats
 
@@ -61,18 +66,27 @@ def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats) -> L
     """
     distances, neighbours = map(np.asarray, KDTree(places).query(places, max(_NEIGHBOURS, _REACH)))
     radii = 1.05 * distances[:, _NEIGHBOURS - 1]
-    parts = [
-        _fitted(places, values, along, neighbours[start : start + _CHUNK, :_NEIGHBOURS], radii[start : start + _CHUNK])
-        for start in range(0, len(places), _CHUNK)
-    ]
-    coefficients = _about_zero(np.concatenate(parts), places, radii)
+    fitted, misfits = [], []
+    for start in range(0, len(places), _CHUNK):
+        some = slice(start, start + _CHUNK)
+        coefficients, misfit = _fitted(places, values, along, neighbours[some, :_NEIGHBOURS], radii[some])
+        fitted.append(coefficients)
+        misfits.append(misfit)
+    coefficients, misfit = _about_zero(np.concatenate(fitted), places, radii), np.concatenate(misfits)
+    usual = max(float(np.median(misfit)), np.finfo(np.float64).tiny)
+    trust = 1.0 / (misfit / usual + _FLOOR**2)
     reaches = np.ascontiguousarray(distances[:, _REACH - 1])
-    transposed = np.ascontiguousarray(places.T), reaches, np.ascontiguousarray(lost.T)
+    transposed = np.ascontiguousarray(places.T), reaches, trust, np.ascontiguousarray(lost.T)
     return LocalFits(*transposed, np.ascontiguousarray(coefficients.swapaxes(1, 2)))
 
 
-def _fitted(places: Floats, values: Floats, along: Floats, neighbours: Integers, radii: Floats) -> Floats:
-    """Fit the states whose neighbours (c, k), themselves first, and radii (c,) these are : (c, 28, q) array."""
+def _fitted(
+    places: Floats, values: Floats, along: Floats, neighbours: Integers, radii: Floats
+) -> tuple[Floats, Floats]:
+    """Fit the states whose neighbours (c, k), themselves first, and radii (c,) these are.
+
+    Returns the coefficients (c, 28, q), and the mean square by which the values of the neighbours differ (c,).
+    """
     away = (places[neighbours] - places[neighbours[:, :1]]) / radii[:, None, None]
     weights = np.exp(-_DECAY * np.sum(away**2, axis=-1))[..., None]
     rows = [weights * _terms(away)]
@@ -85,7 +99,10 @@ def _fitted(places: Floats, values: Floats, along: Floats, neighbours: Integers,
     matrix /= sizes
     transposed = matrix.swapaxes(1, 2)
     solved = np.linalg.solve(transposed @ matrix + _RIDGE * np.eye(TERMS), transposed @ right)
-    return np.asarray(solved / sizes.swapaxes(1, 2))
+    of_values = slice(neighbours.shape[1])
+    square = np.sum((matrix[:, of_values] @ solved - right[:, of_values]) ** 2, axis=(1, 2))
+    misfit = square / np.sum(weights**2, axis=(1, 2))
+    return np.asarray(solved / sizes.swapaxes(1, 2)), misfit
 
 
 def _about_zero(coefficients: Floats, places: Floats, radii: Floats) -> Floats:
