@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,11 +30,20 @@ from capsbayes.physics.membrane.general import GeneralLaw
 from capsbayes.physics.simulation.simulator import Simulator
 from capsbayes.physics.surface.octasphere import prolonged
 
-MEMBRANES = {"membrane-square": "square", "membrane-circular": "circular"}
-"""Cross-sections of the shipped databases over the membrane, by their names."""
 
-STATES, BORDER_STATES = 2048, 1024
-"""Number of places within the range and on its border, those included where no state is reached."""
+class Recipe(NamedTuple):
+    """A cross-section, and how many places are sought within the range and on its border."""
+
+    cross_section: str
+    states: int
+    border_states: int
+
+
+MEMBRANES = {
+    "membrane-square": Recipe("square", 2048, 1024),
+    "membrane-circular": Recipe("circular", 1024, 512),
+}
+"""Recipes of the shipped databases over the membrane, by their names."""
 
 _OFFSETS = (0.0, None, 0.01, 0.0, None, 0.0)  # of the logarithms along which places are spread; None: evenly
 _NEAR = 0.2  # share of each range, at either end, from where places are moved to the border
@@ -89,8 +99,8 @@ def build_membranes(
     name: str,
     *,
     out: str | os.PathLike[str],
-    states: int = STATES,
-    border_states: int = BORDER_STATES,
+    states: int | None = None,
+    border_states: int | None = None,
     refinement: int = 8,
     scheduler: str | None = None,
     workers: int | None = None,
@@ -106,8 +116,8 @@ def build_membranes(
         One of `MEMBRANES`.
     out : path
         NetCDF file.
-    states, border_states : int
-        Number of places within the range and on its border.
+    states, border_states : int, optional
+        Number of places within the range and on its border; default: those of the recipe.
     refinement : int
         Of the mesh.
     scheduler, workers, progress
@@ -121,8 +131,11 @@ def build_membranes(
     if name not in MEMBRANES:
         raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
     check_replaceable(Path(out))
-    continuation = membrane_continuation(MEMBRANES[name], refinement)
-    places = membrane_places(continuation, spread_points(states, border_states))
+    recipe = MEMBRANES[name]
+    within = recipe.states if states is None else states
+    on_border = recipe.border_states if border_states is None else border_states
+    continuation = membrane_continuation(recipe.cross_section, refinement)
+    places = membrane_places(continuation, spread_points(within, on_border))
     found = scattered_states(
         continuation,
         membrane_start(continuation),
