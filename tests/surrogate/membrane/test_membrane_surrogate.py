@@ -7,7 +7,7 @@ from capsbayes.errors import OutsideDatabaseError
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
 from capsbayes.profile import Profile
 from capsbayes.surrogate.membrane.coordinates import along_coordinates, coordinates
-from capsbayes.surrogate.membrane.kernel import averaged, reached
+from capsbayes.surrogate.membrane.kernel import averaged, each, reached
 from capsbayes.surrogate.membrane.local_fits import local_fits
 from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
 from capsbayes.surrogate.surrogate import Surrogate
@@ -70,7 +70,21 @@ def test_nothing_is_said_nearer_to_a_lost_place_than_to_a_state():
     near_state = np.linalg.norm(towards[:, None] - places, axis=2).min(axis=1)
     expected = near_state <= np.linalg.norm(towards - 0.25, axis=1)
     assert 0 < expected.sum() < len(expected)
-    np.testing.assert_array_equal(reached(towards, *fits[:4]), expected)
+    np.testing.assert_array_equal(reached(towards, *fits[:5]), expected)
+
+
+def test_the_cells_miss_no_state_that_reaches_a_point():
+    """Far outside the states, too."""
+    places = np.random.default_rng(0).normal(size=(400, 6))
+    values = places[:, :1] ** 3
+    fits = local_fits(places, values, 3.0 * places[:, :1, None] ** 2 * np.eye(6)[0], lost=np.full((1, 6), 99.0))
+    points = 1.5 * np.random.default_rng(1).normal(size=(300, 6))
+    square = np.sum((points[:, None] - places) ** 2, axis=2)
+    count = np.sum(square < fits.reaches**2, axis=1)
+    assert np.any(count >= 4)
+    assert np.any(count < 4)
+    found = [len(each(point, *fits)[0]) for point in points]
+    np.testing.assert_array_equal(found, np.where(count >= 4, count, 0))
 
 
 def test_derivatives_turn_with_the_coordinates(whole):

@@ -42,7 +42,7 @@ class MembraneDomain(Domain):
         arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(column, np.float64)) for column in columns))
         values = np.stack(arrays, axis=1)
         inside = covered(values, self.cross_section)
-        inside[inside] = reached(self.frame.points(values[inside]), *self.fits[:4])
+        inside[inside] = reached(self.frame.points(values[inside]), *self.fits[:5])
         return inside
 
     def at(self, values: Mapping[str, float]) -> Domain:

@@ -10,53 +10,60 @@ _FEWEST = 4  # polynomials whose differences tell an error
 _SUMS = {"reassoc", "contract", "nsz"}  # sums in any order, so that they are vectors to the processor
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS | {"nnan"})
-def _smallest(values):  # type: ignore[no-untyped-def]
-    smallest = values[0]
-    for value in values:
-        smallest = min(smallest, value)
-    return smallest
+@njit(cache=True, nogil=True, error_model="numpy")
+def _square(point, place):  # type: ignore[no-untyped-def]
+    square = 0.0
+    for axis in range(6):
+        square += (point[axis] - place[axis]) ** 2
+    return square
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SUMS)
-def _about(point, places, reaches, trust, lost, squares, taken, weights):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cell(point, edges):  # type: ignore[no-untyped-def]
+    """Return the number of the cell of a point; `edges` (6, c - 1) lie between the c cells of each axis."""
+    cell = 0
+    for axis in range(6):
+        here = 0
+        for edge in edges[axis]:
+            here += point[axis] > edge
+        cell = cell * (edges.shape[1] + 1) + here
+    return cell
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _about(point, places, reaches, trust, lost, cells, taken, weights):  # type: ignore[no-untyped-def]
     """Fill in the states that reach a point and their weights; return how many there are and the sum of the weights.
 
-    None if they are too few, or if a place without a state is nearer than all. `places` are (6, n), `lost` (6, m),
-    `trust` (n,) is a factor of the weights, `squares` (n,) is room to work in.
+    None if they are too few, or if a place without a state is nearer than all of them. `places` are (n, 6), `lost`
+    (m, 6), `trust` (n,) is a factor of the weights, `cells` are those of `LocalFits`.
     """
-    squares[:] = 0.0
-    for axis in range(6):
-        here = point[axis]
-        for state in range(len(squares)):
-            squares[state] += (here - places[axis, state]) ** 2
-    count, total = 0, 0.0
-    for state in range(len(squares)):
-        if squares[state] < reaches[state] ** 2:
-            share = squares[state] / reaches[state] ** 2
+    edges, starts, members = cells
+    count, total, nearest = 0, 0.0, np.inf
+    cell = _cell(point, edges)
+    for state in members[starts[cell] : starts[cell + 1]]:
+        square = _square(point, places[state])
+        share = square / reaches[state] ** 2
+        if share < 1.0:
             taken[count] = state
             weights[count] = trust[state] * np.exp(-_DECAY * share) * (1.0 - share) ** 2
             total += weights[count]
+            nearest = min(nearest, square)
             count += 1
     if count < _FEWEST:
         return 0, 0.0
-    nearest = _smallest(squares)
-    for place in range(lost.shape[1]):
-        square = 0.0
-        for axis in range(6):
-            square += (point[axis] - lost[axis, place]) ** 2
-        if square < nearest:
+    for place in lost:
+        if _square(point, place) < nearest:
             return 0, 0.0
     return count, total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def reached(points, places, reaches, trust, lost):  # type: ignore[no-untyped-def]
+def reached(points, places, reaches, trust, lost, cells):  # type: ignore[no-untyped-def]
     """Return whether the polynomials hold at each point : (n,) bool array."""
-    squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
+    taken, weights = np.empty(len(reaches), np.int64), np.empty(len(reaches))
     enough = np.empty(len(points), np.bool_)
     for n in range(len(points)):
-        enough[n] = _about(points[n], places, reaches, trust, lost, squares, taken, weights)[0] > 0
+        enough[n] = _about(points[n], places, reaches, trust, lost, cells, taken, weights)[0] > 0
     return enough
 
 
@@ -104,7 +111,7 @@ def _fill_slopes(point, mixed, slopes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def averaged(points, places, reaches, trust, lost, coefficients, width, spread, sloping):  # type: ignore[no-untyped-def]
+def averaged(points, places, reaches, trust, lost, cells, coefficients, width, spread, sloping):  # type: ignore[no-untyped-def]
     """Return means (n, width) at points (n, 6), covariances (n, spread, spread) and slopes (n, width, 6) if `sloping`.
 
     The covariances are those of the first `spread` values about their means. The slopes are those of the mean
@@ -115,11 +122,11 @@ def averaged(points, places, reaches, trust, lost, coefficients, width, spread, 
     means, covariances = np.full((count, width), np.nan), np.full((count, spread, spread), np.nan)
     slopes = np.full((count if sloping else 0, width, 6), np.nan)
     first = 0 if sloping else spread  # below it, means of values take less time than a mean polynomial
-    squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
+    taken, weights = np.empty(len(reaches), np.int64), np.empty(len(reaches))
     terms, found, origin = np.empty(coefficients.shape[2]), np.empty(spread), np.empty(spread)
     mixed, second = np.empty((width, coefficients.shape[2])), np.empty((spread, spread))
     for n in range(count):
-        some, total = _about(points[n], places, reaches, trust, lost, squares, taken, weights)
+        some, total = _about(points[n], places, reaches, trust, lost, cells, taken, weights)
         if some:
             _fill_terms(points[n], terms)
             mixed[:], second[:], means[n] = 0.0, 0.0, 0.0
@@ -144,10 +151,10 @@ def averaged(points, places, reaches, trust, lost, coefficients, width, spread, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def each(point, places, reaches, trust, lost, coefficients):  # type: ignore[no-untyped-def]
+def each(point, places, reaches, trust, lost, cells, coefficients):  # type: ignore[no-untyped-def]
     """Return the weights (k,) of the polynomials that reach one point, and their values (k, q) there."""
-    squares, taken, weights = np.empty(len(reaches)), np.empty(len(reaches), np.int64), np.empty(len(reaches))
-    some, total = _about(point, places, reaches, trust, lost, squares, taken, weights)
+    taken, weights = np.empty(len(reaches), np.int64), np.empty(len(reaches))
+    some, total = _about(point, places, reaches, trust, lost, cells, taken, weights)
     values, terms = np.empty((some, coefficients.shape[1])), np.empty(coefficients.shape[2])
     _fill_terms(point, terms)
     for k in range(some):

@@ -6,7 +6,7 @@ is the mean of those about it, with weights that fall smoothly to zero.
 
 from __future__ import annotations
 
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 from typing import NamedTuple
 
 import numpy as np
@@ -21,9 +21,46 @@ _RIDGE = 1e-6
 _FLOOR = 0.3  # of the median misfit of the polynomials, below which a smaller one counts for little
 _REACH = 20  # a state takes part in predictions up to its neighbour of this rank
 _CHUNK = 200
+_CELLS = 4  # of the lattice along each axis
 
 PAIRS = tuple(combinations_with_replacement(range(6), 2))
 TERMS = 1 + 6 + len(PAIRS)
+
+
+class Cells(NamedTuple):
+    """Cells of a lattice over the coordinates, and the states that reach some point of each.
+
+    Parameters
+    ----------
+    edges : (6, c - 1) array
+        Between the c cells of each axis; the outer ones have no end.
+    starts : (c^6 + 1,) array
+        Where the members of each cell begin, the last axis running fastest.
+    members : (k,) array
+        Numbers of states.
+    """
+
+    edges: Floats
+    starts: Integers
+    members: Integers
+
+    @classmethod
+    def of(cls, places: Floats, reaches: Floats) -> Cells:
+        """Return those of states at places (n, 6)."""
+        edges = np.quantile(places, np.arange(1, _CELLS) / _CELLS, axis=0).T
+        ends = np.pad(edges, ((0, 0), (1, 1)), constant_values=((0, 0), (-np.inf, np.inf)))
+        low, high = ends[:, :-1, None], ends[:, 1:, None]
+        apart = np.maximum(np.maximum(low - places.T[:, None], places.T[:, None] - high), 0.0) ** 2
+        members, counts = [], []
+        for first in product(range(_CELLS), repeat=3):
+            square = sum(apart[axis, cell] for axis, cell in enumerate(first)) - reaches**2
+            for axis in (3, 4, 5):
+                square = (square[..., None, :] + apart[axis]) if square.ndim > 1 else square + apart[axis]
+            reached = np.reshape(square < 0.0, (-1, len(places)))
+            members.append(np.nonzero(reached)[1])
+            counts.append(reached.sum(axis=1))
+        starts = np.concatenate([[0], np.cumsum(np.concatenate(counts))])
+        return cls(edges, starts, np.concatenate(members).astype(np.int32))
 
 
 class LocalFits(NamedTuple):
@@ -31,15 +68,18 @@ class LocalFits(NamedTuple):
 
     Parameters
     ----------
-    places : (6, n) array
+    places : (n, 6) array
         Scaled coordinates of the states.
     reaches : (n,) array
         Distance up to which each takes part in predictions.
     trust : (n,) array
         Factor of the weight in predictions: next to a limit of existence, or where a feature comes or goes, a
         polynomial does not fit its own neighbours.
-    lost : (6, m) array
-        Scaled coordinates of places without a state: they hold nowhere that is nearer to one of these than to a state.
+    lost : (m, 6) array
+        Scaled coordinates of places without a state: they hold nowhere that is nearer to one of these than to a state
+        that reaches it.
+    cells : Cells
+        Which of them may reach a point.
     coefficients : (n, q, 28) array
         Of 1, the six coordinates and their products in the order of `PAIRS`.
     """
@@ -48,6 +88,7 @@ class LocalFits(NamedTuple):
     reaches: Floats
     trust: Floats
     lost: Floats
+    cells: Cells
     coefficients: Floats
 
 
@@ -76,8 +117,8 @@ def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats) -> L
     usual = max(float(np.median(misfit)), np.finfo(np.float64).tiny)
     trust = 1.0 / (misfit / usual + _FLOOR**2)
     reaches = np.ascontiguousarray(distances[:, _REACH - 1])
-    transposed = np.ascontiguousarray(places.T), reaches, trust, np.ascontiguousarray(lost.T)
-    return LocalFits(*transposed, np.ascontiguousarray(coefficients.swapaxes(1, 2)))
+    cells = Cells.of(places, reaches)
+    return LocalFits(places, reaches, trust, lost, cells, np.ascontiguousarray(coefficients.swapaxes(1, 2)))
 
 
 def _fitted(
