@@ -12,8 +12,10 @@ from sessions import EXPERIMENT
 from capsbayes.diagnosis.session import Session
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.infer.many.listing import capsule_files
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
+from capsbayes.measurements.folder import measurement_files
 from capsbayes.quantity import Quantity
 
 NUMBERS = (
@@ -98,14 +100,33 @@ def test_the_folder_and_the_table_of_a_film_are_sets(tmp_path):
         seen.write(tmp_path / f"capsule-{number}" / "measurement.toml")
     assert len(Session.read(tmp_path)) == 2
     (tmp_path / "capsules.csv").write_text(
-        "capsule,status,frames,axial_extent_over_l,axial_extent_error_over_l,axial_length_over_l,"
+        "capsule,status,frames,alike,axial_extent_over_l,axial_extent_error_over_l,axial_length_over_l,"
         "axial_length_error_over_l,velocity_m_s,velocity_error_m_s\n"
-        "1,DONE,8,2.1,0.01,1.8,0.01,0.005,0.00005\n2,DOUBLET,8,nan,nan,,,nan,nan\n"
+        "1,DONE,8,7,2.1,0.01,1.8,0.01,0.005,0.00005\n2,DOUBLET,8,8,nan,nan,,,nan,nan\n"
     )
     found = Session.read(tmp_path / "capsules.csv", EXPERIMENT)
     assert len(found) == 1
     (line,) = found.left_out
     assert "capsules.csv: capsule 2: status: expected DONE, got The outline is notched" in line
+
+
+def test_folders_of_several_films_are_one_set(tmp_path):
+    """Each film, and each .rtdc file, left a folder with one for each of its capsules."""
+    EXPERIMENT.write(tmp_path / "channel.toml")
+    written = []
+    for number, place in enumerate(("film-1/capsule-1", "film-1/capsule-2", "film-2/capsule-1", "cells/event-7")):
+        (tmp_path / place).mkdir(parents=True)
+        written.append(replace(capsule(number), experiment_file=tmp_path / "channel.toml"))
+        written[-1].write(tmp_path / place / "measurement.toml")
+    assert [path.parent.name for path in measurement_files(tmp_path)] == [
+        "event-7",
+        "capsule-1",
+        "capsule-2",
+        "capsule-1",
+    ]
+    assert capsule_files(tmp_path) == measurement_files(tmp_path)
+    found = Session.read(tmp_path).measurements
+    assert sorted(one.axial_extent for one in found) == sorted(one.axial_extent for one in written)
 
 
 def test_velocities_may_be_in_millimetres_and_flow_rates_in_microlitres(tmp_path):

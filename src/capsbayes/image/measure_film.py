@@ -140,7 +140,9 @@ def measure_film(
     film = film if isinstance(film, Film) else Film.open(film)
     direction, by_hand = check_flow(flow), by_hand or ByHand()
     given = background is not None
-    sampled = [_half(picture.grey) for picture in film.spread(_TELLING if given else _SAMPLED)]
+    sampled: list[Floats] = []
+    if not given or by_hand.contrast != "dark":  # they tell the background, the contrast, or the brightest place
+        sampled = [_half(picture.grey) for picture in film.spread(_TELLING if given else _SAMPLED)]
     empty = read_picture(background).grey if background is not None else _background(film, sampled)
     view = _view(film, empty, sampled, by_hand, experiment, given=given)
     if isinstance(view, Status):

@@ -17,7 +17,7 @@ _EXPERIMENT = "experiment.toml"
 
 
 def read_folder(folder: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
-    """Read the measurement files of a folder and those one folder down, as a film leaves them.
+    """Read the measurement files of a folder and those that films and .rtdc files left in folders within it.
 
     Parameters
     ----------
@@ -62,8 +62,12 @@ def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: 
 
 
 def measurement_files(folder: Path) -> list[Path]:
-    """Return the measurement files of a folder and of its subfolders; files of experiments among them are ignored."""
-    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/measurement.toml"))]
+    """Return the measurement files of a folder, and each ``measurement.toml`` of a folder anywhere within it.
+
+    A film or an .rtdc file leaves a folder for each capsule, several of them a folder of such folders. Files of
+    experiments among them are ignored.
+    """
+    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/**/measurement.toml"))]
     return [file for file in files if not _is_experiment(file)]
 
 

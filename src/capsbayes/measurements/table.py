@@ -57,7 +57,7 @@ NUMBERS = tuple(_HEADERS)
 _NEEDED = NUMBERS[:4]
 _PRIORS = {name: f"{name}_prior" for name in ("surface_shear_modulus", "capsule_radius")}
 _NAMES = ("name", "capsule")
-_IGNORED = ("status", "frames")
+_IGNORED = ("status", "frames", "alike")
 
 
 @dataclass(frozen=True, eq=False)

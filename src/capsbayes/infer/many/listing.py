@@ -119,7 +119,7 @@ def _table(measured: MeasuredLengths, run: Run, store: Store) -> Listed:
 
 
 def capsule_files(folder: Path) -> list[Path]:
-    """Return measurement files and pictures of a folder, and measurement files one folder down, as of a film."""
+    """Return measurement files and pictures of a folder, and measurement files further down, as of films."""
     pictures = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PICTURES]
     return [*measurement_files(folder), *pictures]
 
