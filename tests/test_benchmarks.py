@@ -123,3 +123,28 @@ def test_the_table_of_conditions_is_that_of_the_last_run_of_all_conditions():
     assert list(done) == list(conditions.CONDITIONS)
     assert {sum(numbers["statuses"].values()) for numbers in done.values()} == {100}
     assert conditions.BEGIN + conditions.table(done) + conditions.END in conditions.PAGE.read_text()
+
+
+def test_the_table_of_the_silhouettes_of_films_is_that_of_the_last_run():
+    import film_silhouettes
+
+    done = json.loads(film_silhouettes.STORED.read_text())
+    assert len(done) >= 40
+    shown = film_silhouettes.BEGIN + film_silhouettes.table(done) + film_silhouettes.END
+    assert shown in film_silhouettes.PAGE.read_text()
+    # wider than the best frame of its film by chance only: where both have little but the misfit that all frames share
+    assert max(film_silhouettes.ratios([one for one in done.values() if one.get("film")])) < 1.15
+
+
+@pytest.mark.slow
+def test_a_film_is_drawn_and_identified_by_all_that_it_shows():
+    import film_silhouettes
+
+    from capsbayes import Database
+
+    made = film_silhouettes.row(0, Database.open("square-neo-hookean").converged)
+    assert made["status"] == "DONE"
+    assert len(made["frames"]) == film_silhouettes.FRAMES
+    assert made["film"][1] < made["lengths of the film"][1]
+    lines = film_silhouettes.table({"0": made}).splitlines()
+    assert [len(line.split("|")) for line in lines] == [len(film_silhouettes.HEAD) + 2] * 8
