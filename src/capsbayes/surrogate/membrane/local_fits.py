@@ -55,7 +55,7 @@ class Cells(NamedTuple):
         for first in product(range(_CELLS), repeat=3):
             square = sum(apart[axis, cell] for axis, cell in enumerate(first)) - reaches**2
             for axis in (3, 4, 5):
-                square = (square[..., None, :] + apart[axis]) if square.ndim > 1 else square + apart[axis]
+                square = square[..., None, :] + apart[axis]
             reached = np.reshape(square < 0.0, (-1, len(places)))
             members.append(np.nonzero(reached)[1])
             counts.append(reached.sum(axis=1))
