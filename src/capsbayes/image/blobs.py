@@ -55,12 +55,14 @@ def find_blobs(light: Floats, walls: WallLines, noise: float) -> list[Blob]:
     """
     dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
     between = _between(walls, (light.shape[0], light.shape[1]))
-    inside = dark[between]
+    least = max(_CONTRAST, _SIGNIFICANCE * 0.3 * noise)
+    # half as dark as the darkest pixels is the level: where fewer are twice as dark as the least one, there is no blob
+    darkest = dark[between & (dark >= 2.0 * least)]
     share, squares = _DARKEST
-    darkest = min(share * inside.size, squares * walls.half_width**2)
-    level = 0.5 * float(np.partition(inside, -round(darkest) - 1)[-round(darkest) - 1])
-    if level < max(_CONTRAST, _SIGNIFICANCE * 0.3 * noise):
+    rank = round(min(share * np.count_nonzero(between), squares * walls.half_width**2)) + 1
+    if len(darkest) < rank:
         return []
+    level = 0.5 * float(np.partition(darkest, -rank)[-rank])
     mask = ((dark > level) & between).astype(np.uint8)
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), dtype=np.uint8))
     blobs = [blob for blob in _pieces(np.asarray(closed, dtype=np.uint8)) if blob.area > _SPECK * walls.half_width**2]

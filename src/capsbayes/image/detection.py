@@ -14,6 +14,7 @@ from capsbayes.image.edges.extent import FurthestPoint, furthest_point
 from capsbayes.image.edges.integrals import SilhouetteIntegrals, centroid, integrate_silhouette
 from capsbayes.image.edges.outline import EdgeOutline, locate_edge
 from capsbayes.image.edges.rear import RearBand, find_rear, shows_second_nose
+from capsbayes.image.edges.robust import median
 from capsbayes.image.walls import WallLines
 from capsbayes.status import Status
 
@@ -198,8 +199,8 @@ def smear(outline: EdgeOutline, walls: WallLines) -> float:
     flank = (np.abs(facing) < _BESIDE) & clear
     if not flank.any():
         return 0.0
-    ends = [float(np.median(width[side * facing > _FACING])) for side in (1.0, -1.0)]
-    return float(np.sqrt(12.0 * max(np.mean(ends) - np.median(width[flank]), 0.0)))
+    ends = [median(width[side * facing > _FACING]) for side in (1.0, -1.0)]
+    return float(np.sqrt(12.0 * max(np.mean(ends) - median(width[flank]), 0.0)))
 
 
 def _asymmetry(outline: EdgeOutline, walls: WallLines) -> float:
@@ -237,6 +238,6 @@ def _with_ends(light: Floats, noise: float, walls: WallLines, outline: EdgeOutli
         return detection
     start = detection.axis - end.distance * downstream
     flank = np.abs(outline.normals @ walls.across) > 0.8
-    blur = float(np.median(outline.edge_width[flank] if flank.any() else outline.edge_width))
+    blur = median(outline.edge_width[flank] if flank.any() else outline.edge_width)
     rear = find_rear(light, start, downstream, length, half_height, blur, noise)
     return replace(detection, rear=rear)

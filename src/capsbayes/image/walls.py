@@ -103,29 +103,30 @@ def _coarse(strips: Floats, places: Floats) -> Floats | None:
     """Return the rows of the upper and the lower wall in each strip : (2, strips) array, to a pixel or two."""
     ridge = gaussian_filter1d(strips, _SMOOTHING, axis=1, order=2, mode="nearest")
     rows = np.arange(strips.shape[1])
-    trials = []
-    for slope in _SLOPES:
-        dark = _dark_lines(ridge, rows, slope * places)
-        first = int(dark.argmax())
-        others = np.where(np.abs(rows - first) > _APART * len(rows), dark, -np.inf)
-        second = int(others.argmax())
-        trials.append((dark[first] + others[second], others[second], first, second))
-    best = int(np.argmax([total for total, *_ in trials]))
-    _, fainter, first, second = trials[best]
-    dark = _dark_lines(ridge, rows, _SLOPES[best] * places)
-    spread = robust_spread(dark[np.isfinite(dark)])
-    if not fainter > max(_SIGNIFICANCE * spread, 1e-3 * np.median(strips)):
+    dark = _dark_lines(ridge, np.rint(_SLOPES[:, None] * places).astype(np.int64))
+    first = dark.argmax(axis=1)
+    apart = np.abs(rows - first[:, None]) > _APART * len(rows)
+    second = np.where(apart, dark, -np.inf).argmax(axis=1)
+    each = np.arange(len(_SLOPES))
+    fainter = dark[each, second]
+    best = int(np.argmax(dark[each, first] + fainter))
+    spread = robust_spread(dark[best][np.isfinite(dark[best])])
+    if not fainter[best] > max(_SIGNIFICANCE * spread, 1e-3 * np.median(strips)):
         return None
-    return np.sort([first, second])[:, None] + _SLOPES[best] * places
+    return np.sort([first[best], second[best]])[:, None] + _SLOPES[best] * places
 
 
-def _dark_lines(ridge: Floats, rows: NDArray[np.intp], shift: Floats) -> Floats:
-    """Return how dark the line is that begins at each row and is shifted from strip to strip : (rows,) array."""
-    index = rows + np.rint(shift).astype(int)[:, None]
-    values = np.take_along_axis(ridge, np.clip(index, 0, len(rows) - 1), axis=1)
-    values[(index < 0) | (index >= len(rows))] = -np.inf
-    # a capsule darkens some strips only: a wall is dark in three of four
-    return np.partition(values, _STRIPS // 4, axis=0)[_STRIPS // 4]
+def _dark_lines(ridge: Floats, shifts: NDArray[np.int64]) -> Floats:
+    """Return how dark the line is that begins at each row and is shifted from strip to strip : (s, rows) array.
+
+    The ridge is an array (strips, rows), the shifts (s, strips). A line that leaves the picture is none.
+    """
+    strips, rows = ridge.shape
+    at = np.arange(rows)[:, None] + shifts[:, None]
+    values = ridge[np.arange(strips), np.clip(at, 0, rows - 1)]
+    values[(at < 0) | (at >= rows)] = -np.inf
+    values.sort(axis=2)
+    return values[..., strips // 4]  # a capsule darkens some strips only: a wall is dark in three of four
 
 
 def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallLines | None:

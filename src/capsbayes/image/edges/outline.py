@@ -13,11 +13,11 @@ import numpy as np
 from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
+from scipy.ndimage import map_coordinates, spline_filter
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.image.edges.models import Model, ProfileFit, factorise, locate, substitute
-from capsbayes.image.edges.robust import robust_spread
+from capsbayes.image.edges.robust import median, robust_spread
 from capsbayes.profile import arc_length, equally_spaced
 
 _SPACING = 1.25  # px between normals
@@ -28,6 +28,7 @@ _START_WIDTH = 1.5  # px
 AVERAGED = 3  # points: the errors of their means are almost independent
 _SCATTER = 0.75, 0.15  # variance of their mean over that of independent points: at zero width, and per width squared
 _NEIGHBOURS, _ALIKE = 2, 1.7  # arcs to either side, and the largest ratio of an arc's width to the median of these
+_AROUND = 2 * _NEIGHBOURS + 1  # arcs
 _BEFOREHAND = 0.7, 0.5, 0.5  # px, and of the light: spreads of shift, contrast and brightness about those of the arc
 _BENDS = 0.15 * np.arange(-1.0, 4.0)  # 1/px: of the darkness inside an edge
 _BENDS_SPREAD = 0.15  # 1/px, beforehand
@@ -125,10 +126,9 @@ def scatter_left(points: Floats, normals: Floats) -> float:
     no fourth difference; tight corners are outliers. The noise of a pixel tells less where a picture was compressed or
     filtered: its errors are then alike over several pixels.
     """
-    fourth = sum(
-        factor * np.roll(points, shift, axis=0)
-        for factor, shift in zip((1.0, -4.0, 6.0, -4.0, 1.0), range(-2, 3), strict=True)
-    )
+    fourth = _closed(points, 2)
+    for _ in range(4):
+        fourth = np.diff(fourth, axis=0)
     across = np.sum(fourth * normals, axis=1)
     # of the middle four fifths: the errors of a compressed picture differ from place to place
     return float(np.quantile(np.abs(across), 0.8)) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
@@ -158,7 +158,7 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) ->
     The windows along the normals follow the widths of the last round, given at equal distances along the curve. The
     bend is estimated if it is None.
     """
-    base, tangent, curvature = _smoothed(curve, float(np.median(widths)))
+    base, tangent, curvature = _smoothed(curve, median(widths))
     normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
     arcs = max(8, round(_SPACING * len(base) / ARC))
     width = np.interp((np.arange(arcs) + 0.5) / arcs, (np.arange(len(widths)) + 0.5) / len(widths), widths)
@@ -166,13 +166,14 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) ->
     reach = float(np.floor(window.max()))
     samples = np.arange(-reach, reach + 1.0)  # positive inwards
     used = (np.abs(samples) <= window[:, None]).astype(float)
-    at = base[:, None] - samples[:, None] * normals[:, None]
-    profiles = map_coordinates(spline, [at[..., 1], at[..., 0]], order=3, mode="nearest", prefilter=False)
+    at = base.T[::-1, :, None] - samples * normals.T[::-1, :, None]  # rows, then columns
+    profiles = map_coordinates(spline, at, order=3, mode="nearest", prefilter=False)
     arc = np.arange(len(base)) * arcs // len(base)
-    count = np.bincount(arc)
-    means = np.add.reduceat(profiles, np.flatnonzero(np.diff(arc, prepend=-1)), axis=0) / count[:, None]
+    first = np.searchsorted(arc, np.arange(arcs))
+    count = np.diff(first, append=len(base))
+    means = np.add.reduceat(profiles, first, axis=0) / count[:, None]
     if bend is None:
-        noise = float(np.median(_mean_square(profiles - means[arc], used[arc])))
+        noise = median(_mean_square(profiles - means[arc], used[arc]))
         bend = _bend_of(means, samples, width, used, count / noise)
     edge = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used, bend)
     located = _is_located(edge, window)
@@ -185,9 +186,10 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) ->
     outer = used * (samples <= width[:, None])
     across, along = _blur_at(blur, normals)
     # the samples end nearer inside than outside: a difference in width would be taken for one in place
-    wider = np.log(across) - (np.bincount(arc, np.log(across)) / count)[arc]
-    of_width = wider[:, None] * (samples - place[arc][:, None]) * edge.slope[arc]
-    shift, shift_variance = _shifts(profiles - of_width, arc, means, edge.slope, outer)
+    wider = np.log(across)
+    wider -= (np.add.reduceat(wider, first) / count)[arc]
+    differences = _differences(profiles, arc, means, edge.slope, wider, samples, place)
+    shift, shift_variance = _shifts(differences, arc, means, edge.slope, outer)
     outward = 0.5 * curvature * along**2 - place[arc] - shift
     outline = EdgeOutline(
         points=base + outward[:, None] * normals,
@@ -208,8 +210,7 @@ def _mean_square(values: Floats, used: Floats) -> Floats:
 
 def _is_located(edge: ProfileFit, window: Floats) -> Booleans:
     """Return whether the edge of each arc was located: near the curve, dark inside, and as wide as around."""
-    wide = np.concatenate([edge.width[-_NEIGHBOURS:], edge.width, edge.width[:_NEIGHBOURS]])
-    around = np.sort(sliding_window_view(wide, 2 * _NEIGHBOURS + 1), axis=1)[:, _NEIGHBOURS]
+    around = np.sort(sliding_window_view(_closed(edge.width, _NEIGHBOURS), _AROUND), axis=1)[:, _NEIGHBOURS]
     alike = np.maximum(edge.width, around) < _ALIKE * np.minimum(edge.width, around)
     near = np.abs(edge.place) < 0.7 * window
     return np.asarray(edge.converged & alike & near & (edge.coefficients[:, 2] < -_CONTRAST))
@@ -226,7 +227,7 @@ def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight
         edge = locate(means, samples, Model.EDGE, place, width, used, bend)
         place, width = edge.place, edge.width  # near those of the next bend
         square = weight * np.sum(used * (means - edge.fitted) ** 2, axis=1)
-        squares.append(np.minimum(square, _LARGEST * np.median(square)).sum() + (bend / _BENDS_SPREAD) ** 2)
+        squares.append(np.minimum(square, _LARGEST * median(square)).sum() + (bend / _BENDS_SPREAD) ** 2)
     best = int(np.clip(np.argmin(squares), 1, len(_BENDS) - 2))
     before, least, after = squares[best - 1 : best + 2]
     step = _BENDS[1] - _BENDS[0]
@@ -242,9 +243,13 @@ def _misfit(left: Floats, used: Floats, edge: ProfileFit) -> Floats:
     """
     free = np.maximum(used.sum(axis=1) - _FITTED, 0.0)
     square = np.sum(used * left**2, axis=1)
-    around = range(-_NEIGHBOURS, _NEIGHBOURS + 1)
-    total, degrees = (sum(np.roll(each, shift) for shift in around) for each in (square, free))
+    total, degrees = (sliding_window_view(_closed(each, _NEIGHBOURS), _AROUND).sum(axis=1) for each in (square, free))
     return np.asarray(np.sqrt(total / np.maximum(degrees, 1.0) * edge.place_variance))
+
+
+def _closed(values: Floats, count: int) -> Floats:
+    """Return rows around an outline with the last of them before the first, and the first after the last."""
+    return np.concatenate([values[-count:], values, values[:count]])
 
 
 def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
@@ -253,42 +258,69 @@ def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
     The curvature is that of the curve smoothed by the blur too, which averages it.
     """
     count = max(32, round(arc_length(curve)[-1] / _SPACING))
-    base = gaussian_filter1d(equally_spaced(curve, count), _SMOOTHING / _SPACING, axis=0, mode="wrap")
-    first = 0.5 * (np.roll(base, -1, axis=0) - np.roll(base, 1, axis=0))
-    bent = gaussian_filter1d(base, blur / _SPACING, axis=0, mode="wrap")
-    turn = 0.5 * (np.roll(bent, -1, axis=0) - np.roll(bent, 1, axis=0))
-    second = np.roll(bent, -1, axis=0) - 2.0 * bent + np.roll(bent, 1, axis=0)
+    base = _rounded(equally_spaced(curve, count), _SMOOTHING / _SPACING)
+    closed = _closed(base, 1)
+    first = 0.5 * (closed[2:] - closed[:-2])
+    bent = _rounded(base, blur / _SPACING)
+    closed = _closed(bent, 1)
+    turn, second = 0.5 * (closed[2:] - closed[:-2]), closed[2:] - 2.0 * bent + closed[:-2]
     curvature = (turn[:, 0] * second[:, 1] - turn[:, 1] * second[:, 0]) / np.hypot(*turn.T) ** 3
     return base, first / np.hypot(*first.T)[:, None], np.asarray(curvature)
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rounded(curve, deviation):  # type: ignore[no-untyped-def]
+    """Return a closed curve (n, 2) smoothed by a Gaussian of a standard deviation in points, cut off at four of it."""
+    reach, count = int(4.0 * deviation + 0.5), len(curve)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
+    weights /= weights.sum()
+    smooth = np.zeros(curve.shape)
+    for n in range(count):
+        for i in range(len(weights)):
+            at = (n + i - reach) % count
+            for axis in range(2):
+                smooth[n, axis] += weights[i] * curve[at, axis]
+    return smooth
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differences(profiles, arc, means, slopes, wider, samples, place):  # type: ignore[no-untyped-def]
+    """Return how profiles (n, m) differ from the mean of their arc, without what follows from their width."""
+    differences = np.empty(profiles.shape)
+    for n in range(len(profiles)):
+        a = arc[n]
+        for i in range(len(samples)):
+            of_width = wider[n] * (samples[i] - place[a]) * slopes[a, i]
+            differences[n, i] = profiles[n, i] - of_width - means[a, i]
+    return differences
+
+
 def _shifts(
-    profiles: Floats, arc: NDArray[np.intp], means: Floats, slopes: Floats, used: Floats
+    differences: Floats, arc: NDArray[np.intp], means: Floats, slopes: Floats, used: Floats
 ) -> tuple[Floats, Floats]:
     """Return the inward shift of each profile against the mean of its arc, and its variance for noise 1.
 
     Differences of brightness and contrast from the mean are fitted together with the shift. In a wide blur the three
     are much alike: each has a normal distribution beforehand, wide where a picture tells them.
     """
-    shift, variance = np.empty(len(profiles)), np.empty(len(profiles))
-    left = np.sum(used[arc] * (profiles - means[arc]) ** 2, axis=1) / np.sum(used[arc], axis=1)
-    held = float(np.median(left)) / np.square(_BEFOREHAND)
-    _shifted(profiles, arc, means, slopes, used, held, shift, variance)
+    shift, variance = np.empty(len(differences)), np.empty(len(differences))
+    held = median(_mean_square(differences, used[arc])) / np.square(_BEFOREHAND)
+    _shifted(differences, arc, means, slopes, used, held, shift, variance)
     return np.clip(shift, -1.5, 1.5), variance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shifted(profiles, arc, means, slopes, used, held, shift, variance):  # type: ignore[no-untyped-def]
+def _shifted(differences, arc, means, slopes, used, held, shift, variance):  # type: ignore[no-untyped-def]
     """Fill in the coefficient of the slope by least squares in slope, mean and 1, and its variance."""
-    normal, sides = np.empty((3, 3)), np.empty((3, 2))
-    for n in range(len(profiles)):
+    normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3)
+    for n in range(len(differences)):
         mean, slope, share = means[arc[n]], slopes[arc[n]], used[arc[n]]
         normal[:], sides[:] = 0.0, 0.0
         sides[0, 1] = 1.0
         for i in range(len(mean)):
-            row = (share[i] * slope[i], share[i] * mean[i], share[i])
+            row[0], row[1], row[2] = share[i] * slope[i], share[i] * mean[i], share[i]
             for a in range(3):
-                sides[a, 0] += row[a] * (profiles[n, i] - mean[i])
+                sides[a, 0] += row[a] * differences[n, i]
                 for b in range(3):
                     normal[a, b] += row[a] * row[b]
         ridge = 1e-9 * (normal[0, 0] + normal[1, 1] + normal[2, 2])
@@ -310,7 +342,7 @@ def _blur_at(width: Floats, normals: Floats) -> tuple[Floats, Floats]:
     """
     streamwise = np.abs(normals[:, 0]) > 0.8
     crosswise = np.abs(normals[:, 1]) > 0.8
-    x = float(np.median(width[streamwise])) if streamwise.any() else float(np.median(width))
-    y = float(np.median(width[crosswise])) if crosswise.any() else x
+    x = median(width[streamwise]) if streamwise.any() else median(width)
+    y = median(width[crosswise]) if crosswise.any() else x
     across = np.hypot(x * normals[:, 0], y * normals[:, 1])
     return across, x * y / across

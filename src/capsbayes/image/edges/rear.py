@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from capsbayes.arrays import Floats
 from capsbayes.image.edges.models import Model, locate
-from capsbayes.image.edges.robust import fit_without_outliers
+from capsbayes.image.edges.robust import fit_without_outliers, median
 
 _BREADTH = 0.3  # of half the capsule's height: largest distance from the axis at which the band is followed
 _DEPTH = 0.45  # of the capsule's length: largest distance from the rear end at which it is sought
@@ -101,11 +102,12 @@ def shows_second_nose(
 
 def _rays(light: Floats, end: Floats, inwards: Floats, depth: float, half_height: float) -> tuple[Floats, Floats]:
     """Return the light along rays (r, u) from an end inwards, a pixel apart, and their distances (r,) from the axis."""
-    across = np.array([-inwards[1], inwards[0]])
     breadth = _BREADTH * half_height
     y = np.arange(-np.floor(breadth), np.floor(breadth) + 1.0)
-    at = end + np.arange(0.0, depth)[:, None] * inwards + y[:, None, None] * across
-    return map_coordinates(light, [at[..., 1], at[..., 0]], order=1, mode="nearest"), y
+    inward = np.arange(0.0, depth)
+    column = end[0] + inward * inwards[0] - (y * inwards[1])[:, None]
+    row = end[1] + inward * inwards[1] + (y * inwards[0])[:, None]
+    return map_coordinates(light, np.stack([row, column]), order=1, mode="nearest"), y
 
 
 def _coarse(
@@ -116,23 +118,43 @@ def _coarse(
     Behind the rim, only a band is sought that another one, that of the outer edge, is seen in front of.
     """
     bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)
+    smooth = gaussian_filter1d(_stacked(rays, bend), _SMOOTHING, axis=1, mode="nearest")
+    least = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y)))
+    row, dip, prominence = _most_prominent(smooth, least, behind_rim)
+    if row < 0:
+        return None
+    return dip, float(curvatures[row]), _deviation(smooth[row], dip, 0.5 * prominence)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stacked(rays, bend):  # type: ignore[no-untyped-def]
+    """Return the mean of the rays (r, u), each shifted by its bend, for each row of bends (c, r) : (c, u) array."""
     last = rays.shape[1] - 1
-    shifted = np.clip(np.arange(last + 1) + bend[..., None], 0, last)  # curvatures, rays, points
-    stacked = rays[np.arange(len(rays))[:, None], shifted].mean(axis=1)
-    smooth = gaussian_filter1d(stacked, _SMOOTHING, axis=1, mode="nearest")
-    best, found = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y))), None
-    for curvature, profile in zip(curvatures, smooth, strict=True):
-        dips = (profile[1:-1] < profile[:-2]) & (profile[1:-1] <= profile[2:])
-        for dip in (int(index) + 1 for index in np.flatnonzero(dips)):
-            rim = int(np.argmin(profile[: max(dip // 2, 1)]))  # the dark band of the outer edge
+    stacked = np.zeros((len(bend), last + 1))
+    for c in range(len(bend)):
+        for r in range(len(rays)):
+            for u in range(last + 1):
+                stacked[c, u] += rays[r, min(max(u + bend[c, r], 0), last)]
+    return stacked / len(rays)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _most_prominent(profiles, least, behind_rim):  # type: ignore[no-untyped-def]
+    """Return the row and the place of the most prominent dip in profiles (c, u), and its prominence; row -1 if none."""
+    best, row, place = least, -1, -1
+    for c in range(len(profiles)):
+        profile = profiles[c]
+        for dip in range(1, len(profile) - 1):
+            if profile[dip] >= profile[dip - 1] or profile[dip] > profile[dip + 1]:
+                continue
+            rim = np.argmin(profile[: max(dip // 2, 1)])  # the dark band of the outer edge
             if behind_rim and (rim == 0 or profile[rim + 1] < profile[rim]):
                 continue  # the dip is that band itself
             before, behind = profile[rim:dip].max(), profile[dip : dip + _BEHIND + 1].max()
             prominence = min(before, behind) - profile[dip]
             if prominence > best:
-                best = float(prominence)
-                found = dip, float(curvature), _deviation(profile, dip, 0.5 * prominence)
-    return found
+                best, row, place = prominence, c, dip
+    return row, place, best
 
 
 def _deviation(profile: Floats, dip: int, half: float) -> float:
@@ -169,7 +191,7 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     )
     if fit is None or fit.kept.sum() < _FEWEST or fit.spread > _SCATTER:
         return None
-    expected = noise**2 * np.median(bands.place_variance[fit.kept] / count[fit.kept])
+    expected = noise**2 * median(bands.place_variance[fit.kept] / count[fit.kept])
     variance = fit.cofactor[0, 0] * max(expected, fit.variance)
     depth = float(fit.coefficients[0] - 0.5 * fit.coefficients[2] * blur**2)
     if depth < _CLEAR * deviation:
