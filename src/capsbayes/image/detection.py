@@ -200,7 +200,7 @@ def smear(outline: EdgeOutline, walls: WallLines) -> float:
     if not flank.any():
         return 0.0
     ends = [median(width[side * facing > _FACING]) for side in (1.0, -1.0)]
-    return float(np.sqrt(12.0 * max(np.mean(ends) - median(width[flank]), 0.0)))
+    return float(np.sqrt(12.0 * max(float(np.mean(ends)) - median(width[flank]), 0.0)))
 
 
 def _asymmetry(outline: EdgeOutline, walls: WallLines) -> float:
