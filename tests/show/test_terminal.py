@@ -21,7 +21,9 @@ from capsbayes.show.pages.population import population_page
 from capsbayes.show.pages.posterior import posterior_page
 from capsbayes.show.pages.study import study_page
 from capsbayes.show.tables.table import print_parts, table, typeset
-from capsbayes.show.terminal import hierarchy_parts, population_parts, posterior_parts, study_parts
+from capsbayes.show.terminal.population import hierarchy_parts, population_parts
+from capsbayes.show.terminal.posterior import posterior_parts
+from capsbayes.show.terminal.study import study_parts
 
 
 def plain(html):

@@ -123,7 +123,7 @@ def _summary(population: Population, hierarchy: Hierarchy | None) -> dict[str, o
 def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> None:
     from capsbayes.infer.many.sampled import Compared
     from capsbayes.show.tables.table import print_parts
-    from capsbayes.show.terminal import hierarchy_parts, population_parts
+    from capsbayes.show.terminal.population import hierarchy_parts, population_parts
 
     attributes = population.attributes
     agreement = attributes.get("agreement")

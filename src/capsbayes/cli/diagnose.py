@@ -53,7 +53,7 @@ def diagnose(
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
     from capsbayes.show import study_page
-    from capsbayes.show.terminal import study_parts
+    from capsbayes.show.terminal.study import study_parts
     from capsbayes.work import progress_bar, resumable
 
     session = Session.read(capsules, experiment)

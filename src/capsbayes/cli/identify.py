@@ -34,6 +34,8 @@ from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import DatabaseError, InputError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from capsbayes.infer import Posterior
 
 
@@ -68,7 +70,11 @@ def identify(
     flow: Flow = None,
     by_hand: Any = None,
     engine: Annotated[
-        str | None, typer.Option(help="emcee or quadrature; default: emcee, checked by quadrature.")
+        str | None,
+        typer.Option(
+            help="emcee or quadrature; default: emcee, checked by quadrature; quadrature alone for a silhouette and a "
+            "model with further coordinates."
+        ),
     ] = None,
     seed: Seed = 1,
     as_json: AsJson = False,
@@ -79,7 +85,7 @@ def identify(
     from capsbayes.infer import Membrane, Prior
     from capsbayes.infer import identify as identified
     from capsbayes.measurement import Measurement
-    from capsbayes.show.terminal import posterior_parts
+    from capsbayes.show.terminal.posterior import posterior_parts
     from capsbayes.show.words.posterior import status_words
     from capsbayes.work import resumable
 
@@ -103,9 +109,7 @@ def identify(
     sheet = membrane_of(stated, membrane)
     model = capsule_model(database, sheet, known.cross_section, view)
     with resumable(out):
-        posterior = identified(
-            measurement, model, known, engine=engine or "emcee", seed=seed, prior=believed, membrane=sheet
-        )
+        posterior = identified(measurement, model, known, engine=engine, seed=seed, prior=believed, membrane=sheet)
         if not model.coordinates:
             posterior = _with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
@@ -134,15 +138,24 @@ def _with_other_laws(posterior: Posterior) -> Posterior:
 
 def _files(posterior: Posterior) -> dict[str, Writer]:
     """Return the writers of all results by the names of their files."""
-    from capsbayes.show import corner_plot, outline_figure
-    from capsbayes.show.figures.corner import SHOWN
-
-    shown = (*SHOWN, *posterior.prior.uncertain)
     files: dict[str, Writer] = {
         "posterior.nc": posterior.write,
         "summary.json": json_file(posterior.as_dict()),
-        "corner.png": figure_file(lambda: corner_plot(posterior, shown), dpi=110),
+        "corner.png": figure_file(lambda: _corner(posterior), dpi=110),
     }
     if posterior.outlines is not None:
-        files["outline.png"] = figure_file(lambda: outline_figure(posterior))
+        files["outline.png"] = figure_file(lambda: _outlines(posterior))
     return files
+
+
+def _corner(posterior: Posterior) -> Figure:
+    from capsbayes.show import corner_plot
+    from capsbayes.show.figures.corner import SHOWN
+
+    return corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
+
+
+def _outlines(posterior: Posterior) -> Figure:
+    from capsbayes.show import outline_figure
+
+    return outline_figure(posterior)

@@ -59,7 +59,7 @@ def membrane(
     from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
     from capsbayes.measurements import read_set
     from capsbayes.show.figures.membrane import membrane_figure
-    from capsbayes.show.terminal import membrane_parts
+    from capsbayes.show.terminal.membrane import membrane_parts
     from capsbayes.work import progress_bar, resumable
 
     measured = read_set(capsules, experiment)

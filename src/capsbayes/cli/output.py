@@ -32,9 +32,13 @@ def json_file(result: Any) -> Writer:
 
 def figure_file(draw: Callable[[], Figure], dpi: int = 140) -> Writer:
     """Return a function that draws a figure into a file."""
-    from capsbayes.show.figures.style import write_figure
 
-    return lambda path: write_figure(draw(), path, dpi)
+    def write(path: Path) -> None:
+        from capsbayes.show.figures.style import write_figure  # half a second, where no figure is asked for
+
+        write_figure(draw(), path, dpi)
+
+    return write
 
 
 def table_file(table: pd.DataFrame, **how: Any) -> Writer:

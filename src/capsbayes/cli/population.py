@@ -73,7 +73,7 @@ def population(
         print_json(found.as_dict())
     else:
         from capsbayes.show.tables.table import print_parts
-        from capsbayes.show.terminal import hierarchy_parts
+        from capsbayes.show.terminal.population import hierarchy_parts
 
         print_parts(*hierarchy_parts(found))
     if not found.passed:

@@ -17,13 +17,17 @@ from capsbayes.model import ForwardModel
 ExactEngine = Quadrature | MixedQuadrature | ImportanceSampling
 
 
-def exact_engine(model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> ExactEngine:
+def exact_engine(
+    model: ForwardModel, experiment: Experiment, prior: Prior | None = None, *, outline: bool = False
+) -> ExactEngine:
     """Return a `Quadrature`, for a model with one further coordinate a mixture, with several `ImportanceSampling`.
 
-    A thickness of the membrane ties a coordinate to the radius, which only the last can do.
+    The last is also for measurements with an outline and one coordinate: an outline is worth so much that a mixture
+    needs a hundred cells, each with a grid of its own. And a thickness of the membrane ties a coordinate to the radius,
+    which only the last can do.
     """
     prior = (prior or Prior()).with_thickness(experiment)
-    kinds = Quadrature, MixedQuadrature, ImportanceSampling
+    kinds = Quadrature, ImportanceSampling if outline else MixedQuadrature, ImportanceSampling
     return kinds[2 if THICKNESS in prior.coordinates else min(len(model.coordinates), 2)](model, experiment, prior)
 
 

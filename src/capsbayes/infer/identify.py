@@ -53,7 +53,7 @@ def identify(
     model: ForwardModel,
     experiment: Experiment,
     *,
-    engine: str = "emcee",
+    engine: str | None = None,
     seed: int,
     prior: Prior | None = None,
     membrane: Membrane | None = None,
@@ -69,9 +69,10 @@ def identify(
         For example a `Surrogate`. Its further coordinates, as pre-inflation, are found too.
     experiment : Experiment
         Channel and liquid.
-    engine : str
+    engine : str, optional
         ``"emcee"``, checked by quadrature, or ``"quadrature"`` alone, which also takes over where the measurement and
-        the posterior contradict each other.
+        the posterior contradict each other. It is the default for an outline where the model has further coordinates,
+        of which chains take minutes; else the default is ``"emcee"``.
     seed : int
         Of all randomness; stored in the result.
     prior : Prior, optional
@@ -96,13 +97,15 @@ def identify(
     --------
     ``identify(measurement, Surrogate.open("square-neo-hookean"), experiment, seed=1).summary()``
     """
-    if engine not in ENGINES:
+    if engine is not None and engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))
     if membrane is not None:
         model, prior = membrane.applied(model, prior or Prior())
     check_applies(model, measurement, experiment, viscosity_needed=False)
+    if engine is None:
+        engine = "quadrature" if model.coordinates and measurement.outline is not None else "emcee"
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
-        quadrature = exact_engine(model, experiment, prior)
+        quadrature = exact_engine(model, experiment, prior, outline=measurement.outline is not None)
         grid = quadrature(measurement)
         misfits = misfits_of(predicted := p_values(quadrature, measurement, grid))
         if not all(misfit.gate.passed for misfit in misfits):

@@ -173,7 +173,7 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
     forward = _model_of(posterior, model)
     seen, inputs = posterior.measurement, posterior.inputs
     with threadpool_limits(limits=1):
-        engine = exact_engine(forward, posterior.experiment, posterior.prior)
+        engine = exact_engine(forward, posterior.experiment, posterior.prior, outline=seen.outline is not None)
         grid = engine(seen, inputs=inputs)
         shares = {
             name: _with_joint(grid, name, of) for name, of in variance_shares(engine, seen, grid, *QUANTITIES).items()
@@ -193,7 +193,7 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
 
 def _with_joint(grid: ExactPosterior, quantity: str, shares: Mapping[str, float]) -> dict[str, float]:
     """Return shares with that of several further coordinates together, which is not the sum of those of each."""
-    if not isinstance(grid, WeightedPosterior):
+    if not isinstance(grid, WeightedPosterior) or len(grid.density.coordinates) < 2:
         return dict(shares)
     alone = sum(shares[coordinate.name] for coordinate in grid.density.coordinates)
     beyond = grid.variance_given_all(quantity) / grid.log_marginal(quantity).sd ** 2 - alone

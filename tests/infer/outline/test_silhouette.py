@@ -92,6 +92,17 @@ def test_the_length_narrows_what_the_silhouette_says(model, capsule):
     assert both.log_marginal("capillary_number").sd < alone.log_marginal("capillary_number").sd
 
 
+def test_a_silhouette_and_a_further_coordinate_need_no_grid_for_each_cell(capsule):
+    model = Surrogate.open("square-pre-inflation", view="silhouette")
+    found = identify(capsule, model, EXPERIMENT, seed=1)
+    assert (found.engine, found.status.name) == ("quadrature", "DONE")
+    assert {"effective draws", "Pareto k of the weights"} <= {gate.name for gate in found.gates}
+    for name, truth in (("capillary_number", 0.08), ("size_ratio", 0.95)):
+        assert abs(found.marginals[name].mean - truth) < 3.5 * found.marginals[name].sd
+    # which the silhouette tells: the capsule is not inflated
+    assert found.marginals["pre_inflation"].upper_95 < 0.05
+
+
 def test_a_model_of_the_other_view_is_refused(capsule, model):
     mid_plane = Surrogate.open("square-neo-hookean")
     message = r'outline\.view: expected "mid-plane", that of the outlines of square-neo-hookean, got "silhouette"'

@@ -76,7 +76,7 @@ def print_membrane_flow(
     from capsbayes.plan import membrane_flow_design
     from capsbayes.quantity import Quantity
     from capsbayes.show.figures.membrane_plan import membrane_flow_figure
-    from capsbayes.show.terminal import membrane_flow_parts
+    from capsbayes.show.terminal.membrane import membrane_flow_parts
     from capsbayes.work import tracked
 
     given, key = planned.given, "--mean-velocity"

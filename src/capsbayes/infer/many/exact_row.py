@@ -53,7 +53,7 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
     own = run.experiment_of(measurement)
     check_applies(run.model, measurement, own)
     with threadpool_limits(limits=1):
-        engine = exact_engine(run.model, own, run.prior)
+        engine = exact_engine(run.model, own, run.prior, outline=measurement.outline is not None)
         posterior = engine(measurement)
     draws = posterior.drawn(np.random.default_rng([run.seed, 1]), _DRAWS)
     for number, name in enumerate(QUANTITIES):
