@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.image.background import estimate_background
@@ -19,7 +21,7 @@ _BRIGHTER = 2.0  # of the largest darkening: a dark capsule may gather light in 
 _CLEAR = 2.0  # of the width of a wall's line: nearer to it, the line itself differs
 
 
-def mirror_level(empty: Floats, frames: Sequence[Floats]) -> float:
+def mirror_level(empty: Floats, frames: Sequence[NDArray[Any]]) -> float:
     """Return the grey level from which those of a bright picture are subtracted.
 
     The empty channel becomes as bright as the brightest place of the frames, and that as dark as the channel was. All
@@ -29,7 +31,7 @@ def mirror_level(empty: Floats, frames: Sequence[Floats]) -> float:
     return brightest + float(np.median(empty))
 
 
-def is_brighter(frames: Sequence[Floats], empty: Floats, walls: WallLines) -> bool:
+def is_brighter(frames: Sequence[NDArray[Any]], empty: Floats, walls: WallLines) -> bool:
     """Return True if what differs most from the empty channel between the walls is brighter than it."""
     between = np.abs(walls.offset((empty.shape[0], empty.shape[1]))) < walls.half_width - _CLEAR * walls.line_width
     darkening = brightening = 0.0
@@ -57,7 +59,7 @@ class Contrast:
 
     @classmethod
     def of(
-        cls, frames: Sequence[Floats], empty: Floats | None, stated: WallLines | None, contrast: str | None
+        cls, frames: Sequence[NDArray[Any]], empty: Floats | None, stated: WallLines | None, contrast: str | None
     ) -> Contrast:
         """Find out whether capsules and walls are darker or brighter than the liquid.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -76,13 +77,14 @@ class FrameRecord:
     picture: Picture | None = field(default=None, repr=False)
     detection: Detection | None = field(default=None, repr=False)
     frame: int = 0
+    _nearest: float = field(default=math.inf, repr=False)
 
     def add(self, frame: int, picture: Picture, detection: Detection) -> None:
         """Add the detection in one more frame."""
         self.statuses[detection.status] += 1
         if not detection.status.ok:
             if self.picture is None:
-                self.picture, self.detection, self.frame = picture, detection, frame
+                self.picture, self.detection, self.frame = picture.packed(), detection, frame
             return
         walls, outline = detection.walls, detection.outline
         assert walls is not None
@@ -101,9 +103,9 @@ class FrameRecord:
                 FrameOutline.of(detection),
             )
         )
-        distances = [abs(float(measured.place[0]) - walls.centre_column) for measured in self.measured]
-        if distances[-1] <= min(distances):
-            self.picture, self.detection, self.frame = picture, detection, frame
+        distance = abs(float(place[0]) - walls.centre_column)
+        if distance <= self._nearest:
+            self.picture, self.detection, self.frame, self._nearest = picture.packed(), detection, frame, distance
 
 
 @dataclass(frozen=True, eq=False)

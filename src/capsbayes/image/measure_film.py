@@ -21,7 +21,7 @@ from capsbayes.image.contrast import Contrast
 from capsbayes.image.detection import analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.film import Film
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files.picture import Picture, Pixels, packed
 from capsbayes.image.film_capsule import FilmCapsule, FrameRecord
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture
 from capsbayes.image.tracking import Linker, Track
@@ -140,13 +140,14 @@ def measure_film(
     film = film if isinstance(film, Film) else Film.open(film)
     direction, by_hand = check_flow(flow), by_hand or ByHand()
     given = background is not None
-    sampled: list[Floats] = []
+    sampled: list[Pixels] = []
     if not given or by_hand.contrast != "dark":  # they tell the background, the contrast, or the brightest place
-        sampled = [_half(picture.grey) for picture in film.spread(_TELLING if given else _SAMPLED)]
+        sampled = [packed(picture.grey) for picture in film.spread(_TELLING if given else _SAMPLED)]
     empty = read_picture(background).grey if background is not None else _background(film, sampled)
     view = _view(film, empty, sampled, by_hand, experiment, given=given)
     if isinstance(view, Status):
         return FilmMeasurement(view)
+    del sampled, empty  # hundreds of megabytes, which the frames do not need
     linker = Linker(view.walls, direction)
     records: dict[Track, FrameRecord] = {}
     statuses: Counter[Status] = Counter()
@@ -201,21 +202,16 @@ def _measure_frame(
         records.setdefault(track, FrameRecord()).add(frame, picture, detection)
 
 
-def _half(grey: Floats) -> Floats:
-    """Return grey levels in half the memory."""
-    return grey.astype(np.float32)
-
-
-def _background(film: Film, sampled: list[Floats]) -> Floats:
+def _background(film: Film, sampled: list[Pixels]) -> Floats:
     if len(sampled) < 3:
         raise InputError(
             str(film.source), "", "at least three readable frames", f"{len(sampled)}", "or give a background"
         )
-    return temporal_median(sampled).astype(np.float64)
+    return temporal_median(sampled)
 
 
 def _view(
-    film: Film, empty: Floats, sampled: list[Floats], by_hand: ByHand, experiment: Experiment, *, given: bool
+    film: Film, empty: Floats, sampled: list[Pixels], by_hand: ByHand, experiment: Experiment, *, given: bool
 ) -> _View | Status:
     first = next((picture for picture in film.frames() if picture is not None), None)
     if first is None:

@@ -133,9 +133,24 @@ class Picture:
         """
         return replace(self, grey=level - self.grey, clipped=self.clipped & (self.grey > 0.0))
 
+    def packed(self) -> Picture:
+        """Return the picture with its grey levels in a smaller type, in which the counts of a camera are exact."""
+        return replace(self, grey=packed(self.grey))
+
     def cut(self, part: tuple[slice, slice]) -> Picture:
         """Return a part of the picture, by its rows and columns."""
         return replace(self, grey=self.grey[part], clipped=self.clipped[part])
+
+
+def packed(grey: Floats) -> Pixels:
+    """Return grey levels in the smallest type that holds counts of a camera exactly, others in single precision."""
+    least, most = grey.min(), grey.max()
+    for counts in (np.uint8, np.uint16):
+        if least >= 0.0 and most <= np.iinfo(counts).max:
+            small = grey.astype(counts)
+            if np.array_equal(small, grey):
+                return small
+    return grey.astype(np.float32)
 
 
 def check_size(file: bytes | Path, where: str, *, most: int = _MOST_PIXELS) -> bool:
