@@ -174,6 +174,22 @@ def test_what_was_drawn_at_the_measurement_is_shown_instead(photograph, tmp_path
     assert "What was found in the picture" in shown(replace(posterior(), measurement=beside))
 
 
+def test_walls_that_were_stated_by_hand_are_shown_and_said(photograph, tmp_path):
+    seen = posterior().measurement
+    by_hand = replace(
+        seen,
+        source=str(photograph),
+        sha256=Picture.read(photograph).sha256,
+        walls="walls by hand at rows 12, 187 px, each +/- 1 px",
+    )
+    stated = replace(posterior(), measurement=by_hand)
+    assert "the measured edge" not in shown(stated)  # with other walls, which would be found in the picture
+    shutil.copy(photograph, tmp_path / "overlay.png")
+    assert "Dashed walls and a dotted axis were stated by hand" in shown(stated, folder=tmp_path)
+    assert "by hand" not in shown(posterior(), folder=tmp_path)
+    assert "The half width in px is that of walls by hand at rows 12, 187 px" in words(posterior_page(stated))
+
+
 def test_a_picture_in_which_no_capsule_is_found_is_shown_as_it_is(tmp_path):
     grey = tmp_path / "grey.png"
     cv2.imwrite(str(grey), np.full((40, 60), 120, dtype=np.uint8))

@@ -105,7 +105,9 @@ class FrameRecord:
         )
         distance = abs(float(place[0]) - walls.centre_column)
         if distance <= self._nearest:
-            self.picture, self.detection, self.frame, self._nearest = picture.packed(), detection, frame, distance
+            self.picture, self.detection, self.frame, self._nearest = picture, detection, frame, distance
+        elif self.picture is not None and self.picture.grey.dtype == np.float64:  # it has passed the middle
+            self.picture = self.picture.packed()
 
 
 @dataclass(frozen=True, eq=False)

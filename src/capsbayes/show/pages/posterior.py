@@ -60,7 +60,8 @@ def capsule_pictures(
     """Yield the pictures of a capsule, as many as there are.
 
     The photograph is by default that of the measurement, if it is still there unchanged; the folder is that with the
-    ``overlay.png`` that was drawn when the capsule was measured, if there is one.
+    ``overlay.png`` that was drawn when the capsule was measured, if there is one. Where the walls were stated by hand,
+    only that shows them.
     """
     yield from _photograph(posterior, capsule, folder)
     if posterior.outlines is not None:
@@ -71,6 +72,9 @@ def capsule_pictures(
 
 def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path | None) -> Iterator[Markup]:
     """The predicted outline over the picture; where that cannot be drawn, what was drawn when it was measured."""
+    if posterior.measurement.walls:  # they would be sought in the picture again, and others found
+        yield from _overlay(posterior, folder)
+        return
     known = _measured_in(posterior) if capsule is None else Path(capsule)
     figure = None if known is None else picture_figure(posterior, known, width=_WIDTH)
     if known is not None and figure is not None:
@@ -90,6 +94,8 @@ def _overlay(posterior: Posterior, folder: Path | None) -> Iterator[Markup]:
     folders = [place for place in (folder, Path(source).parent if source else None) if place is not None]
     for place in filter(Path.is_file, (place / _OVERLAY for place in folders)):
         caption = "What was found in the picture: walls blue, edge red, length along the flow violet."
+        if posterior.measurement.walls:
+            caption += " Dashed walls and a dotted axis were stated by hand."
         alternative = "picture of the capsule with what was found in it"
         yield image(place.read_bytes(), "png", alternative, caption, fit="narrow")
         return

@@ -94,6 +94,8 @@ def _borders(posterior: Posterior) -> Iterator[str]:
 def _capsule(posterior: Posterior) -> Iterator[str]:
     if posterior.measurement.axial_length is None:
         yield "The length on the axis L_a was not seen; its information is missing from the intervals."
+    if posterior.measurement.walls:
+        yield f"The half width in px is that of {posterior.measurement.walls}."
     stretch = posterior.marginals["stretch_ratio"]
     if stretch.median < _LEAST_STRETCH:
         yield (
