@@ -81,7 +81,7 @@ class OutlineNoise:
 
 @dataclass(frozen=True)
 class Pose:
-    """Standard deviations of the position, the tilt and the offset of an outline, and of the camera's geometry.
+    """Standard deviations of the position, the tilt and the offset of an outline, its rear, and the camera's geometry.
 
     Parameters
     ----------
@@ -91,6 +91,8 @@ class Pose:
         Of the flow direction on the picture [rad].
     offset : float
         Of all edges along their normals, over l: a halo or a threshold puts them too far out.
+    rear : float
+        Of the rear as it is seen, along the flow, over l: in a picture whose edge is wider there than at the nose.
     pixel_aspect, distortion, taper : float
         Of the numbers of a `Camera`, which is taken to be without faults otherwise.
     middle : float
@@ -103,6 +105,7 @@ class Pose:
     across: float = 1.0
     tilt: float = 0.05
     offset: float = 0.0
+    rear: float = 0.0
     pixel_aspect: float = 0.0
     distortion: float = 0.0
     taper: float = 0.0
@@ -110,7 +113,7 @@ class Pose:
     walls: float = 1.0
 
     def directions(self, points: Floats, normal: Floats) -> Floats:
-        """Return the change of the normal distances by one standard deviation of each : (m, 4 to 7) array."""
+        """Return the change of the normal distances by a standard deviation of each but `rear` : (m, 4 to 7) array."""
         turned = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
         each = [self.along * normal[:, 0], self.across * normal[:, 1], self.tilt * turned]
         each.append(np.full(len(points), self.offset))

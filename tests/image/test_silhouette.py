@@ -1,5 +1,7 @@
 """The silhouette of a picture with its noise, compared with the drawn one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -7,7 +9,7 @@ from drawn import HALF_WIDTH, circle, drawn
 
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.measure import detect
-from capsbayes.image.silhouette import silhouette_of
+from capsbayes.image.silhouette import EdgeErrors, silhouette_of
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.infer.outline.likelihood import aligned_with
 
@@ -68,6 +70,19 @@ def test_blurred_edges_are_less_sure():
     assert blurred.noise.scale > 1.2 * sharp.noise.scale
     assert blurred.noise.white < sharp.noise.white
     assert blurred.pose.offset > sharp.pose.offset
+
+
+def test_a_rear_whose_edge_is_a_band_has_an_error_of_its_own():
+    made = drawn(0.08, 1.05)
+    sharp = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    outline = sharp.outline
+    rear = sharp.flow * (outline.normals @ sharp.walls.along) < -0.7
+    width = np.where(rear, np.hypot(outline.edge_width, 2.0), outline.edge_width)
+    band = replace(sharp, outline=replace(outline, edge_width=width))
+    assert EdgeErrors.of(sharp).rear == 0.0
+    assert EdgeErrors.of(band).rear == pytest.approx(2.0, rel=0.1)
+    assert silhouette_of(band).pose.rear == pytest.approx(2.0 / sharp.walls.half_width, rel=0.1)
+    assert EdgeErrors.of(replace(band, flow=0)).rear == 0.0
 
 
 def test_without_a_direction_there_is_none():

@@ -55,7 +55,7 @@ class FrameOutline:
         middle = np.array([walls.centre_column, walls.centre_row])
         points = (outline.points - middle) @ np.stack([walls.along, walls.across], axis=1)
         points = points if signed_area(points) > 0.0 else points[::-1]
-        return cls(points.astype(np.float32), EdgeErrors.of(outline))
+        return cls(points.astype(np.float32), EdgeErrors.of(detection))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,9 @@ class AlignedOutlines:
         variance, neighbours = (
             float(np.mean(means * np.roll(means, shift, axis=1))) * count / freedom for shift in (0, 1)
         )
-        stated, misfit, lasting = np.mean([(each.arc**2, each.misfit, each.offset) for each in self.errors], axis=0)
+        stated, misfit, lasting, rear = np.mean(
+            [(each.arc**2, each.misfit, each.offset, each.rear) for each in self.errors], axis=0
+        )
         arc = max(neighbours * np.exp(around / means.shape[1] / ARC), stated)
         scatter = max(
             (variance - max(neighbours, 0.0)) / count, scatter_left(_thinned(mean), _thinned(vertex_normals(mean))) ** 2
@@ -160,6 +162,7 @@ class AlignedOutlines:
             arc=float(np.sqrt(arc / count)),
             misfit=float(np.sqrt(misfit**2 + _BIAS**2 * stated + change**2)),
             offset=float(np.sqrt(lasting**2 + flicker / count)),
+            rear=float(rear),
         )
 
     @property

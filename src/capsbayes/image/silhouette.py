@@ -3,7 +3,8 @@
 Three consecutive points are averaged: their errors are almost independent, and a likelihood needs no more points. The
 noise has three parts: scatter from point to point, errors alike along the edge, and an offset of the whole. They follow
 from the errors with which the edge was located; their factors were set on drawn pictures, other ones than those whose
-coverage is counted.
+coverage is counted. Where the edge of the rear is a band, much wider than that of the nose, the membrane lies somewhere
+within: that of the rear has an error of its own.
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ import numpy as np
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.extent import EDGE_FLOOR
-from capsbayes.image.edges.outline import ARC, EdgeOutline, averaged, scatter_expected
+from capsbayes.image.edges.outline import ARC, averaged, scatter_expected
 from capsbayes.image.walls import WallLines
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 
 _WALL = 2.0  # of the width of a wall's dark line: nearer to it, blur mixes the two, and an edge is found too far out
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
 _MISFIT = 0.024  # 1/px: error along the edge over the square of its width
+_FACING = 0.8  # cosine of a normal's angle to the channel, least at the ends
+_BAND = 1.5  # of the square of the width at the nose: in drawn pictures that at the rear is 0.8 to 1.35 of it
 _OFFSET = 0.02  # 1/px: common error of all edges over the square of their width
 
 
@@ -39,21 +42,30 @@ class EdgeErrors:
         Alike along an arc, and the same in all pictures of a capsule: that of the edge's model.
     offset : float
         Alike all around, and the same in all pictures of a capsule.
+    rear : float
+        Of the rear, along the flow, and the same in all pictures of a capsule.
     """
 
     scatter: float
     arc: float
     misfit: float
     offset: float
+    rear: float = 0.0
 
     @classmethod
-    def of(cls, outline: EdgeOutline) -> EdgeErrors:
-        """Return the errors that follow from those with which an outline was located."""
+    def of(cls, detection: Detection) -> EdgeErrors:
+        """Return the errors that follow from those with which the outline of a detection was located."""
+        outline, walls = detection.outline, detection.walls
+        assert outline is not None
+        assert walls is not None
         width = np.square(outline.edge_width)
         arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error)))
         misfit = _MISFIT * np.sqrt(np.mean(np.square(width)))
         offset = np.hypot(EDGE_FLOOR, _OFFSET * np.sqrt(np.mean(np.square(width))))
-        return cls(scatter_expected(outline), float(arc), float(misfit), float(offset))
+        facing = detection.flow * (outline.normals @ walls.along)
+        nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
+        band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
+        return cls(scatter_expected(outline), float(arc), float(misfit), float(offset), band)
 
 
 def silhouette_of(detection: Detection) -> MeasuredOutline | None:
@@ -70,7 +82,7 @@ def silhouette_of(detection: Detection) -> MeasuredOutline | None:
     points = points[clear] - detection.axis
     return over_l(
         np.stack([detection.flow * (points @ walls.along), points @ walls.across], axis=1),
-        EdgeErrors.of(detection.outline),
+        EdgeErrors.of(detection),
         walls,
     )
 
@@ -93,5 +105,6 @@ def over_l(points: Floats, errors: EdgeErrors, walls: WallLines) -> MeasuredOutl
         float(errors.scatter**2 / (errors.scatter**2 + smooth**2)),
     )
     # an error of l changes all radii in proportion, much as an offset does
-    pose = Pose(offset=float(np.hypot(errors.offset, radius * walls.half_width_error)) / half_width)
+    offset = np.hypot(errors.offset, radius * walls.half_width_error)
+    pose = Pose(offset=float(offset) / half_width, rear=errors.rear / half_width)
     return MeasuredOutline(points, noise, pose, SILHOUETTE)

@@ -23,7 +23,7 @@ from capsbayes.infer.membrane import Membrane
 from capsbayes.infer.misfit import Misfit, inertia, misfits_of, p_values
 from capsbayes.infer.narrowing import expected_log_modulus_sds
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
-from capsbayes.infer.outline.misfit import drawn_outlines, outline_misfit
+from capsbayes.infer.outline.misfit import drawn_outlines, lopsided, outline_misfit
 from capsbayes.infer.outline.table import TabulatedOutline
 from capsbayes.infer.posterior import OF_VELOCITY, REPORTED, Posterior
 from capsbayes.infer.prior import Prior
@@ -119,6 +119,8 @@ def identify(
         leans = leanings(draws, model, quadrature.prior)
         if measurement.outline is not None:
             misfits.insert(0, Misfit(outline_misfit(measurement.outline, model, draws), Status.OUTLINE_MISFIT))
+            if (odd := lopsided(measurement.outline)) is not None:
+                misfits.insert(0, Misfit(odd, Status.LOPSIDED))
         if not grid.density.inputs.viscous_tension:
             misfits.append(inertia(float(experiment.reynolds_number(marginals["mean_velocity"].median))))
         return Posterior(

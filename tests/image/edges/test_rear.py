@@ -48,6 +48,16 @@ def test_a_blur_across_the_axis_of_a_curved_band_is_taken_off():
     assert blurred.depth - plain.depth == pytest.approx(0.5 * 0.02 * 9.0, abs=0.005)
 
 
+def test_the_place_of_the_membrane_within_a_wide_band_is_in_the_error():
+    """Of this standard deviation; nothing is added in a band as narrow as those drawn elsewhere."""
+    wide, narrow = found(picture(30.0, -0.01, 5.0)), found(picture(30.0, -0.01, 2.5))
+    assert wide.within == pytest.approx(5.0, rel=0.15)
+    assert wide.systematic > wide.within**2
+    assert wide.depth_error > wide.within
+    assert narrow.within == 0.0
+    assert narrow.depth_error < 0.5
+
+
 def test_its_error_holds_the_scatter_of_noisy_pictures():
     seen = [found(picture(noise=0.02, seed=seed), noise=0.02) for seed in range(40)]
     own = np.mean([rear.depth_error**2 - rear.systematic for rear in seen])

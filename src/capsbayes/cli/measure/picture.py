@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image import ByHand
     from capsbayes.image.detection import Detection
+    from capsbayes.image.edges.rear import RearBand
     from capsbayes.image.files.picture import Picture
     from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
@@ -118,14 +119,18 @@ def _print(detection: Detection, experiment: Experiment) -> None:
         bound = (detection.lengths[0] + 2.0 * np.sqrt(detection.covariance[0, 0])) / detection.lengths[3]
         rear = f"The concave rear is not seen: L_a is at most {bound:.4f} l, the length of the silhouette."
     else:
-        rear = (
-            f"L_a goes to the middle of the rear band, whose standard deviation is {detection.rear.width:.1f} px; "
-            "where in the band the membrane lies is not in the error."
-        )
+        rear = _of_band(detection.rear)
     parts: list[Any] = [table(("", "px", "over l", "µm"), rows, numbers=(1, 2, 3)), rear]
     if detection.walls is not None and detection.walls.stated:
         parts.append(f"l in px is that of {detection.walls.stated}.")
     print_parts(*parts)
+
+
+def _of_band(rear: RearBand) -> str:
+    ends = f"L_a goes to the middle of the rear band, whose standard deviation is {rear.width:.1f} px"
+    if rear.within > 0.0:
+        return f"{ends}: the membrane lies anywhere within, and {rear.within:.1f} px of that are in the error of L_a."
+    return f"{ends}; where in the band the membrane lies is not in the error."
 
 
 def _significant(value: float, error: float) -> str:

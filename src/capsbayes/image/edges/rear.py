@@ -1,7 +1,8 @@
 """The concave rear of a capsule: a second dark band inside the outline, seen through the rim that hides it.
 
 The middle of the band is taken for the membrane. Where no band is distinct from that of the outer edge, the rear may be
-convex, or concave and not seen, and there is no result.
+convex, or concave and not seen, and there is no result. Of a band that is wider than those of drawn pictures, the place
+of the membrane within it is not known: its standard deviation is in the error of the depth.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ _RESOLVED = 60.0  # px: shortest capsule in which a second nose is sought; cells
 _NOSES = np.linspace(0.4, 2.0, 5)  # over the capsule's half height: curvatures of a second nose
 _CLEAR = 3.0  # of the band's deviation: nearer to the end of the silhouette it merges with the band of the outer edge
 _OVERLAP, _FADING = 0.08, 2.5  # of the deviation: shift by the outer edge's band, and distance at which it fades
+_WIDE = 3.5  # px: deviation from which on a band is wider than a line in focus; of those drawn it is 3.2 at most
 _MISFIT = 0.02  # of the width of the band: how far the model's middle may be from that of the band
 
 
@@ -47,6 +49,8 @@ class RearBand:
         The part of the error's square that is the same in all pictures of a capsule.
     width : float [px]
         Standard deviation of the band.
+    within : float [px]
+        The part of the error that is the place of the membrane within a wide band; 0 in a narrow one.
     curvature : float [1/px]
         Second derivative of the depth across the axis.
     breadth : float [px]
@@ -57,6 +61,7 @@ class RearBand:
     depth_error: float
     systematic: float
     width: float
+    within: float
     curvature: float
     breadth: float
 
@@ -197,6 +202,14 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     if depth < _CLEAR * deviation:
         return None
     misfit = deviation * (_MISFIT + _OVERLAP * np.exp(-(depth / deviation - _CLEAR) / _FADING))
-    error = float(np.sqrt(variance + misfit**2))
+    within = _place_within(deviation, blur)
+    systematic = float(misfit**2 + within**2)
     breadth = float(np.max(np.abs(across[fit.kept])))
-    return RearBand(depth, error, float(misfit**2), deviation, float(fit.coefficients[2]), breadth)
+    error = float(np.sqrt(variance + systematic))
+    return RearBand(depth, error, systematic, deviation, within, float(fit.coefficients[2]), breadth)
+
+
+def _place_within(deviation: float, blur: float) -> float:
+    """Return the standard error of the membrane's place within a band of this standard deviation, see `RearBand`."""
+    of_band = float(np.sqrt(max(deviation**2 - blur**2 - _SMOOTHING**2, 0.0)))
+    return of_band if of_band > _WIDE else 0.0

@@ -3,8 +3,8 @@
 An edge that is found too far out at one place is found too far out next to it
 as well: taken as independent, the errors of neighbouring points would make the
 posterior far too narrow. Where on the picture the capsule is, how it is tilted
-and by how much all edges are found too far out is no property of its shape;
-these nuisances are integrated out, each with a Gaussian prior, as is the
+and by how much all edges are found too far out is no property of its shape, nor is
+how far it is askew; these nuisances are integrated out, each with a Gaussian prior, as is the
 model's own error. All of it is one covariance matrix, computed at a pilot shape
 near the posterior and used for all others.
 
@@ -24,6 +24,7 @@ import scipy.linalg
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.infer.outline.askew import askew_size, odd_directions, rear_direction
 from capsbayes.infer.outline.normal_distance import Footing, normal_distances, posed_on
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.model import ForwardModel
@@ -89,6 +90,7 @@ class OutlineLikelihood:
         covariance = self.noise.covariance(self.points)
         spread = self.pose.directions(aligned, feet.normal)
         covariance = covariance + spread @ spread.T
+        covariance += self._of_rear_and_askew(feet)
         if self.modes is not None:
             own = _at_places(self.modes, feet.place)
             covariance += own.T @ own
@@ -98,6 +100,18 @@ class OutlineLikelihood:
         object.__setattr__(self, "_aligned", aligned)
         object.__setattr__(self, "_place", feet.place)
         object.__setattr__(self, "_factor", scipy.linalg.cholesky(covariance, lower=True))
+
+    def _of_rear_and_askew(self, feet: Footing) -> Floats:
+        """Return what a wide edge of the rear and a capsule askew add to the covariance (m, m)."""
+        askew, rear = askew_size(self.points, self.noise), self.pose.rear
+        if askew == rear == 0.0:
+            return np.zeros((len(self.points), len(self.points)))
+        odd = askew * odd_directions(self.pilot, feet.place, feet.normal)
+        back = rear_direction(self.pilot, feet.place, feet.normal)
+        # where in a wide edge the membrane lies is alike all along it by one half, and along arcs by the other
+        alike = OutlineNoise(1.0, self.noise.correlation_length).covariance(self.points)
+        of_rear = askew**2 + 0.5 * rear**2 * (1.0 + alike)
+        return np.asarray(odd @ odd.T + of_rear * np.outer(back, back))
 
     def _bordered(self, covariance: Floats, length: SilhouetteLength, nose: int) -> Floats:
         """Return the covariance (m + 1, m + 1) with that of L_a, which shares the error of the nose."""

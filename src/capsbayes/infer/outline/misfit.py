@@ -1,4 +1,4 @@
-"""Outlines of a posterior: their band, and whether any of them fits the measured one within its stated errors."""
+"""Outlines of a posterior: their band, and whether any fits the measured one within its stated errors."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Gate
+from capsbayes.infer.outline.askew import askew_size
 from capsbayes.infer.outline.likelihood import aligned_with, outline_likelihood
 from capsbayes.measured_outline import MeasuredOutline
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import COORDINATES
 from capsbayes.profile import vertex_normals
 
+_MOST_ASKEW = 0.02  # of l: root mean square of the odd part up to which capsules off the axis were tried
 _LARGEST = 4.0  # per degree of freedom: errors twice as large as stated
 _TRIED = 50  # draws
 _FITTED = 5  # Ca and a/l; place and tilt
@@ -52,6 +54,12 @@ def outline_misfit(measured: MeasuredOutline, model: ForwardModel, draws: Mappin
     square = float(np.sum(likelihood.whitened(outlines[best : best + 1]) ** 2))
     freedom = max(len(measured.points) - _FITTED, 1)
     return Gate("squared misfit of the outline over its freedom", square / freedom, most=_LARGEST)
+
+
+def lopsided(measured: MeasuredOutline) -> Gate | None:
+    """Return the size of the odd part of an outline, which the model does not have; None where noise explains it."""
+    size = askew_size(measured.points, measured.noise)
+    return Gate("odd part of the outline over l", size, most=_MOST_ASKEW) if size > 0.0 else None
 
 
 def band(outlines: Floats) -> tuple[Floats, Floats, Floats]:
