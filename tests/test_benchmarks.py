@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import mutation
+import numpy as np
 import pytest
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -134,6 +135,43 @@ def test_the_table_of_the_silhouettes_of_films_is_that_of_the_last_run():
     assert shown in film_silhouettes.PAGE.read_text()
     # wider than the best frame of its film by chance only: where both have little but the misfit that all frames share
     assert max(film_silhouettes.ratios([one for one in done.values() if one.get("film")])) < 1.15
+
+
+def test_the_table_of_capsules_off_the_axis_is_that_of_the_last_run():
+    import off_axis
+
+    done = json.loads(off_axis.STORED.read_text())
+    assert len(done) == len(off_axis.CAPSULES)
+    assert off_axis.BEGIN + off_axis.table(done) + off_axis.END in off_axis.PAGE.read_text()
+    across = [each for rows in done.values() for each in rows if each["view"] == off_axis.VIEWS[0]]
+    held = {which: sum(each[which]["held"] for each in across) for which in ("with", "without")}
+    assert held["with"] > 0.8 * len(across) > held["without"]
+
+
+def test_half_of_a_channel_is_unfolded_from_its_eighth():
+    import off_axis
+
+    for channel, area in ((off_axis.HalfSquare(), 2.0), (off_axis.HalfTube(), 0.5 * np.pi)):
+        points, areas = channel.filling(0.1, 0.0)
+        assert areas.sum() == pytest.approx(area, rel=0.02)
+        assert points[:, 0].min() > 0.0
+        assert np.sort(points[:, 1]) == pytest.approx(-np.sort(points[:, 1])[::-1], abs=1e-12)
+        points, lengths = channel.outline(0.1, 0.0)
+        assert lengths.sum() == pytest.approx(2.0 * area, rel=0.01)
+
+
+def test_the_silhouette_of_an_ellipsoid_off_the_axis_is_an_ellipse():
+    import off_axis
+
+    from capsbayes.physics.surface.octasphere import octasphere
+
+    mesh = octasphere(8, off_axis.CS)
+    nodes = mesh.nodes * [0.6, 0.7, 0.8] + [0.0, 0.1, 0.0]
+    angle = 2.0 * np.pi * np.arange(off_axis.RAYS) / off_axis.RAYS
+    for view, breadth, offset in zip(off_axis.VIEWS, (0.7, 0.6), (0.1, 0.0), strict=True):
+        reach = off_axis.radii(mesh.elements, nodes, view)
+        z, y = reach * np.cos(angle), reach * np.sin(angle) - offset
+        assert (z / 0.8) ** 2 + (y / breadth) ** 2 == pytest.approx(1.0, abs=5e-3)
 
 
 @pytest.mark.slow

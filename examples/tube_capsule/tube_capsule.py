@@ -18,6 +18,7 @@ from capsbayes.image import Picture, detect
 from capsbayes.image.measure import measurement_of
 from capsbayes.image.overlay import write_overlay
 from capsbayes.infer import Prior
+from capsbayes.infer.outline.askew import askew_size
 from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.quantity import Quantity
 from capsbayes.show import write_report
@@ -34,6 +35,8 @@ LAWS = {
     "Skalak, C = 1": "circular-skalak",
     "Hooke, nu_s = 0.5": "circular-hooke",
 }
+UNKNOWN = "membrane unknown"
+COLOURS = ("tab:red", "tab:blue", "tab:green", "black")
 
 
 def main():
@@ -47,16 +50,19 @@ def main():
     measured = measurement_of(detection, picture, EXPERIMENT, VELOCITY)
     for name in ("axial_extent", "axial_length"):
         print(f"{name} / R: {getattr(measured, name):.4f} +/- {getattr(measured, f'{name}_error'):.4f}")
-    within = detection.rear.width / detection.walls.half_width
-    print(f"the membrane lies somewhere in the rear's dark band, of standard deviation {within:.3f} R")
+    outline, half_width = measured.outline, detection.walls.half_width
+    print(f"of which the place of the membrane in the rear's dark band: {detection.rear.within / half_width:.4f} R")
+    scale, rear = 1e3 * outline.noise.scale, 1e3 * outline.pose.rear
+    print(f"errors of the silhouette: {scale:.1f} R/1000; of the rear, whose edge is a band, {rear:.0f}")
+    print(f"odd part of the silhouette: {1e3 * askew_size(outline.points, outline.noise):.1f} R/1000")
     plain, lengths, silhouettes = replace(measured, outline=None), {}, {}
-    wide = replace(plain, axial_length_error=float(np.hypot(within, measured.axial_length_error)))
     for law, database in LAWS.items():
         lengths[law] = identified(plain, Surrogate.open(database), law, "lengths")
-        identified(wide, Surrogate.open(database), law, "with band")
         silhouettes[law] = identified(measured, Surrogate.open(database, view="silhouette"), law, "silhouette")
-    unknown(plain, "lengths")
-    unknown(wide, "with band")
+    identified(plain, MembraneSurrogate.open("circular"), UNKNOWN, "lengths")
+    silhouettes[UNKNOWN] = identified(
+        measured, MembraneSurrogate.open("circular", view="silhouette"), UNKNOWN, "silhouette"
+    )
     if asked.out is not None:
         asked.out.mkdir(parents=True, exist_ok=True)
         write_overlay(asked.out / "overlay.png", picture, detection)
@@ -69,36 +75,30 @@ def main():
 
 
 def identified(measurement, model, law, what):
-    """Return the posterior of the capsule and a line about it: K_s = 3 G_s in all three laws, and G_s = mu U / Ca."""
-    posterior = identify(measurement, model, EXPERIMENT, seed=1, prior=PRIOR)
-    ca, size = (posterior.marginals[name] for name in ("capillary_number", "size_ratio"))
-    low, middle, high = (3.0 * STRESS / value for value in (ca.upper_95, ca.median, ca.lower_95))
+    """Return the posterior of the capsule, and print K_s, which is 3 G_s in all three laws, and the misfit."""
+    posterior = identify(measurement, model, EXPERIMENT, seed=1, prior=PRIOR, engine="quadrature")
+    draws = posterior.draws
+    moduli = draws["surface_shear_modulus"] * draws.get("area_dilation_modulus", 3.0)
+    low, middle, high = np.quantile(moduli, (0.025, 0.5, 0.975))
+    ca, size = (posterior.marginals[name].median for name in ("capillary_number", "size_ratio"))
+    misfit = "".join(f"   misfit {gate.value:.1f}" for gate in posterior.gates if "misfit of the outline" in gate.name)
     print(
-        f"{law:18} {what:11} K_s {middle:.3f} N/m [{low:.3f}, {high:.3f}]   Ca {ca.median:.4f}   a/R {size.median:.4f} "
-        f"  {posterior.status.name}"
+        f"{law:18} {what:11} K_s {middle:.3f} N/m [{low:.3f}, {high:.3f}]   Ca {ca:.4f}   a/R {size:.4f}{misfit}   "
+        f"{posterior.status.name}"
     )
+    for name in model.coordinates:
+        print(f"{'':18} {name} {posterior.marginals[name].median:.3g}")
     for gate in posterior.gates:
         if not gate.passed:
             print(f"{'':18} {gate}")
     return posterior
 
 
-def unknown(measurement, what):
-    """Print the interval of K_s where law, K_s/G_s, inflation and bending stiffness are unknown."""
-    model = MembraneSurrogate.open("circular")
-    posterior = identify(measurement, model, EXPERIMENT, seed=1, prior=PRIOR, engine="quadrature")
-    draws = posterior.draws
-    low, middle, high = np.quantile(
-        draws["surface_shear_modulus"] * draws["area_dilation_modulus"], (0.025, 0.5, 0.975)
-    )
-    print(f"{'membrane unknown':18} {what:11} K_s {middle:.3f} N/m [{low:.3f}, {high:.3f}]   {posterior.status.name}")
-
-
 def draw(points, silhouettes, path):
     """Draw the measured silhouette with the best of each law, and their distance."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.0), layout="constrained")
-    for colour, (law, posterior) in zip(("tab:red", "tab:blue", "tab:green"), silhouettes.items(), strict=True):
-        outline = posterior.outlines[0]
+    for colour, (law, posterior) in zip(COLOURS, silhouettes.items(), strict=True):
+        outline = posterior.outlines[np.argmin([misfit(points, each) for each in posterior.outlines])]
         seen, feet = aligned_with(points, outline)
         left.plot(*np.vstack([outline, outline[:1]]).T, color=colour, lw=1, label=law)
         order = np.argsort(feet.place)
@@ -109,6 +109,10 @@ def draw(points, silhouettes, path):
     right.axhline(0.0, color="0.7", lw=1)
     right.set(xlabel="from the nose [% of the perimeter]", ylabel="measured beyond predicted edge [R/1000]")
     figure.savefig(path, dpi=150)
+
+
+def misfit(points, outline):
+    return np.sum(aligned_with(points, outline)[1].distance ** 2)
 
 
 if __name__ == "__main__":

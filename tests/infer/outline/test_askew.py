@@ -71,8 +71,13 @@ def test_the_odd_part_is_found_wherever_the_outline_lies(shape):
     assert askew_size(noisy(laid(points)), NOISE) == pytest.approx(0.01, rel=0.15)
 
 
-def test_noise_is_no_odd_part(shape):
-    assert [askew_size(noisy(shape, seed), NOISE) for seed in range(60)] == [0.0] * 60
+@pytest.mark.parametrize(("length", "white"), [(0.0, 1.0), (0.2, 0.5), (0.8, 0.05)])
+def test_noise_is_no_odd_part(shape, length, white):
+    """However few the errors are that are independent along the outline; one in a thousand may be taken for one."""
+    noise = OutlineNoise(0.003, length, white)
+    errors = noise.drawn(np.random.default_rng(3), shape, 200)
+    normal = vertex_normals(shape)
+    assert sum(askew_size(shape + each[:, None] * normal, noise) > 0.0 for each in errors) <= 3
 
 
 def test_a_flank_that_one_wall_hides_is_no_odd_part(shape):
@@ -83,13 +88,11 @@ def test_a_flank_that_one_wall_hides_is_no_odd_part(shape):
     assert np.nanmax(np.abs(left)) < 1e-3
 
 
-def test_directions_turn_around_in_a_mirror(shape):
+def test_odd_directions_turn_around_in_a_mirror(shape):
     place, normal = np.arange(len(shape), dtype=float), vertex_normals(shape)
     mirrored = (-place) % len(shape)
     odd = odd_directions(shape, place, normal)
-    np.testing.assert_allclose(
-        odd_directions(shape, mirrored, normal[mirrored.astype(int)]), -odd, atol=1e-2 * np.abs(odd).max()
-    )
+    np.testing.assert_allclose(odd_directions(shape, mirrored, normal[mirrored.astype(int)]), -odd, atol=1e-2)
     assert 0.5 < np.mean(np.sum(odd**2, axis=1)) < 2.0
 
 

@@ -33,7 +33,7 @@ _RESOLVED = 60.0  # px: shortest capsule in which a second nose is sought; cells
 _NOSES = np.linspace(0.4, 2.0, 5)  # over the capsule's half height: curvatures of a second nose
 _CLEAR = 3.0  # of the band's deviation: nearer to the end of the silhouette it merges with the band of the outer edge
 _OVERLAP, _FADING = 0.08, 2.5  # of the deviation: shift by the outer edge's band, and distance at which it fades
-_WIDE = 3.5  # px: deviation from which on a band is wider than a line in focus; of those drawn it is 3.2 at most
+_WIDE = 3.5  # px: deviation from which on a band is wider than a line in focus; of 40 drawn ones it is 3.0 at most
 _MISFIT = 0.02  # of the width of the band: how far the model's middle may be from that of the band
 
 

@@ -1,4 +1,4 @@
-"""Capsules askew: what of a measured outline no symmetric shape of a model explains, and what it does to the rear.
+"""Capsules askew: what of a measured outline no symmetric shape of a model explains, and what it does to the rest.
 
 The shapes of a model are symmetric about the flow, and so is what an outline tells of them. The odd part of a measured
 outline is therefore known apart from them: by half its distance from its own mirror image. Where it is larger than its
@@ -6,22 +6,28 @@ noise explains, it is a nuisance of the likelihood: displacements of the outline
 capsule off the axis are in simulations, with amplitudes that are normally distributed about zero. Their size is that of
 the odd part.
 
-A picture shows the odd part of a capsule across the line of sight alone. What lies along it tilts the rim, of which a
-silhouette shows the side that is further back: the middle of the rear is seen further back, in simulations by about the
-size of the odd part that is seen at a right angle.
+What makes a capsule askew changes the even part as well, which is not known apart. An offset along the line of sight
+tilts the rim, of which a silhouette shows the side that is further back: in simulations the rear is seen further back
+by about the size of the odd part that is seen at a right angle. An offset across it changes the even part in second
+order, by a twentieth to a fifth of the odd part, and sharply at the rim: an error along arcs has that size.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import chdtri
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.outline.normal_distance import posed_on
 from capsbayes.measured_outline import OutlineNoise
 from capsbayes.profile import arc_length, edge_lengths
 
+EVEN, EVEN_LENGTH = 0.2, 0.2
+"""Error of the even part over the size of the odd one, and the length [l] along the outline over which it is alike."""
+
 _WAVES = 4  # along an outline: capsules followed on their way to the axis are odd by less than a twentieth besides
-_MORE = 3.0  # of the mean square that noise explains: an odd part below it is taken for noise
+_CHANCE = 1e-3  # that noise alone has an odd part as large: a larger one is none
+_OF_POSE = 2.0  # odd degrees of freedom that a shift and a turn take away
 _LAID = 3  # times that an outline with a gap is laid onto its mirror image
 _GAP = 3.0  # median distances of points: behind a longer edge, a wall hid the outline
 
@@ -55,10 +61,16 @@ def odd_part(points: Floats) -> Floats:
 def askew_size(points: Floats, noise: OutlineNoise) -> float:
     """Return the root mean square [l] of the odd part of an outline (m, 2) without its noise; 0 where that explains it.
 
-    The noise of the odd part is half of two independent errors.
+    The noise of the odd part is half of two independent errors, its degrees of freedom are half of those of the noise
+    after Satterthwaite.
     """
     square, of_noise = float(np.nanmean(odd_part(points) ** 2)), 0.5 * noise.scale**2
-    return float(np.sqrt(square - of_noise)) if square > _MORE * of_noise else 0.0
+    if square <= of_noise:
+        return 0.0
+    covariance = noise.covariance(points)
+    freedom = max(0.5 * np.trace(covariance) ** 2 / np.sum(covariance**2) - _OF_POSE, 1.0)
+    most = float(chdtri(freedom, _CHANCE)) / freedom * of_noise
+    return float(np.sqrt(square - of_noise)) if square > most else 0.0
 
 
 def odd_directions(outline: Floats, place: Floats, normal: Floats) -> Floats:
@@ -88,7 +100,7 @@ def odd_directions(outline: Floats, place: Floats, normal: Floats) -> Floats:
 
 
 def rear_direction(outline: Floats, place: Floats, normal: Floats) -> Floats:
-    """Return how the normal distances from an outline change if its rear is seen further back, as behind a tilted rim.
+    """Return how the normal distances from an outline change if its rear is seen further back between the rims.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ import scipy.linalg
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.infer.outline.askew import askew_size, odd_directions, rear_direction
+from capsbayes.infer.outline.askew import EVEN, EVEN_LENGTH, askew_size, odd_directions, rear_direction
 from capsbayes.infer.outline.normal_distance import Footing, normal_distances, posed_on
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.model import ForwardModel
@@ -106,12 +106,13 @@ class OutlineLikelihood:
         askew, rear = askew_size(self.points, self.noise), self.pose.rear
         if askew == rear == 0.0:
             return np.zeros((len(self.points), len(self.points)))
-        odd = askew * odd_directions(self.pilot, feet.place, feet.normal)
+        odd = odd_directions(self.pilot, feet.place, feet.normal)
         back = rear_direction(self.pilot, feet.place, feet.normal)
         # where in a wide edge the membrane lies is alike all along it by one half, and along arcs by the other
         alike = OutlineNoise(1.0, self.noise.correlation_length).covariance(self.points)
         of_rear = askew**2 + 0.5 * rear**2 * (1.0 + alike)
-        return np.asarray(odd @ odd.T + of_rear * np.outer(back, back))
+        even = EVEN**2 * OutlineNoise(1.0, EVEN_LENGTH).covariance(self.points)
+        return np.asarray(askew**2 * (odd @ odd.T + even) + of_rear * np.outer(back, back))
 
     def _bordered(self, covariance: Floats, length: SilhouetteLength, nose: int) -> Floats:
         """Return the covariance (m + 1, m + 1) with that of L_a, which shares the error of the nose."""
