@@ -1,6 +1,7 @@
 """Velocity and lengths measured in drawn films: bias, scatter, coverage of the intervals.
 
-Run ``python benchmarks/films.py [COUNT]``; ``--speed`` times films of 1280 x 1024 px instead.
+Run ``python benchmarks/films.py [COUNT]``; ``--speed`` times films of 1280 x 1024 px instead, and ``--memory`` tells
+how much memory one of 2,000 frames takes.
 
 Each film shows one simulated capsule drawn at random from a shipped
 database, with optics and velocity drawn at random, and the empty channel given. In pixels the error of the
@@ -10,6 +11,8 @@ velocity is that of the positions of the centroid; over l all errors include tha
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
 import tempfile
 from collections import Counter
 from dataclasses import replace
@@ -33,6 +36,15 @@ from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
 from capsbayes.quantity import Quantity
 
 LARGE, LONG = (1024, 1280), 82  # rows and columns, frames
+PASSAGE, PASSAGES = 20, 100  # frames of a capsule, capsules one after the other
+MEASURED = """
+import resource, sys
+from capsbayes import Experiment, measure_film
+experiment = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
+film = measure_film(sys.argv[1], experiment, frame_rate="1000 Hz")
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(f"{film.frames} frames, {sum(one.status.ok for one in film.capsules)} capsules: {peak:.0f} MB at most")
+"""
 FRAMES, RATE = 8, Quantity(1000.0, 0.0, "1/s")
 EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
 NAMES = ("v_o, px a frame", "v_o, l a frame", "L_z, l", "L_a, l")
@@ -43,9 +55,10 @@ def main() -> None:
     parser.add_argument("count", nargs="?", type=int, default=60, help="number of films (default: 60)")
     parser.add_argument("--seed", type=int, default=2024)
     parser.add_argument("--speed", action="store_true", help="time films of 1280 x 1024 px, a channel 200 px wide")
+    parser.add_argument("--memory", action="store_true", help="measure a film of 2,000 frames in a process of its own")
     asked = parser.parse_args()
-    if asked.speed:
-        timed(asked.seed)
+    if asked.speed or asked.memory:
+        (timed if asked.speed else remembered)(asked.seed)
         return
     cases = Database.open("square-neo-hookean").converged
     random = np.random.default_rng(asked.seed)
@@ -67,14 +80,7 @@ def main() -> None:
 
 def timed(seed: int) -> None:
     """Print the processor time for one capsule that passes a large picture, by kind of file."""
-    random = np.random.default_rng(seed)
-    scene, optics = scenery(Database.open("square-neo-hookean").converged, SETS[next(iter(SETS))], random)
-    places = np.linspace(0.15, 0.85, LONG)[:: scene.flow]
-    drawings = []
-    for place in track(places, description="frames", transient=True):
-        centre = (place * LARGE[1], 0.5 * LARGE[0] + (place - 0.5) * LARGE[1] * np.tan(scene.tilt))
-        large = replace(scene, half_width=100.0, shape=LARGE, centre=centre)
-        drawings.append(draw(large, optics, seed=int(random.integers(2**31))))
+    drawings = passing(LONG, seed)
     frames = [one.picture for one in drawings]
     table = Table("film", "ms a frame", "of them decoding", "s for the background, once")
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(limits=1):
@@ -93,6 +99,29 @@ def timed(seed: int) -> None:
                 path.name, f"{1e3 * per_frame:.1f}", f"{1e3 * decoding:.1f}", f"{seconds[2] - seconds[1]:.2f}"
             )
     Console(width=110).print(table)
+
+
+def passing(count: int, seed: int) -> list[Drawing]:
+    """Return large pictures of a capsule that passes."""
+    random = np.random.default_rng(seed)
+    scene, optics = scenery(Database.open("square-neo-hookean").converged, SETS[next(iter(SETS))], random)
+    drawings = []
+    for place in track(np.linspace(0.15, 0.85, count)[:: scene.flow], description="frames", transient=True):
+        centre = (place * LARGE[1], 0.5 * LARGE[0] + (place - 0.5) * LARGE[1] * np.tan(scene.tilt))
+        large = replace(scene, half_width=100.0, shape=LARGE, centre=centre)
+        drawings.append(draw(large, optics, seed=int(random.integers(2**31))))
+    return drawings
+
+
+def remembered(seed: int) -> None:
+    """Print how much memory a long film takes, in which one capsule after the other passes; its frames are linked."""
+    with tempfile.TemporaryDirectory() as folder:
+        for number, drawing in enumerate(passing(PASSAGE, seed)):
+            first = Path(folder) / f"{number}.png"
+            cv2.imwrite(str(first), drawing.picture)
+            for passage in range(1, PASSAGES):
+                (Path(folder) / f"{PASSAGE * passage + number}.png").hardlink_to(first)
+        subprocess.run([sys.executable, "-c", MEASURED, folder], check=True, cwd=Path(__file__).parent)
 
 
 def written(folder: Path, frames: list[NDArray[np.uint8]]) -> list[Path]:
