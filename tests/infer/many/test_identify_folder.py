@@ -320,6 +320,19 @@ def test_pictures_are_measured_and_identified(tmp_path):
     assert "capsule_velocity: expected what a picture does not show" in bare["reason"][0]
 
 
+def test_capsules_of_several_films_are_named_by_film_and_capsule(tmp_path):
+    EXPERIMENT.write(tmp_path / "experiment.toml")
+    for film in ("first", "second"):
+        place = tmp_path / "films" / film / "capsule-1"
+        place.mkdir(parents=True)
+        seen = Measurement(2.14, 0.01, 5e-3, 5e-5, experiment_file=tmp_path / "experiment.toml")
+        seen.write(place / "measurement.toml")
+    rows = identify_folder(tmp_path / "films", MODEL, out=tmp_path / "r.nc", **HERE)
+    assert rows["name"].tolist() == ["first/capsule-1", "second/capsule-1"]
+    alone = identify_folder(tmp_path / "films" / "first", MODEL, out=tmp_path / "one.nc", **HERE)
+    assert alone["name"].tolist() == ["capsule-1"]
+
+
 def test_a_folder_goes_on_with_new_files_and_refuses_the_damaged_by_name(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()

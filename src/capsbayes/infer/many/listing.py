@@ -80,7 +80,7 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
             expected = f"a folder with measurement files (.toml) or pictures ({', '.join(PICTURES)})"
             raise InputError(str(source), "", expected, "a folder without any")
         return Listed(
-            [FileTask(store, file) for file in files],
+            [FileTask(store, file, _name_in(source, file)) for file in files],
             lambda row: measured_file(files[row], run),
             lambda row: prior_of_file(files[row], run.prior),
         )
@@ -116,6 +116,14 @@ def _table(measured: MeasuredLengths, run: Run, store: Store) -> Listed:
         TableTask(store, measured.taken(slice(first, first + rows))) for first in range(0, len(measured), rows)
     ]
     return Listed(tasks, measured.measurement, lambda row: run.prior.with_texts(measured.prior_texts(row)))
+
+
+def _name_in(folder: Path, file: Path) -> str:
+    """Return the name of the capsule of a file: FILM/capsule-1 where several films left folders within the folder."""
+    if file.name != "measurement.toml":
+        return file.stem
+    within = file.parent.relative_to(folder).as_posix()
+    return folder.resolve().name if within == "." else within
 
 
 def capsule_files(folder: Path) -> list[Path]:

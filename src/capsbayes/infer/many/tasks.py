@@ -168,21 +168,25 @@ class FileTask(RowsTask):
     ----------
     store : Store
     measured : Path
+    capsule : str
+        Its name in tables.
     """
 
     measured: Path
+    capsule: str
     kind: ClassVar[str] = "file"
     number: ClassVar[int] = 1
 
     def _contents(self) -> Sequence[Any]:
-        """Return the content of the file and of those that it names."""
-        return [(str(file), _content(file)) for file in (self.measured, *_named_in(self.measured))]
+        """Return the name of the capsule, and the content of the file and of those that it names."""
+        return [self.capsule, *((str(file), _content(file)) for file in (self.measured, *_named_in(self.measured)))]
 
     def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
         """Return an empty row."""
         del run
-        name = self.measured.parent.name if self.measured.name == "measurement.toml" else self.measured.stem
-        return CapsuleRows.empty(_texts([name]), _texts([str(self.measured)]), _texts([""]), _no_numbers(1)), [0]
+        return CapsuleRows.empty(_texts([self.capsule]), _texts([str(self.measured)]), _texts([""]), _no_numbers(1)), [
+            0
+        ]
 
     def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
         """Measure the capsule if need be, and compute its row."""
