@@ -129,7 +129,7 @@ EQUIVALENT = {
     ): "no window holds the sample that is added",
     (
         "image/edges/outline.py",
-        "normal, sides = np.empty((3, 3)), np.empty((3, 2))",
+        "normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3)",
         "2 -> 3",
     ): "a right-hand side of which nothing reads the solution",
 }
