@@ -1,10 +1,10 @@
 """Simulate capsules with random membranes, one by one, and store them in ``data/pools``.
 
-Run ``python benchmarks/membrane_pools.py capsules|batches|inflated|others FOLDER --states STATES``. STATES is the
-folder of parts of ``capsbayes rebuild membrane-square``: each solve starts from the nearest state there, or from the
-nearest capsule of the same batch. Each finished capsule is kept in FOLDER, so that an interrupted run resumes; what has
-ended is then stored, without the unfinished batches. The mesh is that of the states, of refinement 8; no place is one
-of theirs.
+Run ``python benchmarks/membrane_pools.py capsules|batches|inflated|others|pairs FOLDER``. Each solve starts from the
+nearest state of the shipped database, or from the nearest capsule of the same batch. Each finished capsule is kept in
+FOLDER, so that an interrupted run resumes; what has ended is then stored, without the unfinished batches, next to the
+batches that were stored before, which are not simulated again. The mesh is that of the states, of refinement 8; no
+place is one of theirs.
 
 Capsules have the default priors of the membrane, and ln Ca and a/l uniform where states are sought.
 
@@ -14,10 +14,11 @@ over up to a factor of five in Ca. A capsule outside the range where states are 
 drawn anew: these are batches of capsules that are seen. Inflated ones are batches in which the pre-inflation differs
 from capsule to capsule, log-normal with a spread of 20 to 40 %.
 
-Others obey laws that are no members of the general one; their places follow Sobol's sequence, and no states are needed.
+Others obey laws that are no members of the general one; their places follow Sobol's sequence, and each is reached from
+the others.
 
 Pairs differ from the membrane of the plain databases in two of its parameters. Their mesh is that of these databases,
-of refinement 12; they start from the shipped states, and no others are needed.
+of refinement 12.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from capsbayes.membrane_database import (
     highest_ca,
     lowest_ca,
 )
-from capsbayes.physics.databases.membranes import membrane_continuation, nearest_state
+from capsbayes.physics.databases.membranes import membrane_continuation, state_of
 from capsbayes.physics.databases.scattered import (
     Continuation,
     ScatteredState,
@@ -52,7 +53,6 @@ from capsbayes.physics.databases.scattered import (
     in_modes,
     scattered_states,
     sobol_places,
-    stored_states,
 )
 from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke
 from capsbayes.work import Store
@@ -81,6 +81,11 @@ NEAR_THE_END = 1.03  # highest Ca over that of a pair at most
 SEED = 2024
 
 
+def pool_of(name: str) -> Path:
+    """Return where a pool is stored."""
+    return POOLS / f"membrane-{name}.npz"
+
+
 def stored(name: str) -> dict[str, Any]:
     """Return a pool: arrays by name, one row a capsule; the outlines (n, p, 2) [l] in double precision.
 
@@ -92,7 +97,7 @@ def stored(name: str) -> dict[str, Any]:
     number of that of `OTHER_LAWS`, and no strain hardening.
     ``not_reached`` (k, 6) are capsules for which no steady shape was found.
     """
-    with np.load(POOLS / f"membrane-{name}.npz") as file:
+    with np.load(pool_of(name)) as file:
         arrays = {key: np.asarray(value, np.float64) for key, value in file.items() if key != "settings"}
     for view in ("profile", "silhouette"):
         flat = arrays.pop(f"{view}_mean") + arrays[view] @ arrays.pop(f"{view}_modes")
@@ -113,26 +118,36 @@ def drawn_values(random: np.random.Generator) -> Floats:
             return values
 
 
-def reached(
-    continuation: Continuation, starts: list[ScatteredState], place: Floats, *, derivatives: bool
-) -> ScatteredState | None:
-    """Return the state at a place from one of the nearest states, or None."""
-    away = np.linalg.norm(np.array([start.place for start in starts]) - place, axis=1)
-    for number in np.argsort(away)[:TRIED]:
-        state = continuation.reached(starts[number], place, derivatives=derivatives)
-        if state is not None:
-            return state
-    return None
+class Starts:
+    """States from which others are reached: those of the shipped database, and what was found since."""
+
+    def __init__(self, continuation: Continuation) -> None:
+        self.continuation, self.database = continuation, MembraneDatabase.open("square")
+        self.shipped = continuation.places(self.database["values"])
+        self.found: list[ScatteredState] = []
+
+    def nearest(self, place: Floats) -> Iterator[ScatteredState]:
+        """Yield the nearest states to a place (6,)."""
+        places = np.concatenate([self.shipped, *(state.place[None] for state in self.found)])
+        for number in np.argsort(np.linalg.norm(places - place, axis=1))[:TRIED]:
+            since = int(number) - len(self.shipped)
+            yield self.found[since] if since >= 0 else state_of(self.database, self.continuation, int(number))
+
+    def reached(self, place: Floats, *, derivatives: bool) -> ScatteredState | None:
+        """Return the state at a place (6,) from one of the nearest states, or None."""
+        ends = (self.continuation.reached(near, place, derivatives=derivatives) for near in self.nearest(place))
+        return next((state for state in ends if state is not None), None)
 
 
-def simulate_capsules(store: Store, continuation: Continuation, starts: list[ScatteredState]) -> None:
+def simulate_capsules(store: Store, continuation: Continuation) -> None:
     """Simulate the single capsules that the store lacks."""
+    starts = Starts(continuation)
     for number in range(CAPSULES):
         name = f"capsule-{number:03d}"
         if store.holds(name):
             continue
         values = drawn_values(np.random.default_rng([SEED, 0, number]))
-        state = reached(continuation, starts, continuation.places(values[None])[0], derivatives=False)
+        state = starts.reached(continuation.places(values[None])[0], derivatives=False)
         seen = {} if state is None else continuation.seen(state)
         store.save(name, {"values": values, "reached": state is not None, **seen})
         print(f"{number + 1} of {CAPSULES}", flush=True)
@@ -180,42 +195,41 @@ class Batch(NamedTuple):
                 yield values, {"batch": float(self.number), "flow": float(flow), **of_it}
 
 
-def simulate_batches(
-    store: Store, continuation: Continuation, starts: list[ScatteredState], drawn: list[Batch]
-) -> None:
-    """Simulate the capsules of batches that the store lacks."""
-    for batch in drawn:
-        simulate_batch(store, continuation, starts, batch)
-        print(f"{batch.number + 1} of {len(drawn)} batches", flush=True)
+def simulate_batches(store: Store, continuation: Continuation, kind: str, count: int) -> None:
+    """Simulate the first batches, without those that are stored."""
+    done = {int(part["batch"]) for part in known_batches(kind)[0]}
+    for number in sorted(set(range(count)) - done):
+        simulate_batch(store, continuation, Batch.drawn(number, inflated=kind == "inflated"))
+        print(f"batch {number + 1} of {count}", flush=True)
 
 
-def simulate_batch(store: Store, continuation: Continuation, starts: list[ScatteredState], batch: Batch) -> None:
+def simulate_batch(store: Store, continuation: Continuation, batch: Batch) -> None:
     """Simulate the capsules of a batch that the store lacks, each from the nearest state or capsule."""
     members = [batch.capsules(member) for member in range(MEMBERS)]
     firsts = [next(candidates) for candidates in members]
     places = continuation.places(np.array([values for values, _ in firsts]))
-    known = list(starts)
+    starts = Starts(continuation)
     for member in from_near_to_far(places.mean(axis=0), places):
         name = f"batch-{batch.number:02d}-capsule-{member:02d}"
         part = store.load(name)
         if part is None:
-            part = simulated_member(continuation, known, [firsts[member]], members[member])
+            part = simulated_member(starts, [firsts[member]], members[member])
             store.save(name, part)
         if part["reached"]:
-            known.append(ScatteredState(**{field.name: part[field.name] for field in fields(ScatteredState)}))
+            starts.found.append(ScatteredState(**{field.name: part[field.name] for field in fields(ScatteredState)}))
 
 
 def simulated_member(
-    continuation: Continuation,
-    starts: list[ScatteredState],
+    starts: Starts,
     firsts: list[tuple[Floats, dict[str, float]]],
     candidates: Iterator[tuple[Floats, dict[str, float]]],
 ) -> dict[str, Any]:
     """Simulate the first candidate that has a steady shape."""
     lost: list[Floats] = []
+    continuation = starts.continuation
     while len(lost) < TRIED:
         values, of_it = firsts.pop() if firsts else next(candidates)
-        state = reached(continuation, starts, continuation.places(values[None])[0], derivatives=True)
+        state = starts.reached(continuation.places(values[None])[0], derivatives=True)
         if state is not None:
             of_state = {field.name: getattr(state, field.name) for field in fields(state)}
             found = {"values": values, "lost": np.array(lost).reshape(-1, len(values))}
@@ -242,14 +256,13 @@ def drawn_pair(number: int) -> Floats:
 
 def simulate_pairs(store: Store, continuation: Continuation) -> None:
     """Simulate the pairs that the store lacks."""
-    database = MembraneDatabase.open("square")
+    starts = Starts(continuation)
     for number in range(PAIRS):
         name = f"pair-{number:03d}"
         if store.holds(name):
             continue
         values = drawn_pair(number)
-        place = continuation.places(values[None])[0]
-        state = continuation.reached(nearest_state(database, continuation, place), place, derivatives=False)
+        state = starts.reached(continuation.places(values[None])[0], derivatives=False)
         seen = {} if state is None else continuation.seen(state)
         store.save(name, {"values": values, "reached": state is not None, **seen})
         print(f"{number + 1} of {PAIRS}", flush=True)
@@ -286,12 +299,25 @@ def finished(kind: str, store: Store) -> dict[str, dict[str, Any]]:
     return parts
 
 
+def known_batches(kind: str) -> tuple[list[dict[str, Any]], list[Floats]]:
+    """Return the capsules of the batches that are stored, and the parameters of those that were not reached."""
+    if kind not in BATCHES or not pool_of(kind).exists():
+        return [], []
+    arrays = stored(kind)
+    lost = list(arrays.pop("not_reached"))
+    columns = {key: values.reshape(len(values), -1) if values.ndim > 2 else values for key, values in arrays.items()}
+    rows = [{key: values[number] for key, values in columns.items()} for number in range(len(arrays["batch"]))]
+    return [{"reached": True, **row} for row in rows], lost
+
+
 def write(kind: str, parts: list[dict[str, Any]], settings: dict[str, object]) -> None:
     """Store the capsules that were reached, the parameters of those that were not, and the settings."""
+    before, lost = known_batches(kind)
+    parts = before + parts
     seen = [part for part in parts if part["reached"]]
     if not seen:
         return
-    lost = [part["values"] for part in parts if not part["reached"] and "values" in part]
+    lost += [part["values"] for part in parts if not part["reached"] and "values" in part]
     lost += [values for part in parts for values in part.get("lost", ())]
     columns: dict[str, Any] = {"not_reached": np.array(lost).reshape(-1, len(RANGES))}
     columns["settings"] = np.array(json.dumps(settings | {"version": __version__}))
@@ -302,7 +328,7 @@ def write(kind: str, parts: list[dict[str, Any]], settings: dict[str, object]) -
         modes = in_modes(np.array([part[view] for part in seen]), OMITTED)
         of_view = {f"{view}_mean": modes.mean, f"{view}_modes": modes.modes, view: modes.coefficients}
         columns |= {key: array.astype(np.float32) for key, array in of_view.items()}
-    path = POOLS / f"membrane-{kind}.npz"
+    path = pool_of(kind)
     np.savez_compressed(path, **columns)
     print(f"{len(seen)} capsules in {path.name}, {path.stat().st_size} bytes; {len(lost)} not reached")
 
@@ -311,8 +337,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("capsules", *BATCHES, "others", "pairs"))
     parser.add_argument("folder", type=Path, help="where finished capsules are kept")
-    parser.add_argument("--states", type=Path, help="parts of the states; without: store what has ended")
-    parser.add_argument("--first", type=int, help="number of batches")
+    parser.add_argument("--first", type=int, help="number of batches, those stored before included")
     options = parser.parse_args()
     continuation = membrane_continuation("square", FINE if options.kind == "pairs" else 8)
     if options.kind == "others":
@@ -323,19 +348,13 @@ def main() -> None:
         return
     store = Store.open(options.folder, continuation.settings)
     try:
-        if options.kind == "pairs":
-            with threadpool_limits(limits=1):
+        with threadpool_limits(limits=1):
+            if options.kind == "pairs":
                 simulate_pairs(store, continuation)
-        elif options.states is not None:
-            starts = stored_states(continuation, options.states)
-            with threadpool_limits(limits=1):
-                if options.kind == "capsules":
-                    simulate_capsules(store, continuation, starts)
-                else:
-                    inflated = options.kind == "inflated"
-                    numbers = range(options.first or BATCHES[options.kind])
-                    drawn = [Batch.drawn(number, inflated=inflated) for number in numbers]
-                    simulate_batches(store, continuation, starts, drawn)
+            elif options.kind == "capsules":
+                simulate_capsules(store, continuation)
+            else:
+                simulate_batches(store, continuation, options.kind, options.first or BATCHES[options.kind])
     finally:
         write(options.kind, list(finished(options.kind, store).values()), continuation.settings)
 

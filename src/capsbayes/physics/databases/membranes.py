@@ -152,18 +152,23 @@ def build_membranes(
 
 
 def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState:
-    """Return the state of a database next to a place (6,), on the mesh of a continuation.
+    """Return the state of a database next to a place (6,), see `state_of`."""
+    units = continuation.places(database["values"])
+    return state_of(database, continuation, int(np.argmin(np.linalg.norm(units - place, axis=1))))
+
+
+def state_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:
+    """Return a state of a database by its number, on the mesh of a continuation.
 
     It is as exact as the modes are in which it is stored, which suffices to begin from.
     """
-    units = continuation.places(database["values"])
-    near = int(np.argmin(np.linalg.norm(units - place, axis=1)))
-    shape = database["mesh_mean"] + database["mesh"][near] @ database["mesh_modes"]
+    shape = database["mesh_mean"] + database["mesh"][number] @ database["mesh_modes"]
     if continuation.settings["refinement"] != database.settings["refinement"]:
         coarse = _continuation_of(database).simulator.problem.mesh
         shape = prolonged(shape, coarse, continuation.simulator.problem.mesh)
-    unknowns = np.append(shape, [database["numbers"][near, 2], database["slack"][near]])
-    return continuation.with_derivatives(units[near], unknowns)
+    unknowns = np.append(shape, [database["numbers"][number, 2], database["slack"][number]])
+    place = continuation.places(database["values"][number, None])[0]
+    return continuation.with_derivatives(place, unknowns)
 
 
 def _continuation_of(database: MembraneDatabase) -> Continuation:
