@@ -86,7 +86,7 @@ class ExpectedMembrane:
         """
         mode = Mode(self.scores, self.covariance[COMMON:, COMMON:])
         draws = MembraneSampling(self.capsules, self.unknowns).about(mode, self.values)
-        weights = normalised(draws.log_weights)
+        weights = normalised(draws.averaged.log_weights)
         common, given = draws.found.common, self.given_membrane
         shown = shown_parameters(self.unknowns, draws.points)
         columns = np.column_stack([common[:, MODULUS], common[:, SIZE], *shown.values()])

@@ -194,6 +194,13 @@ class MembraneSurrogate(ForwardModel):
         """
         return self._change * self._frame.scale[:2]
 
+    def membrane_places(self, theta: Mapping[str, Floats]) -> Floats:
+        """Return where the membranes of a batch lie : (n, 4) array.
+
+        Over a distance of one the model's own error changes.
+        """
+        return np.asarray(self._frame.points(parameter_columns(theta))[:, 2:] / self._change)
+
     def distances_from_plain(self, name: str, values: Floats) -> Floats:
         """Return how far values (n,) of a parameter lie from that of the plain membrane : (n,) array.
 

@@ -1,79 +1,22 @@
 """Capsules at given membranes: for shapes that are linear in all unknowns every integral is that of a Gaussian."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from linear_shapes import ALONG, OF_MEMBRANE, RATIO, Linear, linear_batch
 from scipy import stats
 
 from capsbayes.infer.many.one_membrane.conditional import MODULUS, SIZE, Capsules, Spreads, Start
 from capsbayes.infer.many.one_membrane.engine import MembraneSampling
-from capsbayes.infer.many.one_membrane.measured import Batch
-from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes, Slopes
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 from capsbayes.infer.prior import Coordinate
 from capsbayes.quantity import Quantity
 
-ALONG = np.array([[0.30, 1.7], [-0.25, 1.9], [0.1, -0.4]])  # of three numbers along ln Ca and a/l
-OF_MEMBRANE = np.array([0.4, 0.1, -0.3])
-RATIO = 0.2  # ln(v_o/U)
-
-
-@dataclass(frozen=True, eq=False)
-class Linear(ShapeModel):
-    """Three numbers that are linear in ln Ca, a/l and one parameter of the membrane, everywhere."""
-
-    model: None = None
-    half_width: float = 25e-6
-
-    def __call__(self, theta, *, errors=True):
-        place = np.stack([np.log(theta["capillary_number"]), theta["size_ratio"]], axis=1)
-        numbers = place @ ALONG.T + theta["pre_inflation"][:, None] * OF_MEMBRANE
-        n = len(numbers)
-        return Shapes(numbers, np.zeros((n, 0, 0)), np.full(n, RATIO), np.zeros(n))
-
-    def with_slopes(self, theta, moved):
-        shapes = self(theta)
-        ahead = [self(other) for other in moved]
-        numbers = np.array([other.numbers - shapes.numbers for other in ahead])
-        return shapes, Slopes(numbers, np.array([other.log_ratio - shapes.log_ratio for other in ahead]))
-
-    @property
-    def bounds(self):
-        return (0.005, 0.3), (0.6, 1.2)
-
-    def contains(self, membranes, own):
-        return np.ones(own.shape[:2], dtype=bool)
-
-    def theta(self, membranes, own):
-        theta = super().theta(membranes, own[..., :2])
-        if own.shape[2] > 2:  # linear, where the model has an exponential function
-            theta["pre_inflation"] = theta["pre_inflation"] * (1.0 + own[..., 2].ravel())
-        return theta
-
 
 @pytest.fixture
 def batch():
-    rng = np.random.default_rng(0)
-    n, q = 7, 4
-    rows = rng.normal(size=(n, q, 3)) / 0.05
-    truth = np.stack([np.log(0.05) + 0.3 * rng.normal(size=n), 0.9 + 0.05 * rng.normal(size=n)], axis=1)
-    numbers = truth @ ALONG.T + 0.05 * OF_MEMBRANE
-    target = np.einsum("nqk,nk->nq", rows, numbers) + rng.normal(size=(n, q))
-    velocity = 5e-3 * np.exp(0.2 * rng.normal(size=n))
-    return Batch(
-        rows=rows,
-        target=target,
-        scale=rng.normal(size=(n, q)),
-        left=np.zeros(n),
-        known=np.full(n, q),
-        log_velocity=np.log(velocity),
-        velocity_error=np.full(n, 0.02),
-        log_mean_velocity=np.full(n, np.nan),
-        group=np.array([0, 0, 0, 1, 1, 1, 1]),
-        scale_error=0.5,
-        rate_error=0.0,
-    )
+    return linear_batch()
 
 
 def log_density(batch, inflation, spread, size_spread, inflation_spread=0.0):
@@ -147,7 +90,7 @@ def test_the_posterior_of_a_membrane_is_that_of_a_grid(batch):
     weights /= weights.sum()
     mean = weights @ grid
     values = coordinate.values(stats.norm.cdf(sampled.draws.points[:, 0]))
-    share = np.exp(sampled.draws.log_weights - sampled.draws.log_weights.max())
+    share = np.exp(sampled.log_weights - sampled.log_weights.max())
     share /= share.sum()
     sd = np.sqrt(weights @ (grid - mean) ** 2)
     assert share @ values == pytest.approx(mean, abs=0.05 * sd)

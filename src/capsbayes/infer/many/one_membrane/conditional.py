@@ -24,7 +24,8 @@ from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes
 
 _LATTICE = 20, 10  # places along ln Ca and a/l, among which a capsule is looked for first
 _UNUSUAL = 0.3  # of ln G_s, that a capsule of the lattice may differ by from the others
-_STEPS = (2e-3, 1e-3, 2e-2)  # of ln Ca, a/l and ln(alpha/median), for differences
+OWN_STEPS = (2e-3, 1e-3, 2e-2)
+"""Of ln Ca, a/l and ln(alpha/median), for differences."""
 STEP = 0.02
 """Of a coordinate's normal score, for differences."""
 _LONGEST = np.array([0.5, 0.05, 0.3])  # step
@@ -315,10 +316,10 @@ class Capsules:
     def _there(self, membranes: Membranes, own: Floats, moved: Sequence[Membranes] = ()) -> _There:
         """Return the shapes of capsules with derivatives along what is their own, and to membranes moved by `STEP`."""
         width = own.shape[2]
-        ahead = [self.model.theta(membranes, own + step) for step in np.diag(_STEPS[:width])]
+        ahead = [self.model.theta(membranes, own + step) for step in np.diag(OWN_STEPS[:width])]
         ahead += [self.model.theta(other, own) for other in moved]
         shapes, slopes = self.model.with_slopes(self.model.theta(membranes, own), ahead)
-        steps = np.array([*_STEPS[:width], *[STEP] * len(moved)])
+        steps = np.array([*OWN_STEPS[:width], *[STEP] * len(moved)])
         along = np.moveaxis(slopes.numbers, 0, -1) / steps
         ratio_along = np.moveaxis(slopes.log_ratio, 0, -1) / steps
         places = own.shape[:2]

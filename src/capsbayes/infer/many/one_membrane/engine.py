@@ -18,6 +18,7 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.importance.proposal import Proposal
 from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, quasi_random, tempered
 from capsbayes.infer.many.one_membrane.conditional import Capsules, Start
+from capsbayes.infer.many.one_membrane.model_error import Averaged, averaged, log_density_variance
 from capsbayes.infer.many.one_membrane.search import Mode, modes, starting_points
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 from capsbayes.work import digest_of, run_tasks, step_task
@@ -27,10 +28,11 @@ _FREEDOM, _WIDER = 5, 1.3
 _DISTINCT, _UNLIKELY = 1.0, 12.0  # least distance of modes in standard deviations; of the log density below the best
 _TRIED, _ROUNDS = 256, 6  # draws of a round
 _ALIVE, _GOOD = 0.1, 0.35  # share of effective draws to which a proposal is fitted, and which ends the rounds
-_ENOUGH, _MOST, _REPEATS = 1000.0, 4096, 3  # effective draws, draws, new proposals while a gate fails
+_ENOUGH, _MOST, _REPEATS = 600.0, 4096, 3  # effective draws, draws, new proposals while a gate fails
 _LEAST_EFFECTIVE, _MOST_PARETO = 400.0, 0.7
 _LEAST_WITHIN = 0.95
 WITHIN = "share of the capsules that are not on the border of the model"
+_WIDE = 0.3  # of the log likelihood, while the posterior is sought
 _SINGULAR = 1e-3  # of the largest singular value: directions in which draws tell no slope
 _AT_ONCE = 20_000  # capsules times membranes that are found together
 
@@ -41,7 +43,13 @@ class Found(NamedTuple):
     Parameters
     ----------
     log_density : (d,) array
-        Of the posterior, up to a constant of the batch.
+        Of the posterior with the model taken as exact, up to a constant of the batch.
+    log_likelihood : (d,) array
+        The part of it that the measurements have.
+    variance : (d,) array
+        Of the log density, by the model's own error.
+    places : (d, c) array
+        Of the membranes; over a distance of one the model's own error changes.
     settled : (d,) array
         Share of the capsules whose best values were found, and not on the border of the domain.
     own, common : (d, n, 2), (d, c) arrays
@@ -49,9 +57,18 @@ class Found(NamedTuple):
     """
 
     log_density: Floats
+    log_likelihood: Floats
+    variance: Floats
+    places: Floats
     settled: Floats
     own: Floats
     common: Floats
+
+    @classmethod
+    def known(cls, values: Start) -> Found:
+        """Return one of which only the values of the capsules are known."""
+        one = np.zeros(1)
+        return cls(one, one, one, np.zeros((1, 0)), one + 1.0, *values)
 
 
 class Draws(NamedTuple):
@@ -62,7 +79,7 @@ class Draws(NamedTuple):
     points : (d, p) array
         Coordinates of `Unknowns`.
     log_weights : (d,) array
-        -inf is a weight of zero.
+        With the model taken as exact; -inf is a weight of zero.
     found : Found
         The capsules there.
     """
@@ -77,6 +94,26 @@ class Draws(NamedTuple):
         points = np.concatenate([self.points, other.points])
         return Draws(points, np.concatenate([self.log_weights, other.log_weights]), found)
 
+    @property
+    def wide(self) -> Floats:
+        """Log weights of a posterior to which the measurements add only a share of their log likelihood : (d,) array.
+
+        It holds all modes that the average over errors of the model may have.
+        """
+        return np.where(
+            np.isfinite(self.log_weights), self.log_weights - (1.0 - _WIDE) * self.found.log_likelihood, -np.inf
+        )
+
+    @property
+    def averaged(self) -> Averaged:
+        """Weights averaged over errors of the model."""
+        return averaged(self.log_weights, self.found.places, self.found.variance)
+
+    @property
+    def effective(self) -> float:
+        """Effective number of the draws with these weights."""
+        return effective(normalised(self.averaged.log_weights))
+
 
 class Sampled(NamedTuple):
     """Result of the sampling.
@@ -84,15 +121,19 @@ class Sampled(NamedTuple):
     Parameters
     ----------
     draws : Draws
-    log_evidence : float
-        Log of the mean of the posterior density over the prior, up to a constant of the batch.
+    log_weights : (d,) array
+        Of the draws, averaged over errors of the model.
+    log_evidence : (m,) array
+        Log of the mean of the posterior density over the prior under each error of the model, up to a constant of the
+        batch.
     evidence_error : float
         Its standard error.
     gates : tuple of Gate
     """
 
     draws: Draws
-    log_evidence: float
+    log_weights: Floats
+    log_evidence: Floats
     evidence_error: float
     gates: tuple[Gate, ...]
 
@@ -122,18 +163,15 @@ class MembraneSampling:
             there = self.found(point)
             return _result(Draws(point, there.log_density, there), certain=True)
         draws = self._first()
-        proposal = _fitted(draws)
         for number in range(1, _ROUNDS + 1):
-            draws = self._drawn(proposal, _TRIED, number, draws)
-            share = effective(normalised(draws.log_weights)) / _TRIED
-            if share > _GOOD:
+            draws = self._drawn(_fitted(draws.points, draws.wide), _TRIED, number, draws)
+            if effective(normalised(draws.wide)) / _TRIED > _GOOD:
                 break
-            proposal = _fitted(draws)
         for number in range(_REPEATS + 1):
-            result = _result(draws := self._enough(proposal, draws, number))
+            draws = self._enough(_fitted(draws.points, draws.averaged.log_weights), draws, number)
+            result = _result(draws)
             if all(gate.passed for gate in result.gates if gate.name != WITHIN):
                 break
-            proposal = _fitted(draws)
         return result
 
     def about(self, mode: Mode, values: Start) -> Draws:
@@ -142,16 +180,16 @@ class MembraneSampling:
             point = np.zeros((1, 0))
             there = self.found(point)
             return Draws(point, there.log_density, there)
-        near = Draws(mode.point[None], np.zeros(1), Found(np.zeros(1), np.ones(1), *values))
+        near = Draws(mode.point[None], np.zeros(1), Found.known(values))
         points = _about(mode, _TRIED, 0)
         found = self.found(points, near)
-        proposal = _fitted(Draws(points, found.log_density - _log_about(mode, points), found))
+        proposal = _fitted(points, found.log_density - _log_about(mode, points))
         return self._drawn(proposal, 2 * _TRIED, 1, near)
 
     def _enough(self, proposal: Proposal, near: Draws, number: int) -> Draws:
         """Draw until the effective draws are enough, or the draws the most."""
         draws = self._drawn(proposal, 2 * _TRIED, -1 - number, near)
-        while effective(normalised(draws.log_weights)) < _ENOUGH and len(draws.points) < _MOST:
+        while draws.effective < _ENOUGH and len(draws.points) < _MOST:
             draws = draws.joined(self._drawn(proposal, len(draws.points), -1 - number, near, len(draws.points)))
         return draws
 
@@ -214,8 +252,11 @@ class MembraneSampling:
 
 
 def _found(points: Floats, start: Start | None, capsules: Capsules, unknowns: Unknowns) -> Found:
-    there = capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), start=start)
-    return Found(there.log_evidence + unknowns.log_prior(points), there.settled, there.own, there.common)
+    membranes = unknowns.membranes(points)
+    there = capsules.at(membranes, unknowns.spreads_at(points), start=start)
+    log_density = there.log_evidence + unknowns.log_prior(points)
+    variance, places = log_density_variance(capsules, membranes, there.own), capsules.model.places(membranes, there.own)
+    return Found(log_density, there.log_evidence, variance, places, there.settled, there.own, there.common)
 
 
 def _about(mode: Mode, count: int, seed: int) -> Floats:
@@ -242,7 +283,7 @@ def _nearest(draws: Draws, points: Floats) -> Start:
     spread = np.where(spread > 0.0, spread, 1.0)
     nearest = np.argmin(cdist(points / spread, known / spread), axis=1)
     values = np.concatenate([found.own[possible].reshape(len(known), -1), found.common[possible]], axis=1)
-    likely = tempered(draws.log_weights, _ALIVE * len(draws.points))[possible]
+    likely = tempered(draws.wide, _ALIVE * len(draws.points))[possible]
     away, change = known - likely @ known, values - likely @ values
     slope = np.linalg.lstsq(np.sqrt(likely)[:, None] * away, np.sqrt(likely)[:, None] * change, rcond=_SINGULAR)[0]
     carried = values[nearest] + (points - known[nearest]) @ slope
@@ -250,20 +291,20 @@ def _nearest(draws: Draws, points: Floats) -> Start:
     return Start(own.reshape(len(points), *found.own.shape[1:]), common)
 
 
-def _fitted(draws: Draws) -> Proposal:
-    return Proposal.fitted(draws.points, tempered(draws.log_weights, _ALIVE * len(draws.points)))
+def _fitted(points: Floats, log_weights: Floats) -> Proposal:
+    return Proposal.fitted(points, tempered(log_weights, _ALIVE * len(points)))
 
 
 def _result(draws: Draws, *, certain: bool = False) -> Sampled:
     """Return the result; `certain` if nothing had to be sampled."""
-    weights = normalised(draws.log_weights)
+    log_weights, evidence = draws.averaged
+    weights = normalised(log_weights)
     count = effective(weights)
     gates = [Gate(WITHIN, float(weights @ draws.found.settled), least=_LEAST_WITHIN)]
     if not certain:
         gates += [
             Gate("effective draws", count, least=_LEAST_EFFECTIVE),
-            Gate("Pareto k of the weights", pareto_shape(draws.log_weights), most=_MOST_PARETO),
+            Gate("Pareto k of the weights", pareto_shape(log_weights), most=_MOST_PARETO),
         ]
-    evidence = float(logsumexp(draws.log_weights) - np.log(len(weights)))
     error = float(np.sqrt(max(1.0 / count - 1.0 / len(weights), 0.0)))
-    return Sampled(draws, evidence, error, tuple(gates))
+    return Sampled(draws, log_weights, evidence, error, tuple(gates))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from scipy import stats
+from scipy.special import softmax
 from threadpoolctl import threadpool_limits
 
 from capsbayes.arrays import Floats
@@ -208,7 +209,7 @@ def _drawn(
 ) -> dict[str, Floats]:
     """Draw membranes by their weights, and at each of them the capsules : (d,) and (d, n) arrays by name."""
     rng = np.random.default_rng([seed, 7])
-    weights = normalised(sampled.draws.log_weights)
+    weights = normalised(sampled.log_weights)
     rows = rows_by_weight(weights, rng, _DRAWS)
     points, found = sampled.draws.points[rows], sampled.draws.found
     parts = []
@@ -266,9 +267,9 @@ def drawn_log_moduli(
 
 def _with_odds(assumed: list[tuple[str, Sampled, dict[str, Floats]]]) -> tuple[LawOdds, ...]:
     logs = np.array([sampled.log_evidence for _, sampled, _ in assumed])
-    shares = np.exp(logs - logs.max()) if len(logs) else logs
+    shares = softmax(logs, axis=0).mean(axis=1)  # under each error of the model
     return tuple(
-        LawOdds(name, float(share / shares.sum()), sampled.evidence_error, all(g.passed for g in sampled.gates), draws)
+        LawOdds(name, float(share), sampled.evidence_error, all(g.passed for g in sampled.gates), draws)
         for (name, sampled, draws), share in zip(assumed, shares, strict=True)
     )
 

@@ -84,6 +84,14 @@ class ShapeModel(ABC):
         """Distances in ln Ca and a/l over which the model's own error changes : (2,) array."""
         return self.model.error_lengths
 
+    def places(self, membranes: Mapping[str, Floats], own: Floats) -> Floats:
+        """Return places of d membranes, the capsules at (d, n, o) : (d, 4) array.
+
+        Over a distance of one the model's own error changes.
+        """
+        middle = own[..., :2].mean(axis=1, keepdims=True)
+        return self.model.membrane_places(self.theta(membranes, middle))
+
     def contains(self, membranes: Mapping[str, Floats], own: Floats) -> Booleans:
         """Return whether places (d, n, o), as of `theta`, lie in the domain at d membranes : (d, n) array."""
         theta = self.theta(membranes, own)

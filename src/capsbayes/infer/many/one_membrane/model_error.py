@@ -1,0 +1,109 @@
+"""What the model's own error makes of the posterior of a membrane.
+
+Forty outlines tell so much that an error of the model of a tenth of the noise moves their log density at a membrane by
+several units. Between membranes over which the error changes, these are different numbers: some membrane near the true
+one looks better than it is, and the posterior is narrow about it. So the posterior is averaged over what the error may
+be at each membrane: over random functions whose variance is that of the log density, and which change over the distance
+over which the model's own error does.
+
+References
+----------
+Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (random surrogates, and
+the posterior averaged over them).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from capsbayes.arrays import Floats
+from capsbayes.infer.many.one_membrane.conditional import OWN_STEPS, Capsules, Membranes
+
+FUNCTIONS = 256
+"""Random functions over which posteriors are averaged."""
+
+_WAVES = 256  # of each function
+_SEED = 5
+_DEGENERATE = 1e-9  # of the largest change of a shape
+
+
+class Averaged(NamedTuple):
+    """Weights of d draws, averaged over random functions.
+
+    Parameters
+    ----------
+    log_weights : (d,) array
+    log_evidence : (FUNCTIONS,) array
+        Log of the mean weight under each function.
+    """
+
+    log_weights: Floats
+    log_evidence: Floats
+
+
+def averaged(log_weights: Floats, places: Floats, variance: Floats) -> Averaged:
+    """Average the weights of d draws over random errors of their log density.
+
+    Parameters
+    ----------
+    log_weights : (d,) array
+        Of a density that is taken as exact.
+    places : (d, c) array
+        Of the membranes; over a distance of one the error changes.
+    variance : (d,) array
+        Of the log density.
+    """
+    error = np.sqrt(variance)[:, None] * _functions(places)
+    logs = log_weights[:, None] + np.where(np.isfinite(log_weights)[:, None], error, 0.0)
+    evidence = logsumexp(logs, axis=0)
+    return Averaged(logsumexp(logs - evidence, axis=1), evidence - np.log(len(logs)))
+
+
+def _functions(places: Floats) -> Floats:
+    """Return random functions at places (d, c) : (d, FUNCTIONS) array.
+
+    Normal with mean 0 and variance 1; at a distance r their correlation is exp(-r^2 / 2).
+    """
+    waves, sizes = _drawn(places.shape[1])
+    phase = places @ waves
+    return np.asarray(np.concatenate([np.cos(phase), np.sin(phase)], axis=1) @ sizes)
+
+
+@cache
+def _drawn(dimensions: int) -> tuple[Floats, Floats]:
+    rng = np.random.default_rng(_SEED)
+    waves = rng.standard_normal((dimensions, _WAVES))
+    return waves, rng.standard_normal((2 * _WAVES, FUNCTIONS)) / np.sqrt(_WAVES)
+
+
+def log_density_variance(capsules: Capsules, membranes: Membranes, own: Floats) -> Floats:
+    """Return the variance of the log density of d membranes by the model's own error : (d,) array.
+
+    If e is the error of all shapes, in standard errors of what was measured, and u the noise, normal with variance 1,
+    the log density is off by e u: its variance is the mean square of e. What Ca and a/l absorb of e does not count.
+
+    Parameters
+    ----------
+    capsules : Capsules
+    membranes : mapping of (d,) arrays
+    own : (d, n, o) array
+        The best values at each, see `Conditional`.
+    """
+    model, rows = capsules.model, capsules.batch.rows
+    theta = model.theta(membranes, own)
+    shapes = model(theta)
+    steps = np.diag(OWN_STEPS[: own.shape[2]])
+    _, slopes = model.with_slopes(theta, [model.theta(membranes, own + step) for step in steps])
+    places = own.shape[:2]
+    covariances = np.nan_to_num(shapes.covariances.reshape(*places, *shapes.covariances.shape[1:]))
+    along = rows @ np.nan_to_num(np.moveaxis(slopes.numbers, 0, -1).reshape(*places, rows.shape[2], -1))
+    # directions of which some may be alike, as where only a length is measured
+    directions, sizes, _ = np.linalg.svd(along, full_matrices=False)
+    directions *= (sizes > _DEGENERATE * sizes.max(initial=np.finfo(float).tiny))[..., None, :]
+    absorbed = rows.swapaxes(-1, -2) @ directions
+    whole = np.einsum("nqk,dnkl,nql->d", rows, covariances, rows, optimize=True)
+    return np.asarray(np.maximum(whole - np.einsum("dnka,dnkl,dnla->d", absorbed, covariances, absorbed), 0.0))
