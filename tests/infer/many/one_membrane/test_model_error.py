@@ -27,6 +27,12 @@ def test_weights_of_an_exact_model_stay():
     np.testing.assert_allclose(found.log_evidence, np.log(np.mean(np.exp(LOGS))), rtol=1e-12)
 
 
+def test_draws_of_one_membrane_have_one_error():
+    found = averaged(LOGS, np.tile(PLACES[:1], (4, 1)), np.array([1.0, 9.0, 4.0, 2.0]))
+    np.testing.assert_allclose(softmax(found.log_weights), softmax(LOGS), atol=1e-12)
+    assert found.log_evidence.std() > 1.0
+
+
 @pytest.mark.parametrize("away", [0.5, 1.0, 20.0])
 def test_the_odds_of_two_membranes_are_averaged_over_the_difference_of_their_errors(away):
     """It is normal with the variance 2 V (1 - exp(-r^2 / 2))."""

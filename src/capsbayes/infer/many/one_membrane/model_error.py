@@ -57,6 +57,8 @@ def averaged(log_weights: Floats, places: Floats, variance: Floats) -> Averaged:
     variance : (d,) array
         Of the log density.
     """
+    if not np.ptp(places, axis=0).any():  # of one membrane there is one error
+        variance = np.full(len(variance), variance[np.isfinite(log_weights)].mean())
     error = np.sqrt(variance)[:, None] * _functions(places)
     logs = log_weights[:, None] + np.where(np.isfinite(log_weights)[:, None], error, 0.0)
     evidence = logsumexp(logs, axis=0)
