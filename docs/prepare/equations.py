@@ -9,7 +9,8 @@ from latex2mathml.converter import convert
 
 CODE = r"^(?P<fence> *```).*?^(?P=fence)`*$|(?P<ticks>`+)(?!`).+?(?<!`)(?P=ticks)(?!`)"
 PARTS = re.compile(
-    CODE + r"|\$\$(?P<displayed>.+?)\$\$|(?<![\\$])\$(?!\s)(?P<inline>(?:\\.|\n(?!\n)|[^\\$\n])+?)(?<!\s)\$", re.DOTALL | re.MULTILINE
+    CODE + r"|\$\$(?P<displayed>.+?)\$\$|(?<![\\$])\$(?!\s)(?P<inline>(?:\\.|\n(?!\n)|[^\\$\n])+?)(?<!\s)\$",
+    re.DOTALL | re.MULTILINE,
 )
 UPRIGHT = re.compile(r"\\mathrm\{([^{}]*)\}")  # a single upright letter would come out slanted
 LOGARITHM = re.compile(r"<mi>ln</mi>(?!<mo)")

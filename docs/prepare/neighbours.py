@@ -7,7 +7,6 @@ import re
 from collections.abc import Container
 from pathlib import Path
 
-
 ROOT = Path(__file__).parents[2]
 DOCS = "docs"
 NEIGHBOURS = ("data/README.md", "CONTRIBUTING.md", "CHANGELOG.md")
