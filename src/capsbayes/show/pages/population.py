@@ -115,7 +115,7 @@ def _headline(population: Population, distribution: Mapping[str, Any] | ModulusS
 def _below(population: Population, removed: bool) -> Iterator[str]:
     """Yield what stands below the headline: the medians with the errors in them, and the error of one capsule."""
     if removed:
-        yield f"With the errors in them: {words.headline(population)[0].lower()}{words.headline(population)[1:]}."
+        yield f"{words.headline(population)}, with the errors in them."
     yield words.width_words(population)
 
 
