@@ -13,7 +13,7 @@ from pathlib import Path
 import nox
 from nox.command import CommandFailed
 
-PYTHONS = ("3.11", "3.12", "3.13")
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 LOWEST = "--resolution=lowest-direct"
 SMOKE = (
     "-m",

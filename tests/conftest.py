@@ -6,6 +6,15 @@ from pathlib import Path
 import pytest
 
 NUMERICAL = ("diagnosis", "infer", "plan", "surrogate", "test_least_squares.py")
+ROUNDING_CANNOT_REACH = (  # of the folders above: interrupted work, texts, files, and errors a thousand times larger
+    "infer/many/test_identify_folder.py",
+    "infer/many/one_membrane/test_measured.py",
+    "infer/test_inputs.py",
+    "infer/test_posterior_file.py",
+    "infer/test_prior.py",
+    "surrogate/test_caveats.py",
+    "surrogate/test_off_nodes.py",
+)
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read when numpy is first imported
     os.environ.setdefault(name, "1")
@@ -13,5 +22,6 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read when numpy is f
 
 def pytest_collection_modifyitems(items):
     for item in items:
-        if item.path.relative_to(Path(__file__).parent).parts[0] in NUMERICAL:
+        file = item.path.relative_to(Path(__file__).parent)
+        if file.parts[0] in NUMERICAL and file.as_posix() not in ROUNDING_CANNOT_REACH:
             item.add_marker(pytest.mark.numerical)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from itertools import pairwise
@@ -66,17 +68,15 @@ def test_commands_and_options_on_the_pages_exist(words):
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_a_page_shows_what_its_commands_print(name, tmp_path, monkeypatch, capsys):
-    """Each shell block followed by a text block, and the scripts that make the input of the next one."""
-    work_in(tmp_path, monkeypatch)
+def test_a_page_shows_what_its_commands_print(name, scripted, tmp_path, monkeypatch, capsys):
+    """Each shell block followed by a text block."""
+    work_in(tmp_path, monkeypatch, scripted(name))
     shown, compared = blocks(ROOT / "docs" / name), 0
     for (language, text), (after, printed) in pairwise([*shown, ("", "")]):
         if language != "sh":
             continue
         for words in lines_of(text):
-            if words[0] == "python":
-                subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True)
-            elif words[0] == "capsbayes" and after == "text":
+            if words[0] == "capsbayes" and after == "text":
                 monkeypatch.setenv("COLUMNS", "80" if max(map(len, printed.splitlines())) <= 80 else "100")
                 _, out, _ = run(monkeypatch, capsys, *words[1:])
                 contains(out, printed)
@@ -85,14 +85,10 @@ def test_a_page_shows_what_its_commands_print(name, tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.parametrize("name", RUN)
-def test_the_python_of_a_page_runs_as_a_script_and_prints_what_stands_below_it(name, tmp_path, monkeypatch):
-    work_in(tmp_path, monkeypatch)
+def test_the_python_of_a_page_runs_as_a_script_and_prints_what_stands_below_it(name, scripted, tmp_path, monkeypatch):
+    work_in(tmp_path, monkeypatch, scripted(name))
     shown, script, expected = blocks(ROOT / "docs" / name), [], []
     for (language, text), (after, printed) in pairwise([*shown, ("", "")]):
-        if language == "sh":
-            for words in lines_of(text):
-                if words[0] == "python":
-                    subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True)
         if language == "python":
             script.append(text)
             expected.append(printed if after == "text" else None)
@@ -105,9 +101,25 @@ def test_the_python_of_a_page_runs_as_a_script_and_prints_what_stands_below_it(n
     assert any(expected)
 
 
-def work_in(folder, monkeypatch):
-    """Work in a folder that contains the examples."""
-    (folder / "examples").symlink_to(ROOT / "examples")
+@pytest.fixture(scope="module")
+def scripted(tmp_path_factory):
+    """Return, for a page, a folder with the examples and what the scripts of its shell blocks have made there, once."""
+
+    @functools.cache
+    def made(name):
+        folder = tmp_path_factory.mktemp("page")
+        (folder / "examples").symlink_to(ROOT / "examples")
+        shown = (text for language, text in blocks(ROOT / "docs" / name) if language == "sh")
+        for words in (words for text in shown for words in lines_of(text) if words[0] == "python"):
+            subprocess.run([sys.executable, *words[1:]], cwd=folder, check=True, capture_output=True)
+        return folder
+
+    return made
+
+
+def work_in(folder, monkeypatch, begun):
+    """Work in a folder that begins as a copy of another one."""
+    shutil.copytree(begun, folder, symlinks=True, dirs_exist_ok=True)
     monkeypatch.chdir(folder)
 
 

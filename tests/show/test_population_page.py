@@ -1,5 +1,8 @@
 """The page of a population: worst first, at most so many, and nothing counted that should not be."""
 
+import base64
+import csv
+import io
 import re
 from html import unescape
 
@@ -46,12 +49,13 @@ def test_rows_over_the_limit_are_elsewhere():
 
 def test_numbers_of_the_table_are_in_the_units_of_its_headings():
     one = population()
-    row = re.search(r"<tr>((?!<tr>).)*capsule 3 &lt;b&gt;.*?</tr>", population_page(one), flags=re.S)[0]
+    table = population_page(one).partition("worst first</h2>")[2]
+    row = re.search(r"<tr>((?!<tr>).)*capsule 3 &lt;b&gt;.*?</tr>", table, flags=re.S)[0]
     values = [float(value) for value in re.findall(r'data-value="([^"]+)"', row)]
     for name, scale, value in (
         ("surface_shear_modulus_median", 1e3, values[1]),
-        ("capsule_radius_median", 1e6, values[3]),
-        ("capillary_number_median", 1.0, values[4]),
+        ("capsule_radius_median", 1e6, values[4]),
+        ("capillary_number_median", 1.0, values[5]),
     ):
         assert value == pytest.approx(scale * float(one[name][3]), rel=1e-8)
 
@@ -77,6 +81,42 @@ def test_the_spread_is_said_with_its_interval():
     text = text_of(population_page(population(), spread=spread))
     assert re.search(r"the median Gs of the capsules is 50\.\d mN/m, 95 % \[48\.\d, 52\.\d\]", text)
     assert re.search(r"differ from it by 12 % \(standard deviation of ln Gs, 95 % \[10 %, 14 %\]\)", text)
+
+
+def test_the_headline_is_of_the_capsules_with_the_errors_removed_where_that_is_known():
+    spread = ModulusSpread(np.log([0.049, 0.05, 0.051]), [0.11, 0.12, 0.13])
+    verdict = text_of(re.search(r'<p class="verdict">.*?</p>', population_page(population(), spread=spread), re.S)[0])
+    headline, _, below = verdict.strip().partition("\n")
+    assert re.search(r"errors removed, the median Gs is 50\.0 mN/m, 95 % \[49\.\d, 50\.9\]; .* by 12 %", headline)
+    assert re.search(r"Median Gs = .*, with the errors in them\.", below)
+
+
+def test_bars_and_points_say_what_they_stand_for():
+    page = population_page(population())
+    titles = [unescape(title) for title in re.findall(r'class="mark"[^>]*>\s*<title>(.*?)</', page)]
+    bars, points = ([one for one in titles if (" of 6 capsules" in one) is chosen] for chosen in (True, False))
+    assert sum(int(re.search(r"(\d+) of 6", bar)[1]) for bar in bars) == 6
+    modulus = 1e3 * float(population()["surface_shear_modulus_median"][3])
+    assert f"capsule 3 <b>: {modulus:.3g} mN/m, 23 µm" in points
+    assert len(points) == 7
+
+
+def test_the_table_can_be_downloaded_in_si():
+    one = population()
+    data = re.search(r'download="capsules.csv" href="data:text/csv;base64,([^"]+)"', population_page(one, rows=5))[1]
+    rows = list(csv.DictReader(io.StringIO(base64.b64decode(data).decode())))
+    assert [row["name"] for row in rows] == [one["name"][k] for k in one.worst_first()[:5]]
+    column = next(name for name in rows[0] if name.startswith("surface_shear_modulus_median"))
+    shown = [float(row[column] or "nan") for row in rows]
+    assert shown == pytest.approx(list(one["surface_shear_modulus_median"][one.worst_first()[:5]]), nan_ok=True)
+
+
+def test_attributes_are_said_in_words():
+    prior = '{"surface_shear_modulus": "50 +/- 10 mN/m", "levels": [1.0, 2.5]}'
+    page = population_page(Population.of_dataset(population().dataset.assign_attrs(prior=prior)))
+    assert "<td>prior: surface shear modulus</td><td>50 +/- 10 mN/m</td>" in page
+    assert "<td>prior: levels</td><td>1, 2.5</td>" in page
+    assert "{" not in page[page.index("<h2>Origin") :].partition("<script>")[0]
 
 
 def test_usable_capsules_and_others_are_drawn_apart():

@@ -340,7 +340,8 @@ def _fill_quantiles(grid: LogGrid, into: Floats) -> None:
 def summarise(grid: LogGrid, into: Floats) -> None:
     """Fill in mean, standard deviation and quantiles of x, as the fields of `Marginal` : (7,) array."""
     _fill_quantiles(grid, into[2:])
-    into[2:] = np.exp(into[2:])
+    for k in range(2, len(into)):  # numba takes seconds to compile an assignment of arrays
+        into[k] = np.exp(into[k])
     if len(grid.masses) == 1:
         into[0], into[1] = into[2], 0.0
         return

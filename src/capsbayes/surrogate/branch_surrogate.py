@@ -263,7 +263,8 @@ def _predict(ca, size, frame, coefficients, errors, values, covariance, inside):
         x = (np.sqrt(ca[n]) / ca_step - x_origin) / x_step
         y = (size[n] / size_step - y_origin) / y_step
         hermite(x, y, coefficients, predicted, no_slopes)
-        values[n] = predicted
+        for k in range(len(predicted)):  # numba takes seconds to compile an assignment of arrays
+            values[n, k] = predicted[k]
         values[n, 0] = max(predicted[0], predicted[1])  # approximated separately, but equal where the rear is convex
         bilinear(x, y, errors, covariance[n])
 

@@ -204,7 +204,8 @@ def _projected(  # type: ignore[no-untyped-def]
             matrix[b, a] = matrix[a, b]
     factorise(matrix)
     substitute(matrix, sides[:, 0])
-    coefficients[:] = sides[:, 0]
+    for a in range(k):  # numba takes seconds to compile an assignment of arrays
+        coefficients[a] = sides[a, 0]
     for i in range(m):
         total, along_place, along_width = 0.0, 0.0, 0.0
         for a in range(k):

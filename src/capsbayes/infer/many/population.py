@@ -162,7 +162,7 @@ class Population(Readable):
     def write(self, path: str | Path) -> Path:
         """Write one NetCDF file, or a CSV table with units in its header: whole or not at all."""
         path = Path(path)
-        return write_file(path, "".join(self._lines())) if path.suffix == ".csv" else write_dataset(path, self.dataset)
+        return write_file(path, "".join(self.lines())) if path.suffix == ".csv" else write_dataset(path, self.dataset)
 
     def table(self) -> pd.DataFrame:
         """Return one row a capsule, SI, without the mixtures."""
@@ -178,7 +178,7 @@ class Population(Readable):
                 found[f"median {name}"] = Quantity(middle).shown(name)
         return found | {"model": str(self.attributes.get("model", ""))}
 
-    def _lines(self) -> Iterator[str]:
+    def lines(self) -> Iterator[str]:
         """Yield the lines of a CSV table, numbers to eight digits; row by row, five times as fast as pandas."""
         along = [str(name) for name, variable in self.dataset.data_vars.items() if variable.dims == ("capsule",)]
         texts = [name for name in along if self.dataset[name].dtype.kind not in "fiu"]

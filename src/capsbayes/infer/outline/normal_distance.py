@@ -85,7 +85,8 @@ def _all_distances(points, outlines, fits, distances):  # type: ignore[no-untype
         if np.isnan(outlines[n, 0, 0]):
             distances[n] = np.nan
             continue
-        moved[:] = points
+        for i in range(len(points)):  # numba takes seconds to compile an assignment of arrays
+            moved[i, 0], moved[i, 1] = points[i, 0], points[i, 1]
         _pose(moved, outlines[n], fits, _STANDS, distances[n], place, normal)
 
 

@@ -1,6 +1,6 @@
 """Newton's method for the steady shape of a capsule on the axis of a channel.
 
-The velocity error (see :mod:`capsbayes.physics.capsule.problem`) is bordered by
+The velocity error (see `capsbayes.physics.capsule.problem`) is bordered by
 the conditions of constant volume and of a centroid at z = 0. The Jacobian is
 exact: elastic tangent, motion of targets and of sources in the kernel, gradient
 of the undisturbed flow, and the response of the walls to all of these.

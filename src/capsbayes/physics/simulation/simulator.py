@@ -39,7 +39,7 @@ class SteadyState(Shape):
     Attributes
     ----------
     capillary_number, size_ratio, settings, nodes, velocity_ratio
-        See :class:`Shape`.
+        See `Shape`.
     inner_pressure : float
         Pressure inside, over that of the undisturbed flow at the centroid [mu U / l].
     extra_pressure_drop : float
@@ -79,7 +79,7 @@ class SteadyState(Shape):
 
     @property
     def point_data(self) -> dict[str, Floats]:
-        """Principal tensions; see :attr:`Shape.point_data`."""
+        """Principal tensions; see `Shape.point_data`."""
         names = ("larger principal tension / G_s", "smaller principal tension / G_s")
         return dict(zip(names, self.principal_tensions.T, strict=True))
 

@@ -23,16 +23,16 @@ class CircularChannel(Channel):
     pressure_gradient: ClassVar[float] = 8.0
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return Poiseuille's parabola; see :meth:`Flow.undisturbed`."""
+        """Return Poiseuille's parabola; see `Flow.undisturbed`."""
         x, y = points[:, 0], points[:, 1]
         return unidirectional(2.0 * (1.0 - x**2 - y**2), -4.0 * x, -4.0 * y)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return points on an eighth of the circle; see :meth:`Channel.outline`."""
+        """Return points on an eighth of the circle; see `Channel.outline`."""
         return rounded_outline(1.0, spacing, outwards)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return rings on an eighth of the disk; see :meth:`Channel.filling`."""
+        """Return rings on an eighth of the disk; see `Channel.filling`."""
         return rounded_filling(1.0, spacing, outwards)
 
 

@@ -30,7 +30,7 @@ def _pressure_gradient(depth: float) -> float:
 
 
 def _flow(points: Floats, depth: float) -> tuple[Floats, Floats]:
-    """Compute the undisturbed flow in the rectangle |x| <= `depth`, |y| <= 1; see :meth:`Flow.undisturbed`."""
+    """Compute the undisturbed flow in the rectangle |x| <= `depth`, |y| <= 1; see `Flow.undisturbed`."""
     x, y = points[:, :1] / depth, points[:, 1:2] / depth
     cosine, sine = np.cos(_RATE * x), np.sin(_RATE * x)
     # cosh(k y)/cosh(k / depth) without overflow
@@ -75,11 +75,11 @@ class RectangularChannel(Channel):
         return _pressure_gradient(self.aspect)
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Sum the Fourier series; see :meth:`Flow.undisturbed`."""
+        """Sum the Fourier series; see `Flow.undisturbed`."""
         return _flow(points, self.aspect)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return points on half of the wall x = aspect and half of y = 1; see :meth:`Channel.outline`."""
+        """Return points on half of the wall x = aspect and half of y = 1; see `Channel.outline`."""
         depth, width = self.aspect + outwards, 1.0 + outwards
         x, x_step = midpoints(depth, spacing)
         y, y_step = midpoints(width, spacing)
@@ -88,7 +88,7 @@ class RectangularChannel(Channel):
         return np.concatenate([side, top]), np.repeat([y_step, x_step], [len(y), len(x)])
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return a grid on the quarter 0 <= x, y; see :meth:`Channel.filling`."""
+        """Return a grid on the quarter 0 <= x, y; see `Channel.filling`."""
         x, x_step = midpoints(self.aspect + outwards, spacing)
         y, y_step = midpoints(1.0 + outwards, spacing)
         points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -105,17 +105,17 @@ class SquareChannel(Channel):
     pressure_gradient: ClassVar[float] = _pressure_gradient(1.0)
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Sum the Fourier series; see :meth:`Flow.undisturbed`."""
+        """Sum the Fourier series; see `Flow.undisturbed`."""
         return _flow(points, 1.0)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return points on half of the wall x = 1; see :meth:`Channel.outline`."""
+        """Return points on half of the wall x = 1; see `Channel.outline`."""
         side = 1.0 + outwards
         across, step = midpoints(side, spacing)
         return np.column_stack([np.full_like(across, side), across]), np.full_like(across, step)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return a grid on the eighth 0 <= y <= x; see :meth:`Channel.filling`."""
+        """Return a grid on the eighth 0 <= y <= x; see `Channel.filling`."""
         across, step = midpoints(1.0 + outwards, spacing)
         i, j = np.tril_indices(len(across))
         return np.column_stack([across[i], across[j]]), step**2 * np.where(i == j, 0.5, 1.0)

@@ -19,13 +19,13 @@ def _along(radius: float, spacing: float, outwards: float) -> tuple[Floats, Floa
 
 
 def rounded_outline(radius: float, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-    """Return the eighth 0 <= y <= x of the outline; see :meth:`Channel.outline`. A circle has corners of radius 1."""
+    """Return the eighth 0 <= y <= x of the outline; see `Channel.outline`. A circle has corners of radius 1."""
     points, _, step = _along(radius, spacing, outwards)
     return points, np.full(len(points), step)
 
 
 def rounded_filling(radius: float, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-    """Return rings, each a smaller outline, that fill the eighth; see :meth:`Channel.filling`."""
+    """Return rings, each a smaller outline, that fill the eighth; see `Channel.filling`."""
     scales, scale_step = midpoints(1.0, spacing / (1.0 + outwards))
     rings, areas = [], []
     for scale in scales:

@@ -123,7 +123,7 @@ class RoundedSquareChannel(Channel):
         return _harmonic(self.corner_radius).pressure_gradient
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Add the parabola and the harmonic part; see :meth:`Flow.undisturbed`."""
+        """Add the parabola and the harmonic part; see `Flow.undisturbed`."""
         x, y = points[:, 0], points[:, 1]
         harmonic = _harmonic(self.corner_radius)
         value, along_x, along_y = harmonic.at(x + 1j * y)
@@ -131,9 +131,9 @@ class RoundedSquareChannel(Channel):
         return unidirectional(scale * (value - (x**2 + y**2) / 4), scale * (along_x - x / 2), scale * (along_y - y / 2))
 
     def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return an eighth of the outline; see :meth:`Channel.outline`."""
+        """Return an eighth of the outline; see `Channel.outline`."""
         return rounded_outline(self.corner_radius, spacing, outwards)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return rings on an eighth of the cross-section; see :meth:`Channel.filling`."""
+        """Return rings on an eighth of the cross-section; see `Channel.filling`."""
         return rounded_filling(self.corner_radius, spacing, outwards)

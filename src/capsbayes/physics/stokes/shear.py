@@ -29,6 +29,6 @@ class ShearFlow(Flow):
     pressure_gradient: ClassVar[float] = 0.0
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Compute the flow; see :meth:`Flow.undisturbed`."""
+        """Compute the flow; see `Flow.undisturbed`."""
         y = points[:, 1]
         return unidirectional(y, np.zeros_like(y), np.ones_like(y))

@@ -12,6 +12,8 @@ from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.show.figures.style import ACCENT, INK, PALE, framed, legend_below, new_figure
 
+USABLE, OTHERS = "usable-capsules", "other-capsules"
+"""Ids of the points of `modulus_against_radius`, which are in the order of the population."""
 _MOST_BARS = 400  # error bars of more capsules would hide each other
 _MODULUS, _RADIUS = PARAMETERS["surface_shear_modulus"], PARAMETERS["capsule_radius"]
 
@@ -29,6 +31,8 @@ def modulus_histogram(population: Population, spread: ModulusSpread | None = Non
     counts, _ = np.histogram(logs, edges)
     shown = _MODULUS.scale * np.exp(edges)
     ax.stairs(counts, shown, fill=True, facecolor=PALE, edgecolor=INK, linewidth=1.0, label="medians, errors in them")
+    for number, count in enumerate(counts):  # unseen, to be pointed at
+        ax.bar(shown[number], count, np.diff(shown)[number], align="edge", color=INK, alpha=0.002, gid=f"bar-{number}")
     if spread is not None and len(logs):
         _draw_spread(ax, spread, len(logs) * float(edges[1] - edges[0]), edges)
     _log_scale(ax, "x")
@@ -37,6 +41,20 @@ def modulus_histogram(population: Population, spread: ModulusSpread | None = Non
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
     legend_below(figure, framed(ax), 3, fontsize=10)
     return figure
+
+
+def bar_words(population: Population) -> dict[str, tuple[str]]:
+    """Return what each bar of the histogram says, by its ``gid``."""
+    medians = population[f"{_MODULUS.name}_median"][population.usable]
+    logs = np.log(medians[np.isfinite(medians)])
+    edges = _edges(logs)
+    counts, _ = np.histogram(logs, edges)
+    ends = [_MODULUS.scale * end for end in np.exp(edges)]
+    return {
+        f"bar-{number}": (f"{low:.3g} to {high:.3g} {_MODULUS.shown_unit}: {count} of {len(logs)} capsules",)
+        for number, (low, high, count) in enumerate(zip(ends[:-1], ends[1:], counts, strict=True))
+        if count
+    }
 
 
 def modulus_against_radius(population: Population) -> Figure:
@@ -55,7 +73,8 @@ def modulus_against_radius(population: Population) -> Figure:
             continue
         errors = {"xerr": x[1][:, seen], "yerr": y[1][:, seen]} if bars else {}
         style = {"marker": marker, "linestyle": "none", "color": colour, "markerfacecolor": face, "markersize": 4.0}
-        ax.errorbar(x[0][seen], y[0][seen], **errors, **style, elinewidth=0.7, alpha=0.85, label=label)  # type: ignore[arg-type]
+        drawn = ax.errorbar(x[0][seen], y[0][seen], **errors, **style, elinewidth=0.7, alpha=0.85, label=label)  # type: ignore[arg-type]
+        drawn.lines[0].set_gid(USABLE if marker == "o" else OTHERS)
     _log_scale(ax, "y")
     ax.set_xlabel(_RADIUS.axis_label)
     ax.set_ylabel(_MODULUS.axis_label)

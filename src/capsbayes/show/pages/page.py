@@ -6,7 +6,9 @@ import base64
 import functools
 import io
 import re
+from collections.abc import Mapping, Sequence
 from typing import Any
+from xml.etree import ElementTree
 
 import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -14,6 +16,10 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from capsbayes.show.pages import citation
+
+_SVG = "{http://www.w3.org/2000/svg}"
+ElementTree.register_namespace("", _SVG[1:-1])
+ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
 
 
 def page(template: str, **content: Any) -> str:
@@ -32,17 +38,47 @@ def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = 
         pixels = io.BytesIO()
         figure.savefig(pixels, format="png", dpi=160, metadata={"Software": None})
         return image(pixels.getvalue(), "png", alternative, caption, fit=fit)
+    return image(_svg(figure).encode(), "svg+xml", alternative, caption, fit=fit)
+
+
+def drawing(
+    figure: Figure, alternative: str, caption: str, marks: Mapping[str, Sequence[str]], *, fit: str = ""
+) -> Markup:
+    """Return a figure as an SVG within the page whose marks say what they are when they are pointed at.
+
+    Of each artist, by its ``gid``, the texts are those of its marks in their order, or one of the whole.
+    """
+    root = ElementTree.fromstring(_svg(figure))
+    root.attrib = {"role": "img", "aria-label": alternative, "viewBox": root.attrib["viewBox"]}
+    root.remove(root[0])  # who made it
+    for name, texts in marks.items():
+        group = root.find(f".//{_SVG}g[@id='{name}']")
+        if group is None:
+            continue
+        for mark, text in zip(list(group.iter(f"{_SVG}use")) or [group], texts, strict=True):
+            mark.set("class", "mark")
+            title = ElementTree.Element(f"{_SVG}title")
+            title.text = text
+            mark.insert(0, title)
+    svg = ElementTree.tostring(root, encoding="unicode")
+    return _figure(Markup(svg), caption, fit)
+
+
+def _svg(figure: Figure) -> str:
+    """Return a figure as the text of an SVG, which is the same each time."""
     text = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "capsbayes", "svg.fonttype": "path"}):
         figure.savefig(text, format="svg", metadata={"Date": None})
-    svg = re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
-    return image(svg.encode(), "svg+xml", alternative, caption, fit=fit)
+    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
 def image(content: bytes, kind: str, alternative: str, caption: str = "", *, fit: str = "") -> Markup:
     """Return the bytes of a picture of a kind, as ``"png"``, as an image within the page; see `picture`."""
     data = base64.b64encode(content).decode()
-    shown = Markup('<img alt="{}" src="data:image/{};base64,{}">').format(alternative, kind, data)
+    return _figure(Markup('<img alt="{}" src="data:image/{};base64,{}">').format(alternative, kind, data), caption, fit)
+
+
+def _figure(shown: Markup, caption: str, fit: str) -> Markup:
     if "scroll" in fit:
         shown = Markup('<div class="wide" tabindex="0">{}</div>').format(shown)
     below = Markup("\n<figcaption>{}</figcaption>").format(caption) if caption else ""

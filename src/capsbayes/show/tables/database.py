@@ -11,7 +11,7 @@ import pandas as pd
 
 from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, NO_EFFECT, SNAP_THROUGH, Database
 from capsbayes.parameters import PARAMETERS
-from capsbayes.show.tables.table import Code, Symbols, table
+from capsbayes.show.tables.table import Code, Symbols, flat, table
 
 _ENDS = (LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE)
 
@@ -74,7 +74,7 @@ def origin_table(database: Database, source: str) -> pd.DataFrame:
 
 def settings_table(database: Database) -> pd.DataFrame:
     """Return every setting of the simulator by name."""
-    return table(("", ""), _flat(database.settings))
+    return table(("", ""), flat(database.settings))
 
 
 def _reading(source: str) -> str:
@@ -116,12 +116,3 @@ def _columns(part: Database) -> Iterator[list[str]]:
         why = str(kinds[ends[0]]).replace(" ", "\N{NO-BREAK SPACE}") if len(ends) else "no border is known"
         first = f"{ca.min():.3g}" if len(ca) else "none"
         yield [f"{size:g}", first, last, why, f"{snaps[0]:.3g}" if len(snaps) else ""]
-
-
-def _flat(settings: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
-    for name, value in settings.items():
-        label = f"{before}{name.replace('_', ' ')}"
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{label}: ")
-        else:
-            yield label, f"{value:g}" if isinstance(value, float) else str(value)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from capsbayes.infer.many import Population
 from capsbayes.parameters import PARAMETERS
-from capsbayes.show.tables.table import Code, Number, Symbols, table
+from capsbayes.show.tables.table import Code, Number, Symbols, flat, table
 from capsbayes.show.words.population import hierarchy_title
 from capsbayes.show.words.rounding import decimals, interval_words, together, two_digits
 from capsbayes.status import Status
@@ -44,21 +44,22 @@ def summary_table(population: Population) -> pd.DataFrame:
 
 
 def hierarchy_table(stored: Mapping[str, Any]) -> pd.DataFrame:
-    """Return medians and 95 % intervals of mean, spread and slope; `stored` is ``Hierarchy.as_dict()``."""
+    """Return medians, 68 and 95 % intervals of mean, spread and slope; `stored` is ``Hierarchy.as_dict()``."""
     rows = []
     for name, summary in stored["quantities"].items():
         parameter = PARAMETERS[name]
-        numbers = [parameter.shown(summary[key]) for key in ("median", "lower_95", "upper_95")]
-        middle, low, high = together(numbers, decimals(0.25 * (numbers[2] - numbers[1])))
-        rows.append((Symbols(parameter.label), middle, f"{low} to {high}"))
-    return table(("", "median", "95 % interval"), rows, title=hierarchy_title(stored), numbers=(1, 2))
+        numbers = [parameter.shown(summary[key]) for key in _KINDS]
+        middle, *ends = together(numbers, decimals(0.25 * (numbers[4] - numbers[3])))
+        rows.append((Symbols(parameter.label), middle, " to ".join(ends[:2]), " to ".join(ends[2:])))
+    head = ("", "median", "68 % interval", "95 % interval")
+    return table(head, rows, title=hierarchy_title(stored), numbers=(1, 2, 3))
 
 
 def capsule_table(population: Population, *, most: int) -> pd.DataFrame:
     """Return the capsules, worst first, at most so many."""
     shown = [name for name in _SHOWN if f"{name}_median" in population.dataset]
     head = ["no.", "capsule", "status", *(Symbols(PARAMETERS[name].label) for name in shown)]
-    head.insert(4, Symbols(f"{PARAMETERS[_MODULUS].symbol}: 95 % interval"))
+    head[4:4] = [Symbols(f"{PARAMETERS[_MODULUS].symbol}: {level} % interval") for level in (68, 95)]
     names = population["name"] if "name" in population.dataset else np.full(len(population), "")
     summaries = {name: np.stack([population[f"{name}_{kind}"] for kind in _KINDS], axis=1) for name in shown}
     statuses = population["status"]
@@ -66,16 +67,16 @@ def capsule_table(population: Population, *, most: int) -> pd.DataFrame:
     for rank, k in enumerate(population.worst_first()[:most], start=1):
         cells = [Number(str(rank), rank), str(names[k]) or str(k + 1), str(statuses[k])]
         cells += [_median(name, *summaries[name][k, :3]) for name in shown]
-        cells.insert(4, _interval(*summaries[_MODULUS][k, 3:]))
+        cells[4:4] = [_interval(*summaries[_MODULUS][k, ends]) for ends in (slice(1, 3), slice(3, 5))]
         rows.append(cells)
     return table(head, rows, numbers=(0, *range(3, len(head))))
 
 
 def origin_table(population: Population, source: str) -> pd.DataFrame:
     """Return file and attributes; the population itself has a table of its own."""
-    attributes = {name: value for name, value in population.dataset.attrs.items() if name != "hierarchy"}
+    attributes = {name: value for name, value in population.attributes.items() if name != "hierarchy"}
     lines = [("file", source)] if source else []
-    lines += [(str(name).replace("_", " "), str(value)) for name, value in attributes.items()]
+    lines += flat(attributes)
     return table(("", ""), [(name, Code(value) if _is_code(value) else value) for name, value in lines])
 
 
@@ -88,7 +89,7 @@ def _median(name: str, median: float, low: float, high: float) -> Number:
 
 
 def _interval(low: float, high: float) -> Number:
-    """The 95 % interval of G_s, sorted by the ratio of its ends."""
+    """An interval of G_s, sorted by the ratio of its ends."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return Number("–", np.nan)
     digits = _digits(_MODULUS, low, low, 0.5 * (low + high))
@@ -102,4 +103,4 @@ def _digits(name: str, median: float, low: float, high: float) -> int:
 
 
 def _is_code(value: str) -> bool:
-    return (len(value) > 40 and " " not in value.strip()) or value.lstrip().startswith(("{", "["))
+    return len(value) > 40 and " " not in value.strip()

@@ -7,8 +7,8 @@ below, which both renderers know.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 from markupsafe import Markup
@@ -77,6 +77,18 @@ def table(
     frame.columns = pd.Index(list(head), dtype=object)
     frame.attrs = {"title": title, "note": note, "numbers": tuple(numbers), "bars": tuple(bars)}
     return frame
+
+
+def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
+    """Yield name and text of each value, those of nested mappings under the names of both."""
+    for name, value in values.items():
+        label = f"{before}{str(name).replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{label}: ")
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            yield label, ", ".join(f"{item:g}" if isinstance(item, float) else str(item) for item in value)
+        else:
+            yield label, f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def terminal_table(frame: pd.DataFrame) -> Group:

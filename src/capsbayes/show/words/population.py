@@ -18,7 +18,7 @@ _MANY_LEANING = 0.05  # of the capsules on the border
 
 
 def headline(population: Population) -> str:
-    """Return the median G_s of the usable capsules and the range of 95 % of them."""
+    """Return the median of the median G_s of the usable capsules, and the range of 95 % of them, errors in them."""
     summary = population.summary()
     if summary.empty:
         return "No capsule could be identified."
@@ -109,8 +109,24 @@ def _tail_words(name: str, stored: Mapping[str, Any]) -> str:
     )
 
 
+def distribution_headline(stored: Mapping[str, Any] | ModulusSpread) -> str:
+    """Return the median G_s of the capsules and how much they differ, with the errors removed."""
+    middle, spread, _ = _distribution(stored)
+    return f"With the errors removed, the median G_s is {middle}; the capsules differ from it by {spread}"
+
+
 def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
     """Say how much G_s differs from capsule to capsule, by ``Hierarchy.as_dict()`` or by a spread from elsewhere."""
+    middle, spread, width = _distribution(stored)
+    share, _, band = spread.partition(", ")
+    return (
+        f"With the errors removed, the median G_s of the capsules is {middle}, and they "
+        f"differ from it by {share} ({width}{', ' * bool(band)}{band})."
+    )
+
+
+def _distribution(stored: Mapping[str, Any] | ModulusSpread) -> tuple[str, str, str]:
+    """Return the median G_s of the capsules, their spread, each with its 95 % interval, and what the spread is."""
     width = "standard deviation of ln G_s"
     if isinstance(stored, ModulusSpread):
         medians, spreads = stored.median, stored.relative
@@ -126,7 +142,4 @@ def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
     known = f", 95 % [{', '.join(ends)}]" if high > low else ""
     middle_sd, *sds = map(per_cent, spreads)
     band = f", 95 % [{', '.join(sds)}]" if spreads[2] > spreads[1] else ""
-    return (
-        f"With the errors removed, the median G_s of the capsules is {shown}{unit_of(_MODULUS)}{known}, and they "
-        f"differ from it by {middle_sd} ({width}{band})."
-    )
+    return f"{shown}{unit_of(_MODULUS)}{known}", f"{middle_sd}{band}", width

@@ -1,13 +1,10 @@
-"""Put quantities, statuses and the help of the commands from the code into the pages when they are built."""
+"""Take the quantities, the statuses and the help of the commands for the pages from the code."""
 
 from __future__ import annotations
 
 import re
 
 import typer
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
-from mkdocs.structure.pages import Page
 from typer.cli import get_docs_for_click
 from typer.main import get_command
 
@@ -17,17 +14,10 @@ from capsbayes.status import Status
 
 QUANTITIES, STATUSES = "<!-- table of quantities -->", "<!-- table of statuses -->"
 COMMANDS = "reference/command-line.md"
-ROLE = re.compile(r":(?:class|func|meth|mod):(?=<code)")  # of docstrings, which Markdown does not know
 SHORT_HELP = re.compile(r"\*\*Commands\*\*:.*?(?=^## )", re.DOTALL | re.MULTILINE)
 
 
-def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the reference of the command line, as typer writes it."""
-    files.append(File.generated(config, COMMANDS, content=_commands()))
-    return files
-
-
-def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+def with_tables(markdown: str) -> str:
     """Replace the marks of a page by the tables."""
     for mark, table in ((QUANTITIES, _quantities), (STATUSES, _statuses)):
         if mark in markdown:
@@ -35,12 +25,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return markdown
 
 
-def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Remove the roles of docstrings."""
-    return ROLE.sub("", content)
-
-
-def _commands() -> str:
+def commands() -> str:
     """Return the help of all commands, without the list of their first lines."""
     command = get_command(app)
     text = get_docs_for_click(obj=command, ctx=typer.Context(command), name="capsbayes")

@@ -1,0 +1,40 @@
+"""Write the pages that the site is built from into `build/docs`: ``python docs/prepare``, before ``mkdocs build``.
+
+Pages stored outside docs/ are added, tables and the help of the commands are taken from the code, and equations become
+MathML. What is written is plain Markdown, which needs no plugin of its own from the tool that builds the site.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+
+from equations import with_mathml
+from from_code import COMMANDS, commands, with_tables
+from neighbours import DOCS, NEIGHBOURS, PICTURES, ROOT, with_links
+
+TARGET = ROOT / "build" / "docs"
+LEFT_OUT = shutil.ignore_patterns("prepare", "*.py", "*.json", "*.jsonl", "__pycache__")
+
+
+def main() -> int:
+    """Write all pages anew; the exit status is 1 where an equation contains a command that is not supported."""
+    shutil.rmtree(TARGET, ignore_errors=True)
+    shutil.copytree(ROOT / DOCS, TARGET, ignore=LEFT_OUT)
+    for path in (*NEIGHBOURS, *PICTURES):
+        (TARGET / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / path, TARGET / path)
+    (TARGET / COMMANDS).write_text(commands(), encoding="utf-8")
+    site = {path.relative_to(TARGET).as_posix() for path in TARGET.rglob("*") if path.is_file()}
+    failed = []
+    for name in sorted(path for path in site if path.endswith(".md")):
+        text = with_links(with_tables((TARGET / name).read_text(encoding="utf-8")), name, site)
+        page, unknown = with_mathml(text)
+        (TARGET / name).write_text(page, encoding="utf-8")
+        failed += [f"{name}: the equation {latex!r} contains a command that is not supported" for latex in unknown]
+    print("\n".join(failed), file=sys.stderr, end="\n" if failed else "")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
