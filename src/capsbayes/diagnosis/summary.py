@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Any
 
 import pandas as pd
@@ -30,9 +29,7 @@ def summary(study: Study) -> dict[str, Any]:
         "not_seen_again": None if study.second_finding is None else _finding(study.second_finding),
         "log_evidence": dict(study.evidence),
         "probabilities": dict(study.probabilities),
-        "surface_shear_modulus_95": {
-            name: _number(value) for name, value in asdict(study.surface_shear_modulus).items()
-        },
+        "surface_shear_modulus": _session(study),
         "limits_95": _records(study.limits, "parameter"),
         "candidates": _candidates(study),
         "held_out": None if study.verification is None else _verification(study.verification),
@@ -48,6 +45,11 @@ def summary(study: Study) -> dict[str, Any]:
         "level": study.level,
         "version": capsbayes.__version__,
     }
+
+
+def _session(study: Study) -> dict[str, Any]:
+    found = study.surface_shear_modulus
+    return {"median": _number(found.median), "interval_95": [_number(found.low), _number(found.high)]}
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
