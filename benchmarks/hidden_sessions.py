@@ -1,10 +1,8 @@
 """Hide effects in sessions that look alike or cannot be seen, and count what the diagnosis says of them.
 
-    python benchmarks/hidden_sessions.py --sessions 2
-    python benchmarks/hidden_sessions.py --write
+    python benchmarks/hidden_sessions.py --sessions 2 --out answers.json
 
-The first command diagnoses the next sessions of each row and keeps the answers in ``docs/data/hidden-sessions.json``;
-the second writes the table of ``docs/diagnosing.md`` from them.
+Diagnoses the sessions of each row that have no answer yet, about a minute each, keeps the answers, and prints the table.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ import json
 import time
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 
@@ -25,9 +23,6 @@ from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
 from capsbayes.evidence.markdown import table_lines
 
 ROOT = Path(__file__).parents[1]
-STORED = ROOT / "docs/data/hidden-sessions.json"
-PAGE = ROOT / "docs/diagnosing.md"
-MARKS = "<!-- hidden sessions -->", "<!-- end of hidden sessions -->"
 
 
 class Row(NamedTuple):
@@ -60,7 +55,7 @@ ROWS = (
 )
 
 
-def answered(row: Row, seed: int, model: Surrogate) -> dict[str, object]:
+def answered(row: Row, seed: int, model: Surrogate) -> dict[str, Any]:
     """Draw a session, diagnose it, and return the answer next to the truth."""
     shapes = Database.read(ROOT / f"data/pools/{row.pool}.nc")
     blind = draw_session(shapes, row.effect, row.size, lab=row.lab, capsules=row.capsules, seed=seed)
@@ -82,7 +77,7 @@ def answered(row: Row, seed: int, model: Surrogate) -> dict[str, object]:
     }
 
 
-def outcome(row: Row, answer: dict) -> str:
+def outcome(row: Row, answer: dict[str, Any]) -> str:
     """Return the outcome of a verdict: a name is wrong if it is not the truth, an ambiguous set if it lacks it."""
     verdict = Verdict[answer["verdict"]]
     if verdict in (Verdict.NONE, Verdict.NOT_TESTABLE):
@@ -97,7 +92,7 @@ def outcome(row: Row, answer: dict) -> str:
     return "ambiguous" if right else "ambiguous without it"
 
 
-def table(answers: list[dict]) -> list[str]:
+def table(answers: list[dict[str, Any]]) -> list[str]:
     """Return the lines of the table: outcomes, and how often the intervals of G_s hold the truth."""
     lines = []
     for row in ROWS:
@@ -110,30 +105,26 @@ def table(answers: list[dict]) -> list[str]:
     return list(table_lines(("hidden", "capsules", "sessions", "answers", "95 % of G_s hold the truth"), lines))
 
 
-def _stored() -> list[dict]:
-    return json.loads(STORED.read_text()) if STORED.exists() else []
+def _stored(path: Path) -> list[dict[str, Any]]:
+    return json.loads(path.read_text()) if path.exists() else []
 
 
 def main() -> None:
-    """Diagnose further sessions, or write the table of those that are stored."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sessions", type=int, default=0, help="of each row, those with seeds 1 to this")
-    parser.add_argument("--rows", nargs="*", type=int, default=range(len(ROWS)))
-    parser.add_argument("--write", action="store_true")
+    """Diagnose further sessions, and print the table of all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sessions", type=int, required=True, help="of each row: those with seeds 1 to this")
+    parser.add_argument("--rows", nargs="*", type=int, default=range(len(ROWS)), help="numbers from 0; by default all")
+    parser.add_argument("--out", type=Path, required=True, help="file of the answers, which is continued")
     given = parser.parse_args()
     model = Surrogate.open("square-neo-hookean")
     for seed in range(1, given.sessions + 1):
         for row in (ROWS[number] for number in given.rows):
-            answers = _stored()
+            answers = _stored(given.out)
             if not any(answer["hidden"] == row.hidden and answer["seed"] == seed for answer in answers):
                 with threadpool_limits(1):
                     answers.append(answered(row, seed, model))
-                print(answers[-1], flush=True)
-                STORED.write_text(json.dumps(answers, indent=1) + "\n")
-    if given.write:
-        text = PAGE.read_text()
-        before, after = text.split(MARKS[0])[0], text.split(MARKS[1])[1]
-        PAGE.write_text("\n".join([before + MARKS[0], *table(_stored()), MARKS[1]]) + after)
+                given.out.write_text(json.dumps(answers, indent=1) + "\n")
+    print("\n".join(table(_stored(given.out))))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.session_modulus import SessionModulus, session_modulus
 from capsbayes.diagnosis.size_error import with_own_error
 from capsbayes.diagnosis.verification import Verification, verified
-from capsbayes.effect import Effect
+from capsbayes.effect import Effect, Unseen
 from capsbayes.effects import catalogue
 from capsbayes.model import ForwardModel
 from capsbayes.readable import Readable
@@ -164,6 +164,7 @@ class Study(Readable):
             alike = [last.scores[name] for name in last.in_question]
             return [(float(np.exp(tried.evidence - most)), (*together, tried)) for tried in alike]
         tried = self._limit_scores if self.verdict is Verdict.NONE else self.scores
+        tried = {name: scores for name, scores in tried.items() if not isinstance(scores.effect, Unseen)}
         logs = {name: scores.evidence for name, scores in tried.items()}
         most = max(logs.values(), default=0.0)
         effects = [(float(np.exp(logs[name] - most)), (scores,)) for name, scores in tried.items()]
