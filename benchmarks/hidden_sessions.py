@@ -2,7 +2,7 @@
 
     python benchmarks/hidden_sessions.py --sessions 2 --out answers.json
 
-Diagnoses the sessions of each row that have no answer yet, about a minute each, keeps the answers, and prints the table.
+Diagnoses the sessions of each row that have no answer yet, about a minute each, and prints the table of all answers.
 """
 
 from __future__ import annotations

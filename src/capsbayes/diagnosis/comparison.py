@@ -166,7 +166,7 @@ class Comparison:
     @property
     def outliers(self) -> tuple[str, ...]:
         """Sources of the capsules without a shape of the model: none, one at its border, or a misfit far too large."""
-        return tuple(self.session.measurements[row].source for row in np.flatnonzero(self.fits.ill))
+        return tuple(self.session.measurements[int(row)].source for row in np.flatnonzero(self.fits.ill))
 
     @property
     def _theta(self) -> dict[str, Floats]:

@@ -109,10 +109,13 @@ class Discrepancy:
 
     def __add__(self, other: Discrepancy) -> Discrepancy:
         """Return that of the capsules of both."""
-        mine = (self.places, self.information, self.shift, self.own)
-        others = (other.places, other.information, other.shift, other.own)
-        both = (np.concatenate(pair) for pair in zip(mine, others, strict=True))
-        return Discrepancy(*both, self.trend + other.trend)
+        return Discrepancy(
+            np.concatenate([self.places, other.places]),
+            np.concatenate([self.information, other.information]),
+            np.concatenate([self.shift, other.shift]),
+            np.concatenate([self.own, other.own]),
+            self.trend + other.trend,
+        )
 
     @property
     def evidence(self) -> float:
@@ -129,7 +132,8 @@ class Discrepancy:
         if not len(self.places):
             return 0.0
         own = float(np.mean(self.own**2))
-        with_it, without = [], []
+        with_it: list[float] = []
+        without: list[float] = []
         for features in self._dependences():
             information, shift = self._summed(features)
             for length in _ARC:

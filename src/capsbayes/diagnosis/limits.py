@@ -46,6 +46,8 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
     for name, found in scores.items():
         low, high = found.interval(TWO_SIGMA)
         known = np.isfinite(found.modulus)
+        if known.sum() < 2 or not known[found.null]:
+            continue
         ratio = PchipInterpolator(found.sizes[known], found.modulus[known] / found.modulus[found.null])
         least, most = (float(found.effect.prior.ppf(share)) for share in _REACH)
         null = found.effect.null_value

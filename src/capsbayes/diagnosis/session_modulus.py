@@ -65,6 +65,8 @@ def session_modulus(
 def _changes(scores: Scores, rng: np.random.Generator, count: int) -> Floats:
     """Draw changes of ln G_s by an effect of a size drawn from its interval : (count,) array."""
     known = np.isfinite(scores.modulus)
+    if known.sum() < 2:
+        return np.zeros(count)
     low, high = scores.interval()
     deviate = rng.standard_normal(count)
     size = scores.size + deviate * np.where(deviate < 0.0, scores.size - low, high - scores.size)
