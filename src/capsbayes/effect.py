@@ -83,6 +83,16 @@ class Effect(Protocol):
 
 
 @runtime_checkable
+class Unseen(Protocol):
+    """An effect of which neither outlines nor velocities show anything: it scales G_s, and never gains evidence."""
+
+    @property
+    def unseen_because(self) -> str:
+        """Say in one sentence why it leaves no trace."""
+        ...
+
+
+@runtime_checkable
 class HasOutlineModes(Protocol):
     """An effect that states its own error of the outlines that it predicts; with any other it is that of the model."""
 

@@ -82,7 +82,7 @@ def test_an_effect_is_named_and_pictured(tmp_path):
     assert "motion blur explains it: t_e =" in said(result)
     assert "12 held-out capsules" in said(result)
     assert "gap: rms distance of measured and predicted edge" in said(result)
-    assert (tmp_path / "study" / "study.html").read_text().count("data:image/svg+xml") == 5
+    assert (tmp_path / "study" / "study.html").read_text().count("data:image/svg+xml") == 6
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,12 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Scores
+from capsbayes.diagnosis.discrepancy import Discrepancy, _log_evidence, displacement_modes
 from capsbayes.diagnosis.finding import find
 from capsbayes.diagnosis.fits import fitted, whitening
-from capsbayes.diagnosis.regions import _DISPLACED, Displacements, displaced_regions
-from capsbayes.diagnosis.search import evidences
+from capsbayes.diagnosis.regions import region_displacements
+from capsbayes.diagnosis.search import evidences, probabilities
+from capsbayes.diagnosis.trend import Trend
 from capsbayes.effects import Halo, PixelScale
 
 
@@ -36,21 +38,58 @@ def test_evidence_of_a_gaussian_likelihood_with_a_gaussian_prior():
     assert found == pytest.approx(due, abs=0.01)
 
 
-def test_unknown_displacements_are_integrated_as_by_their_whole_covariance(model):
-    session, _ = drawn_session(model, 5, seed=4, outline=True)
+@pytest.fixture(scope="module")
+def compared(model):
+    """Twenty capsules of the model, with a whitening and fits of its own."""
+    session, _ = drawn_session(model, 20, seed=4, outline=True)
     white = whitening(model, session)
-    fits = fitted(model, session, white)
-    displaced = displaced_regions(white, fits)
-    patterns = np.hstack([one.pattern for one in displaced])
+    return session, white, fitted(model, session, white)
+
+
+def test_a_process_is_integrated_as_by_its_whole_covariance(compared):
+    """Of the evidence with a single amplitude, the dense covariance of all residuals is another route."""
+    session, white, fits = compared
+    seen = [each.likelihood.whitened_displacement(displacement_modes(each.likelihood.pilot)) for each in white.each]
+    bases = [np.linalg.qr(slopes)[0] for slopes in fits.slopes]
+    left = [modes - (modes @ basis) @ basis.T for modes, basis in zip(seen, bases, strict=True)]
+    variances = np.full(len(left[0]), 0.003**2)
+    rows = np.hstack(left) * np.sqrt(variances)[:, None]
     residuals = np.concatenate(fits.residuals)
-    covariance = np.eye(len(residuals)) + _DISPLACED**2 * patterns.T @ patterns
-    due = multivariate_normal(cov=covariance).logpdf(residuals) - multivariate_normal(
-        cov=np.eye(len(residuals))
-    ).logpdf(residuals)
-    assert Displacements.of(displaced, fits).evidence == pytest.approx(due, rel=1e-6)
-    first, second = (Displacements.of(part, fits) for part in (displaced[:2], displaced[2:]))
-    assert (first + second).evidence == pytest.approx(due, rel=1e-6)
-    assert Displacements().evidence == 0.0
+    same = multivariate_normal(cov=np.eye(len(residuals)))
+    due = multivariate_normal(cov=np.eye(len(residuals)) + rows.T @ rows).logpdf(residuals) - same.logpdf(residuals)
+    found = Discrepancy.of(session, white, fits)
+    summed = found.information.sum(axis=0), found.shift.sum(axis=0)
+    assert _log_evidence(*summed, variances) == pytest.approx(due, rel=1e-6)
+
+
+def test_something_else_pays_for_its_freedom_and_wins_where_outlines_are_displaced(compared):
+    session, white, fits = compared
+    assert Discrepancy.of(session, white, fits).evidence < 0.0
+    # a bump at the rear rim that grows with Ca, and nothing else
+    moved = []
+    for row, each in enumerate(white.each):
+        height = 0.03 * (1.0 + fits.theta[row, 0] - fits.theta[:, 0].mean())
+        bump = region_displacements(each.likelihood.pilot)[2:3]
+        moved.append(fits.residuals[row] + height * each.likelihood.whitened_displacement(bump)[0])
+    displaced = Discrepancy.of(session, white, replace(fits, residuals=tuple(moved)))
+    assert displaced.evidence > 10.0
+    halves = [
+        Discrepancy.of(session, white, replace(fits, residuals=tuple(moved), settled=half))
+        for half in (np.arange(20) < 10, np.arange(20) >= 10)
+    ]
+    assert (halves[0] + halves[1]).evidence == pytest.approx(displaced.evidence, rel=1e-6)
+    assert Discrepancy().evidence == 0.0
+
+
+def test_lengths_alone_leave_a_trend_of_the_modulus_to_something_else():
+    rng = np.random.default_rng(3)
+    places = np.stack([rng.uniform(-6.0, -5.0, 30), rng.uniform(0.8, 1.0, 30)], axis=1)
+    level = np.log(0.05) + 0.1 * rng.standard_normal(30)
+    plain = Trend(places, level, np.full(30, 0.05**2), np.zeros((30, 2)))
+    assert plain.evidence < 0.0
+    rising = replace(plain, log_modulus=level + 0.6 * (places[:, 0] + 5.5))
+    assert rising.evidence > 3.0
+    assert Discrepancy(trend=rising).evidence == rising.evidence
 
 
 def test_nothing_is_the_likeliest_where_nothing_is_gained(model):
@@ -63,4 +102,4 @@ def test_nothing_is_the_likeliest_where_nothing_is_gained(model):
     assert found[NOTHING] == 0.0
     assert found[UNKNOWN] < 0.0
     assert finding.leaves_nothing(0.01)
-    assert not replace(finding, displacements=Displacements(np.eye(5) * 1e6, np.full(5, 1e5))).leaves_nothing(0.01)
+    assert sum(probabilities(found, {}).values()) == pytest.approx(1.0)

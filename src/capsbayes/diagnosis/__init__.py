@@ -6,6 +6,7 @@ from capsbayes.diagnosis.finding import Deviation, Finding, find
 from capsbayes.diagnosis.scoring import Scores
 from capsbayes.diagnosis.search import LEAST_RATIO, NOTHING, UNKNOWN
 from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.session_modulus import SessionModulus
 from capsbayes.diagnosis.summary import summary
 from capsbayes.diagnosis.verification import Verification
 
@@ -19,6 +20,7 @@ __all__ = [
     "Finding",
     "Scores",
     "Session",
+    "SessionModulus",
     "Study",
     "Verdict",
     "Verification",

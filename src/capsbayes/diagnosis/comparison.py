@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -124,7 +124,11 @@ class Comparison:
     @property
     def gap(self) -> float:
         """Root mean square normal distance of measured and predicted edges [m]; NaN without outlines."""
-        distances = [feet.distance for _, feet in self.edges.values()]
+        return self.gap_of(self.edges)
+
+    def gap_of(self, rows: Iterable[int]) -> float:
+        """Return the same of some of the capsules."""
+        distances = [self.edges[row][1].distance for row in rows]
         return self._metres * float(np.sqrt(np.mean(np.square(np.concatenate(distances))))) if distances else np.nan
 
     @cached_property
@@ -152,6 +156,17 @@ class Comparison:
         middle, height = (np.average(values, weights=weight) for values in (places, self.fits.log_modulus[settled]))
         slopes = slope.size + slope.error * np.array([0.0, -1.0, 1.0])
         return np.asarray(np.exp(height + slopes[:, None] * (at - middle)))
+
+    @property
+    def misfit(self) -> Floats:
+        """Misfit over degrees of freedom : (n,) array, about one under a right model, NaN without a shape."""
+        known = self.fits.known & (self.fits.freedom > 0)
+        return np.where(known, self.fits.misfit / np.maximum(self.fits.freedom, 1), np.nan)
+
+    @property
+    def outliers(self) -> tuple[str, ...]:
+        """Sources of the capsules without a shape of the model: none, one at its border, or a misfit far too large."""
+        return tuple(self.session.measurements[int(row)].source for row in np.flatnonzero(self.fits.ill))
 
     @property
     def _theta(self) -> dict[str, Floats]:

@@ -8,23 +8,27 @@ better.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.limits import limit_scores, limits_table
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
-from capsbayes.diagnosis.search import LEAST_RATIO, UNKNOWN, Search, Step, by_ratio, evidences, searched
+from capsbayes.diagnosis.search import LEAST_RATIO, UNKNOWN, Search, Step, by_ratio, evidences, probabilities, searched
 from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.session_modulus import SessionModulus, session_modulus
+from capsbayes.diagnosis.size_error import with_own_error
 from capsbayes.diagnosis.verification import Verification, verified
-from capsbayes.effect import Effect
+from capsbayes.effect import Effect, Unseen
 from capsbayes.effects import catalogue
 from capsbayes.model import ForwardModel
 from capsbayes.readable import Readable
@@ -75,6 +79,8 @@ class Study(Readable):
         Log evidence of each candidate alone on the first half, of "none" and of "unknown", relative to that of "none".
     trials : mapping of str to Trial
         Fits of each candidate alone to the first half.
+    candidates : mapping of str to Effect
+        Effects that are tried, or would be.
     """
 
     verdict: Verdict
@@ -90,6 +96,7 @@ class Study(Readable):
     second_finding: Finding | None = None
     evidence: Mapping[str, float] = field(default_factory=dict)
     trials: Mapping[str, Trial] = field(default_factory=dict)
+    candidates: Mapping[str, Effect] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -110,8 +117,58 @@ class Study(Readable):
         """
         if self.verification is None:
             return float("nan"), float("nan")
-        before, after = self.verification.comparisons
-        return before.gap, after.gap
+        return self.verification.gaps
+
+    @property
+    def probabilities(self) -> Mapping[str, float]:
+        """Probability of each candidate alone, of "none" and of "unknown", before held-out capsules are looked at.
+
+        All are as probable beforehand; effects that change nothing that is seen are none of these.
+        """
+        return probabilities(self.evidence, self.trials)
+
+    @cached_property
+    def limits(self) -> pd.DataFrame:
+        """Effects that could hide where no disagreement was found: see `limits_table`; empty for any other verdict.
+
+        All capsules count. They are computed when they are first asked for, in some tens of seconds for the catalogue.
+        """
+        return limits_table(self._limit_scores)
+
+    @cached_property
+    @threadpool_limits.wrap(limits=1)
+    def _limit_scores(self) -> Mapping[str, Scores]:
+        none = self.verdict is Verdict.NONE
+        return limit_scores(self.model, self.candidates, self.session) if none else {}
+
+    @cached_property
+    def surface_shear_modulus(self) -> SessionModulus:
+        """Median G_s of the session with what is not known of the effect, its size and the viscosity.
+
+        With an effect that was named, or several in question, these are averaged over, as probable as their evidence;
+        otherwise no effect and every other that the capsules allow, the law of the membrane among them.
+        """
+        viscosity = self.session.experiment.viscosity
+        error = 0.0 if viscosity is None else viscosity.sd / viscosity.mean
+        apparent = np.empty(0) if self.first_half is None else self.first_half.modulus
+        return session_modulus(self._explanations, apparent, error, self.seed)
+
+    @property
+    def _explanations(self) -> list[tuple[float, tuple[Scores, ...]]]:
+        if self.verdict is Verdict.NAMED:
+            return [(1.0, tuple(step.best for step in self.steps))]
+        if self.verdict is Verdict.AMBIGUOUS:
+            *settled, last = sorted(self.steps, key=lambda step: len(step.in_question))
+            together = tuple(step.best for step in settled)
+            most = max(last.scores[name].evidence for name in last.in_question)
+            alike = [last.scores[name] for name in last.in_question]
+            return [(float(np.exp(tried.evidence - most)), (*together, tried)) for tried in alike]
+        tried = self._limit_scores if self.verdict is Verdict.NONE else self.scores
+        tried = {name: scores for name, scores in tried.items() if not isinstance(scores.effect, Unseen)}
+        logs = {name: scores.evidence for name, scores in tried.items()}
+        most = max(logs.values(), default=0.0)
+        effects = [(float(np.exp(logs[name] - most)), (scores,)) for name, scores in tried.items()]
+        return [(float(np.exp(-most)), ()), *effects]
 
     @property
     def scores(self) -> Mapping[str, Scores]:
@@ -212,12 +269,12 @@ def diagnose(
     model.check_experiment(session.experiment)
     if earlier is not None and (earlier.session is not session or earlier.seed != seed):
         raise ValueError("earlier: expected a study of the same session with the same seed")
-    made = partial(Study, session=session, seed=seed, level=level)
+    effects = catalogue(session.experiment.cross_section) if candidates is None else candidates
+    made = partial(Study, session=session, seed=seed, level=level, candidates=effects)
     if len(session) < _FEWEST:
         nothing = Finding((), float("nan"), len(session))
         return made(Verdict.NOT_TESTABLE, nothing, (), None, model, {})
     first, confirm = session.halves(seed)
-    effects = catalogue(session.experiment.cross_section) if candidates is None else candidates
     report = _Progress(progress, len(effects) + 2)
     report("the model as it is")
     white = whitening(model, first)
@@ -235,9 +292,7 @@ def diagnose(
     report("the held-out capsules")
     verification = None
     if steps[0].in_question:
-        checked = partial(
-            verified, model, confirm=confirm, seed=seed, measured=measured or {}, first_p_value=finding.p_value
-        )
+        checked = partial(verified, model, confirm=confirm, seed=seed, measured=measured or {}, first=finding)
         steps, verification = checked(steps)
         if explained and len(steps) == 1 and not verification.leaves_nothing:
             steps, verification = _with_a_second(search, steps, verification, checked)
@@ -247,6 +302,7 @@ def diagnose(
         if finding.combined_p_value(second, among=level) > level:
             return made(Verdict.NONE, steps=(), verification=None, second_finding=second)
         return made(Verdict.UNKNOWN, steps=steps, verification=verification)
+    steps = _with_own_errors(steps, first)
     made = partial(made, steps=steps, verification=verification)
     if any(len(step.in_question) > 1 for step in steps):
         return made(Verdict.AMBIGUOUS)
@@ -266,6 +322,20 @@ def _with_a_second(
         if verified_both.holds:
             return both, verified_both
     return steps, verification
+
+
+def _with_own_errors(steps: tuple[Step, ...], session: Session) -> tuple[Step, ...]:
+    """Give the sizes of the effects in question the error that the model's own error makes."""
+    return tuple(
+        replace(
+            step,
+            scores={
+                **step.scores,
+                **{name: with_own_error(step.models[name], step.scores[name], session) for name in step.in_question},
+            },
+        )
+        for step in steps
+    )
 
 
 def _likely(steps: tuple[Step, ...], evidence: Mapping[str, float]) -> bool:

@@ -23,8 +23,9 @@ import pandas as pd
 from scipy.stats import beta, binom, norm
 
 from capsbayes.arrays import Floats, Integers
+from capsbayes.diagnosis.discrepancy import Discrepancy
 from capsbayes.diagnosis.fits import Fits, fitted, whitening
-from capsbayes.diagnosis.regions import REGIONS, Displaced, Displacements, displaced_regions
+from capsbayes.diagnosis.regions import REGIONS, Displaced, displaced_regions
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.model import ForwardModel
@@ -81,14 +82,14 @@ class Finding:
         Root of the misfit over its degrees of freedom: the noise over that stated; NaN without any.
     capsules : int
         How many were fitted.
-    displacements : Displacements
-        Of the regions of their outlines, all together.
+    discrepancy : Discrepancy
+        What they say of something else than the model.
     """
 
     deviations: tuple[Deviation, ...]
     noise: float
     capsules: int
-    displacements: Displacements = field(default_factory=Displacements, repr=False)
+    discrepancy: Discrepancy = field(default_factory=Discrepancy, repr=False)
 
     def table(self) -> pd.DataFrame:
         """Return a row for each deviation: ``size`` and ``error`` [``unit``], ``sigma``, ``p_value``."""
@@ -102,8 +103,8 @@ class Finding:
         return min((deviation.p_value for deviation in self.deviations), default=1.0)
 
     def leaves_nothing(self, level: float) -> bool:
-        """Tell whether no deviation is significant at a level, and displaced regions are less likely than none."""
-        return self.p_value >= level and self.displacements.evidence <= 0.0
+        """Tell whether no deviation is significant at a level, and something else is no likelier than nothing."""
+        return self.p_value >= level and self.discrepancy.evidence <= 0.0
 
     def combined_p_value(self, other: Finding, among: float) -> float:
         """Return the p-value of the largest deviation of this and of other capsules together.
@@ -178,7 +179,7 @@ def find(
         tuple(sorted(found, key=lambda deviation: deviation.p_value)),
         noise,
         len(done),
-        Displacements.of(displaced, fits),
+        Discrepancy.of(session, white, fits),
     )
 
 

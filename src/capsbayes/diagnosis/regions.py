@@ -1,13 +1,7 @@
-"""Displacements of regions of the outline that all capsules of a session have in common.
-
-An effect that is not in the catalogue is modelled by such displacements, normal about zero. Their evidence relative to
-none says whether anything is left to explain, with the full covariance and all regions together.
-"""
+"""Displacements of regions of the outline that all capsules of a session have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +14,6 @@ from capsbayes.profile import edge_lengths, vertex_normals
 
 REGIONS = ("nose", "flanks", "rear rim", "rear on the axis", "top against bottom")
 _WIDTH = 0.06  # of the perimeter: standard deviation of a region's bump
-_DISPLACED = 0.02  # standard deviation of each region's displacement, over l
 
 
 def region_displacements(outline: Floats) -> Floats:
@@ -50,42 +43,6 @@ def _farthest_back(outline: Floats, side: Booleans) -> int:
 def _on_axis(outline: Floats, arc: Floats) -> float:
     rear = np.flatnonzero(outline[:, 0] < outline[:, 0].mean())
     return float(arc[rear[np.argmin(np.abs(outline[rear, 1]))]])
-
-
-@dataclass(frozen=True, eq=False)
-class Displacements:
-    """Information about the displacements of the regions [l]; that of several sessions adds up.
-
-    Parameters
-    ----------
-    information : (5, 5) array
-        Inverse of the covariance that the outlines alone leave to the displacements.
-    shift : (5,) array
-        Information times the likeliest displacements.
-    """
-
-    information: Floats = field(default_factory=lambda: np.zeros((len(REGIONS), len(REGIONS))))
-    shift: Floats = field(default_factory=lambda: np.zeros(len(REGIONS)))
-
-    @classmethod
-    def of(cls, seen: Iterable[Displaced], fits: Fits) -> Displacements:
-        """Sum the information of capsules, given their fits."""
-        found = cls()
-        for capsule in seen:
-            found += cls(capsule.pattern @ capsule.pattern.T, capsule.pattern @ fits.residuals[capsule.row])
-        return found
-
-    def __add__(self, other: Displacements) -> Displacements:
-        """Add the information of other capsules."""
-        return Displacements(self.information + other.information, self.shift + other.shift)
-
-    @property
-    def evidence(self) -> float:
-        """Log evidence of displaced regions relative to none; zero without outlines."""
-        precision = np.eye(len(REGIONS)) / _DISPLACED**2
-        together = precision + self.information
-        volume = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(together)[1]
-        return float(0.5 * self.shift @ np.linalg.solve(together, self.shift) + 0.5 * volume)
 
 
 class Displaced(NamedTuple):

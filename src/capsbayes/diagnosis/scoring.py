@@ -24,7 +24,7 @@ from capsbayes.arrays import Floats
 from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
-from capsbayes.effect import Effect
+from capsbayes.effect import Effect, Unseen
 from capsbayes.model import ForwardModel
 
 Measured = Mapping[str, tuple[float, float]]
@@ -63,6 +63,8 @@ class Scores:
         Log likelihood of what was measured of the effect apart from the capsules.
     modulus : (J,) array [N/m]
         Median of the apparent G_s of the capsules at each size.
+    own_error : float
+        Standard error of the size due to the model's own error, which all capsules share.
     """
 
     effect: Effect
@@ -70,6 +72,7 @@ class Scores:
     log_likelihood: Floats = field(repr=False)
     elsewhere: Floats = field(repr=False)
     modulus: Floats = field(repr=False)
+    own_error: float = 0.0
 
     @property
     def total(self) -> Floats:
@@ -119,7 +122,36 @@ class Scores:
         return f"{self.effect.name}, {parameter.symbol} = {best:.3g}{unit} [{low:.3g}, {high:.3g}]"
 
     def interval(self, drop: float = 0.5) -> tuple[float, float]:
-        """Return the sizes at which the log likelihood is `drop` below its maximum: 0.5 for 68 %, 1.92 for 95 %.
+        """Return the interval of the size : 68 % for a `drop` of the log likelihood by 0.5, 95 % for 1.92.
+
+        It is that of the log likelihood, widened where the capsules scatter more than their stated errors, and by the
+        model's own error.
+        """
+        low, high = self.profile_interval(drop)
+        own = np.sqrt(2.0 * drop) * self.own_error
+        wider = [np.sqrt(self.sandwich * (end - self.size) ** 2 + own**2) for end in (low, high)]
+        return max(self.size - float(wider[0]), self.sizes[0]), min(self.size + float(wider[1]), self.sizes[-1])
+
+    @property
+    def sandwich(self) -> float:
+        """Variance of the size by the scatter of the capsules over that by the bend of the log likelihood, at least 1.
+
+        By the sandwich formula (Huber 1967, Proc. 5th Berkeley Symp. 1, 221; White 1982, doi:10.2307/1912526).
+        """
+        if self.best in (0, len(self.sizes) - 1):
+            return 1.0
+        rows = slice(self.best - 1, self.best + 2)
+        x = self.sizes[rows] - self.size
+        curves = np.column_stack([self.log_likelihood[rows], self.elsewhere[rows]])
+        bends, slopes = np.linalg.solve(np.stack([0.5 * x**2, x, np.ones(3)], axis=1), curves)[:2]
+        bend = float(-bends.sum())
+        if bend <= 0.0:
+            return 1.0
+        count = len(slopes) - 1
+        return max((count * float(np.var(slopes[:-1], ddof=1)) - float(bends[-1])) / bend, 1.0)
+
+    def profile_interval(self, drop: float = 0.5) -> tuple[float, float]:
+        """Return the sizes at which the log likelihood is `drop` below its maximum.
 
         Between the sizes that were tried it is a monotone cubic (Fritsch & Butland 1984, doi:10.1137/0905021).
         """
@@ -180,6 +212,11 @@ class Trial:
         self.refine(1)
 
     @property
+    def unseen(self) -> bool:
+        """Whether the effect leaves no trace in what is measured."""
+        return isinstance(self.effect, Unseen)
+
+    @property
     def scores(self) -> Scores:
         """Scores at all sizes tried so far."""
         sizes = np.array(sorted(self._found))
@@ -205,7 +242,10 @@ class Trial:
         start = self._found[min(self._found, key=lambda other: abs(other - size))].theta
         sizes = {self.effect.parameter.name: size}
         fits = fitted(self.model + self.effect, self.session, self.white, sizes, start, everywhere=everywhere)
-        self._found[size] = Outcome.of(fits)
+        found = Outcome.of(fits)
+        if self.unseen:  # what it seems to gain is but another reach of the model's domain
+            found = found._replace(log_likelihood=self._found[self.effect.null_value].log_likelihood)
+        self._found[size] = found
 
 
 def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:

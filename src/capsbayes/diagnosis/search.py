@@ -237,13 +237,22 @@ def indistinguishable(lag: float, lags: Floats) -> bool:
     return lag < max(LEAST_RATIO, _APART * float(np.sqrt(np.sum(lags**2))))
 
 
+def probabilities(evidence: Mapping[str, float], trials: Mapping[str, Trial]) -> dict[str, float]:
+    """Return the probabilities of explanations as probable beforehand, the most probable first; unseen ones omitted."""
+    seen = {name: value for name, value in evidence.items() if name not in trials or not trials[name].unseen}
+    most = max(seen.values(), default=0.0)
+    weights = {name: float(np.exp(value - most)) for name, value in seen.items()}
+    whole = sum(weights.values())
+    return {name: weight / whole for name, weight in sorted(weights.items(), key=lambda item: -item[1])}
+
+
 def evidences(scores: Mapping[str, Scores], finding: Finding) -> dict[str, float]:
     """Return the log evidence of each effect, of `NOTHING` and of `UNKNOWN`, relative to that of `NOTHING`.
 
     With equal prior probabilities, the odds of two explanations are the ratio of their evidences: of the likelihoods
-    averaged over the prior of the size of an effect, or over the displacements of the regions for an unknown one. All
+    averaged over the prior of the size of an effect, or over smooth deformations for something else. All
     candidates are added to the same model, with which the finding was made; the likeliest comes first.
     """
     log_evidence = {name: score.evidence for name, score in scores.items()}
-    log_evidence |= {NOTHING: 0.0, UNKNOWN: finding.displacements.evidence}
+    log_evidence |= {NOTHING: 0.0, UNKNOWN: finding.discrepancy.evidence}
     return dict(sorted(log_evidence.items(), key=lambda item: -item[1]))

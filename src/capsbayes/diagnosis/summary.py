@@ -28,6 +28,9 @@ def summary(study: Study) -> dict[str, Any]:
         "finding": _finding(study.finding),
         "not_seen_again": None if study.second_finding is None else _finding(study.second_finding),
         "log_evidence": dict(study.evidence),
+        "probabilities": dict(study.probabilities),
+        "surface_shear_modulus": _session(study),
+        "limits_95": _records(study.limits, "parameter"),
         "candidates": _candidates(study),
         "held_out": None if study.verification is None else _verification(study.verification),
         "capsules": len(study.session),
@@ -42,6 +45,11 @@ def summary(study: Study) -> dict[str, Any]:
         "level": study.level,
         "version": capsbayes.__version__,
     }
+
+
+def _session(study: Study) -> dict[str, Any]:
+    found = study.surface_shear_modulus
+    return {"median": _number(found.median), "interval_95": [_number(found.low), _number(found.high)]}
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
@@ -73,16 +81,20 @@ def _verification(verification: Verification) -> dict[str, Any]:
         "capsules": len(verification.log_likelihood_ratios),
         "log_likelihood_ratio_per_capsule": verification.log_likelihood_ratio,
         "log_likelihood_ratio_error": verification.error,
+        "log_score_of_something_else": verification.of_something_else,
         **{
-            when: _finding(finding) | _moduli(compared)
-            for when, finding, compared in zip(("before", "after"), findings, verification.comparisons, strict=True)
+            when: _finding(finding) | _moduli(compared, gap)
+            for when, finding, compared, gap in zip(
+                ("before", "after"), findings, verification.comparisons, verification.gaps, strict=True
+            )
         },
     }
 
 
-def _moduli(compared: Comparison) -> dict[str, Any]:
+def _moduli(compared: Comparison, gap: float) -> dict[str, Any]:
     return {
-        "gap": _number(compared.gap),
+        "gap": _number(gap),
+        "without_a_shape": list(compared.outliers),
         "median_surface_shear_modulus": _number(compared.median_modulus),
         "surface_shear_modulus": [_number(value) for value in compared.modulus],
         "surface_shear_modulus_error": [_number(value) for value in compared.modulus_error],

@@ -58,6 +58,8 @@ class Verification:
         Of each step, whether its effect is known to be there from what was measured elsewhere.
     first_p_value : float
         P-value of the disagreement that the first half shows.
+    of_something_else : float
+        Log score of something else on these capsules, once it has seen the first half, relative to no effect.
     """
 
     log_likelihood_ratio: float
@@ -70,6 +72,7 @@ class Verification:
     comparisons: tuple[Comparison, Comparison] = field(repr=False)
     established: tuple[bool, ...]
     first_p_value: float
+    of_something_else: float = -np.inf
 
     def table(self) -> pd.DataFrame:
         """Return a row for the model ``before`` and ``after`` the effect is added.
@@ -80,32 +83,50 @@ class Verification:
         findings = {"before": self.before, "after": self.after}
         ratios = {"before": (0.0, 0.0), "after": (self.log_likelihood_ratio, self.error)}
         rows = {
-            when: (comparison.gap, finding.noise, finding.p_value, comparison.median_modulus, *ratios[when])
-            for (when, finding), comparison in zip(findings.items(), self.comparisons, strict=True)
+            when: (gap, finding.noise, finding.p_value, comparison.median_modulus, *ratios[when])
+            for (when, finding), comparison, gap in zip(findings.items(), self.comparisons, self.gaps, strict=True)
         }
         columns = ("gap", "noise_over_stated", "p_value", "surface_shear_modulus")
         errors = ("log_likelihood_ratio", "log_likelihood_ratio_error")
         return pd.DataFrame.from_dict(rows, orient="index", columns=(*columns, *errors))
 
     @property
+    def gaps(self) -> tuple[float, float]:
+        """Root mean square distances of edges before and after [m], of the capsules with both shapes."""
+        before, after = self.comparisons
+        common = sorted(set(before.edges) & set(after.edges))
+        return before.gap_of(common), after.gap_of(common)
+
+    @property
     def leaves_nothing(self) -> bool:
         """True if no deviation remains, neither in these capsules nor in both halves together."""
-        both = self.left.displacements + self.after.displacements
+        both = self.left.discrepancy + self.after.discrepancy
         p_value = min(self.after.p_value, self.left.combined_p_value(self.after, _WORTH_A_LOOK))
         return p_value >= LEFT and both.evidence <= 0.0
 
     @property
+    def beats_something_else(self) -> bool:
+        """True if the effects predict these capsules better than something else, or all were measured elsewhere."""
+        return all(self.established) or float(self.log_likelihood_ratios.sum()) > self.of_something_else
+
+    @property
     def holds(self) -> bool:
         """True if each effect predicts these capsules better (an established one not worse) and no deviation remains.
+
+        Together they must predict them better than something else does.
 
         The first must do the better the less surprising the disagreement was in the first half, so that under a right
         model both together occur once in twenty sessions.
         """
         together = max(np.sqrt(2.0) * _VERIFIED - float(norm.isf(self.first_p_value)), 0.0)
         least = (together, *(_VERIFIED for _ in self.steps[1:]))
-        return self.leaves_nothing and all(
-            ratio.mean >= (-_VERIFIED if known else sigma) * ratio.error
-            for ratio, sigma, known in zip(self.steps, least, self.established, strict=True)
+        return (
+            self.leaves_nothing
+            and self.beats_something_else
+            and all(
+                ratio.mean >= (-_VERIFIED if known else sigma) * ratio.error
+                for ratio, sigma, known in zip(self.steps, least, self.established, strict=True)
+            )
         )
 
 
@@ -116,14 +137,14 @@ def verified(
     confirm: Session,
     seed: int,
     measured: Measured,
-    first_p_value: float,
+    first: Finding,
 ) -> tuple[tuple[Step, ...], Verification]:
     """Compare the held-out capsules with the model, and with each further effect.
 
     Of the effects that the first half did not distinguish, those stay in question that leave no deviation here and that
     both halves together do not distinguish. Ratios use one covariance for all models; the remaining deviations use that
     of the model with the effects. Of two effects, the first is returned at its size jointly with the second. The steps
-    are those of the first half, which shows a disagreement of `first_p_value`.
+    are those of the first half, with the deviations `first` from the model.
     """
     white = whitening(model, confirm)
     *before, last = (step for step in steps if step.in_question)
@@ -131,6 +152,7 @@ def verified(
     fits = [fitted(variant, confirm, white) for variant in models]
     chain = [log_likelihood(fit) for fit in fits]
     shown = find(model, confirm, seed=seed, white=white, fits=fits[0]), Comparison(confirm, model, fits[0])
+    of_something_else = (first.discrepancy + shown[0].discrepancy).evidence - first.discrepancy.evidence
 
     def tried(name: str) -> Verification:
         extended = last.with_effect(name)
@@ -152,7 +174,8 @@ def verified(
                 _established(effect, measured)
                 for effect in (*(step.best.effect for step in before), last.scores[name].effect)
             ),
-            first_p_value=first_p_value,
+            first_p_value=first.p_value,
+            of_something_else=of_something_else,
         )
 
     tries = {name: tried(name) for name in last.in_question}

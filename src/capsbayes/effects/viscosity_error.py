@@ -33,6 +33,7 @@ class ViscosityError:
     kind: ClassVar[Kind] = Kind.SESSION
     circumstances: ClassVar[tuple[str, ...]] = ()
     changes: ClassVar[str] = "Nothing visible; G_s of all capsules is wrong by one factor."
+    unseen_because: ClassVar[str] = "Shapes depend on viscosity and G_s through Ca alone, which is free."
     separated_by: ClassVar[str] = "A viscometer at the temperature of the channel."
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:

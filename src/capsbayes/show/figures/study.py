@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -47,6 +48,30 @@ def moduli(verification: Verification) -> Figure:
     ax.set_xlim(0.4, len(order) + 0.6)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(frameon=False, loc="upper left")
+    return figure
+
+
+def misfits(compared: Comparison) -> Figure:
+    """Draw the misfit of each capsule over its degrees of freedom at its best Ca and a/l."""
+    figure = new_figure(10.0, 3.8)
+    ax = figure.subplots()
+    ca, size, misfit = np.exp(compared.fits.theta[:, 0]), compared.fits.theta[:, 1], compared.misfit
+    known, ill = np.isfinite(misfit), compared.fits.ill
+    largest = max(2.0, float(misfit[known].max()))
+    shown = ax.scatter(
+        ca[known],
+        size[known],
+        c=misfit[known],
+        cmap="RdBu_r",
+        norm=TwoSlopeNorm(1.0, 0.0, largest),
+        s=60,
+        edgecolors=INK,
+        linewidths=0.6,
+    )
+    ax.plot(ca[ill], size[ill], "x", color=INK, markersize=10)
+    ax.set_xscale("log")
+    ax.set(xlabel=PARAMETERS["capillary_number"].axis_label, ylabel=_SIZE.axis_label)
+    figure.colorbar(shown, ax=ax, label="misfit over degrees of freedom")
     return figure
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 import capsbayes
 from capsbayes.diagnosis import Comparison, Study, Verdict, Verification
-from capsbayes.show.figures.study import candidate_ratios, moduli, trends
+from capsbayes.show.figures.study import candidate_ratios, misfits, moduli, trends
 from capsbayes.show.figures.study_outlines import chosen_capsules, held_out, outline_finding
 from capsbayes.show.pages.page import page, picture
 from capsbayes.show.tables import study as tables
@@ -30,6 +32,7 @@ def study_page(study: Study) -> str:
         left_out=study.session.left_out,
         none=study.verdict is Verdict.NONE,
         finding=_finding(study, compared) if compared is not None and study.finding.deviations else {},
+        limits="" if (limits := tables.limits_table(study)) is None else html_table(limits),
         candidates=_candidates(study) if study.scores else {},
         held_out={} if verification is None else _held_out(study, verification),
         origin=f"{words.origin_words(study)} Made by capsbayes {capsbayes.__version__}. The numbers are in study.json.",
@@ -50,6 +53,10 @@ def _finding(study: Study, compared: Comparison) -> dict[str, Any]:
         "what Ca and a/ℓ have absorbed of it, so it may exceed the distance that is left to see."
     )
     of_trends = typeset("Of a right model the apparent G_s is the same at every velocity and of every size.")
+    of_misfits = typeset(
+        "Misfit of each capsule over its degrees of freedom at its best Ca and a/ℓ: about 1 under a right model. "
+        "Crosses are capsules without a shape of it."
+    )
     shown = "apparent shear modulus against velocity and size"
     return {
         "largest": typeset(largest),
@@ -59,6 +66,9 @@ def _finding(study: Study, compared: Comparison) -> dict[str, Any]:
         if along is None
         else picture(outline_finding(along, finding), "mean residual along the outline", of_outline),
         "trends": picture(trends(compared, finding), shown, of_trends),
+        "misfits": picture(misfits(compared), "misfit of each capsule over Ca and a/l", of_misfits)
+        if np.isfinite(compared.misfit).any()
+        else "",
         "table": html_table(tables.finding_table(finding)),
         "capsules": finding.capsules,
         "level": f"{100.0 * study.level:g}",

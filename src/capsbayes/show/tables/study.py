@@ -6,20 +6,23 @@ import math
 
 import pandas as pd
 
-from capsbayes.diagnosis import NOTHING, UNKNOWN, Finding, Study, Verification
+from capsbayes.diagnosis import NOTHING, UNKNOWN, Deviation, Finding, Study, Verification
 from capsbayes.show.tables.table import Strong, Symbols, table
-from capsbayes.show.words.rounding import with_unit
+from capsbayes.show.words.rounding import unit_of, with_unit
 from capsbayes.show.words.study import (
     deviation_words,
     largest_p_value,
     odds_words,
     p_value_words,
+    probability_words,
     question_words,
     size_words,
 )
 
 _MODULUS = "surface_shear_modulus"
-_OTHERS = {NOTHING: "none", UNKNOWN: "not in this list: regions displaced alike in all capsules"}
+_SOMETHING_ELSE = "something else: any smooth deformation that depends on the capsule, or a trend of G_s"
+_OTHERS = {NOTHING: "none", UNKNOWN: _SOMETHING_ELSE}
+_UNSEEN = "not seen"
 
 
 def finding_table(finding: Finding) -> pd.DataFrame:
@@ -34,10 +37,11 @@ def finding_table(finding: Finding) -> pd.DataFrame:
 
 def candidate_table(study: Study) -> pd.DataFrame:
     """Return odds and size of every candidate, of the model without an effect, and of an effect not in the list."""
-    best = max(study.evidence.values())
+    probabilities = study.probabilities
     rows: list[tuple[str, ...]] = []
     for name, evidence in study.evidence.items():
-        odds = Symbols(odds_words(evidence - best)), Symbols(odds_words(evidence))
+        probability = probability_words(probabilities[name]) if name in probabilities else _UNSEEN
+        odds = Symbols(probability), Symbols(odds_words(evidence))
         if name in study.scores:
             scores = study.scores[name]
             size = Symbols(f"{scores.effect.parameter.symbol} = {size_words(scores)}")
@@ -47,7 +51,7 @@ def candidate_table(study: Study) -> pd.DataFrame:
         else:
             rows.append((_OTHERS[name], "", *odds, "", "", ""))
     head = (
-        *("effect", "log-likelihood ratio", "odds against the best", "odds against none", "size"),
+        *("effect", "log-likelihood ratio", "probability", "odds against none", "size"),
         *(Symbols("median G_s"), "in question?"),
     )
     return table(head, rows, title="Effects that were tried", numbers=(1,))
@@ -71,7 +75,7 @@ def meaning_table(study: Study) -> pd.DataFrame:
 def held_out_table(verification: Verification) -> pd.DataFrame:
     """Return gap, noise, p-value and shear modulus before and after."""
     findings = (verification.before, verification.after)
-    gaps = [_finite(1e6 * half.gap, ".3f", " µm", "no outlines") for half in verification.comparisons]
+    gaps = [_finite(1e6 * gap, ".3f", " µm", "no outlines") for gap in verification.gaps]
     noise = [_finite(finding.noise, ".2f", " σ", "nothing is left over") for finding in findings]
     before, after = (half.median_modulus for half in verification.comparisons)
     rows = [
@@ -79,7 +83,7 @@ def held_out_table(verification: Verification) -> pd.DataFrame:
         ("the same over the stated noise, correlations counted", *noise),
         (
             "largest deviation",
-            *("" if not each.deviations else deviation_words(each.deviations[0]) for each in findings),
+            *("" if not each.deviations else _largest(each.deviations[0]) for each in findings),
         ),
         ("its p-value (residual p-value)", *map(largest_p_value, findings)),
         (
@@ -87,6 +91,8 @@ def held_out_table(verification: Verification) -> pd.DataFrame:
             "0",
             f"{verification.log_likelihood_ratio:+.2f} ± {verification.error:.2f}",
         ),
+        ("the same, sum of all capsules", "0", f"{float(verification.log_likelihood_ratios.sum()):+.1f}"),
+        ("the same of something else, seen in the first half", "", f"{verification.of_something_else:+.1f}"),
         (
             Symbols("median G_s"),
             _modulus(before),
@@ -98,6 +104,26 @@ def held_out_table(verification: Verification) -> pd.DataFrame:
         rows,
         title="Held-out capsules",
     )
+
+
+def _largest(deviation: Deviation) -> Symbols:
+    return Symbols(f"{deviation.name}: {deviation_words(deviation)}")
+
+
+def limits_table(study: Study) -> pd.DataFrame | None:
+    """Return what could hide where nothing was found, and what it would do to G_s; None if nothing was limited."""
+    limits = study.limits
+    if limits.empty:
+        return None
+    rows = []
+    for name, row in limits.iterrows():
+        parameter = study.candidates[str(name)].parameter
+        ends = " to ".join(f"{parameter.shown(row[end]):.2g}" for end in ("low", "high"))
+        change = " to ".join(f"{100.0 * (row[f'modulus_at_{end}'] - 1.0):+.0f}" for end in ("low", "high"))
+        note = "as far as it was tried" if row["unbounded"] else ""
+        rows.append((row["effect"], Symbols(f"{parameter.symbol} = {ends}{unit_of(parameter)}"), f"{change} %", note))
+    head = ("effect", "size that these data allow (95 %)", Symbols("change of G_s"), "limited?")
+    return table(head, rows, title="Effects that could hide")
 
 
 def flow_rate_table(verification: Verification) -> pd.DataFrame | None:

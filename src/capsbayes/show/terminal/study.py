@@ -22,6 +22,8 @@ def study_parts(study: Study) -> Parts:
     yield "\n  ".join([f"{len(left_out)} capsules were left out:", *left_out]) if left_out else ""
     if study.finding.deviations:
         yield of_study.finding_table(study.finding)
+    limits = of_study.limits_table(study)
+    yield "" if limits is None else limits
     if study.scores:
         yield of_study.candidate_table(study)
         yield from study_words.caveats(study)

@@ -7,18 +7,30 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from capsbayes.diagnosis import LEAST_RATIO, Deviation, Finding, Scores, Session, Study, Verdict
+from capsbayes.diagnosis import LEAST_RATIO, NOTHING, UNKNOWN, Deviation, Finding, Scores, Session, Study, Verdict
 from capsbayes.effects import Simulated
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import unit_of
 
+ALONE = {NOTHING: "no effect", UNKNOWN: "something else"}
+"""Explanations that are no effects of the catalogue."""
+
 _MODULUS = PARAMETERS["surface_shear_modulus"]
-_MANY = 1e4  # odds beyond which their power of ten is enough
+_MANY = 1e3  # odds beyond which no number is trusted: it would be that of the tails of the stated noise
 
 
 def opening(study: Study) -> list[str]:
-    """Return the sentences that a study begins with: the verdict, the range of G_s, and what the data lack."""
-    return [words for words in (verdict_sentence(study), modulus_words(study), lengths_alone(study.session)) if words]
+    """Return the sentences that a study begins with: verdict, probabilities, range of G_s, and what the data lack."""
+    said = (
+        verdict_sentence(study),
+        limits_words(study),
+        probabilities_words(study),
+        session_modulus_words(study),
+        modulus_words(study),
+        outlier_words(study),
+        lengths_alone(study.session),
+    )
+    return [words for words in said if words]
 
 
 def verdict_sentence(study: Study) -> str:
@@ -41,6 +53,49 @@ def verdict_sentence(study: Study) -> str:
         best = study.scores[study.names[0]]
         return f"{disagree} nothing that was tried explains it; {best.effect.name} comes nearest."
     return f"{disagree} nothing that was tried explains it."
+
+
+def limits_words(study: Study) -> str:
+    """Say which effect could hide and change G_s most where nothing was found; empty for other verdicts."""
+    limits = study.limits
+    if limits.empty:
+        return ""
+    row, parameter = limits.iloc[0], study.candidates[str(limits.index[0])].parameter
+    end = max(("low", "high"), key=lambda end: abs(math.log(row[f"modulus_at_{end}"])))
+    change = 100.0 * (row[f"modulus_at_{end}"] - 1.0)
+    what = f"{row['effect']} of {parameter.symbol} = {parameter.shown(row[end]):.2g}{unit_of(parameter)}"
+    return (
+        f"Of all effects that were tried, one that could hide (95 %) changes G_s most: {what}, which would "
+        f"{'lower' if change < 0.0 else 'raise'} it by {abs(change):.0f} %."
+    )
+
+
+def session_modulus_words(study: Study) -> str:
+    """Say the median G_s of the session with its interval; empty where no capsule was compared."""
+    found = study.surface_shear_modulus
+    if not math.isfinite(found.median):
+        return ""
+    median, low, high = (_MODULUS.shown(value) for value in (found.median, found.low, found.high))
+    those = {
+        Verdict.NAMED: "the size of the effect and the viscosity",
+        Verdict.AMBIGUOUS: "which effect it is, its size and the viscosity",
+    }.get(study.verdict, "the effects and laws of the membrane that were tried and the viscosity")
+    return (
+        f"Median G_s of the session: {median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g}), with what is not "
+        f"known of {those}."
+    )
+
+
+def outlier_words(study: Study) -> str:
+    """Name the capsules of the first half that have no shape of the model; empty if all have one."""
+    outliers = () if study.first_half is None else study.first_half.outliers
+    if study.verification is not None:
+        outliers += study.verification.comparisons[0].outliers
+    if not outliers:
+        return ""
+    return (
+        f"{len(outliers)} capsules have no shape of {study.tested_model.name}, or lie far off: {', '.join(outliers)}."
+    )
 
 
 def _explanation(named: list[Scores]) -> str:
@@ -142,13 +197,30 @@ def size_words(scores: Scores) -> str:
 
 
 def odds_words(logarithm: float) -> str:
-    """Return a likelihood ratio of which the logarithm is given."""
+    """Return a likelihood ratio of which the logarithm is given, as no more than a thousand to one."""
     if abs(logarithm) > math.log(_MANY):
-        power = round(abs(logarithm) / math.log(10.0))
-        return f"10^{power} : 1" if logarithm > 0.0 else f"1 : 10^{power}"
+        return f"more than {_MANY:.0f} : 1" if logarithm > 0.0 else f"less than 1 : {_MANY:.0f}"
     odds = math.exp(abs(logarithm))
     text = f"{odds:.2g}" if odds < 10.0 else f"{odds:.0f}"
     return f"{text} : 1" if logarithm >= 0.0 else f"1 : {text}"
+
+
+def probability_words(probability: float) -> str:
+    """Return the probability of an explanation, of which no more than three digits are trusted."""
+    if probability < 1.0 / _MANY:
+        return f"< {1.0 / _MANY:g}"
+    return f"> {1.0 - 1.0 / _MANY:g}" if probability > 1.0 - 1.0 / _MANY else f"{probability:.2g}"
+
+
+def probabilities_words(study: Study) -> str:
+    """Say the probabilities of the likeliest effect, of something else, and of nothing; empty if none were compared."""
+    found = study.probabilities
+    if not found:
+        return ""
+    named = [name for name in study.names[:1] if name in found] or [name for name in found if name in study.scores][:1]
+    words = [f"{study.scores[name].effect.name} {probability_words(found[name])}" for name in named]
+    words += [f"{ALONE[other]} {probability_words(found[other])}" for other in (UNKNOWN, NOTHING)]
+    return f"Probabilities by one half of the capsules, each effect alone: {', '.join(words)}."
 
 
 def deviation_words(deviation: Deviation) -> str:

@@ -1,0 +1,131 @@
+"""Hide effects in sessions that look alike or cannot be seen, and count what the diagnosis says of them.
+
+    python benchmarks/hidden_sessions.py --sessions 2 --out answers.json
+
+Diagnoses the sessions of each row that have no answer yet, about a minute each, and prints the table of all answers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+from capsbayes import Surrogate, diagnose
+from capsbayes.database import Database
+from capsbayes.diagnosis import UNKNOWN, Verdict
+from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
+from capsbayes.evidence.markdown import table_lines
+
+ROOT = Path(__file__).parents[1]
+
+
+class Row(NamedTuple):
+    """What is hidden: an effect of a size, in shapes of a pool; `truth` are the names that the catalogue has for it."""
+
+    hidden: str
+    effect: TrueEffect
+    size: float
+    pool: str
+    truth: tuple[str, ...]
+    capsules: int = 40
+    lab: Lab = Lab()
+
+
+_OBLONG = TRUE_EFFECTS["pixel_aspect"]
+ROWS = (
+    Row("G_s scatters by 30 %", TRUE_EFFECTS["none"], 0.0, "none-0", (), lab=Lab(spread=0.3)),
+    Row("pixels 2 % oblong", _OBLONG, 1.02, "none-0", ("pixel_aspect",)),
+    Row("barrel, 1 %", TRUE_EFFECTS["distortion"], -0.01, "none-0", ("distortion",)),
+    Row("tilt of 2 degrees", TRUE_EFFECTS["taper"], 0.00175, "none-0", ("taper",)),
+    Row("hardening of 0.8", TRUE_EFFECTS["strain_hardening"], 0.8, "strain-hardening-0.8", ("strain_hardening",), 14),
+    Row("inflation of 3.5 %", TRUE_EFFECTS["pre_inflation"], 0.035, "pre-inflation-0.035", ("pre_inflation",)),
+    Row(
+        "inflation of 3.5 %, pixels 2 % oblong",
+        TRUE_EFFECTS["pre_inflation"].combined(_OBLONG, 1.02),
+        0.035,
+        "pre-inflation-0.035",
+        ("pre_inflation", "pixel_aspect"),
+    ),
+)
+
+
+def answered(row: Row, seed: int, model: Surrogate) -> dict[str, Any]:
+    """Draw a session, diagnose it, and return the answer next to the truth."""
+    shapes = Database.read(ROOT / f"data/pools/{row.pool}.nc")
+    blind = draw_session(shapes, row.effect, row.size, lab=row.lab, capsules=row.capsules, seed=seed)
+    begin = time.process_time()
+    study = diagnose(blind.session, model, seed=seed)
+    modulus = study.surface_shear_modulus
+    return {
+        "hidden": row.hidden,
+        "seed": seed,
+        "capsules": row.capsules,
+        "verdict": study.verdict.name,
+        "names": [list(step.in_question) for step in study.steps],
+        "intervals_95": {name: step.scores[name].interval(1.92) for step in study.steps for name in step.in_question},
+        "sizes": {name: study.scores[name].size for name in study.names},
+        "something_else": study.probabilities.get(UNKNOWN),
+        "true_modulus": row.lab.surface_shear_modulus,
+        "modulus": [modulus.low, modulus.median, modulus.high],
+        "seconds": time.process_time() - begin,
+    }
+
+
+def outcome(row: Row, answer: dict[str, Any]) -> str:
+    """Return the outcome of a verdict: a name is wrong if it is not the truth, an ambiguous set if it lacks it."""
+    verdict = Verdict[answer["verdict"]]
+    if verdict in (Verdict.NONE, Verdict.NOT_TESTABLE):
+        return "nothing found"
+    if verdict is Verdict.UNKNOWN:
+        return "something else"
+    steps = [set(names) for names in answer["names"] if names]
+    right = bool(row.truth) and all(names & set(row.truth) for names in steps)
+    whole = right and len(steps) == len(row.truth)
+    if verdict is Verdict.NAMED:
+        return "named" if whole else ("one of two named" if right else "**wrong name**")
+    return "ambiguous" if right else "ambiguous without it"
+
+
+def table(answers: list[dict[str, Any]]) -> list[str]:
+    """Return the lines of the table: outcomes, and how often the intervals of G_s hold the truth."""
+    lines = []
+    for row in ROWS:
+        mine = [answer for answer in answers if answer["hidden"] == row.hidden]
+        if mine:
+            counted = Counter(outcome(row, answer) for answer in mine)
+            held = sum(answer["modulus"][0] <= answer["true_modulus"] <= answer["modulus"][2] for answer in mine)
+            words = ", ".join(f"{words} {count}" for words, count in sorted(counted.items()))
+            lines.append((row.hidden, str(row.capsules), str(len(mine)), words, f"{held} of {len(mine)}"))
+    return list(table_lines(("hidden", "capsules", "sessions", "answers", "95 % of G_s hold the truth"), lines))
+
+
+def _stored(path: Path) -> list[dict[str, Any]]:
+    return json.loads(path.read_text()) if path.exists() else []
+
+
+def main() -> None:
+    """Diagnose further sessions, and print the table of all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sessions", type=int, required=True, help="of each row: those with seeds 1 to this")
+    parser.add_argument("--rows", nargs="*", type=int, default=range(len(ROWS)), help="numbers from 0; by default all")
+    parser.add_argument("--out", type=Path, required=True, help="file of the answers, which is continued")
+    given = parser.parse_args()
+    model = Surrogate.open("square-neo-hookean")
+    for seed in range(1, given.sessions + 1):
+        for row in (ROWS[number] for number in given.rows):
+            answers = _stored(given.out)
+            if not any(answer["hidden"] == row.hidden and answer["seed"] == seed for answer in answers):
+                with threadpool_limits(1):
+                    answers.append(answered(row, seed, model))
+                given.out.write_text(json.dumps(answers, indent=1) + "\n")
+    print("\n".join(table(_stored(given.out))))
+
+
+if __name__ == "__main__":
+    main()

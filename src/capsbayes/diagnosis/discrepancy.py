@@ -1,0 +1,173 @@
+"""Something else: a smooth deformation of the outlines that depends on the capsule, or a trend of the apparent G_s.
+
+An effect that is not in the catalogue is modelled by a Gaussian process of normal displacements over the arc, ln Ca and
+a/l, together with affine and radial distortions of the picture. Its covariance is
+separable: squared exponentials on the closed arc, expanded in Fourier modes, and on ln Ca and a/l, expanded about a
+lattice of inducing points. The amplitude and the length scales are integrated over a grid of priors, so that the
+process pays for its freedom by its marginal likelihood (Kennedy & O'Hagan 2001, doi:10.1111/1467-9868.00294; MacKay
+1992, doi:10.1162/neco.1992.4.3.415). Lengths alone leave the apparent G_s, whose dependence on velocity and a/l is
+modelled likewise.
+
+The model's own error counts as such a process too, of the amplitude that the model states, with something else and
+without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+from scipy.special import logsumexp
+
+from capsbayes.arrays import Floats
+from capsbayes.diagnosis.fits import Fits
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.smooth_features import smooth_features
+from capsbayes.diagnosis.trend import Trend
+from capsbayes.diagnosis.whitening import OfOutline, Whitening
+from capsbayes.infer.outline.likelihood import OutlineLikelihood
+from capsbayes.profile import edge_lengths, vertex_normals
+
+_EVEN, _ODD = 8, 3  # Fourier modes of the arc that are alike above and below the axis, and that are opposite
+_ARC = (0.05, 0.12)  # length scales, over the perimeter
+_PLACE = (1.0, 0.15)  # length scales of ln Ca and of a/l
+_SHARED = 0.5  # of the variance: displacement that all capsules have in common, where it depends on the capsule
+_AMPLITUDES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)  # standard deviations of the displacement, over l
+_CAMERA = (0.0, 0.01)  # standard deviations of each distortion
+_CAMERA_MODES = 5
+_COUNT = _EVEN + 1 + _ODD + _CAMERA_MODES
+
+
+def displacement_modes(outline: Floats) -> Floats:
+    """Return normal displacements of a closed outline (p, 2) from the nose : (q, p) array [l].
+
+    Fourier modes of the arc, even ones from the constant on, then odd ones; then what distortions of the picture do:
+    stretches along and across the flow, a shear, a radial one, and one that grows along the flow.
+    """
+    lengths = edge_lengths(outline)
+    arc = 2.0 * np.pi * np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / lengths.sum()
+    even = np.cos(np.outer(np.arange(_EVEN + 1), arc))
+    odd = np.sin(np.outer(np.arange(1, _ODD + 1), arc))
+    z, y = (outline - [0.5 * (outline[:, 0].max() + outline[:, 0].min()), 0.0]).T
+    nothing, square = np.zeros_like(z), z**2 + y**2
+    fields = ((z, nothing), (nothing, y), (y, nothing), (square * z, square * y), (z * z, z * y))
+    across, up = vertex_normals(outline).T
+    camera = np.stack([along * across + sideways * up for along, sideways in fields])
+    return np.concatenate([even, odd, camera])
+
+
+def _spectrum(length: float) -> Floats:
+    """Return the variances of the Fourier modes of a process of mean variance one on the arc."""
+    orders = np.concatenate([np.arange(_EVEN + 1), np.arange(1, _ODD + 1)])
+    weights = np.exp(-0.5 * (2.0 * np.pi * length * orders) ** 2)
+    return np.asarray(weights / np.sum(weights * np.where(orders == 0, 1.0, 0.5)))
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """What n capsules with outlines, and the G_s of those that have a shape, say of something else; halves add up.
+
+    Parameters
+    ----------
+    places : (n, 2) array
+        ln Ca and a/l.
+    information : (n, q, q) array
+        Of the amplitudes of the `displacement_modes` [1/l^2], after Ca and a/l have absorbed what they can.
+    shift : (n, q) array
+        Information times the likeliest amplitudes.
+    own : (n,) array [l]
+        Root mean square of the model's own error along each outline.
+    trend : Trend
+    """
+
+    places: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    information: Floats = field(default_factory=lambda: np.zeros((0, _COUNT, _COUNT)), repr=False)
+    shift: Floats = field(default_factory=lambda: np.zeros((0, _COUNT)), repr=False)
+    own: Floats = field(default_factory=lambda: np.zeros(0))
+    trend: Trend = field(default_factory=Trend, repr=False)
+
+    @classmethod
+    def of(cls, session: Session, white: Whitening, fits: Fits) -> Discrepancy:
+        """Collect it from the fits of a session."""
+        rows, information, shift, own = [], [], [], []
+        for row in np.flatnonzero(fits.settled):
+            whitener = white.each[row]
+            if isinstance(whitener, OfOutline):
+                seen = whitener.likelihood
+                whole = seen.whitened_displacement(displacement_modes(seen.pilot))
+                basis = np.linalg.qr(fits.slopes[row])[0]
+                left = whole - (whole @ basis) @ basis.T
+                rows.append(row)
+                information.append(left @ left.T)
+                shift.append(left @ fits.residuals[row])
+                own.append(_own_error(seen))
+        trend = Trend.of(session, fits)
+        if not rows:
+            return cls(trend=trend)
+        return cls(fits.theta[rows], np.array(information), np.array(shift), np.array(own), trend)
+
+    def __add__(self, other: Discrepancy) -> Discrepancy:
+        """Return that of the capsules of both."""
+        return Discrepancy(
+            np.concatenate([self.places, other.places]),
+            np.concatenate([self.information, other.information]),
+            np.concatenate([self.shift, other.shift]),
+            np.concatenate([self.own, other.own]),
+            self.trend + other.trend,
+        )
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence of something else relative to nothing: in the outlines, in the trend of G_s, or in both."""
+        trend = self.trend.evidence
+        if not len(self.places):
+            return trend
+        outlines = self.of_outlines
+        return float(logsumexp([outlines, trend, outlines + trend]) - np.log(3.0))
+
+    @property
+    def of_outlines(self) -> float:
+        """Log evidence of displaced outlines relative to the model's own error; zero without outlines."""
+        if not len(self.places):
+            return 0.0
+        own = float(np.mean(self.own**2))
+        with_it: list[float] = []
+        without: list[float] = []
+        for features in self._dependences():
+            information, shift = self._summed(features)
+            for length in _ARC:
+                spectrum = _spectrum(length)
+                for amplitude, camera in product(_AMPLITUDES, _CAMERA):
+                    variances = np.concatenate([(amplitude**2 + own) * spectrum, np.full(_CAMERA_MODES, camera**2)])
+                    found = _log_evidence(information, shift, np.tile(variances, features.shape[1]))
+                    (with_it if amplitude or camera else without).append(found)
+        return float(logsumexp(with_it) - np.log(len(with_it)) - logsumexp(without) + np.log(len(without)))
+
+    def _dependences(self) -> tuple[Floats, Floats]:
+        """Return features (n, r) of processes over the capsules: the same in all, and depending on ln Ca and a/l."""
+        same = np.ones((len(self.places), 1))
+        smooth = smooth_features(self.places, np.array(_PLACE))
+        return same, np.hstack([_SHARED**0.5 * same, (1.0 - _SHARED) ** 0.5 * smooth])
+
+    def _summed(self, features: Floats) -> tuple[Floats, Floats]:
+        """Return information (r q, r q) and shift (r q,) of the amplitudes of all modes along all features."""
+        size = features.shape[1] * _COUNT
+        information = np.einsum("na,nb,nij->aibj", features, features, self.information, optimize=True)
+        return information.reshape(size, size), (features.T @ self.shift).reshape(size)
+
+
+def _own_error(seen: OutlineLikelihood) -> float:
+    return 0.0 if seen.modes is None else float(np.sqrt(np.mean(np.sum(seen.modes**2, axis=0))))
+
+
+def _log_evidence(information: Floats, shift: Floats, variances: Floats) -> float:
+    """Return the log evidence of normal amplitudes of given variances relative to none."""
+    used = variances > 0.0
+    root = np.sqrt(variances[used])
+    if not used.any():
+        return 0.0
+    together = np.eye(len(root)) + root[:, None] * information[np.ix_(used, used)] * root
+    factor = np.linalg.cholesky(together)
+    explained = np.linalg.solve(factor, root * shift[used])
+    return float(0.5 * explained @ explained - np.sum(np.log(np.diag(factor))))

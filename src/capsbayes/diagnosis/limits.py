@@ -1,0 +1,87 @@
+"""Effects that could hide in a session: how large each may be without contradicting the capsules."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import PchipInterpolator
+
+from capsbayes.diagnosis.fits import Fits, fitted, whitening
+from capsbayes.diagnosis.scoring import Outcome, Scores
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.whitening import Whitening
+from capsbayes.effect import Effect, Unseen
+from capsbayes.model import ForwardModel
+
+TWO_SIGMA = 1.92
+"""Fall of the log likelihood at the ends of a 95 % interval."""
+
+_REACH = (0.001, 0.999)  # quantiles of the prior between which sizes are tried
+_FIRST = 16.0  # part of the prior's reach on one side, at which an effect is tried first
+_FURTHER = 2.0  # factor from one size to the next
+_ENOUGH = 8.0  # fall of the log likelihood, in that of an interval's end, beyond which no further size is tried
+
+
+def limit_scores(model: ForwardModel, candidates: Mapping[str, Effect], session: Session) -> dict[str, Scores]:
+    """Score effects on all capsules of a session at sizes from the null value on, as far as the capsules allow them.
+
+    Effects of which nothing is seen are omitted.
+    """
+    white = whitening(model, session)
+    without = fitted(model, session, white)
+    seen = {name: effect for name, effect in candidates.items() if not isinstance(effect, Unseen)}
+    return {name: _scored(model, effect, session, white, without) for name, effect in seen.items()}
+
+
+def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
+    """Return a row for each effect, that which could change G_s most first, indexed by the name of its parameter.
+
+    Columns: ``effect``; ``low`` and ``high`` [``unit``], the 95 % interval of its size; ``modulus_at_low`` and
+    ``modulus_at_high``, the median G_s with these sizes over that without the effect, NaN where no capsule has a shape;
+    ``unbounded``, whether the data allow the effect up to the end of its prior.
+    """
+    rows = {}
+    for name, found in scores.items():
+        low, high = found.interval(TWO_SIGMA)
+        known = np.isfinite(found.modulus)
+        if known.sum() < 2 or not known[found.null]:
+            continue
+        ratio = PchipInterpolator(found.sizes[known], found.modulus[known] / found.modulus[found.null])
+        least, most = (float(found.effect.prior.ppf(share)) for share in _REACH)
+        null = found.effect.null_value
+        rows[name] = {
+            "effect": found.effect.name,
+            "low": low,
+            "high": high,
+            "unit": found.effect.parameter.unit,
+            "modulus_at_low": float(ratio(low)),
+            "modulus_at_high": float(ratio(high)),
+            "unbounded": bool(low <= least < null or high >= most > null),
+        }
+    table = pd.DataFrame.from_dict(rows, orient="index")
+    if table.empty:
+        return table
+    change = np.abs(np.log(table[["modulus_at_low", "modulus_at_high"]])).max(axis=1)
+    return table.loc[change.sort_values(ascending=False).index]
+
+
+def _scored(model: ForwardModel, effect: Effect, session: Session, white: Whitening, without: Fits) -> Scores:
+    null = effect.null_value
+    found = {null: Outcome.of(without)}
+    for end in (float(effect.prior.ppf(share)) for share in _REACH):
+        start, share = without.theta, 1.0 / _FIRST
+        while share <= 1.0 and end != null:
+            size = null + share * (end - null)
+            fits = fitted(model + effect, session, white, {effect.parameter.name: size}, start, everywhere=False)
+            found[size] = Outcome.of(fits)
+            start = np.where(fits.settled[:, None], fits.theta, start)
+            best = max(outcome.log_likelihood.sum() for outcome in found.values())
+            if found[size].log_likelihood.sum() < best - _ENOUGH * TWO_SIGMA:
+                break
+            share *= _FURTHER
+    sizes = np.array(sorted(found))
+    outcomes = [found[size] for size in sizes]
+    likelihoods = np.array([outcome.log_likelihood for outcome in outcomes])
+    return Scores(effect, sizes, likelihoods, np.zeros(len(sizes)), np.array([outcome.modulus for outcome in outcomes]))

@@ -1,0 +1,68 @@
+"""Intervals by the scatter of capsules, sizes that could hide, and G_s with all that is not known of it."""
+
+import numpy as np
+import pytest
+from sessions import drawn_session
+
+from capsbayes import Surrogate
+from capsbayes.diagnosis.limits import TWO_SIGMA, limit_scores, limits_table
+from capsbayes.diagnosis.scoring import Scores
+from capsbayes.diagnosis.session_modulus import session_modulus
+from capsbayes.effects import Halo, PixelScale, ViscosityError
+
+SIZES = np.linspace(-0.05, 0.05, 401)
+
+
+def scores_of(estimates, error, modulus_slope=0.0, own_error=0.0):
+    """Scores of capsules (n,), each of which estimates the size with the same stated error."""
+    each = -0.5 * ((SIZES[:, None] - estimates) / error) ** 2
+    nothing = np.zeros(len(SIZES))
+    return Scores(PixelScale(), SIZES, each, nothing, 0.05 * np.exp(modulus_slope * SIZES), own_error)
+
+
+def test_the_interval_is_that_of_the_scatter_where_it_exceeds_the_stated_error():
+    """For a mean of n estimates the sandwich variance is their sample variance over n."""
+    estimates = 0.01 + 0.02 * np.random.default_rng(2).standard_normal(40)
+    estimates += 0.01 - estimates.mean()
+    scores = scores_of(estimates, 0.005)
+    low, high = scores.interval()
+    due = estimates.std(ddof=1) / np.sqrt(40)
+    assert scores.sandwich == pytest.approx((due / (0.005 / np.sqrt(40))) ** 2, rel=1e-6)
+    assert 0.5 * (high - low) == pytest.approx(due, rel=0.1)
+    stated = scores_of(estimates, 0.1)
+    assert stated.sandwich == 1.0
+    assert stated.interval() == pytest.approx(stated.profile_interval())
+
+
+def test_the_models_own_error_does_not_average_away():
+    scores = scores_of(np.full(4000, 0.01), 0.05, own_error=0.01)
+    low, high = scores.interval(TWO_SIGMA)
+    assert 0.5 * (high - low) == pytest.approx(1.96 * 0.01, rel=0.05)
+
+
+def test_the_session_modulus_holds_size_effect_and_viscosity():
+    apparent = np.full(20, 0.05)
+    certain = session_modulus([(1.0, ())], apparent, 0.0, 1)
+    assert (certain.low, certain.median, certain.high) == pytest.approx((0.05, 0.05, 0.05))
+    viscous = session_modulus([(1.0, ())], apparent, 0.1, 1)
+    assert np.log(viscous.high / viscous.low) == pytest.approx(2.0 * 1.96 * 0.1, rel=0.1)
+    scores = scores_of(np.full(20, 0.02), 0.02, modulus_slope=-20.0)
+    with_effect = session_modulus([(1.0, (scores,))], apparent, 0.0, 1)
+    assert with_effect.median == pytest.approx(0.05 * np.exp(-20.0 * 0.02), rel=0.02)
+    either = session_modulus([(1.0, (scores,)), (1.0, ())], apparent, 0.0, 1)
+    assert either.low < 1.05 * with_effect.low
+    assert either.high == pytest.approx(0.05)
+    assert np.isnan(session_modulus([(1.0, ())], np.full(3, np.nan), 0.0, 1).median)
+
+
+def test_what_could_hide_is_limited_by_the_capsules():
+    model = Surrogate.open("square-neo-hookean")
+    session, _ = drawn_session(model, 14, seed=4, outline=True)
+    found = limits_table(
+        limit_scores(model, {each.parameter.name: each for each in (Halo(), ViscosityError())}, session)
+    )
+    assert list(found.index) == ["halo"]
+    low, high = found.loc["halo", "low"], found.loc["halo", "high"]
+    assert -5e-7 < low < 0.0 < high < 5e-7
+    assert found.loc["halo", "modulus_at_low"] > 1.0 > found.loc["halo", "modulus_at_high"]
+    assert not found.loc["halo", "unbounded"]
