@@ -20,6 +20,7 @@ from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.motion import smeared
 from capsbayes.image.silhouette import silhouette_of
+from capsbayes.image.smoothing import edge_shift
 from capsbayes.image.straightened import straightened_lengths, straightened_silhouette
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
@@ -87,10 +88,11 @@ def _detect(picture: Picture, background: Picture | None, walls: WallLines, dire
     empty = estimate_background(picture.grey, walls) if background is None else background.grey
     light = transmission(picture.grey, empty)
     noise = pixel_noise(light[between.any(axis=1)])
-    blobs = [blob for blob in find_blobs(light, walls, noise) if blob.status is not Status.DEBRIS]
+    found = find_blobs(light, walls, noise)
+    blobs = [blob for blob in found if blob.status is not Status.DEBRIS]
     if len(blobs) != 1:
         return Detection(Status.SEVERAL_CAPSULES if blobs else Status.NO_CAPSULE, walls)
-    return analyse_blob(light, noise, walls, blobs[0], direction)
+    return analyse_blob(light, noise, walls, blobs[0], direction, edge_shift(light, walls, found))
 
 
 def measure(
