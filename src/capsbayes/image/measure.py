@@ -22,6 +22,7 @@ from capsbayes.image.motion import smeared
 from capsbayes.image.silhouette import silhouette_of
 from capsbayes.image.smoothing import edge_shift
 from capsbayes.image.straightened import straightened_lengths, straightened_silhouette
+from capsbayes.image.wall_bands import compared_with_bands
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
@@ -74,9 +75,12 @@ def detect(
     empty = None if background is None else background.cut(part)
     seen = picture.cut(part)
     contrast = Contrast.of([seen.grey], None if empty is None else empty.grey, stated, by_hand.contrast)
-    if contrast.walls is None:
+    if (walls := contrast.walls) is None:
         return Detection(Status.NO_WALLS)
-    found = _detect(contrast.shown(seen), empty and contrast.shown(empty), contrast.walls, direction)
+    shown, ground = contrast.shown(seen), empty and contrast.shown(empty)
+    if stated is not None:
+        walls = compared_with_bands(walls, (ground or shown).grey)
+    found = _detect(shown, ground, walls, direction)
     return found.moved(columns.start, rows.start)
 
 
@@ -163,6 +167,7 @@ def measurement_of(
         replace(experiment, camera=None),
         status=status,
         walls=detection.walls.stated if detection.walls else "",
+        doubt=detection.walls.doubt if detection.walls else "",
         source=picture.source,
         sha256=picture.sha256,
     )
@@ -177,6 +182,7 @@ def measurement_of_lengths(
     *,
     status: Status = Status.DONE,
     walls: str = "",
+    doubt: str = "",
     source: str = "",
     sha256: str = "",
 ) -> Measurement:
@@ -192,7 +198,7 @@ def measurement_of_lengths(
     experiment : Experiment
     status : Status
         Unless it is ``DONE``, the measurement is refused.
-    walls, source, sha256
+    walls, doubt, source, sha256
         As in `Measurement`.
 
     Raises
@@ -218,6 +224,7 @@ def measurement_of_lengths(
         capsule_velocity=None if capsule_velocity is None else capsule_velocity.value,
         capsule_velocity_error=np.nan if capsule_velocity is None else capsule_velocity.error,
         walls=walls,
+        doubt=doubt,
         source=source,
         sha256=sha256,
         experiment_file=file,

@@ -26,6 +26,7 @@ from capsbayes.image.film_capsule import FilmCapsule, FrameRecord
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture
 from capsbayes.image.smoothing import edge_shift
 from capsbayes.image.tracking import Linker, Track
+from capsbayes.image.wall_bands import compared_with_bands
 from capsbayes.image.walls import WallLines
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
@@ -230,6 +231,8 @@ def _view(
     walls = contrast.walls
     if walls is None:
         return Status.NO_WALLS
+    if stated is not None:
+        walls = compared_with_bands(walls, empty)
     if not given:
         light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
         if find_blobs(light, walls, pixel_noise(light)):

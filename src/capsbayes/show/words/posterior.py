@@ -97,6 +97,8 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
         yield "The length on the axis L_a was not seen; its information is missing from the intervals."
     if posterior.measurement.walls:
         yield f"The half width in px is that of {posterior.measurement.walls}."
+    if posterior.measurement.doubt:
+        yield posterior.measurement.doubt
     stretch = posterior.marginals["stretch_ratio"]
     if stretch.median < _LEAST_STRETCH:
         yield (
