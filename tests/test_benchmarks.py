@@ -126,6 +126,17 @@ def test_the_table_of_conditions_is_that_of_the_last_run_of_all_conditions():
     assert conditions.BEGIN + conditions.table(done) + conditions.END in conditions.PAGE.read_text()
 
 
+def test_the_tables_of_silhouettes_are_those_of_the_last_run():
+    import silhouettes
+
+    done, page = json.loads(silhouettes.STORED.read_text()), silhouettes.PAGE.read_text()
+    assert list(done) == list(silhouettes.SETS)
+    tables = silhouettes.coverage_table(done), silhouettes.width_table(done)
+    for (begin, end), table in zip(silhouettes.MARKS, tables, strict=True):
+        assert begin + table + end in page
+        assert not NONE.search(table)
+
+
 def test_the_table_of_the_silhouettes_of_films_is_that_of_the_last_run():
     import film_silhouettes
 

@@ -69,7 +69,8 @@ def line_levels(grey: Floats, walls: WallLines, percentile: float) -> tuple[Floa
         grey, turn, (columns, rows), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
     )
     seen = np.isfinite(level).sum(axis=1) > columns // 2
-    return np.nanpercentile(level[seen], percentile, axis=1), np.flatnonzero(seen) - walls.centre_row
+    levels: Floats = np.nanpercentile(level[seen], percentile, axis=1)
+    return levels, np.flatnonzero(seen) - walls.centre_row
 
 
 def flatten(light: Floats, walls: WallLines) -> Floats:

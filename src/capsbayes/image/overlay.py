@@ -81,12 +81,12 @@ def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
     middle = np.array([walls.centre_column, walls.centre_row])
     reach = 0.6 * columns
     dash, gap = _DASHES if walls.stated else (2.0 * reach, 0.0)
-    lines = [(-1.0, dash, gap), (1.0, dash, gap), *([(0.0, *_DOTS)] if walls.stated else [])]
-    drawn_lines = [(side * walls.half_width, *dashes, WALL) for side, *dashes in lines]
+    wall = walls.half_width
+    lines = [(-wall, dash, gap, WALL), (wall, dash, gap, WALL), *([(0.0, *_DOTS, WALL)] if walls.stated else [])]
     for side, off in zip((-1.0, 1.0), walls.off_band, strict=True):
         if off:
-            drawn_lines.append((side * (walls.half_width - off), *_DASHES, REAR))
-    for place, drawn, skipped, colour in drawn_lines:
+            lines.append((side * (wall - off), *_DASHES, REAR))
+    for place, drawn, skipped, colour in lines:
         start = middle + place * walls.across
         for first in np.arange(-reach, reach, drawn + skipped):
             canvas.line([start + end * walls.along for end in (first, first + drawn)], colour)

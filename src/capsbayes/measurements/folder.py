@@ -88,9 +88,13 @@ def is_recording(file: Path) -> bool:
     suffix = file.suffix.lower()
     if suffix not in (".tif", ".tiff"):
         return suffix in (*VIDEOS, ".rtdc") and file.is_file()
-    from capsbayes.image.files.film import is_film  # OpenCV takes its time
+    import PIL.Image
 
-    return is_film(file)
+    try:
+        with PIL.Image.open(file) as picture:
+            return getattr(picture, "n_frames", 1) > 1
+    except (OSError, ValueError, SyntaxError):  # not a picture: said when it is read
+        return False
 
 
 def _is_experiment(file: Path) -> bool:
