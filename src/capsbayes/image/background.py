@@ -70,7 +70,7 @@ def line_levels(grey: Floats, walls: WallLines, percentile: float) -> tuple[Floa
     )
     seen = np.isfinite(level).sum(axis=1) > columns // 2
     levels: Floats = np.nanpercentile(level[seen], percentile, axis=1)
-    return levels, np.flatnonzero(seen) - walls.centre_row
+    return levels, (np.flatnonzero(seen) - walls.centre_row).astype(np.float64)
 
 
 def flatten(light: Floats, walls: WallLines) -> Floats:
