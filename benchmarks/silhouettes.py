@@ -102,7 +102,7 @@ def _numbers(tally: Tally) -> dict[str, Any]:
         "omitted": sorted(tally.failed),
         "residual": float(np.sqrt(square)),
         "stated": float(np.sqrt(stated)),
-        "correlation": [float(neighbours / square), float(expected / stated**2)],
+        "correlation": [float(neighbours / square), float(expected / stated)],
         "white": float(white),
         "waves": {f"{level:.0%}": float(np.mean(waves < limit)) for level, limit in LEVELS.items()},
     }
