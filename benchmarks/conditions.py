@@ -1,13 +1,15 @@
 """Lengths and silhouettes measured under the faults of a recording: ``python benchmarks/conditions.py [COUNT]``.
 
 The same simulated capsules, 60 px to l, are drawn under each condition by ``benchmarks/camera.py``, which shares no
-code with what measures them. For each condition the table gives how many were measured or refused; of L_z and L_a
+code with what measures them. Capsules 0 to 99 are those on which limits and errors were set (``--first 0``); those
+counted follow. For each condition the table gives how many were measured or refused; of L_z and L_a
 bias, scatter, stated error, and the shares of the 68 and 95 % intervals that hold the truth; and the misfit of the
 silhouette about the true one, the mean square of its residuals over the stated covariance, 1 if that is right: median
 and 90 % quantile.
 
 ``--write`` renews ``docs/data/conditions.json`` and the table in ``docs/measuring.md``; ``--overlays FOLDER`` draws one
-measured picture of each condition.
+measured picture of each condition; ``--keep FILE`` keeps what was measured of each capsule, so that an interrupted run
+goes on there.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -40,6 +42,7 @@ ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "conditions.json", ROOT / "docs" / "measuring.md"
 BEGIN, END = "<!-- conditions -->\n", "<!-- end of conditions -->\n"
 HALF_WIDTH = 60.0  # px
+FRESH = 100  # number of the first capsule on which nothing was set
 LEVELS = {0.68: 0.99446, 0.95: 1.95996}
 HEAD = ("condition", "measured", "refused", "L_z: bias, px", "scatter", "error", "in 68 %", "in 95 %")
 HEAD = (*HEAD, "L_a: n", "bias, px", "in 68 %", "in 95 %", "misfit")
@@ -222,23 +225,33 @@ def _cells(numbers: dict[str, Any]) -> list[str]:
     return [*cells, f"{misfit['median']:.2g} ({misfit['90 %']:.2g})" if misfit else ""]
 
 
-def run(count: int, names: list[str], folder: Path | None) -> dict[str, Any]:
+def run(numbers: range, names: list[str], folder: Path | None, keep: Path | None) -> dict[str, Any]:
     """Draw and measure all pictures, and return the numbers of each condition."""
     cases = Database.open("square-neo-hookean").converged
-    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
-    for number in track(range(count), description="capsules", transient=True):
-        for name, shot in taken(cases, number, names):
-            seen = measured(shot)
-            rows[name].append(row(shot, seen))
-            if folder is not None:
-                path = folder / f"{name.replace(' ', '-').replace(',', '').replace('%', 'percent')}-{number}.png"
-                cv2.imwrite(str(path), overlay(Picture.from_array(shot.picture), seen))
-    return {name: summary(made) for name, made in rows.items()}
+    done: dict[str, dict[str, Any]] = json.loads(keep.read_text()) if keep is not None and keep.exists() else {}
+    for number in track(numbers, description="capsules", transient=True):
+        if str(number) not in done:
+            done[str(number)] = dict(_rows(cases, number, names, folder))
+            if keep is not None:
+                keep.write_text(json.dumps(done) + "\n")
+    return {name: summary([done[str(number)][name] for number in numbers]) for name in names}
+
+
+def _rows(cases: Database, number: int, names: list[str], folder: Path | None) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield what was measured of a capsule under each condition; draw it if there is a folder."""
+    for name, shot in taken(cases, number, names):
+        seen = measured(shot)
+        yield name, row(shot, seen)
+        if folder is not None:
+            path = folder / f"{name.replace(' ', '-').replace(',', '').replace('%', 'percent')}-{number}.png"
+            cv2.imwrite(str(path), overlay(Picture.from_array(shot.picture), seen))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", nargs="?", type=int, default=10, help="number of capsules (default: 10)")
+    parser.add_argument("--first", type=int, default=FRESH, help=f"number of the first (default: {FRESH})")
+    parser.add_argument("--keep", type=Path, help="file of what was measured, from which an interrupted run goes on")
     parser.add_argument("--only", default="", help="conditions whose name contains this")
     parser.add_argument("--overlays", type=Path, help="folder for a drawing of each picture with what was detected")
     parser.add_argument("--write", action="store_true", help="renew the stored numbers and the page")
@@ -247,7 +260,7 @@ def main() -> None:
     with threadpool_limits(limits=1):
         if asked.overlays is not None:
             asked.overlays.mkdir(parents=True, exist_ok=True)
-        made = run(asked.count, names, asked.overlays)
+        made = run(range(asked.first, asked.first + asked.count), names, asked.overlays, asked.keep)
     print(table(made))
     if asked.write:
         STORED.write_text(json.dumps(made, indent=1) + "\n")

@@ -4,22 +4,24 @@ Run ``python benchmarks/silhouettes.py [CAPSULES]``. The pictures are those of `
 capsules, each of which is omitted from the surrogate that identifies it; those at the border of the database, beyond
 which no interval can reach, are not drawn. The first table gives the normal residuals of the measured silhouettes about
 the true ones; the second the shares of the intervals of Ca and a/l that contain the truth, and their widths compared
-with those from the lengths of the same pictures. An interrupt ends the run and prints the results so far.
+with those from the lengths of the same pictures. An interrupt ends the run and prints the results so far; ``--write``
+renews ``docs/data/silhouettes.json`` and the tables in ``docs/measuring.md``.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 from pictures import scenery
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Experiment, MeasuredOutline, Measurement, Surrogate
@@ -32,7 +34,17 @@ from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
 
-SETS = {"sharp, 0.5 to 1 px": (0.5, 1.0), "blurred, 2 px": (1.95, 2.05)}
+ROOT = Path(__file__).parents[1]
+STORED, PAGE = ROOT / "docs" / "data" / "silhouettes.json", ROOT / "docs" / "measuring.md"
+MARKS = (
+    ("<!-- silhouettes -->\n", "<!-- end of silhouettes -->\n"),
+    ("<!-- widths -->\n", "<!-- end of widths -->\n"),
+)
+SETS = {"0.5 to 1 px": (0.5, 1.0), "2 px": (1.95, 2.05)}
+LEVELS = {0.68: 0.99446, 0.95: 1.95996}
+COVERAGE = ("blur", "n", "residual, l", "stated, l", "whitened square", "slow waves in 68 %, 95 %")
+COVERAGE = (*COVERAGE, "Ca in 68 %, 95 %", "a/l in 68 %, 95 %")
+WIDTHS = ("rear", "blur", "n", "ln Ca", "from lengths", "a/l", "from lengths")
 FLOW, EXPERIMENT = 4e-3, Experiment(cross_section="square", half_width=50e-6, viscosity=0.7)
 NAMES = ("capillary_number", "size_ratio")
 MODES = 7  # waves along the outline; the first is a shift of it, which is a nuisance
@@ -77,54 +89,71 @@ def weigh(engine: Quadrature, measurement: Measurement, truth: tuple[float, floa
     tally.widths[measurement.axial_length is not None].append([*widths[0], *widths[1]])
 
 
-def noise_table(tallies: dict[str, Tally]) -> Table:
-    headings = (
-        "blur",
-        "n",
-        "scatter l",
-        "stated",
-        "correlation",
-        "stated",
-        "white square",
-        "waves in 68 %",
-    )
-    table = Table(*headings, "in 95 %", title="residuals of measured silhouettes")
-    for name, tally in tallies.items():
-        square, stated, neighbours, expected, white = np.mean(tally.residuals, axis=0)
-        waves = np.abs(np.array(tally.waves))
-        within = [f"{np.mean(waves < limit):.0%}" for limit in (0.99446, 1.95996)]
-        sizes = [f"{np.sqrt(square):.5f}", f"{np.sqrt(stated):.5f}", f"{neighbours / square:.2f}"]
-        table.add_row(name, str(len(waves)), *sizes, f"{expected / stated:.2f}", f"{white:.2f}", *within)
-    return table
+def summary(tallies: dict[str, Tally]) -> dict[str, Any]:
+    """Return the numbers of each set of pictures."""
+    return {name: _numbers(tally) for name, tally in tallies.items() if tally.residuals}
 
 
-def coverage_table(tallies: dict[str, Tally]) -> Table:
-    table = Table("blur", "from", "n", "68 %: Ca, a/l", "95 %: Ca, a/l", title="intervals that hold the truth")
-    for name, tally in tallies.items():
-        for data, below in tally.ranks.items():
-            away = np.abs(np.array(below) - 0.5)
-            shares = [np.mean(away < level / 2, axis=0) for level in (0.68, 0.95)]
-            table.add_row(name, data, str(len(away)), *(f"{ca:.0%}, {size:.0%}" for ca, size in shares))
-    return table
+def _numbers(tally: Tally) -> dict[str, Any]:
+    square, stated, neighbours, expected, white = np.mean(tally.residuals, axis=0)
+    waves = np.abs(np.array(tally.waves))
+    made: dict[str, Any] = {
+        "n": len(waves),
+        "omitted": sorted(tally.failed),
+        "residual": float(np.sqrt(square)),
+        "stated": float(np.sqrt(stated)),
+        "correlation": [float(neighbours / square), float(expected / stated)],
+        "white": float(white),
+        "waves": {f"{level:.0%}": float(np.mean(waves < limit)) for level, limit in LEVELS.items()},
+    }
+    for data, below in tally.ranks.items():
+        away = 2.0 * np.abs(np.array(below) - 0.5)
+        made[data] = {f"{level:.0%}": np.mean(away < level, axis=0).tolist() for level in LEVELS} | {"n": len(away)}
+    made["widths"] = {
+        "seen" if seen else "not seen": {"n": len(widths), "medians": np.median(np.array(widths), axis=0).tolist()}
+        for seen, widths in tally.widths.items()
+        if widths
+    }
+    return made
 
 
-def width_table(tallies: dict[str, Tally]) -> Table:
-    headings = ("blur", "rear", "n", "sd of ln Ca", "of a/l", "from lengths", "of a/l", "times narrower", "of a/l")
-    table = Table(*headings, title="medians of the posteriors' widths")
-    for name, tally in tallies.items():
-        for seen, widths in tally.widths.items():
-            if widths:
-                every = np.array(widths)
-                ratio = np.median(every[:, 2:] / every[:, :2], axis=0)
-                cells = [*(f"{sd:.4f}" for sd in np.median(every, axis=0)), *(f"{one:.1f}" for one in ratio)]
-                table.add_row(name, "seen" if seen else "not seen", str(len(every)), *cells)
-    return table
+def coverage_table(stored: dict[str, Any]) -> str:
+    """Return the table of residuals and of intervals that hold the truth, in Markdown."""
+    lines = [f"| {' | '.join(COVERAGE)} |", f"|{'---|' * len(COVERAGE)}"]
+    for name, found in stored.items():
+        numbers = [f"{found['residual']:.4f}", f"{found['stated']:.4f}", f"{found['white']:.2f}"]
+        waves = ", ".join(f"{share:.0%}" for share in found["waves"].values())
+        lines.append(f"| {' | '.join((name, str(found['n']), *numbers, waves, *_shares(found['silhouette'])))} |")
+    count = sum(found["lengths"]["n"] for found in stored.values())
+    lengths = {
+        level: (sum(found["lengths"]["n"] * np.array(found["lengths"][level]) for found in stored.values()) / count)
+        for level in (f"{level:.0%}" for level in LEVELS)
+    }
+    return "\n".join([*lines, f"| from L_z and L_a alone | {count} | | | | | {' | '.join(_shares(lengths))} |"]) + "\n"
+
+
+def _shares(found: dict[str, Any]) -> list[str]:
+    return [", ".join(f"{found[f'{level:.0%}'][column]:.0%}" for level in LEVELS) for column in (0, 1)]
+
+
+def width_table(stored: dict[str, Any]) -> str:
+    """Return the table of the median standard deviations, in Markdown."""
+    lines = [f"| {' | '.join(WIDTHS)} |", f"|{'---|' * len(WIDTHS)}"]
+    for rear in ("seen", "not seen"):
+        for name, found in stored.items():
+            if rear in found["widths"]:
+                widths = found["widths"][rear]
+                ca, size, ca_by_lengths, size_by_lengths = widths["medians"]
+                numbers = (f"{ca:.3f}", f"{ca_by_lengths:.2g}", f"{size:.4f}", f"{size_by_lengths:.2g}")
+                lines.append(f"| {' | '.join((rear, name, str(widths['n']), *numbers))} |")
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", nargs="?", type=int, default=60, help="number of capsules (default: 60)")
     parser.add_argument("--seed", type=int, default=2024)
+    parser.add_argument("--write", action="store_true", help="renew the stored numbers and the page")
     asked = parser.parse_args()
     cases, random = Database.open("square-neo-hookean").converged, np.random.default_rng(asked.seed)
     tallies = {name: Tally() for name in SETS}
@@ -132,11 +161,17 @@ def main() -> None:
         for number in track(range(asked.count), description="capsules", transient=True):
             name = list(SETS)[number % len(SETS)]
             one(cases, SETS[name], random, tallies[name])
-    console = Console(width=130)
-    for table in (noise_table, coverage_table, width_table):
-        console.print(table(tallies))
+    made = summary(tallies)
+    print(coverage_table(made), width_table(made), sep="\n")
     for name, tally in tallies.items():
-        console.print(f"{name}: {len(tally.failed)} left out: {', '.join(sorted(tally.failed)) or 'none'}")
+        print(f"{name}: {len(tally.failed)} omitted: {', '.join(sorted(tally.failed)) or 'none'}")
+    if asked.write:
+        STORED.write_text(json.dumps(made, indent=1) + "\n")
+        page = PAGE.read_text()
+        for (begin, end), text in zip(MARKS, (coverage_table(made), width_table(made)), strict=True):
+            before, _, rest = page.partition(begin)
+            page = before + begin + text + end + rest.partition(end)[2]
+        PAGE.write_text(page)
 
 
 def without_one(cases: Database, random: np.random.Generator) -> tuple[Database, Surrogate]:

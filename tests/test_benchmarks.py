@@ -126,6 +126,22 @@ def test_the_table_of_conditions_is_that_of_the_last_run_of_all_conditions():
     assert conditions.BEGIN + conditions.table(done) + conditions.END in conditions.PAGE.read_text()
 
 
+def test_the_tables_of_silhouettes_have_a_number_in_each_cell_and_a_place_on_the_page():
+    import silhouettes
+
+    tally, page = silhouettes.Tally(), silhouettes.PAGE.read_text()
+    tally.residuals, tally.waves = [[4e-6, 4e-6, 1e-6, 2e-6, 0.9]] * 4, [np.array([0.5, 1.5])] * 4
+    tally.ranks = {"silhouette": [[0.5, 0.9]] * 4, "lengths": [[0.5, 0.99]] * 4}
+    tally.widths[False] = [[0.01, 0.001, 1.0, 0.03]] * 4
+    made = silhouettes.summary({"2 px": tally, "0.5 to 1 px": silhouettes.Tally()})
+    coverage, widths = silhouettes.coverage_table(made), silhouettes.width_table(made)
+    first = "| 2 px | 4 | 0.0020 | 0.0020 | 0.90 | 50%, 100% | 100%, 100% | 0%, 100% |"
+    assert coverage.splitlines()[2:] == [first, "| from L_z and L_a alone | 4 | | | | | 100%, 100% | 0%, 0% |"]
+    assert widths.splitlines()[2] == "| not seen | 2 px | 4 | 0.010 | 1 | 0.0010 | 0.03 |"
+    for begin, end in silhouettes.MARKS:
+        assert page.count(begin) == page.count(end) == 1
+
+
 def test_the_table_of_the_silhouettes_of_films_is_that_of_the_last_run():
     import film_silhouettes
 

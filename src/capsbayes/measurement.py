@@ -67,6 +67,8 @@ class Measurement(Readable):
         measurement file states them by the experiment that it names.
     walls : str
         How the walls, and with them l in pixels, were stated by hand; empty where they were found in the picture.
+    doubt : str
+        What is doubtful about the walls, a sentence; empty if nothing.
 
     Raises
     ------
@@ -103,6 +105,7 @@ class Measurement(Readable):
     flow_rate_error: float | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)
     walls: str = ""
+    doubt: str = ""
 
     def __post_init__(self) -> None:
         if not self.status.ok:
@@ -176,8 +179,8 @@ class Measurement(Readable):
         path : path
             File with a table ``[measurement]``: ``axial_extent``,
             ``capsule_velocity`` unless the experiment states a viscous tension, and optionally ``axial_length`` and
-            ``length_correlation``, or ``axial_length_bound``, ``flow_rate`` and ``walls``. It may name its experiment
-            file (``experiment = "..."``, relative to itself) and state a ``[prior]``, which
+            ``length_correlation``, or ``axial_length_bound``, ``flow_rate``, ``walls`` and ``doubt``. It may name its
+            experiment file (``experiment = "..."``, relative to itself) and state a ``[prior]``, which
             `capsbayes.infer.Prior.read` reads, a ``[membrane]``, which `capsbayes.infer.Membrane.read` reads, and an
             ``[outline]``, which `MeasuredOutline.read` reads.
 
@@ -207,6 +210,7 @@ class Measurement(Readable):
                 "axial_length_bound": unread,
                 "flow_rate": quantity("flow_rate"),
                 "walls": _text,
+                "doubt": _text,
             },
         )
         if "axial_length" in table:
@@ -251,8 +255,9 @@ class Measurement(Readable):
         if self.flow_rate is not None:
             error = f" +/- {float(self.flow_rate_error)!r}" if self.flow_rate_error else ""
             lines.append(f'flow_rate = "{float(self.flow_rate)!r}{error} m^3/s"')
-        if self.walls:
-            lines.append(f"walls = {json.dumps(self.walls)}")
+        for name, text in {"walls": self.walls, "doubt": self.doubt}.items():
+            if text:
+                lines.append(f"{name} = {json.dumps(text)}")
         with together():
             if self.outline is not None:
                 lines += ["", *self.outline.write(Path(path).with_suffix(".outline.csv"))]
@@ -269,7 +274,7 @@ class Measurement(Readable):
             found["flow_rate"] = Quantity(self.flow_rate, self.flow_rate_error or 0.0, "m^3/s").shown("flow_rate")
         if self.outline is not None:
             found["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
-        stated = {"walls": self.walls, "source": self.source}
+        stated = {"walls": self.walls, "doubt": self.doubt, "source": self.source}
         return found | {name: text for name, text in stated.items() if text}
 
     @property

@@ -359,6 +359,7 @@ OF_TEXT = {
     ("identify", "--prior"): ("x", "pre_inflation=", "pre_inflation=nan .. 1", "surface_shear_modulus=1"),
     ("identify", "--engine"): ("magic",),
     ("identify", "--database"): ("none", "../database.nc"),
+    ("batch", "--walls"): ("", "x", "10, 70"),
     ("batch", "--scheduler"): ("tcp://127.0.0.1:1", "x"),
     ("population", "--velocity-error"): ("x", "-1 %", "nan", "200 %", "inf"),
     ("diagnose", "--candidates"): ("x", "halo,,x", ","),

@@ -131,6 +131,7 @@ def test_the_rate_of_a_film_may_stand_in_the_experiment(filmed):
         ("cells.rtdc", ("--edge-error", "0.1 um")),
         ("cells.rtdc", ("--walls", "10, 70")),
         ("points.csv", ("--crop", "0, 0, 50, 50")),
+        ("points.csv", ("--contrast", "bright")),
     ],
 )
 def test_an_option_of_another_kind_of_input_is_refused(filmed, name, option):
@@ -148,3 +149,8 @@ def test_a_contour_becomes_a_file_that_identify_reads(folder):
     measured = Measurement.read(folder / "m" / "measurement.toml")
     assert measured.axial_extent == pytest.approx(0.45e-6 / 25e-6 * made.axial_extent, rel=1e-3)
     assert measured.outline.view == "silhouette"
+    walls = ("--walls", "44.5, 154.5", "--wall-error", "0.5 px", "--flow", "right")
+    assert run(folder, "c.csv", *VELOCITY, *walls, "--out", str(folder / "w")).exit_code == 0
+    by_walls = Measurement.read(folder / "w" / "measurement.toml")
+    assert by_walls.walls == "walls by hand at rows 44.5, 154.5 px, each +/- 0.5 px"
+    assert by_walls.axial_extent == pytest.approx(made.axial_extent / 55.0, rel=1e-3)

@@ -216,3 +216,31 @@ def test_a_contour_in_micrometres_needs_the_error_of_its_edge(tmp_path):
     (tmp_path / "c.json").write_bytes(labelme(clicked()))
     with pytest.raises(InputError, match=r"unit: expected px, in which a .json file is"):
         ContourFile.read(tmp_path / "c.json", "um")
+
+
+def test_walls_give_the_scale_of_a_contour_in_pixels(tmp_path):
+    """l is half the distance of the walls: the error of the half width in metres is none of the lengths over l."""
+    profile, extent, length = parachute()
+    path = written(tmp_path / "c.csv", 50.0 * np.asarray(profile) + [200.3, 80.7])
+    by_size = measured(path)
+    found = measured(path, pixel_size=None, walls="30.7, 130.7", wall_error="0.2 px")
+    np.testing.assert_allclose(found.lengths, [extent, length], atol=1e-4)
+    own = by_size.axial_extent_error**2 - (0.002 / 0.5 * extent) ** 2
+    assert found.axial_extent_error == pytest.approx(np.sqrt(own + (0.2 / np.sqrt(2.0) / 50.0 * extent) ** 2), rel=1e-3)
+    assert found.walls == "walls by hand at rows 30.7, 130.7 px, each +/- 0.2 px"
+    assert found.outline.pose.offset > 0.0
+
+
+@pytest.mark.parametrize(
+    ("header", "given", "message"),
+    [
+        ("x_px,y_px", {"walls": "60, 130.7"}, "walls: expected one wall on either side of the contour, whose rows are"),
+        ("x_px,y_px", {"walls": "30 31, 130 131"}, "walls: expected two rows: a contour does not tell the borders"),
+        ("x_um,y_um", {"walls": "30.7, 130.7"}, "walls: expected a contour in pixels, as the walls are, got"),
+        ("x_px,y_px", {"walls": "30.7"}, "walls: expected the rows of two walls in px"),
+    ],
+)
+def test_walls_that_do_not_suit_a_contour_are_refused(tmp_path, header, given, message):
+    path = written(tmp_path / "c.csv", 40.0 * circle(1.0) + [200.3, 80.7], header)
+    with pytest.raises(InputError, match=message):
+        measured(path, pixel_size=None, **given)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from capsbayes.cli.options import (
+    BY_HAND,
     AsJson,
     Background,
     ExperimentFile,
@@ -18,9 +19,11 @@ from capsbayes.cli.options import (
     Seed,
     Velocity,
     Workers,
+    by_hand_of,
     named_model,
     prior_texts,
     speed_of,
+    with_options_of,
 )
 from capsbayes.cli.output import model_words, print_json
 from capsbayes.cli.paths import Reads, Writes
@@ -33,6 +36,7 @@ if TYPE_CHECKING:
 _SHOWN = ("median", "lower_quartile", "upper_quartile", "error", "unit")
 
 
+@with_options_of(by_hand_of, "by_hand")
 def batch(
     capsules: Annotated[
         Path,
@@ -52,6 +56,7 @@ def batch(
     velocity: Velocity = None,
     background: Background = None,
     flow: Flow = None,
+    by_hand: Any = None,
     seed: Seed = 1,
     check: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Share of the capsules that are sampled with emcee as well.")
@@ -76,7 +81,8 @@ def batch(
     from capsbayes.infer.many import identify_folder
     from capsbayes.infer.many.listing import cross_section_and_view
 
-    for option, given in {"--velocity": velocity, "--background": background, "--flow": flow}.items():
+    stated = {option: by_hand and getattr(by_hand, name) for name, option in BY_HAND.items()}
+    for option, given in {"--velocity": velocity, "--background": background, "--flow": flow, **stated}.items():
         if given is not None and not capsules.is_dir():
             raise InputError("batch", option, "a folder of pictures", str(capsules))
     known = None if experiment is None else Experiment.read(experiment)
@@ -91,6 +97,7 @@ def batch(
         capsule_velocity=None if velocity is None else speed_of(velocity),
         background=background,
         flow=flow,
+        by_hand=by_hand,
         check=check,
         most_checked=most_checked,
         chains=chains,

@@ -21,6 +21,7 @@ Reader = Callable[[Any, str, str], Any]
 """Function of a value, the file and the dotted key; it returns what the value means, or raises InputError."""
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
+VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 """Endings of the files of pictures."""
 
 Keys = Mapping[str, Reader] | Collection[str]

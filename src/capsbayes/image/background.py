@@ -54,15 +54,23 @@ def estimate_background(grey: Floats, walls: WallLines, percentile: float = _BRI
     Grey levels and background are (rows, columns) arrays; the percentile is that of the levels of a line. Light that is
     uneven along the channel stays in the picture.
     """
+    bright, across = line_levels(grey, walls, percentile)
+    return np.interp(walls.offset((grey.shape[0], grey.shape[1])), across, bright)
+
+
+def line_levels(grey: Floats, walls: WallLines, percentile: float) -> tuple[Floats, Floats]:
+    """Return a percentile of the levels on each line parallel to the walls, and the lines' distances from the axis.
+
+    Lines of which half lies in the picture; distances (n,) in pixels, positive below.
+    """
     rows, columns = grey.shape
     turn = cv2.getRotationMatrix2D((walls.centre_column, walls.centre_row), float(np.degrees(walls.tilt)), 1.0)
     level = cv2.warpAffine(
         grey, turn, (columns, rows), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
     )
     seen = np.isfinite(level).sum(axis=1) > columns // 2
-    bright = np.nanpercentile(level[seen], percentile, axis=1)
-    across = np.flatnonzero(seen) - walls.centre_row
-    return np.interp(walls.offset((rows, columns)), across, bright)
+    levels: Floats = np.nanpercentile(level[seen], percentile, axis=1)
+    return levels, (np.flatnonzero(seen) - walls.centre_row).astype(np.float64)
 
 
 def flatten(light: Floats, walls: WallLines) -> Floats:

@@ -31,7 +31,7 @@ _SMEARED = 4.0  # px of motion during the exposure; where 3 px are seen as 2.7 t
 _CLEAR_OF_WALL = 3.0  # of the width of a wall's line
 # 1/px: error of the located edge over its width squared; at the rear end it is larger, as a concave rear darkens what
 # lies behind it. Both were set on drawn pictures, other ones than those whose coverage is counted.
-_NOSE_MISFIT, _END_MISFIT = 0.035, 0.05
+_NOSE_MISFIT, _END_MISFIT = 0.044, 0.063
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,8 @@ class Detection:
         The concave rear where it is seen.
     blob : Blob, optional
         The dark blob that was analysed.
+    shift : float [px]
+        Standard error of all edges that follows from smoothing of the picture, see `capsbayes.image.smoothing`.
     """
 
     status: Status
@@ -62,6 +64,7 @@ class Detection:
     end: FurthestPoint | None = None
     rear: RearBand | None = None
     blob: Blob | None = None
+    shift: float = 0.0
 
     @property
     def axis(self) -> Floats:
@@ -95,7 +98,7 @@ class Detection:
         """Area, perimeter, volume of revolution and stretch ratio of the silhouette, with errors."""
         if self.walls is None or self.outline is None:
             return None
-        return integrate_silhouette(self.outline, self.axis, self.walls.across, _NOSE_MISFIT)
+        return integrate_silhouette(self.outline, self.axis, self.walls.across, _NOSE_MISFIT, self.shift)
 
     def moved(self, right: int, down: int) -> Detection:
         """Return the same in the coordinates of a picture whose first pixel lies further left and up by so much."""
@@ -159,11 +162,13 @@ class Detection:
         )
 
 
-def analyse_blob(light: Floats, noise: float, walls: WallLines, blob: Blob, flow: int = 0) -> Detection:
+def analyse_blob(
+    light: Floats, noise: float, walls: WallLines, blob: Blob, flow: int = 0, shift: float = 0.0
+) -> Detection:
     """Locate the edge of a blob, its ends and its rear.
 
     The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it.
-    The flow is 1 to the right, -1 to the left, 0 if it follows from the shape.
+    The flow is 1 to the right, -1 to the left, 0 if it follows from the shape; the shift is that of `Detection`.
     """
     if not blob.status.ok:
         return Detection(blob.status, walls, blob=blob)
@@ -177,7 +182,8 @@ def analyse_blob(light: Floats, noise: float, walls: WallLines, blob: Blob, flow
     of_shape = _flow_of_shape(outline, walls)
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
-    return _with_ends(light, noise, walls, outline, Detection(Status.DONE, walls, outline, flow or of_shape, blob=blob))
+    found = Detection(Status.DONE, walls, outline, flow or of_shape, blob=blob, shift=shift)
+    return _with_ends(light, noise, walls, outline, found)
 
 
 def _ends_located(outline: EdgeOutline, walls: WallLines) -> bool:
@@ -225,8 +231,8 @@ def _flow_of_shape(outline: EdgeOutline, walls: WallLines) -> int:
 def _with_ends(light: Floats, noise: float, walls: WallLines, outline: EdgeOutline, detection: Detection) -> Detection:
     """Add the ends and the rear; without a direction of the flow, no concave rear is sought."""
     downstream = (detection.flow or 1) * walls.along
-    nose = furthest_point(outline, downstream, _NOSE_MISFIT)
-    end = furthest_point(outline, -downstream, _END_MISFIT)
+    nose = furthest_point(outline, downstream, _NOSE_MISFIT, detection.shift)
+    end = furthest_point(outline, -downstream, _END_MISFIT, detection.shift)
     detection = replace(detection, nose=nose, end=end)
     half_height, length = 0.5 * float(np.ptp(outline.points @ walls.across)), nose.distance + end.distance
     tips = [(downstream, nose), (-downstream, end)]

@@ -179,6 +179,7 @@ class FilmCapsule:
             experiment,
             status=status,
             walls="" if walls is None else walls.stated,
+            doubt="" if walls is None else walls.doubt,
             source=str(film),
             sha256=sha256,
         )

@@ -20,7 +20,9 @@ from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.motion import smeared
 from capsbayes.image.silhouette import silhouette_of
+from capsbayes.image.smoothing import edge_shift
 from capsbayes.image.straightened import straightened_lengths, straightened_silhouette
+from capsbayes.image.wall_bands import compared_with_bands
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
@@ -73,9 +75,12 @@ def detect(
     empty = None if background is None else background.cut(part)
     seen = picture.cut(part)
     contrast = Contrast.of([seen.grey], None if empty is None else empty.grey, stated, by_hand.contrast)
-    if contrast.walls is None:
+    if (walls := contrast.walls) is None:
         return Detection(Status.NO_WALLS)
-    found = _detect(contrast.shown(seen), empty and contrast.shown(empty), contrast.walls, direction)
+    shown, ground = contrast.shown(seen), empty and contrast.shown(empty)
+    if stated is not None:
+        walls = compared_with_bands(walls, (ground or shown).grey)
+    found = _detect(shown, ground, walls, direction)
     return found.moved(columns.start, rows.start)
 
 
@@ -87,10 +92,11 @@ def _detect(picture: Picture, background: Picture | None, walls: WallLines, dire
     empty = estimate_background(picture.grey, walls) if background is None else background.grey
     light = transmission(picture.grey, empty)
     noise = pixel_noise(light[between.any(axis=1)])
-    blobs = [blob for blob in find_blobs(light, walls, noise) if blob.status is not Status.DEBRIS]
+    found = find_blobs(light, walls, noise)
+    blobs = [blob for blob in found if blob.status is not Status.DEBRIS]
     if len(blobs) != 1:
         return Detection(Status.SEVERAL_CAPSULES if blobs else Status.NO_CAPSULE, walls)
-    return analyse_blob(light, noise, walls, blobs[0], direction)
+    return analyse_blob(light, noise, walls, blobs[0], direction, edge_shift(light, walls, found))
 
 
 def measure(
@@ -161,6 +167,7 @@ def measurement_of(
         replace(experiment, camera=None),
         status=status,
         walls=detection.walls.stated if detection.walls else "",
+        doubt=detection.walls.doubt if detection.walls else "",
         source=picture.source,
         sha256=picture.sha256,
     )
@@ -175,6 +182,7 @@ def measurement_of_lengths(
     *,
     status: Status = Status.DONE,
     walls: str = "",
+    doubt: str = "",
     source: str = "",
     sha256: str = "",
 ) -> Measurement:
@@ -190,7 +198,7 @@ def measurement_of_lengths(
     experiment : Experiment
     status : Status
         Unless it is ``DONE``, the measurement is refused.
-    walls, source, sha256
+    walls, doubt, source, sha256
         As in `Measurement`.
 
     Raises
@@ -216,6 +224,7 @@ def measurement_of_lengths(
         capsule_velocity=None if capsule_velocity is None else capsule_velocity.value,
         capsule_velocity_error=np.nan if capsule_velocity is None else capsule_velocity.error,
         walls=walls,
+        doubt=doubt,
         source=source,
         sha256=sha256,
         experiment_file=file,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -12,9 +13,11 @@ from capsbayes.arrays import Floats
 from capsbayes.camera import Camera
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.image.by_hand import ByHand
 from capsbayes.image.edges.robust import robust_spread
 from capsbayes.image.files.contour import ContourFile
 from capsbayes.image.measure import FLOWS, check_flow, measurement_of_lengths
+from capsbayes.image.walls import WallLines
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, arc_length, signed_area, vertex_normals
@@ -33,6 +36,7 @@ _COMMON = 0.5  # of the variance of the edge's error: alike all around, as of a 
 _DRIFT = 0.5  # l: length along the edge over which the rest of it is alike, as a hand drifts
 _MOST_POINTS = 128  # of a silhouette: those of a denser contour are averaged
 _SPARSE = 200  # points: a contour of fewer is smoothed by a spline, as its sides cut off the curve
+_ROWS = 1_000_000  # of the picture of a contour, whose size is not known: at most
 _LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
 
 
@@ -59,6 +63,8 @@ def measure_contour(
     edge_error: Quantity | None = None,
     pixel_size: Quantity | None = None,
     points: str | None = None,
+    walls: Any = None,
+    wall_error: Any = None,
 ) -> Measurement:
     """Measure a capsule from its contour.
 
@@ -78,6 +84,9 @@ def measure_contour(
     points : str, optional
         Of a contour in whole pixels: ``"centres"`` if it runs through the centres of pixels, half a pixel inside the
         edge; ``"borders"`` if it runs along their borders.
+    walls, wall_error : text or float, optional [px]
+        Of a contour in pixels, in place of the size of a pixel: rows of the two walls of a channel along the rows, and
+        the standard error of either, as `capsbayes.image.ByHand` reads them.
 
     Returns
     -------
@@ -94,11 +103,16 @@ def measure_contour(
         If an option is missing that the file does not tell.
     """
     direction = FLOWS[flow] if check_flow(flow) else 1
+    between = None if walls is None else _between(contour, ByHand(walls=walls, wall_error=wall_error))
+    if between is not None:
+        size = experiment.half_width.mean / between.half_width
+        pixel_size = Quantity(size, size * between.half_width_error / between.half_width, "m")
     edge = _edge(contour, direction, edge_error, pixel_size, points)
     aspect = _aspect(experiment)
     edge = replace(edge, points=edge.points / [aspect.mean, 1.0])
     half_width = experiment.half_width.mean / edge.unit.value
-    relative = np.hypot(edge.unit.error / edge.unit.value, experiment.half_width.sd / experiment.half_width.mean)
+    of_width = 0.0 if between is not None else experiment.half_width.sd / experiment.half_width.mean
+    relative = np.hypot(edge.unit.error / edge.unit.value, of_width)
     profile = Profile.from_outline(_smooth(edge.points))
     own = (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
     hollow = max(_CONCAVE[0] * np.sqrt(2.0 * own), _CONCAVE[1] * half_width)
@@ -109,12 +123,13 @@ def measure_contour(
     covariance[3, 3] = (relative * half_width) ** 2
     lengths = np.array([profile.axial_extent, profile.axial_extent - depth, depth, half_width])
     covariance[:2, :2] += (aspect.sd / aspect.mean) ** 2 * np.outer(lengths[:2], lengths[:2])
+    named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * edge.unit.value
     measured = measurement_of_lengths(
         lengths,
         covariance,
         capsule_velocity,
         replace(experiment, camera=None),
-        walls=f"the half width over a {'pixel' if contour.unit == 'px' else 'unit'} of {1e6 * edge.unit.value:.4g} um",
+        walls=between.stated if between is not None else f"the half width over a {named} of {size_um:.4g} um",
         source=contour.source,
         sha256=contour.sha256,
     )
@@ -122,6 +137,23 @@ def measure_contour(
     if seen is not None and aspect.sd > 0.0:
         seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
     return replace(measured, outline=seen)
+
+
+def _between(contour: ContourFile, stated: ByHand) -> WallLines:
+    """Return the walls that are stated around a contour in pixels."""
+    upper, lower = sorted(stated.walls[::2])
+    if stated.walls[0] != stated.walls[1] or stated.walls[2] != stated.walls[3]:
+        expected = "two rows: a contour does not tell the borders of its picture, at which tilted walls are stated"
+        raise InputError("walls", "", expected, "four")
+    if contour.unit != "px":
+        raise InputError("walls", "", "a contour in pixels, as the walls are", f"{contour.source} in {contour.unit}")
+    rows = contour.points[:, 1]
+    if not upper < rows.min() < rows.max() < lower:
+        expected = f"one wall on either side of the contour, whose rows are {rows.min():.4g} to {rows.max():.4g} px"
+        raise InputError("walls", "", expected, f"{upper:g}, {lower:g}")
+    found = stated.lines((_ROWS, _ROWS), None)
+    assert found is not None, "walls are stated"
+    return found
 
 
 def _aspect(experiment: Experiment) -> Quantity:

@@ -24,7 +24,9 @@ from capsbayes.image.files.film import Film
 from capsbayes.image.files.picture import Picture, Pixels, packed
 from capsbayes.image.film_capsule import FilmCapsule, FrameRecord
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture
+from capsbayes.image.smoothing import edge_shift
 from capsbayes.image.tracking import Linker, Track
+from capsbayes.image.wall_bands import compared_with_bands
 from capsbayes.image.walls import WallLines
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
@@ -140,9 +142,8 @@ def measure_film(
     film = film if isinstance(film, Film) else Film.open(film)
     direction, by_hand = check_flow(flow), by_hand or ByHand()
     given = background is not None
-    sampled: list[Pixels] = []
-    if not given or by_hand.contrast != "dark":  # they tell the background, the contrast, or the brightest place
-        sampled = [packed(picture.grey) for picture in film.spread(_TELLING if given else _SAMPLED)]
+    # they tell the background, the contrast, and whether the film was smoothed
+    sampled: list[Pixels] = [packed(picture.grey) for picture in film.spread(_TELLING if given else _SAMPLED)]
     empty = read_picture(background).grey if background is not None else _background(film, sampled)
     view = _view(film, empty, sampled, by_hand, experiment, given=given)
     if isinstance(view, Status):
@@ -169,13 +170,17 @@ def measure_film(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Part of the frames that is analysed, as rows and columns; the walls in it, and the factor from grey to light."""
+    """Part of the frames that is analysed, as rows and columns; the walls in it, and the factor from grey to light.
+
+    The shift is that of `Detection`.
+    """
 
     part: tuple[slice, slice]
     walls: WallLines
     gain: Floats
     between: Booleans
     contrast: Contrast
+    shift: float
 
     def is_clipped(self, picture: Picture) -> bool:
         return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))
@@ -197,7 +202,7 @@ def _measure_frame(
         if track is None:
             statuses[blob.status] += 1
             continue
-        detection = analyse_blob(light, noise, view.walls, blob, linker.direction)
+        detection = analyse_blob(light, noise, view.walls, blob, linker.direction, view.shift)
         statuses[detection.status] += 1
         records.setdefault(track, FrameRecord()).add(frame, picture, detection)
 
@@ -226,6 +231,8 @@ def _view(
     walls = contrast.walls
     if walls is None:
         return Status.NO_WALLS
+    if stated is not None:
+        walls = compared_with_bands(walls, empty)
     if not given:
         light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
         if find_blobs(light, walls, pixel_noise(light)):
@@ -236,4 +243,15 @@ def _view(
     shown = empty[near]
     between = np.abs(walls.offset((len(shown), shown.shape[1]))) < walls.half_width
     read = slice(rows.start + near.start, rows.start + near.stop), columns
-    return _View(read, walls, transmission(np.ones_like(shown), shown), between, contrast)
+    gain = transmission(np.ones_like(shown), shown)
+    shift = _shift([frame[near] for frame in sampled], contrast, walls, gain)
+    return _View(read, walls, gain, between, contrast, shift)
+
+
+def _shift(sampled: list[Pixels], contrast: Contrast, walls: WallLines, gain: Floats) -> float:
+    """Return the median of the shifts of some frames that follow from smoothing [px]."""
+    shifts = []
+    for frame in sampled[:: max(1, len(sampled) // _TELLING)]:
+        light = contrast.shown(Picture.from_array(frame)).grey * gain
+        shifts.append(edge_shift(light, walls, find_blobs(light, walls, pixel_noise(light))))
+    return float(np.median(shifts)) if shifts else 0.0

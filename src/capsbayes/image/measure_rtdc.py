@@ -26,6 +26,7 @@ from capsbayes.image.files.film import evenly_spaced
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.files.rtdc import RtdcFile
 from capsbayes.image.measure import check_flow, measurement_of
+from capsbayes.image.smoothing import edge_shift
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
@@ -111,16 +112,19 @@ def measure_rtdc(
     direction = check_flow(flow)
     _check_channel(file, experiment, pixel_size)
     sampled = sorted(evenly_spaced(file.events, _SAMPLED))
-    empty = temporal_median([image for image, _ in file.pictures(sampled)])
+    seen = list(file.pictures(sampled))
+    empty = temporal_median([image for image, _ in seen])
     walls = _walls(empty, experiment, pixel_size, axis)
     gain = transmission(np.ones_like(empty), empty)
+    shifts = [edge_shift(image * gain, walls, [blob_of_mask(mask, walls)]) for image, mask in seen]
+    shift = float(np.median(shifts))
     flash = None if file.flash_duration is None else Quantity(file.flash_duration, unit="s")
     known = replace(experiment, exposure=experiment.exposure or flash)
     chosen = range(file.events) if events is None else list(events)
     for number, (image, mask) in zip(chosen, file.pictures(chosen), strict=True):
         picture = replace(Picture.from_array(image), source=f"{file.path}, event {number}", sha256=file.sha256)
         light = picture.grey * gain
-        detection = analyse_blob(light, pixel_noise(light), walls, blob_of_mask(mask, walls), direction)
+        detection = analyse_blob(light, pixel_noise(light), walls, blob_of_mask(mask, walls), direction, shift)
         measured = measurement_of(detection, picture, known, capsule_velocity)
         yield Event(number, picture, detection, measured, pixel_size)
 

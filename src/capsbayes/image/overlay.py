@@ -31,8 +31,8 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
     s is 4, or less for a picture that would become larger than eight million pixels.
 
     Walls are blue, the outline red, the rear band orange, L_z violet above the axis, L_a green below. Walls that were
-    stated by hand are dashed, and the axis between them is dotted. The dark blob of a refused capsule is outlined in
-    orange. What is missing in the detection is not drawn.
+    stated by hand are dashed, and the axis between them is dotted; a dark line that such a wall lies off is dashed
+    orange. The dark blob of a refused capsule is outlined in orange. What is missing in the detection is not drawn.
     """
     low, high = float(picture.grey.min()), float(picture.grey.max())
     grey = cv2.convertScaleAbs(picture.grey - low, alpha=255.0 / max(high - low, 1e-9))
@@ -81,11 +81,15 @@ def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
     middle = np.array([walls.centre_column, walls.centre_row])
     reach = 0.6 * columns
     dash, gap = _DASHES if walls.stated else (2.0 * reach, 0.0)
-    lines = [(-1.0, dash, gap), (1.0, dash, gap), *([(0.0, *_DOTS)] if walls.stated else [])]
-    for side, drawn, skipped in lines:
-        start = middle + side * walls.half_width * walls.across
+    wall = walls.half_width
+    lines = [(-wall, dash, gap, WALL), (wall, dash, gap, WALL), *([(0.0, *_DOTS, WALL)] if walls.stated else [])]
+    for side, off in zip((-1.0, 1.0), walls.off_band, strict=True):
+        if off:
+            lines.append((side * (wall - off), *_DASHES, REAR))
+    for place, drawn, skipped, colour in lines:
+        start = middle + place * walls.across
         for first in np.arange(-reach, reach, drawn + skipped):
-            canvas.line([start + end * walls.along for end in (first, first + drawn)], WALL)
+            canvas.line([start + end * walls.along for end in (first, first + drawn)], colour)
 
 
 def _lengths(canvas: _Canvas, detection: Detection) -> None:

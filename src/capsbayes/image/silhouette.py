@@ -23,6 +23,7 @@ from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutlin
 _WALL = 2.0  # of the width of a wall's dark line: nearer to it, blur mixes the two, and an edge is found too far out
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
 _MISFIT = 0.024  # 1/px: error along the edge over the square of its width
+_OF_SHIFT = 0.5  # of the error of a smoothed picture's edges, which differ as their dark lines do
 _FACING = 0.8  # cosine of a normal's angle to the channel, least at the ends
 _BAND = 1.5  # of the square of the width at the nose: in drawn pictures that at the rear is 0.8 to 1.35 of it
 _OFFSET = 0.02  # 1/px: common error of all edges over the square of their width
@@ -60,8 +61,8 @@ class EdgeErrors:
         assert walls is not None
         width = np.square(outline.edge_width)
         arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error)))
-        misfit = _MISFIT * np.sqrt(np.mean(np.square(width)))
-        offset = np.hypot(EDGE_FLOOR, _OFFSET * np.sqrt(np.mean(np.square(width))))
+        misfit = np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), _OF_SHIFT * detection.shift)
+        offset = np.sqrt(EDGE_FLOOR**2 + detection.shift**2 + _OFFSET**2 * np.mean(np.square(width)))
         facing = detection.flow * (outline.normals @ walls.along)
         nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
         band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0

@@ -44,6 +44,9 @@ class WallLines:
         Standard deviation of the dark lines across.
     stated : str
         How the walls were stated by hand; empty if they were found in the picture.
+    off_band : tuple of float [px]
+        How far the upper and the lower wall lie outside the nearest dark line, where they were stated and are clearly
+        off it; 0 otherwise, and negative where it lies further out.
     """
 
     centre_row: float
@@ -53,6 +56,21 @@ class WallLines:
     half_width_error: float
     line_width: float
     stated: str = ""
+    off_band: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def doubt(self) -> str:
+        """What is doubtful about the walls, a sentence; empty if nothing."""
+        off = [f"{abs(away):.1f} px {'outside' if away > 0.0 else 'inside'}" for away in self.off_band if away]
+        if not off:
+            return ""
+        names = [name for name, away in zip(("upper", "lower"), self.off_band, strict=True) if away]
+        which = f"The {names[0]} wall lies {off[0]}" if len(off) == 1 else f"The walls lie {off[0]} and {off[1]}"
+        change = -0.5 * sum(self.off_band) / self.half_width
+        return (
+            f"{which} the nearest dark line of the picture; if that is the wall, l is {abs(change):.1%} "
+            f"{'smaller' if change < 0.0 else 'larger'}."
+        )
 
     @property
     def along(self) -> Floats:

@@ -47,6 +47,7 @@ _MEASURED = (
     "flow_rate",
     "flow_rate_error",
     "walls",
+    "doubt",
 )
 _FLUID = ("viscosity", "viscous_tension")
 _MARGINAL = tuple(field.name for field in fields(Marginal))

@@ -18,6 +18,12 @@ from capsbayes.status import Status
 LEANING_SHARE = 0.05
 """Share of a posterior next to a border from which on it leans on it."""
 
+RANGE = "range of "
+"""How the name of a share next to the ends of a further coordinate's range begins."""
+
+_TOLD = 0.5  # of the prior's probability within 68 %: a coordinate of which the data tell less fills its range anyway
+_SEVERAL = 2  # ranges: next to the ends of so many at once, the true membrane may be none of the model
+
 _STATUSES = (
     Status.LEANS_ON_BORDER,
     Status.LEANS_ON_PRIOR,
@@ -47,6 +53,27 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
     ):
         low, high = limits.low, limits.high
         shares[f"prior of {name}"] = leaning(draws, (name,), lambda x, a=low, b=high: (x >= a) & (x <= b))
+    return shares | range_leanings(draws, model, prior)
+
+
+def range_leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
+    """Return the share of a posterior within half a standard deviation of the ends of each further coordinate's range.
+
+    Only coordinates that the data tell have one, as others fill their ranges. An end that is the null value, as no
+    inflation, is where most membranes are, and none that cuts the posterior.
+    """
+    shares = {}
+    for name, ends in model.coordinates.items():
+        known, drawn = prior.uncertain.get(name), np.ravel(draws[name])
+        if known is None or np.diff(known.cdf(np.quantile(drawn, [0.16, 0.84])))[0] > _TOLD * 0.68:
+            continue
+        scaled = np.log if ends.logarithmic else np.asarray
+        values, near = scaled(drawn), 0.5 * float(np.std(scaled(drawn)))
+        next_to = np.zeros(len(values), dtype=bool)
+        for end in (ends.low, ends.high):
+            if end != ends.null_value:
+                next_to |= np.abs(values - scaled(end)) < near
+        shares[f"{RANGE}{name}"] = float(np.mean(next_to))
     return shares
 
 
@@ -113,10 +140,15 @@ def verdict(
 
 
 def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the shares of `leanings` next to the border of the model and the prior, and at each kind of caveat."""
+    """Return the shares of `leanings` next to the border of the model and the prior, and at each kind of caveat.
+
+    The ends of the ranges of further coordinates are a border of the model where a posterior lies next to several.
+    """
+    of_ranges = sorted((share for name, share in leans.items() if name.startswith(RANGE)), reverse=True)
+    of_model = max([leans["model"], *of_ranges[_SEVERAL - 1 : _SEVERAL]])
     of_prior = max(share for name, share in leans.items() if name.startswith("prior of"))
     at_caveats = (leans.get(kind, 0.0) for kind in (TWO_SHAPES, WRINKLES, UNSURE_SHAPES))
-    return leans["model"], of_prior, *at_caveats
+    return of_model, of_prior, *at_caveats
 
 
 def leaning_status(shares: Iterable[float]) -> Status:

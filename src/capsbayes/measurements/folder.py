@@ -9,11 +9,12 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.files.input_file import InputFile
+from capsbayes.files.input_file import VIDEOS, InputFile
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 
 _EXPERIMENT = "experiment.toml"
+_MEASURED = ("capsules.csv", "events.csv")  # that measuring a film or an .rtdc file leaves
 
 
 def read_folder(folder: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
@@ -66,9 +67,34 @@ def measurement_files(folder: Path) -> list[Path]:
 
     A film or an .rtdc file leaves a folder for each capsule, several of them a folder of such folders. Files of
     experiments among them are ignored.
+
+    Raises
+    ------
+    InputError
+        If a film or an .rtdc file lies in the folder without a folder of its name with what was measured in it.
     """
+    for file in sorted(folder.iterdir()):
+        measured = folder / file.stem
+        if is_recording(file) and not any((measured / name).is_file() for name in _MEASURED):
+            expected = f"its capsules measured before, in the folder {measured}"
+            advice = f"run: capsbayes measure {file} --experiment EXPERIMENT --out {measured}"
+            raise InputError(str(file), "", expected, "none", advice)
     files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/**/measurement.toml"))]
     return [file for file in files if not _is_experiment(file)]
+
+
+def is_recording(file: Path) -> bool:
+    """Return True for a video, a TIFF file of several pages or an .rtdc file, each of which shows many capsules."""
+    suffix = file.suffix.lower()
+    if suffix not in (".tif", ".tiff"):
+        return suffix in (*VIDEOS, ".rtdc") and file.is_file()
+    import PIL.Image
+
+    try:
+        with PIL.Image.open(file) as picture:
+            return getattr(picture, "n_frames", 1) > 1
+    except (OSError, ValueError, SyntaxError):  # not a picture: said when it is read
+        return False
 
 
 def _is_experiment(file: Path) -> bool:

@@ -20,6 +20,7 @@ from processes import python, wait_until
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.image import ByHand
 from capsbayes.infer import Quadrature
 from capsbayes.infer.many import Population, identify_folder, listing, tasks
 from capsbayes.infer.many.listing import cross_section_and_view
@@ -27,7 +28,7 @@ from capsbayes.infer.many.run import Run
 from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
-from capsbayes.measurements import write_set
+from capsbayes.measurements import read_set, write_set
 from capsbayes.measurements.table import MeasuredLengths
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
@@ -318,6 +319,43 @@ def test_pictures_are_measured_and_identified(tmp_path):
     assert cross_section_and_view(folder, EXPERIMENT) == ("square", "silhouette")
     bare = identify_folder(folder, model, EXPERIMENT, out=tmp_path / "s.nc", **HERE)
     assert "capsule_velocity: expected what a picture does not show" in bare["reason"][0]
+
+
+def test_walls_that_are_stated_hold_for_all_pictures_of_a_folder(tmp_path):
+    made = drawn(0.06, 0.9, half_width=55.0)
+    cv2.imwrite(str(tmp_path / "a.png"), made.picture)
+    speed = Quantity(5e-3, 5e-5, "m/s")
+    run = Run(MODEL, EXPERIMENT, Prior(), 1, speed)
+    stated = replace(run, by_hand=ByHand(walls="44.5, 154.5"))
+    measured = tasks.measured_file(tmp_path / "a.png", stated)
+    assert measured.walls == "walls by hand at rows 44.5, 154.5 px, each +/- 1 px"
+    assert measured.axial_extent == pytest.approx(made.axial_extent / 55.0, rel=0.02)
+    assert tasks.measured_file(tmp_path / "a.png", run).walls == ""
+    assert stated.fingerprint != run.fingerprint
+
+
+@pytest.mark.parametrize("name", ["day.avi", "day.rtdc", "day.tif"])
+def test_a_film_among_the_files_of_a_folder_is_measured_first(tmp_path, name):
+    """In one line that says how; what was measured in the folder of its name is then read, and the film is not."""
+    folder = tmp_path / "films"
+    folder.mkdir()
+    if name == "day.tif":
+        cv2.imwritemulti(str(folder / name), [np.full((64, 64), 90, dtype=np.uint8)] * 3)
+    else:
+        (folder / name).write_bytes(b"RIFF")
+    for read in (listing.capsule_files, read_set):
+        with pytest.raises(
+            InputError, match=r"its capsules measured before, in the folder .*day, got none; run"
+        ) as error:
+            read(folder)
+        assert f"capsbayes measure {folder / name} --experiment EXPERIMENT --out {folder / 'day'}" in str(error.value)
+    EXPERIMENT.write(tmp_path / "experiment.toml")
+    seen = Measurement(2.14, 0.01, 5e-3, 5e-5, experiment_file=tmp_path / "experiment.toml")
+    (folder / "day" / "capsule-1").mkdir(parents=True)
+    seen.write(folder / "day" / "capsule-1" / "measurement.toml")
+    (folder / "day" / ("events.csv" if name.endswith("rtdc") else "capsules.csv")).write_text("capsule\n")
+    assert listing.capsule_files(folder) == [folder / "day" / "capsule-1" / "measurement.toml"]
+    assert len(read_set(folder).measurements) == 1
 
 
 def test_capsules_of_several_films_are_named_by_film_and_capsule(tmp_path):

@@ -23,7 +23,15 @@ _CONTOURS = (".csv", ".txt", ".roi", ".json")  # as `capsbayes.image.files.conto
 _TAKES = {
     "picture": ("--velocity", "--background", *BY_HAND.values()),
     "film": ("--frame-rate", "--background", *BY_HAND.values()),
-    "contour": ("--velocity", "--pixel-size", "--edge-error", "--contour-unit", "--contour-points"),
+    "contour": (
+        "--velocity",
+        "--walls",
+        "--wall-error",
+        "--pixel-size",
+        "--edge-error",
+        "--contour-unit",
+        "--contour-points",
+    ),
     ".rtdc file": ("--velocity", "--pixel-size", "--axis"),
 }
 
@@ -142,8 +150,8 @@ def _measure_contour(
         capsule_velocity=speed,
         edge_error=edge,
         flow=flow,
-        pixel_size=None if by_hand is None else by_hand.pixel_size,
         points=points,
+        **({} if by_hand is None else {name: getattr(by_hand, name) for name in ("walls", "wall_error", "pixel_size")}),
     )
     typer.echo(f"L_z {pair(measured.axial_extent, measured.axial_extent_error, digits=4)} l")
     if measured.axial_length is None or measured.axial_length_error is None:

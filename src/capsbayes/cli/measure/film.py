@@ -122,7 +122,8 @@ def _print(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
     unread = f", {made.unreadable} that could not be read" if made.unreadable else ""
     refused = [f"{status.name} {count}" for status, count in (made.statuses or {}).items() if not status.ok]
     counts = f"{made.frames} frames{unread}{clipped}. Objects refused: {', '.join(refused) or 'none'}."
-    print_parts(table(head, rows), counts)
+    doubts = {capsule.measurement.doubt: None for capsule in made.capsules}
+    print_parts(table(head, rows), counts, *doubts)
 
 
 def _frames(row: pd.Series) -> str:

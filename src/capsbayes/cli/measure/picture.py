@@ -123,6 +123,12 @@ def _print(detection: Detection, experiment: Experiment) -> None:
     parts: list[Any] = [table(("", "px", "over l", "µm"), rows, numbers=(1, 2, 3)), rear]
     if detection.walls is not None and detection.walls.stated:
         parts.append(f"l in px is that of {detection.walls.stated}.")
+        parts.append(detection.walls.doubt)
+    if detection.shift > 0.0:
+        parts.append(
+            "The noise shows that the picture was smoothed, by a filter or a compression: that adds "
+            f"{detection.shift:.2f} px to the errors of all edges."
+        )
     print_parts(*parts)
 
 

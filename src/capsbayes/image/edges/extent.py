@@ -33,13 +33,13 @@ class FurthestPoint:
     systematic: float
 
 
-def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> FurthestPoint:
+def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift: float = 0.0) -> FurthestPoint:
     """Return the largest distance of an outline along a direction.
 
     The largest of many uncertain points would lie too far out; the maximum of a quartic through its neighbours does
     not. The widest neighbourhood is used in which the quartic agrees with the points to within their errors. The
     direction is a unit vector (2,), the misfit [1/px] the error of the edge's model over the square of the edge's
-    width: the first term that the model lacks is quadratic.
+    width: the first term that the model lacks is quadratic. The shift [px] is the standard error of all edges together.
     """
     reach = outline.points @ direction
     trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))
@@ -64,7 +64,7 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> Fu
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
     variance = excess * float(np.sum((weights * error) ** 2)) + float(np.sum(of_arcs**2))
     too_far = _too_far(excess * float(np.sum((slope @ inverse * error) ** 2)), -float(bend @ coefficients), variance)
-    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2
+    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2 + shift**2
     return FurthestPoint(float(values[best]) - too_far, variance + model, model)
 
 

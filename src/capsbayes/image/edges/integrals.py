@@ -58,11 +58,14 @@ def centroid_variance(outline: EdgeOutline, direction: Floats) -> float:
     return _variance(outline, lever * step / abs(signed_area(outline.points)))
 
 
-def integrate_silhouette(outline: EdgeOutline, axis: Floats, across: Floats, misfit: float) -> SilhouetteIntegrals:
+def integrate_silhouette(
+    outline: EdgeOutline, axis: Floats, across: Floats, misfit: float, shift: float = 0.0
+) -> SilhouetteIntegrals:
     """Return area, perimeter, volume of revolution and stretch ratio of an outline.
 
     The axis of revolution is given by a point of it (2,) [px] and the unit vector (2,) across; the misfit [1/px] is the
-    error of the edge's model over the square of the edge's width.
+    error of the edge's model over the square of the edge's width, the shift [px] the standard error of all edges
+    together.
     """
     y = (outline.points - axis) @ across
     step = _steps(outline.points)
@@ -73,7 +76,7 @@ def integrate_silhouette(outline: EdgeOutline, axis: Floats, across: Floats, mis
     sphere = (0.75 * volume / np.pi) ** (1.0 / 3.0)
     ratio = perimeter / (2.0 * np.pi * sphere)
     by_edge = np.vstack([by_edge, ratio * (by_edge[1] / perimeter - by_edge[2] / (3.0 * volume))])
-    model = np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR)
+    model = np.hypot(misfit * outline.edge_width**2, np.hypot(EDGE_FLOOR, shift))
     errors = [np.sqrt(_variance(outline, weight, EDGE_FLOOR) + (weight @ model) ** 2) for weight in by_edge]
     values = (area, perimeter, volume, ratio)
     return SilhouetteIntegrals(*(Quantity(value, float(error)) for value, error in zip(values, errors, strict=True)))

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.files.input_file import PICTURES
+from capsbayes.files.input_file import PICTURES, VIDEOS
 from capsbayes.image.files.picture import (
     MOST_IN_FRAMES,
     Picture,
@@ -25,7 +25,6 @@ from capsbayes.image.files.picture import (
 )
 
 FRAMES = (*PICTURES, ".bmp")
-VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 _PAGES = 32  # of a TIFF file read at once
 _LEAST_BYTES = 8  # of a frame in a video
 

@@ -55,6 +55,7 @@ def identify_folder(
     capsule_velocity: Given | None = None,
     background: str | os.PathLike[str] | None = None,
     flow: str | None = None,
+    by_hand: Any = None,
     check: float = 0.01,
     most_checked: int = 100,
     chains: str | os.PathLike[str] | None = None,
@@ -90,6 +91,8 @@ def identify_folder(
         Picture of the empty channel.
     flow : str, optional
         ``"right"`` or ``"left"``, in pictures.
+    by_hand : ByHand, optional
+        What is stated of walls, scale and part of all pictures, as `capsbayes.image.ByHand`.
     check : float
         Share of the capsules, drawn at random, that are sampled with emcee too.
     most_checked : int
@@ -123,7 +126,7 @@ def identify_folder(
     where = None if background is None else Path(background)
     if capsule_velocity is not None:
         capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="identify_folder")
-    run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow)
+    run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow, by_hand)
     check_coordinates(model, run.prior)
     if experiment is not None:
         model.check_experiment(experiment)

@@ -24,7 +24,7 @@ from capsbayes.infer.prior import Prior
 from capsbayes.measured_outline import MID_PLANE, SILHOUETTE, check_view
 from capsbayes.measurement import Measurement
 from capsbayes.measurements import read_set
-from capsbayes.measurements.folder import measurement_files
+from capsbayes.measurements.folder import is_recording, measurement_files
 from capsbayes.measurements.netcdf import opened
 from capsbayes.measurements.table import MeasuredLengths, is_table_of_lengths
 from capsbayes.work import Store
@@ -127,8 +127,15 @@ def _name_in(folder: Path, file: Path) -> str:
 
 
 def capsule_files(folder: Path) -> list[Path]:
-    """Return measurement files and pictures of a folder, and measurement files further down, as of films."""
-    pictures = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PICTURES]
+    """Return measurement files and pictures of a folder, and measurement files further down, as of films.
+
+    Raises
+    ------
+    InputError
+        If a film or an .rtdc file in the folder is not measured yet.
+    """
+    named = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PICTURES]
+    pictures = [file for file in named if not is_recording(file)]
     return [*measurement_files(folder), *pictures]
 
 

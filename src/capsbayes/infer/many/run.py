@@ -36,6 +36,8 @@ class Run:
         Picture of the empty channel.
     flow : str, optional
         ``"right"`` or ``"left"``, in pictures.
+    by_hand : ByHand, optional
+        What is stated of the pictures.
     """
 
     model: ForwardModel
@@ -45,6 +47,7 @@ class Run:
     capsule_velocity: Quantity | None = None
     background: Path | None = None
     flow: str | None = None
+    by_hand: Any = None
 
     @cached_property
     def pyramid(self) -> Pyramid:
@@ -55,7 +58,7 @@ class Run:
     def fingerprint(self) -> str:
         """Hash of everything that decides the results, the capsules themselves excepted."""
         background = None if self.background is None else read_bytes(self.background, "picture of the empty channel")
-        how = self.experiment, self.prior, self.capsule_velocity, self.flow, background
+        how = self.experiment, self.prior, self.capsule_velocity, self.flow, background, self.by_hand
         return digest_of(__version__, self.model, self.seed, *how)
 
     def experiment_of(self, measurement: Measurement) -> Experiment:

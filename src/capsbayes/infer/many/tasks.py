@@ -299,5 +299,5 @@ def measured_file(file: Path, run: Run) -> Measurement:
     if run.experiment is None or run.capsule_velocity is None:
         missing = "experiment" if run.experiment is None else "capsule_velocity"
         raise InputError(str(file), missing, "what a picture does not show", "nothing", "give it for all pictures")
-    how = {"background": run.background, "flow": run.flow}
-    return measure(file, run.experiment, capsule_velocity=run.capsule_velocity, **how)  # type: ignore[arg-type]
+    how: dict[str, Any] = {"background": run.background, "flow": run.flow, "by_hand": run.by_hand}
+    return measure(file, run.experiment, capsule_velocity=run.capsule_velocity, **how)

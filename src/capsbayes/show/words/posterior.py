@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from capsbayes.infer import Posterior
 from capsbayes.infer.narrowing import FLOWS, OUTLINE_NOISE, THICKNESS_ERROR
 from capsbayes.infer.prior import THICKNESS
-from capsbayes.infer.verdict import LEANING_SHARE
+from capsbayes.infer.verdict import LEANING_SHARE, RANGE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import interval_words, per_cent, two_digits
@@ -86,8 +86,9 @@ def _computation(posterior: Posterior) -> Iterator[str]:
 def _borders(posterior: Posterior) -> Iterator[str]:
     for border, share in posterior.leaning.items():
         if share > LEANING_SHARE:
-            name = border.removeprefix("prior of ")
-            known = f"the end of the prior range of {PARAMETERS[name].symbol}" if name in PARAMETERS else border
+            of_model = "range of the model in" if border.startswith(RANGE) else "prior range of"
+            name = border.removeprefix("prior of ").removeprefix(RANGE)
+            known = f"the end of the {of_model} {PARAMETERS[name].symbol}" if name in PARAMETERS else border
             yield f"{per_cent(share)} of the posterior lies next to {_PLACES.get(border, known)}."
 
 
@@ -96,6 +97,8 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
         yield "The length on the axis L_a was not seen; its information is missing from the intervals."
     if posterior.measurement.walls:
         yield f"The half width in px is that of {posterior.measurement.walls}."
+    if posterior.measurement.doubt:
+        yield posterior.measurement.doubt
     stretch = posterior.marginals["stretch_ratio"]
     if stretch.median < _LEAST_STRETCH:
         yield (
