@@ -56,9 +56,7 @@ def view_of(radius, shape, half_width, centre):
     """Return the view of one capsule, and v_o/U."""
     ca = float(capillary_number(viscosity=VISCOSITY, mean_velocity=FLOW, surface_shear_modulus=MODULUS))
     place = {"capillary_number": ca, "size_ratio": radius / EXPERIMENT.half_width.value, "outline": True}
-    seen = {
-        view: Surrogate.open("square-neo-hookean", view=view).at(**place) for view in ("mid-plane", "silhouette")
-    }
+    seen = {view: Surrogate.open("square-neo-hookean", view=view).at(**place) for view in ("mid-plane", "silhouette")}
     outlines = (seen[view].outline[0] for view in ("mid-plane", "silhouette"))
     return View((Capsule(*outlines, centre),), half_width, shape), float(seen["mid-plane"].velocity_ratio[0])
 

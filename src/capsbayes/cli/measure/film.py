@@ -116,13 +116,18 @@ def _rate(text: str | None, experiment: Experiment) -> Quantity:
 def _print(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
     from capsbayes.show.tables.table import print_parts, table
 
-    head = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "change of L_z", "of L_a", "of v_o", "")
-    rows = [(str(row["capsule"]), _frames(row), *_cells(row), row["status"]) for _, row in capsules.iterrows()]
+    head = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "")
+    rows, changes = [], []
+    for _, row in capsules.iterrows():
+        rows.append((str(row["capsule"]), _frames(row), *_cells(row), row["status"]))
+        changes.append((str(row["capsule"]), *_changes(row)))
+    title = "Change along the channel (in standard errors)"
+    changed = table(("", "L_z", "L_a", "v_o"), changes, title=title, numbers=(1, 2, 3))
     clipped = f", {made.saturated} clipped between the walls" if made.saturated else ""
     unread = f", {made.unreadable} that could not be read" if made.unreadable else ""
     refused = [f"{status.name} {count}" for status, count in (made.statuses or {}).items() if not status.ok]
     counts = f"{made.frames} frames{unread}{clipped}. Objects refused: {', '.join(refused) or 'none'}."
-    print_parts(table(head, rows), counts)
+    print_parts(table(head, rows), changed, counts)
 
 
 def _frames(row: pd.Series) -> str:
@@ -132,7 +137,7 @@ def _frames(row: pd.Series) -> str:
 
 
 def _cells(row: pd.Series) -> list[str]:
-    """Return the lengths, the velocity and their changes of one capsule as text."""
+    """Return the lengths and the velocity of one capsule as text."""
     lengths = [
         f"{row[f'{name}_over_l']:.4f} ± {row[f'{name}_error_over_l']:.4f}" if row[f"{name}_over_l"] > 0.0 else ""
         for name in ("axial_extent", "axial_length")
@@ -141,12 +146,13 @@ def _cells(row: pd.Series) -> list[str]:
         lengths[1] = f"at most {row['axial_length_bound_over_l']:.4f}"
     speed, error = 1e3 * row["velocity_m_s"], 1e3 * row["velocity_error_m_s"]
     digits = max(0, 1 - math.floor(math.log10(error))) if error > 0.0 else 0
-    velocity = f"{speed:.{digits}f} ± {error:.{digits}f}" if error > 0.0 else ""
-    changes = []
-    for name in ("L_z", "L_a", "v_o"):
-        change, error = row[f"{name}_change"], row[f"{name}_change_error"]
-        changes.append(f"{100.0 * change:+.2f} % ({abs(change) / error:.1f} s.e.)" if error > 0.0 else "")
-    return [*lengths, velocity, *changes]
+    return [*lengths, f"{speed:.{digits}f} ± {error:.{digits}f}" if error > 0.0 else ""]
+
+
+def _changes(row: pd.Series) -> list[str]:
+    """Return how lengths and velocity of one capsule change along the channel, as text."""
+    pairs = [(row[f"{name}_change"], row[f"{name}_change_error"]) for name in ("L_z", "L_a", "v_o")]
+    return [f"{100.0 * change:+.2f} % ({abs(change) / error:.1f})" if error > 0.0 else "" for change, error in pairs]
 
 
 @together()
