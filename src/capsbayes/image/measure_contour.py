@@ -18,7 +18,7 @@ from capsbayes.image.measure import FLOWS, check_flow, measurement_of_lengths
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, arc_length, signed_area, vertex_normals
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 
 POINTS = ("centres", "borders")
 EDGE_ERROR = 1.0
@@ -54,10 +54,10 @@ def measure_contour(
     contour: ContourFile,
     experiment: Experiment,
     *,
-    capsule_velocity: Quantity | None,
+    capsule_velocity: Given | None,
     flow: str,
-    edge_error: Quantity | None = None,
-    pixel_size: Quantity | None = None,
+    edge_error: Given | None = None,
+    pixel_size: Given | None = None,
     points: str | None = None,
 ) -> Measurement:
     """Measure a capsule from its contour.
@@ -67,7 +67,7 @@ def measure_contour(
     contour : ContourFile
     experiment : Experiment
     capsule_velocity : Quantity [m/s]
-        v_o with its standard error.
+        v_o with its standard error. This and the next two in any form that `Quantity.of` reads.
     flow : str
         ``"right"`` or ``"left"``.
     edge_error : Quantity, optional [m]
@@ -94,6 +94,14 @@ def measure_contour(
         If an option is missing that the file does not tell.
     """
     direction = FLOWS[flow] if check_flow(flow) else 1
+    capsule_velocity, edge_error, pixel_size = (
+        None if given is None else Quantity.of(given, name, where="measure_contour", key=key, units=(unit,))
+        for given, name, key, unit in (
+            (capsule_velocity, "capsule_velocity", None, "m/s"),
+            (edge_error, "", "edge_error", "m"),
+            (pixel_size, "", "pixel_size", "m"),
+        )
+    )
     edge = _edge(contour, direction, edge_error, pixel_size, points)
     aspect = _aspect(experiment)
     edge = replace(edge, points=edge.points / [aspect.mean, 1.0])
