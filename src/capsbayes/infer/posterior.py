@@ -12,7 +12,6 @@ import numpy as np
 
 from capsbayes import __version__
 from capsbayes.arrays import Floats, Integers
-from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.output_file import write_dataset
@@ -335,6 +334,8 @@ class Posterior:
             name, _, coordinate = self.model_name.removesuffix(" (silhouettes)").partition(" with ")
             if coordinate:
                 name = f"{name.split('-')[0]}-{coordinate.replace('_', '-')}"
+            from capsbayes.database import Database  # imports pandas
+
             if name not in Database.shipped():
                 expected = f"the model of the posterior, {self.model_name}"
                 raise InputError(where, "model", expected, "nothing, and no such database comes with the library")

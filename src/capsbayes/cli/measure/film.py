@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from capsbayes.cli.measure.picture import write_detection
-from capsbayes.cli.output import table_file
+from capsbayes.cli.output import print_json, table_file
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together
 
@@ -34,6 +35,7 @@ def measure_film(
     flow: str | None,
     by_hand: ByHand | None,
     out: Path | None,
+    as_json: bool,
 ) -> None:
     """Measure the capsules of a film, print them, and write the files of each."""
     from capsbayes.image.files.film import Film
@@ -47,12 +49,17 @@ def measure_film(
             film, experiment, frame_rate=rate, background=background, flow=flow, by_hand=by_hand, watch=update
         )
     table = made.table()
-    if made.status.ok:
+    if made.status.ok and not as_json:
         _print(made, table)
     if out is not None:
         _write(made, table, out)
     good = sum(capsule.status.ok for capsule in made.capsules)
-    typer.echo(f"Status: {made.status if not made.status.ok else f'{good} of {len(made.capsules)} capsules measured.'}")
+    if as_json:
+        rows = json.loads(table.to_json(orient="records")) if made.status.ok else []
+        print_json({"status": made.status.name, "frames": made.frames, "capsules": rows})
+    else:
+        words = f"{good} of {len(made.capsules)} capsules measured." if made.status.ok else str(made.status)
+        typer.echo(f"Status: {words}")
     if not good:
         raise typer.Exit(1)
 
@@ -65,6 +72,7 @@ def measure_rtdc(
     flow: str | None,
     by_hand: ByHand | None,
     out: Path | None,
+    as_json: bool,
 ) -> None:
     """Measure the events of a file, count their statuses, and write the files of each."""
     import pandas as pd
@@ -96,8 +104,11 @@ def measure_rtdc(
     if out is not None:
         table_file(table, index=False)(out / "events.csv")
     counts = table["status"].value_counts()
-    typer.echo(", ".join(f"{name} {count}" for name, count in counts.items()))
-    typer.echo(f"Status: {counts.get('DONE', 0)} of {file.events} events measured.")
+    if as_json:
+        print_json({"statuses": counts.to_dict(), "events": json.loads(table.to_json(orient="records"))})
+    else:
+        typer.echo(", ".join(f"{name} {count}" for name, count in counts.items()))
+        typer.echo(f"Status: {counts.get('DONE', 0)} of {file.events} events measured.")
     if "DONE" not in counts:
         raise typer.Exit(1)
 
