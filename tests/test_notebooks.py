@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 SHOWN = {
     "one-capsule": (r"G_s = ([\d.]+) \[", 50.0, 2.0),
-    "population": (r"surface_shear_modulus\s+([\d.]+) \[", 50.0, 4.0),
+    "population": (r"surface_shear_modulus\D+([\d.]+) \[", 50.0, 4.0),
     "hidden-effect": (r"0\.60 µL/min, \d+ capsules: [\d.]+, ([\d.]+)", 50.0, 6.0),
 }
 """What a notebook prints, the truth, and how far from it the number may be."""

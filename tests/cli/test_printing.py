@@ -40,7 +40,7 @@ def test_a_measured_contour(monkeypatch, capsys, tmp_path):
 
 
 def test_what_is_wrong_is_printed_all_the_same(monkeypatch, capsys):
-    code, out, err = run(monkeypatch, capsys, "measure", PICTURES / "none.csv", *KNOWN, *MOVES, "--quiet")
+    code, out, err = run(monkeypatch, capsys, "measure", PICTURES / "none.csv", *CONTOUR[1:], "--quiet")
     assert (code, out) == (2, "")
     assert "none.csv" in err
 
@@ -53,10 +53,10 @@ def test_a_film_and_events_as_json(monkeypatch, capsys):
 
 
 def test_how_much_emcee_samples(monkeypatch, capsys, tmp_path):
-    size = ("--walkers", 32, "--steps", 400, "--ensembles", 3)
+    size = ("--walkers", 32, "--steps", 600, "--ensembles", 5)
     code, out, _ = run(monkeypatch, capsys, "identify", CAPSULE, *size, "--quiet", "--out", tmp_path / "r")
     assert (code, out) == (0, "")
-    assert len(Posterior.read(tmp_path / "r" / "posterior.nc").ensemble) == 3 * 32
+    assert len(Posterior.read(tmp_path / "r" / "posterior.nc").ensemble) == 5 * 32
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,7 @@ def effort_of(
         int | None, typer.Option(min=50, help="Of emcee before its checks are made the first time; default: 450.")
     ] = None,
     ensembles: Annotated[
-        int | None, typer.Option(min=2, help="Independent ensembles of emcee, compared with each other; default: 4.")
+        int | None, typer.Option(min=4, help="Independent ensembles of emcee, compared with each other; default: 4.")
     ] = None,
     most_steps: Annotated[
         int | None, typer.Option(min=50, help="Of emcee, at which it ends in any case; default: 10000.")
