@@ -383,7 +383,7 @@ class Posterior:
          'prior_predictive', 'sample_stats']
         >>> table = arviz.summary(data, var_names=["G_s [mN/m]", "a [µm]"], kind="stats")
         >>> table["mean"].round().tolist()
-        [50.0, 24.0]
+        [51.0, 24.0]
         """
         from capsbayes.infer.inference_data import inference_data, shown
 
