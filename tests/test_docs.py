@@ -24,6 +24,7 @@ RUN = ("index.md", "tutorials/one-capsule.md", "tutorials/folder.md", "tutorials
 """Pages whose Python is run as a script, from a folder with the examples."""
 PRINTED = (
     "index.md",
+    "measuring.md",
     "membrane.md",
     "sensitivity.md",
     "tutorials/one-capsule.md",
@@ -34,6 +35,11 @@ PRINTED = (
 )
 """Pages that show what their commands print."""
 MARK = "-- next block --"
+
+OWN = (("FOLDER/", "a published picture, which is not part of the library"), ("tube.toml", "stands above on the page"))
+"""What the reader of docs/real-capsule.md has to bring."""
+PATH = re.compile(r"[\w.-]+/[\w./-]*|[\w./-]+\.(?:toml|csv|nc|png|avi|rtdc|py|html)")
+"""A word of a command that names a file or a folder."""
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
@@ -65,6 +71,19 @@ def test_commands_and_options_on_the_pages_exist(words):
         command = command.commands[next(rest)]
     known = {name for parameter in command.params for name in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= known | {"--help"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_the_files_that_commands_read_are_in_the_project_or_written_by_a_command_before(page):
+    made = [word for word, _ in OWN]
+    for language, text in blocks(page):
+        for words in lines_of(text) if language == "sh" else ():
+            named = {word for word in words if PATH.fullmatch(word)}
+            written = {after for word, after in pairwise(words) if word in ("--out", "--plot", "-m", "--table")}
+            for name in named - written:
+                there = (ROOT / name).exists() or any(name.startswith(folder) for folder in made)
+                assert there or name.startswith(".venv/"), f"{page.name}: {name}"
+            made += written
 
 
 @pytest.mark.parametrize("name", PRINTED)

@@ -12,6 +12,7 @@ from functools import cache
 from io import StringIO
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -24,6 +25,7 @@ SCRIPTS = sorted({path.relative_to(EXAMPLES).as_posix() for path in EXAMPLES.rgl
 NUMBERS = {
     "own_law/own_law.py": ("v_o/U", 1.416, 0.002),
     "own_effect/own_effect.py": ("v_o/U", 1.343, 0.0005),
+    "pictures/pictures.py": ("G_s [mN/m]", 50.0, 0.02),
     "film/film.py": ("G_s [mN/m]", 50.0, 0.02),
     "batch/batch.py": ("G_s [mN/m]", 50.0, 0.05),
     "drifting_modulus/drifting_modulus.py": ("G_s [mN/m]", 50.0, 0.15),  # its inflation is known to a tenth
@@ -67,3 +69,17 @@ def test_the_drift_of_the_example_goes_with_the_effect():
     rows = np.array([line.split() for line in printed.splitlines() if re.fullmatch(r"[\d. ]+", line)], dtype=float)
     assert np.all(np.diff(rows[:, 1]) < 0.0)
     assert np.ptp(np.log(rows[:, 1])) > 2.0 * np.ptp(np.log(rows[:, 2]))
+
+
+@pytest.mark.slow
+def test_the_pictures_are_what_their_script_draws(tmp_path, monkeypatch):
+    """To one grey level in a few pixels, as the transforms of other machines round otherwise."""
+    monkeypatch.setattr(sys, "argv", ["pictures.py", "--out", str(tmp_path)])
+    runpy.run_path(str(EXAMPLES / "pictures" / "pictures.py"), run_name="__main__")
+    assert (tmp_path / "truth.toml").read_text() == (EXAMPLES / "pictures" / "truth.toml").read_text()
+    for name in ("capsule.png", "empty.png"):
+        drawn, kept = (cv2.imread(str(folder / name), 0).astype(int) for folder in (tmp_path, EXAMPLES / "pictures"))
+        assert np.mean(np.abs(drawn - kept)) < 0.05
+    assert {path.name for path in tmp_path.iterdir()} == {
+        path.name for path in (EXAMPLES / "pictures").iterdir() if path.is_file()
+    } - {"pictures.py"}

@@ -12,6 +12,7 @@ import sys
 from equations import with_mathml
 from from_code import COMMANDS, commands, with_tables
 from neighbours import DOCS, NEIGHBOURS, PICTURES, ROOT, with_links
+from notebooks import NOTEBOOKS, page_of
 
 TARGET = ROOT / "build" / "docs"
 LEFT_OUT = shutil.ignore_patterns("prepare", "*.py", "*.json", "*.jsonl", "__pycache__")
@@ -25,6 +26,8 @@ def main() -> int:
         (TARGET / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / path, TARGET / path)
     (TARGET / COMMANDS).write_text(commands(), encoding="utf-8")
+    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        (TARGET / NOTEBOOKS.name / f"{path.stem}.md").write_text(page_of(path), encoding="utf-8")
     site = {path.relative_to(TARGET).as_posix() for path in TARGET.rglob("*") if path.is_file()}
     failed = []
     for name in sorted(path for path in site if path.endswith(".md")):

@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from capsbayes.camera import Camera
 from capsbayes.errors import InputError
 from capsbayes.files.input_file import InputFile, quantity, unread
 from capsbayes.files.output_file import write_file
+from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 
@@ -134,7 +136,7 @@ class Experiment(Readable):
         """Return rho U l / mu at a mean velocity of the undisturbed flow [m/s]; NaN where mu is not known."""
         if self.viscosity is None:
             return np.full(np.shape(mean_velocity), np.nan)
-        return self.density.mean * np.asarray(mean_velocity) * self.half_width.mean / self.viscosity.mean
+        return self.density.mean * _si(mean_velocity, "mean_velocity") * self.half_width.mean / self.viscosity.mean
 
     def described(self) -> dict[str, str]:
         """Return channel and liquid in the units that people read."""
@@ -176,37 +178,47 @@ class Experiment(Readable):
 def capillary_number(*, viscosity: ArrayLike, mean_velocity: ArrayLike, surface_shear_modulus: ArrayLike) -> Floats:
     """Return the capillary number Ca = mu U / G_s, equation 1 of the paper.
 
+    This and its inverses take numbers in SI, texts with units, and quantities of pint, which may be arrays.
+
     Examples
     --------
     >>> float(capillary_number(viscosity=1.0, mean_velocity=4e-3, surface_shear_modulus=0.04))
     0.1
     """
-    return np.asarray(viscosity) * np.asarray(mean_velocity) / np.asarray(surface_shear_modulus)
+    return (
+        _si(viscosity, "viscosity")
+        * _si(mean_velocity, "mean_velocity")
+        / _si(surface_shear_modulus, "surface_shear_modulus")
+    )
 
 
 def surface_shear_modulus(*, viscosity: ArrayLike, mean_velocity: ArrayLike, capillary_number: ArrayLike) -> Floats:
     """Return the shear modulus of the membrane G_s = mu U / Ca [N/m]."""
-    return np.asarray(viscosity) * np.asarray(mean_velocity) / np.asarray(capillary_number)
+    return _si(viscosity, "viscosity") * _si(mean_velocity, "mean_velocity") / _si(capillary_number, "capillary_number")
 
 
 def imposed_velocity(*, viscosity: ArrayLike, capillary_number: ArrayLike, surface_shear_modulus: ArrayLike) -> Floats:
     """Return the mean velocity of the flow that gives a capillary number, U = Ca G_s / mu [m/s]."""
-    return np.asarray(capillary_number) * np.asarray(surface_shear_modulus) / np.asarray(viscosity)
+    return (
+        _si(capillary_number, "capillary_number")
+        * _si(surface_shear_modulus, "surface_shear_modulus")
+        / _si(viscosity, "viscosity")
+    )
 
 
 def mean_velocity(*, capsule_velocity: ArrayLike, velocity_ratio: ArrayLike) -> Floats:
     """Return the mean velocity of the undisturbed flow U = v_o / (v_o/U) [m/s]."""
-    return np.asarray(capsule_velocity) / np.asarray(velocity_ratio)
+    return _si(capsule_velocity, "capsule_velocity") / _si(velocity_ratio, "velocity_ratio")
 
 
 def size_ratio(*, capsule_radius: ArrayLike, half_width: ArrayLike) -> Floats:
     """Return the radius of the capsule over the half width of the channel, a/l [-]."""
-    return np.asarray(capsule_radius) / np.asarray(half_width)
+    return _si(capsule_radius, "capsule_radius") / _si(half_width, "half_width")
 
 
 def capsule_radius(*, size_ratio: ArrayLike, half_width: ArrayLike) -> Floats:
     """Return the radius of the capsule a = (a/l) l [m]."""
-    return np.asarray(size_ratio) * np.asarray(half_width)
+    return _si(size_ratio, "size_ratio") * _si(half_width, "half_width")
 
 
 def bending(*, membrane_thickness: ArrayLike, capsule_radius: ArrayLike) -> Floats:
@@ -219,12 +231,24 @@ def bending(*, membrane_thickness: ArrayLike, capsule_radius: ArrayLike) -> Floa
     >>> float(bending(membrane_thickness=0.6e-6, capsule_radius=24e-6).round(7))
     0.0002083
     """
-    return (np.asarray(membrane_thickness) / np.asarray(capsule_radius)) ** 2 / 3.0
+    return (_si(membrane_thickness, "membrane_thickness") / _si(capsule_radius, "capsule_radius")) ** 2 / 3.0
 
 
 def membrane_thickness(*, bending: ArrayLike, capsule_radius: ArrayLike) -> Floats:
     """Return the thickness of the membrane t = a (3 B)^(1/2) [m], the inverse of `bending`."""
-    return np.asarray(capsule_radius) * np.sqrt(3.0 * np.asarray(bending))
+    return _si(capsule_radius, "capsule_radius") * np.sqrt(3.0 * _si(bending, "bending"))
+
+
+def _si(given: Any, name: str) -> Floats:
+    """Return numbers in SI, those of a text or a quantity of pint converted; numpy would drop the unit."""
+    if isinstance(given, str):
+        return np.asarray(Quantity.of(given, name).value)
+    if hasattr(given, "dimensionality"):
+        unit = PARAMETERS[name].si or "dimensionless"
+        if not given.is_compatible_with(unit):
+            raise InputError("experiment", name, f"a quantity in {unit}", str(given))
+        return np.asarray(given.to(unit).magnitude)
+    return np.asarray(given)
 
 
 def _text(value: Quantity, key: str) -> str:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from capsbayes.errors import InputError
 from capsbayes.files.input_file import InputFile, Reader, file_name, quantity, unread
 from capsbayes.files.output_file import together, write_file
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
-from capsbayes.parameters import STATED
+from capsbayes.parameters import PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 from capsbayes.status import Status
+
+_NUMBERS = (int, float, np.floating, np.integer)
 
 CONDITIONS = ("half_width", "viscosity")
 """Conditions of an experiment that may differ from capsule to capsule of a set."""
@@ -28,7 +31,8 @@ class Measurement(Readable):
     """Lengths and velocity of one capsule at steady state.
 
     The error of the velocity is taken as independent of those of the lengths. A length and the velocity are given with
-    their errors, in any form that `Quantity.of` reads, or as a number with the error apart.
+    their errors, in any form that `Quantity.of` reads, or with the error apart, a number in SI or a quantity of the
+    same unit.
 
     Parameters
     ----------
@@ -119,7 +123,7 @@ class Measurement(Readable):
             self._check_pair(where, key)
         if self.flow_rate is not None:
             rate = Quantity.of(self.flow_rate, "flow_rate", where=where)
-            error = rate.error or self.flow_rate_error or 0.0
+            error = rate.error or _apart(self.flow_rate_error, where, "flow_rate_error", ("m^3/s",)) or 0.0
             if not 0.0 <= error < np.inf:
                 raise InputError(where, "flow_rate_error", "a number that is not negative", repr(error))
             object.__setattr__(self, "flow_rate", rate.value)
@@ -133,6 +137,12 @@ class Measurement(Readable):
             )
         if self.outline is not None and not self.over_half_width:
             raise InputError(where, "outline", "lengths over l, as the outline is", "lengths in metres", "divide by l")
+        read = {
+            key: _apart(value, where, key, (PARAMETERS[key].si,))
+            for key, value in self.conditions.items()
+            if key in CONDITIONS
+        }
+        object.__setattr__(self, "conditions", {**self.conditions, **read})
         for key, value in self.conditions.items():
             if key not in CONDITIONS or not (np.isfinite(value) and value > 0.0):
                 raise InputError(where, key, f"a positive number, of {' or '.join(CONDITIONS)}", repr(value))
@@ -141,12 +151,18 @@ class Measurement(Readable):
 
     def _split(self, where: str, key: str, units: tuple[str, ...]) -> str | None:
         """Split a quantity into its value and its error; return its unit, None if it is a number or missing."""
-        given = getattr(self, key)
-        if given is None or isinstance(given, (int, float, np.floating)):
+        given, error = getattr(self, key), getattr(self, f"{key}_error")
+        if given is None or isinstance(given, _NUMBERS):
+            bare = units if key == "capsule_velocity" else ("",) if self.over_half_width else ("m",)
+            object.__setattr__(self, f"{key}_error", _apart(error, where, f"{key}_error", bare))
             return None
-        found = _measured(*units)(given, where, key)
+        apart = error is not None and not isinstance(error, _NUMBERS)  # a bare number beside a unit could be in either
+        found = Quantity.of(given, key, where=where, units=units) if apart else _measured(*units)(given, where, key)
+        stated = _apart(error, where, f"{key}_error", (found.unit,)) if apart else found.error
+        if apart and found.error:
+            raise InputError(where, f"{key}_error", "one error", f"{found}, and {error}")
         object.__setattr__(self, key, found.value)
-        object.__setattr__(self, f"{key}_error", found.error)
+        object.__setattr__(self, f"{key}_error", stated)
         return found.unit
 
     def _check_pair(self, where: str, key: str) -> None:
@@ -326,6 +342,13 @@ def _measured(*units: str) -> Reader:
         return found
 
     return read
+
+
+def _apart(given: Given, where: str, key: str, units: tuple[str, ...]) -> Any:
+    """Return a number that is stated apart from another in SI; what is a number or missing as it is."""
+    if given is None or isinstance(given, _NUMBERS):
+        return given
+    return Quantity.of(given, where=where, key=key, units=units).value
 
 
 def _text(value: object, where: str, key: str) -> str:

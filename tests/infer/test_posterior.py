@@ -66,8 +66,8 @@ def test_the_file_is_read_by_arviz_and_by_xarray(posterior, tmp_path):
         assert len(json.loads(root.attrs["gates"])) == len(posterior.gates)
 
 
-def test_the_same_groups_are_an_inference_data(posterior):
-    data = posterior.to_inference_data()
+def test_the_same_groups_are_an_inference_data(posterior, model):
+    data = posterior.to_inference_data(model)
     assert data.posterior.sizes["draw"] == posterior.draws["size_ratio"].shape[1]
     assert data.posterior_predictive["outline"].shape[-1] == 2
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from results import population, posterior
+from rich.console import Console
 from sessions import drawn_session
 
 from capsbayes import Surrogate, diagnose
@@ -20,7 +21,7 @@ from capsbayes.model import TWO_SHAPES
 from capsbayes.show.pages.population import population_page
 from capsbayes.show.pages.posterior import posterior_page
 from capsbayes.show.pages.study import study_page
-from capsbayes.show.tables.table import print_parts, table, typeset
+from capsbayes.show.tables.table import print_parts, table, terminal_table, typeset
 from capsbayes.show.terminal.population import hierarchy_parts, population_parts
 from capsbayes.show.terminal.posterior import posterior_parts
 from capsbayes.show.terminal.study import study_parts
@@ -122,3 +123,18 @@ def test_what_is_printed_keeps_brackets_and_skips_nothing_else():
     assert "G_s [mN/m]" in shown.getvalue()
     assert "a [b]" in shown.getvalue()
     assert "Status: Done." in shown.getvalue()
+
+
+def test_a_table_wider_than_a_line_is_printed_in_parts_and_breaks_sentences_alone():
+    sentence = "Two steady shapes are stable at such a capillary number, and the capsule takes either of them. " * 3
+    head = ("effect", "log-likelihood ratio", "odds against the best", "size", "median G_s", "in question?")
+    rows = [("pre-inflation", "12.3", "1 : 10^4", "alpha = 0.031 ± 0.004", "49.8 mN/m", sentence)]
+    shown = Console(width=80, file=io.StringIO())
+    shown.print(terminal_table(table(head, rows, numbers=(1,)), 80))
+    lines = [line.rstrip() for line in shown.file.getvalue().splitlines()]
+    assert max(map(len, lines)) <= 80
+    assert len(lines) < 20
+    assert [line.split()[0] for line in lines if line.startswith("pre-inflation")] == ["pre-inflation"] * 2
+    for cell in rows[0][:-1]:
+        assert any(cell in line for line in lines)
+    assert " ".join(sentence.split()) in " ".join(" ".join(lines).split())

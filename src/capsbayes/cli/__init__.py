@@ -15,6 +15,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from capsbayes import __version__
+from capsbayes.cli.output import quietable
 from capsbayes.cli.paths import checked
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.interruption import Interrupted, interruptible
@@ -61,7 +62,7 @@ for _group, _names in COMMANDS.items():
         if _name == "sensitivity":
             app.add_typer(_module.app, name=_name, rich_help_panel=_group)
         else:
-            app.command(_name, rich_help_panel=_group)(checked(getattr(_module, _name)))
+            app.command(_name, rich_help_panel=_group)(quietable(checked(getattr(_module, _name))))
 
 
 def main() -> None:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from capsbayes.cli.options import Workers
+from capsbayes.cli.options import AsJson, Workers
+from capsbayes.cli.output import print_json
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
 
@@ -21,6 +22,7 @@ def exam(
     only: Annotated[str | None, typer.Option(help="Only cells whose name contains this text.")] = None,
     sessions: Annotated[int | None, typer.Option(min=1, help="Of each cell, at most; all if absent.")] = None,
     workers: Workers = None,
+    as_json: AsJson = False,
 ) -> None:
     """Draw many blind sessions with true effects, diagnose each, and write the page of the answers.
 
@@ -49,4 +51,7 @@ def exam(
         chosen, pools, out, workers=workers, tell=lambda line: console.print(line, highlight=False, markup=False)
     )
     write_file(out / "exam.md", exam_page(chosen, answers))
-    typer.echo(f"{out / 'exam.md'}")
+    if as_json:
+        print_json({"file": str(out / "exam.md"), "cells": [cell.name for cell in chosen]})
+    else:
+        typer.echo(f"{out / 'exam.md'}")

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capsbayes.cli.options import Seed, Workers
+from capsbayes.cli.options import AsJson, Seed, Workers
+from capsbayes.cli.output import print_json
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together, write_file
@@ -31,6 +32,7 @@ def hide(
     lengths_only: Annotated[bool, typer.Option("--lengths-only", help="Measure lengths alone, no outlines.")] = False,
     refinement: Annotated[int, typer.Option(min=4, max=32, help="Fineness n of the mesh.")] = 12,
     workers: Workers = None,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate a lab's capsules with a true effect, and measure them: a blind set for `diagnose`.
 
@@ -53,7 +55,7 @@ def hide(
         refinement=refinement,
         workers=workers,
     )
-    _write(blind, out, truth)
+    _write(blind, out, truth, as_json)
 
 
 def _size(effect: TrueEffect, text: str) -> float:
@@ -75,7 +77,7 @@ def _check_empty(out: Path) -> None:
 
 
 @together()
-def _write(blind: BlindSession, out: Path, truth: Path) -> None:
+def _write(blind: BlindSession, out: Path, truth: Path, as_json: bool) -> None:
     """Write the set, and next to it the truth; the set holds the truth's hash, so that it cannot be changed later."""
     import hashlib
     import json
@@ -85,4 +87,9 @@ def _write(blind: BlindSession, out: Path, truth: Path) -> None:
     blind.session.write(out)
     seal = hashlib.sha256(told.encode()).hexdigest()
     write_file(out / "seal.txt", f"sha256 of the truth: {seal}\n")
+    if as_json:
+        print_json(
+            {"folder": str(out), "capsules": len(blind.session), "truth": str(truth / "truth.json"), "sha256": seal}
+        )
+        return
     typer.echo(f"{out}: {len(blind.session)} capsules; the truth is in {truth / 'truth.json'}, sealed by {seal[:12]}")

@@ -23,6 +23,7 @@ from capsbayes.cli.options import (
     Velocity,
     by_hand_of,
     capsule_model,
+    effort_of,
     membrane_of,
     named_experiment,
     prior_texts,
@@ -44,6 +45,7 @@ def _written(values: Mapping[str, Any]) -> tuple[str, ...]:
     return (*results, *DETECTED) if is_picture(values["capsule"]) else results
 
 
+@with_options_of(effort_of, "effort")
 @with_options_of(by_hand_of, "by_hand")
 def identify(
     capsule: Annotated[
@@ -76,6 +78,7 @@ def identify(
             "model with further coordinates."
         ),
     ] = None,
+    effort: Any = None,
     seed: Seed = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -103,13 +106,16 @@ def identify(
             if given is not None:
                 raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule))
         measurement, written, stated = Measurement.read(capsule), Prior.read(capsule), Membrane.read(capsule)
+    if effort is not None and engine == "quadrature":
+        raise InputError("identify", "--engine", "emcee with --walkers, --steps, --ensembles or --most-steps", engine)
     believed = written.with_texts(prior_texts(prior), where="--prior")
     known = named_experiment(measurement, experiment)
     view = None if measurement.outline is None else measurement.outline.view
     sheet = membrane_of(stated, membrane)
     model = capsule_model(database, sheet, known.cross_section, view)
     with resumable(out):
-        posterior = identified(measurement, model, known, engine=engine, seed=seed, prior=believed, membrane=sheet)
+        how = {"engine": engine, "effort": effort, "prior": believed, "membrane": sheet}
+        posterior = identified(measurement, model, known, seed=seed, **how)
         if not model.coordinates:
             posterior = _with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)

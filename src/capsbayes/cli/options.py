@@ -165,6 +165,37 @@ Plot = Annotated[
 ]
 
 
+def effort_of(
+    walkers: Annotated[int | None, typer.Option(min=8, help="Of each ensemble of emcee; default: 64.")] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=50, help="Of emcee before its checks are made the first time; default: 450.")
+    ] = None,
+    ensembles: Annotated[
+        int | None, typer.Option(min=4, help="Independent ensembles of emcee, compared with each other; default: 4.")
+    ] = None,
+    most_steps: Annotated[
+        int | None, typer.Option(min=50, help="Of emcee, at which it ends in any case; default: 10000.")
+    ] = None,
+) -> Any:
+    """Return how much emcee samples, None if nothing is stated; each is an option of `identify`.
+
+    Raises
+    ------
+    InputError
+        If the steps are more than the most.
+    """
+    stated = {"walkers": walkers, "steps": steps, "ensembles": ensembles, "budget": most_steps}
+    given = {name: value for name, value in stated.items() if value is not None}
+    if not given:
+        return None
+    from capsbayes.infer.sampling.ensembles import Effort
+
+    effort = Effort(**given)
+    if effort.steps > effort.budget:
+        raise InputError("identify", "--steps", f"at most --most-steps, {effort.budget}", str(effort.steps))
+    return effort
+
+
 def simulator_of(
     law: Annotated[
         str,

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import inspect
+import io
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,6 +23,42 @@ if TYPE_CHECKING:
     from capsbayes.status import Status
 
 Writer = Callable[[Path], object]
+
+
+Quiet = Annotated[
+    bool, typer.Option("--quiet", help="Print nothing but what went wrong; with --json, nothing but the JSON.")
+]
+
+
+class _NoTerminal(io.TextIOBase):
+    """A stream without progress bars, which are drawn on terminals alone."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text as it is."""
+        return int(self._stream.write(text))
+
+
+def quietable(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the option ``--quiet``, with which files and exit status are all that it leaves."""
+    signature = inspect.signature(command, eval_str=True)
+
+    @functools.wraps(command)
+    def run(**given: Any) -> None:
+        if not given.pop("quiet"):
+            command(**given)
+            return
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(contextlib.redirect_stderr(_NoTerminal(sys.stderr)))
+            if not given.get("as_json"):
+                stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
+            command(**given)
+
+    own = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
+    run.__signature__ = signature.replace(parameters=[*signature.parameters.values(), own])  # type: ignore[attr-defined]
+    return run
 
 
 def print_json(result: Any) -> None:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from capsbayes.cli.options import AsJson
+from capsbayes.cli.output import print_json
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
@@ -27,6 +29,7 @@ def report(
         Reads(),
     ] = None,
     rows: Annotated[int, typer.Option(min=1, help="Of a population: most capsules in the table, worst first.")] = 500,
+    as_json: AsJson = False,
 ) -> None:
     """Write a result as one HTML page that holds its pictures, to read on a screen or a phone and to print."""
     from rich.console import Console
@@ -40,4 +43,8 @@ def report(
         raise InputError("report", "--picture", "a posterior with a picture", source)
     with only_run(out), Console(stderr=True).status("Drawing ..."):
         path = write_report(found, out, picture=picture, rows=rows, source=source)
-    typer.echo(f"Written to {path}, {path.stat().st_size / 1e6:.1f} MB.")
+    size = path.stat().st_size
+    if as_json:
+        print_json({"file": str(path), "bytes": size})
+    else:
+        typer.echo(f"Written to {path}, {size / 1e6:.1f} MB.")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.options import CapillaryNumber, Plot, SizeRatio, simulator_of, with_options_of
-from capsbayes.cli.output import table_file
+from capsbayes.cli.options import AsJson, CapillaryNumber, Plot, SizeRatio, simulator_of, with_options_of
+from capsbayes.cli.output import print_json, table_file
 from capsbayes.cli.paths import Writes
 from capsbayes.files.output_file import together
 
@@ -34,6 +34,7 @@ def transient(
         Writes(".pvd", next_to=("{stem}-*.vtu",)),
     ] = None,
     plot: Plot = None,
+    as_json: AsJson = False,
 ) -> None:
     """Follow one capsule from rest and print its lengths and velocity over time.
 
@@ -53,7 +54,10 @@ def transient(
     )
     snapshots = _followed(way, until)
     lengths = rendered(list(_COLUMNS.values()), map(_row, snapshots), numbers=range(len(_COLUMNS)))
-    print_parts(lengths, _end(snapshots[-1]))
+    if as_json:
+        print_json([_record(snapshot) for snapshot in snapshots])
+    else:
+        print_parts(lengths, _end(snapshots[-1]))
     with together():
         if table is not None:
             table_file(lengths, header=list(_COLUMNS), index=False)(table)
@@ -91,6 +95,12 @@ def _row(snapshot: Snapshot) -> list[str]:
     profile = snapshot.profile
     lengths = (profile.axial_extent, profile.axial_length, snapshot.velocity_ratio)
     return [f"{snapshot.time:.4g}", *(f"{value:.4f}" for value in lengths), f"{snapshot.speed:.1e}"]
+
+
+def _record(snapshot: Snapshot) -> dict[str, float]:
+    profile = snapshot.profile
+    numbers = snapshot.time, profile.axial_extent, profile.axial_length, snapshot.velocity_ratio, snapshot.speed
+    return dict(zip(_COLUMNS, map(float, numbers), strict=True))
 
 
 def _end(last: Snapshot) -> str:

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from capsbayes.cli.options import AsJson
+from capsbayes.cli.output import print_json
 from capsbayes.cli.paths import Writes
 
 
@@ -18,6 +20,7 @@ def verify(
         Writes(within=("verification.md", "*.png")),
     ],
     only: Annotated[str | None, typer.Option(help="Name of the only topic to compute.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Compute every comparison that is not in the folder yet, and write the page.
 
@@ -34,10 +37,14 @@ def verify(
     console = Console(stderr=True, quiet=not sys.stderr.isatty())
     tables = verified(TOPICS, out, only=only, tell=lambda line: console.print(line, highlight=False))
     total: Counter[str] = Counter()
-    for name, rows in tables.items():
-        verdicts = Counter(row.verdict for row in rows if row.verdict)
-        typer.echo(f"{name:20s} {', '.join(f'{count} {verdict}' for verdict, count in verdicts.items())}")
+    topics = {name: Counter(row.verdict for row in rows if row.verdict) for name, rows in tables.items()}
+    for name, verdicts in topics.items():
+        if not as_json:
+            typer.echo(f"{name:20s} {', '.join(f'{count} {verdict}' for verdict, count in verdicts.items())}")
         total += verdicts
-    typer.echo(f"{out / 'verification.md'}")
+    if as_json:
+        print_json({"file": str(out / "verification.md"), "verdicts": topics})
+    else:
+        typer.echo(f"{out / 'verification.md'}")
     if total["missed"]:
         raise typer.Exit(1)

@@ -21,7 +21,7 @@ from capsbayes.image.walls import WallLines
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, arc_length, signed_area, vertex_normals
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 
 POINTS = ("centres", "borders")
 EDGE_ERROR = 1.0
@@ -58,10 +58,10 @@ def measure_contour(
     contour: ContourFile,
     experiment: Experiment,
     *,
-    capsule_velocity: Quantity | None,
+    capsule_velocity: Given | None,
     flow: str,
-    edge_error: Quantity | None = None,
-    pixel_size: Quantity | None = None,
+    edge_error: Given | None = None,
+    pixel_size: Given | None = None,
     points: str | None = None,
     walls: Any = None,
     wall_error: Any = None,
@@ -73,7 +73,7 @@ def measure_contour(
     contour : ContourFile
     experiment : Experiment
     capsule_velocity : Quantity [m/s]
-        v_o with its standard error.
+        v_o with its standard error. This and the next two in any form that `Quantity.of` reads.
     flow : str
         ``"right"`` or ``"left"``.
     edge_error : Quantity, optional [m]
@@ -103,6 +103,14 @@ def measure_contour(
         If an option is missing that the file does not tell.
     """
     direction = FLOWS[flow] if check_flow(flow) else 1
+    capsule_velocity, edge_error, pixel_size = (
+        None if given is None else Quantity.of(given, name, where="measure_contour", key=key, units=(unit,))
+        for given, name, key, unit in (
+            (capsule_velocity, "capsule_velocity", None, "m/s"),
+            (edge_error, "", "edge_error", "m"),
+            (pixel_size, "", "pixel_size", "m"),
+        )
+    )
     between = None if walls is None else _between(contour, ByHand(walls=walls, wall_error=wall_error))
     if between is not None:
         size = experiment.half_width.mean / between.half_width

@@ -29,7 +29,7 @@ from capsbayes.image.measure import check_flow, measurement_of
 from capsbayes.image.smoothing import edge_shift
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 
 _SAMPLED = 101  # events in the median that is the background
 _WIDTHS = 0.1  # largest relative difference of the channel's width between file and experiment
@@ -78,8 +78,8 @@ def measure_rtdc(
     file: RtdcFile | str | Path,
     experiment: Experiment,
     *,
-    capsule_velocity: Quantity | None,
-    pixel_size: Quantity,
+    capsule_velocity: Given | None,
+    pixel_size: Given,
     flow: str | None = None,
     axis: Any = None,
     events: Iterable[int] | None = None,
@@ -92,7 +92,7 @@ def measure_rtdc(
     experiment : Experiment
         Its channel must be that of the file; the viscosity of the liquid is not in the file.
     capsule_velocity : Quantity [m/s]
-        v_o with its standard error, which the file does not hold.
+        v_o with its standard error, which the file does not hold; this and the next as `Quantity.of` reads them.
     pixel_size : Quantity [m]
         With its standard error, which the file does not hold; its value must be about that of the file.
     flow : str, optional
@@ -109,6 +109,9 @@ def measure_rtdc(
         If the file cannot be used, or its channel or pixels are not those of the experiment.
     """
     file = file if isinstance(file, RtdcFile) else RtdcFile.open(file)
+    if capsule_velocity is not None:
+        capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure_rtdc")
+    pixel_size = Quantity.of(pixel_size, where="measure_rtdc", key="pixel_size", units=("m",))
     direction = check_flow(flow)
     _check_channel(file, experiment, pixel_size)
     sampled = sorted(evenly_spaced(file.events, _SAMPLED))

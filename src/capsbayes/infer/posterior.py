@@ -12,6 +12,7 @@ import numpy as np
 
 from capsbayes import __version__
 from capsbayes.arrays import Floats, Integers
+from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.output_file import write_dataset
 from capsbayes.infer.checks import Agreement, Gate
@@ -19,8 +20,11 @@ from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.posterior_file import LOG_MODULUS_SD, OVER_LAWS, RECORD, WORK, read_fields, record_of
+from capsbayes.infer.predictive import Predictive, as_datasets
 from capsbayes.infer.prior import Prior
+from capsbayes.measured_outline import MID_PLANE
 from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity
 from capsbayes.readable import as_html
@@ -318,14 +322,88 @@ class Posterior:
         attributes = {key: json.dumps(value) for key, value in stated.items() if not isinstance(value, (str, int))}
         return write_dataset(path, xr.Dataset(attrs=stated | attributes), groups=self.groups())
 
-    def to_inference_data(self) -> Any:
-        """Return an `arviz.InferenceData` of the same groups."""
-        import warnings
+    def model_of(self, model: ForwardModel | None = None, *, where: str = "posterior") -> ForwardModel:
+        """Return the model that made this posterior: the one given, or the database of its name.
 
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
-            import arviz
-        return arviz.InferenceData(**self.groups(), warn_on_custom_groups=False)
+        Raises
+        ------
+        InputError
+            If no database of this name and fingerprint comes with the library and no model is given, or another one.
+        """
+        if model is None:
+            name, _, coordinate = self.model_name.removesuffix(" (silhouettes)").partition(" with ")
+            if coordinate:
+                name = f"{name.split('-')[0]}-{coordinate.replace('_', '-')}"
+            from capsbayes.database import Database  # imports pandas
+
+            if name not in Database.shipped():
+                expected = f"the model of the posterior, {self.model_name}"
+                raise InputError(where, "model", expected, "nothing, and no such database comes with the library")
+            from capsbayes.surrogate import Surrogate
+
+            outline = self.measurement.outline
+            model = Surrogate.open(name, view=MID_PLANE if outline is None else outline.view)
+        if model.sha256 != self.model_sha256:
+            expected = f"the model of the posterior, {self.model_name}, sha256 {self.model_sha256[:12]}"
+            got = f"{model.name}, sha256 {model.sha256[:12]}"
+            raise InputError(where, "model", expected, got, "give the model that it was identified with")
+        return model
+
+    def to_inference_data(self, model: ForwardModel | None = None, *, units: str = "si") -> Any:
+        """Return an `arviz.InferenceData` with every group that ArviZ works on.
+
+        Further than the groups of the file: ``prior`` (given the velocity, see `capsbayes.infer.predictive`),
+        ``prior_predictive`` and ``posterior_predictive`` of lengths, velocity and flow rate, and ``log_likelihood``, of
+        the lengths together (or of the outline) and of the velocity. They are computed here, not before.
+
+        Parameters
+        ----------
+        model : ForwardModel, optional
+            That of the posterior; by default the database of its name that comes with the library.
+        units : str
+            ``"si"``, or ``"shown"`` for the units that people read, with variables named as ``G_s [mN/m]``: tables of
+            ArviZ, which round to three digits, can be read then.
+
+        Raises
+        ------
+        InputError
+            If the model cannot be found, or `units` is neither.
+
+        Examples
+        --------
+        >>> import arviz
+        >>> from capsbayes import Experiment, Measurement, Surrogate, identify
+        >>> seen = Measurement(axial_extent="2.14 +/- 0.02", axial_length="1.81 +/- 0.02",
+        ...                    capsule_velocity="6.20 +/- 0.06 mm/s")
+        >>> channel = Experiment(cross_section="square", half_width="25.0 +/- 0.2 um", viscosity="0.85 +/- 0.02 Pa s")
+        >>> found = identify(seen, Surrogate.open("square-neo-hookean"), channel, engine="quadrature", seed=1)
+        >>> data = found.to_inference_data(units="shown")
+        >>> sorted(data.groups())  # doctest: +NORMALIZE_WHITESPACE
+        ['constant_data', 'log_likelihood', 'observed_data', 'posterior', 'posterior_predictive', 'prior',
+         'prior_predictive', 'sample_stats']
+        >>> table = arviz.summary(data, var_names=["G_s [mN/m]", "a [µm]"], kind="stats")
+        >>> table["mean"].round().tolist()
+        [51.0, 24.0]
+        """
+        from capsbayes.infer.inference_data import inference_data, shown
+
+        if units not in ("si", "shown"):
+            raise InputError("posterior", "units", '"si" or "shown"', repr(units))
+        groups, forward = self.groups(), self.model_of(model)
+        what = (self.draws, self.measurement, self.experiment, self.prior, self.inputs, forward, self.seed)
+        further = Predictive(*what).groups()
+        if "sample_stats" in groups:  # of the chains themselves
+            del further["sample_stats"]
+        names = {name for of in further.values() for name in of if name in PARAMETERS}
+        known = {name: _attributes(name) for name in names}
+        if not self.measurement.over_half_width:
+            known |= {name: {**known[name], "units": "m"} for name in ("axial_extent", "axial_length") if name in known}
+        made = as_datasets(further, known)
+        if self.outlines is not None:  # of some of the draws
+            outlines = groups["posterior_predictive"]["outline"][0].rename(draw="outline_draw")
+            made["posterior_predictive"] = made["posterior_predictive"].assign(outline=outlines)
+        groups |= made
+        return inference_data(shown(groups) if units == "shown" else groups)
 
 
 def _attributes(name: str) -> dict[str, str]:

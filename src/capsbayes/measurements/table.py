@@ -1,6 +1,6 @@
 """A set as a table: lengths and velocities, one row a capsule, as a CSV, Parquet or NetCDF file or a pandas DataFrame.
 
-Headers carry their units. Lengths are over l; velocities may be in m/s or mm/s. The ``capsules.csv`` that the
+Headers or cells carry their units. Lengths are over l; velocities may be in m/s or mm/s. The ``capsules.csv`` that the
 measurement of a film leaves is such a table too.
 """
 
@@ -24,6 +24,7 @@ from capsbayes.files.csv_file import plain_cell, read_csv, text_of_table
 from capsbayes.files.input_file import read_bytes
 from capsbayes.files.output_file import write_file
 from capsbayes.measurement import CONDITIONS, Measurement
+from capsbayes.measurements.columns import usual_columns
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 from capsbayes.measurements.netcdf import opened
 from capsbayes.parameters import PARAMETERS, STATED
@@ -101,7 +102,9 @@ class MeasuredLengths:
             ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or
             ``_mpa_s``) where they are not those of the experiment, ``name``, and ``status``, which is DONE for a
             capsule to be used. ``surface_shear_modulus_prior`` and ``capsule_radius_prior`` hold texts as
-            ``"50 +/- 10 mN/m"`` that replace the prior of the run.
+            ``"50 +/- 10 mN/m"`` that replace the prior of the run. A number may also be headed by its name with a unit,
+            ``capsule_velocity [mm/s]``, or by its name alone, ``capsule_velocity``, over cells in SI or with units of
+            their own, see `capsbayes.measurements.columns.usual_columns`.
 
         Raises
         ------
@@ -116,6 +119,8 @@ class MeasuredLengths:
     def of_frame(cls, frame: pd.DataFrame, *, source: str = "table", sha256: str = "") -> MeasuredLengths:
         """Take the numbers from a pandas DataFrame with the columns of `read`.
 
+        Cells may be quantities of pint, or texts with units and errors.
+
         Raises
         ------
         InputError
@@ -124,6 +129,7 @@ class MeasuredLengths:
         import pandas as pd
 
         frame = frame.rename(columns=lambda name: str(name).strip()).reset_index(drop=True)
+        frame = usual_columns(frame, {name: next(iter(headers)) for name, headers in _HEADERS.items()}, source)
         _check_columns(source, list(frame.columns))
         if not len(frame):
             raise InputError(source, "", "at least one capsule", "none")

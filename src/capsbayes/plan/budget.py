@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING, Any
 from threadpoolctl import threadpool_limits
 
 from capsbayes import __version__
-from capsbayes.database import Database
-from capsbayes.errors import InputError
 from capsbayes.infer.exact import exact_engine
 from capsbayes.infer.grid.posterior import ExactPosterior
 from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.posterior import Posterior
 from capsbayes.infer.shares import QUANTITIES, REST, variance_shares
-from capsbayes.measured_outline import MID_PLANE
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
@@ -170,7 +167,7 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
         If no database of the posterior's name and fingerprint comes with the library and no model is given, or
         another than that of the posterior.
     """
-    forward = _model_of(posterior, model)
+    forward = posterior.model_of(model, where="error_budget")
     seen, inputs = posterior.measurement, posterior.inputs
     with threadpool_limits(limits=1):
         engine = exact_engine(forward, posterior.experiment, posterior.prior, outline=seen.outline is not None)
@@ -216,26 +213,6 @@ def _ordered(names: Mapping[str, float]) -> list[str]:
     known = [name for name in _ORDER if name in names]
     last = [name for name in (TOGETHER, REST) if name in names]
     return [*known, *(name for name in names if name not in (*known, *last)), *last]
-
-
-def _model_of(posterior: Posterior, model: ForwardModel | None) -> ForwardModel:
-    """Return the model that made a posterior."""
-    if model is None:
-        name, _, coordinate = posterior.model_name.removesuffix(" (silhouettes)").partition(" with ")
-        if coordinate:
-            name = f"{name.split('-')[0]}-{coordinate.replace('_', '-')}"
-        if name not in Database.shipped():
-            expected = f"the model of the posterior, {posterior.model_name}"
-            raise InputError("error_budget", "model", expected, "nothing, and no such database comes with the library")
-        from capsbayes.surrogate import Surrogate
-
-        outline = posterior.measurement.outline
-        model = Surrogate.open(name, view=MID_PLANE if outline is None else outline.view)
-    if model.sha256 != posterior.model_sha256:
-        expected = f"the model of the posterior, {posterior.model_name}, sha256 {posterior.model_sha256[:12]}"
-        got = f"{model.name}, sha256 {model.sha256[:12]}"
-        raise InputError("error_budget", "model", expected, got, "give the model that it was identified with")
-    return model
 
 
 def _notes(posterior: Posterior) -> tuple[str, ...]:

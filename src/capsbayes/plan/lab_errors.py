@@ -10,6 +10,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.measured_outline import MID_PLANE, MeasuredOutline, OutlineNoise
 from capsbayes.measurement import Measurement
+from capsbayes.quantity import Given, Quantity
 
 _SURE = 1e-6  # relative error of a flow rate that is stated without one
 
@@ -21,7 +22,7 @@ class LabErrors:
     Parameters
     ----------
     axial_extent : float [l or m]
-        Of L_z.
+        Of L_z. This and the next three may be texts or quantities of pint; a length with a unit is in metres.
     capsule_velocity : float [-]
         Of v_o, over v_o.
     axial_length : float or None [l or m]
@@ -48,16 +49,17 @@ class LabErrors:
     [[0.0004, 0.0], [0.0, 0.0004]]
     """
 
-    axial_extent: float
-    capsule_velocity: float
-    axial_length: float | None
+    axial_extent: Given
+    capsule_velocity: Given
+    axial_length: Given | None
     length_correlation: float = 0.0
     over_half_width: bool = True
     outline: OutlineNoise | None = None
     view: str = MID_PLANE
-    flow_rate: float | None = None
+    flow_rate: Given | None = None
 
     def __post_init__(self) -> None:
+        self._read_units()
         optional = ("axial_length", "flow_rate")
         for name in ("axial_extent", "capsule_velocity", *optional):
             error = getattr(self, name)
@@ -65,6 +67,20 @@ class LabErrors:
                 raise InputError("errors", name, "a positive finite standard error", repr(error))
         if not -1.0 < self.length_correlation < 1.0:
             raise InputError("errors", "length_correlation", "between -1 and 1", repr(self.length_correlation))
+
+    def _read_units(self) -> None:
+        """Turn texts and quantities of pint into numbers; a length in a unit says that lengths are in metres."""
+        lengths = ("axial_extent", "axial_length")
+        for name in (*lengths, "capsule_velocity", "flow_rate"):
+            given = getattr(self, name)
+            if given is None or isinstance(given, (int, float, np.floating, np.integer)):
+                continue
+            read = Quantity.of(given, where="errors", key=name, units=("", "m") if name in lengths else ("",))
+            if name == "axial_extent":
+                object.__setattr__(self, "over_half_width", not read.unit)
+            if name == "axial_length" and bool(read.unit) == self.over_half_width:
+                raise InputError("errors", name, "lengths both over l or both in metres", str(given))
+            object.__setattr__(self, name, read.value)
 
     @classmethod
     def of(cls, measurement: Measurement) -> LabErrors:

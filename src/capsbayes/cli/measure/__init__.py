@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.measure.picture import DETECTED, measured_picture, pair, print_outline
-from capsbayes.cli.options import BY_HAND, Background, Flow, Velocity, by_hand_of, speed_in, with_options_of
+from capsbayes.cli.measure.picture import DETECTED, as_record, measured_picture, pair, print_outline
+from capsbayes.cli.options import BY_HAND, AsJson, Background, Flow, Velocity, by_hand_of, speed_in, with_options_of
+from capsbayes.cli.output import print_json
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image import ByHand
+    from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
 
 _CONTOURS = (".csv", ".txt", ".roi", ".json")  # as `capsbayes.image.files.contour` reads, which is slow to import
@@ -75,6 +77,7 @@ def measure(
         typer.Option(help="Folder for measurement.toml with its silhouette, outline.csv and overlay.png."),
         Writes(within=_written),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the capsule in a picture, or all capsules in a film: lengths with their errors."""
     from capsbayes.cli.measure.film import measure_film, measure_rtdc
@@ -98,15 +101,22 @@ def measure(
     with resumable(out):
         if kind == "film":
             how = {"frame_rate": frame_rate, "background": background, "flow": flow, "by_hand": by_hand}
-            measure_film(picture, known, **how, out=out)
+            measure_film(picture, known, **how, out=out, as_json=as_json)
         elif kind == ".rtdc file":
-            measure_rtdc(picture, known, velocity=speed_in(velocity, known), flow=flow, by_hand=by_hand, out=out)
+            speed = speed_in(velocity, known)
+            measure_rtdc(picture, known, velocity=speed, flow=flow, by_hand=by_hand, out=out, as_json=as_json)
         elif kind == "contour":
-            _measure_contour(
-                picture, known, speed_in(velocity, known), by_hand, edge_error, contour_unit, contour_points, flow, out
-            )
+            of_contour = edge_error, contour_unit, contour_points, flow
+            measured = _measured_contour(picture, known, speed_in(velocity, known), by_hand, *of_contour)
+            if out is not None:
+                measured.write(out / "measurement.toml")
+            if as_json:
+                print_json(as_record(measured))
+            else:
+                _print_contour(measured)
         else:
-            measured_picture(picture, known, speed_in(velocity, known), background, flow, out, by_hand=by_hand)
+            speed = speed_in(velocity, known)
+            measured_picture(picture, known, speed, background, flow, out, by_hand=by_hand, as_json=as_json)
 
 
 def _typed(given: object) -> str:
@@ -124,7 +134,7 @@ def _kind(path: Path) -> str:
     return "film" if is_film(path) else "picture"
 
 
-def _measure_contour(
+def _measured_contour(
     path: Path,
     experiment: Experiment,
     speed: Quantity | None,
@@ -133,8 +143,7 @@ def _measure_contour(
     unit: str | None,
     points: str | None,
     flow: str | None,
-    out: Path | None,
-) -> None:
+) -> Measurement:
     from capsbayes.image.files.contour import ContourFile
     from capsbayes.image.measure_contour import measure_contour
     from capsbayes.quantity import Quantity
@@ -144,7 +153,7 @@ def _measure_contour(
     edge = None
     if edge_error is not None:
         edge = Quantity.read(edge_error, where="measure", key="--edge-error", units=("m",), example="0.10 um")
-    measured = measure_contour(
+    return measure_contour(
         ContourFile.read(path, unit),
         experiment,
         capsule_velocity=speed,
@@ -153,12 +162,13 @@ def _measure_contour(
         points=points,
         **({} if by_hand is None else {name: getattr(by_hand, name) for name in ("walls", "wall_error", "pixel_size")}),
     )
+
+
+def _print_contour(measured: Measurement) -> None:
     typer.echo(f"L_z {pair(measured.axial_extent, measured.axial_extent_error, digits=4)} l")
     if measured.axial_length is None or measured.axial_length_error is None:
         typer.echo("The contour has no concave rear: L_a is at most its length.")
     else:
         typer.echo(f"L_a {pair(measured.axial_length, measured.axial_length_error, digits=4)} l")
     print_outline(measured)
-    if out is not None:
-        measured.write(out / "measurement.toml")
     typer.echo(f"Status: {measured.status}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from capsbayes.cli.measure.picture import write_detection
-from capsbayes.cli.output import table_file
+from capsbayes.cli.output import print_json, table_file
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together
 
@@ -34,6 +35,7 @@ def measure_film(
     flow: str | None,
     by_hand: ByHand | None,
     out: Path | None,
+    as_json: bool,
 ) -> None:
     """Measure the capsules of a film, print them, and write the files of each."""
     from capsbayes.image.files.film import Film
@@ -47,12 +49,17 @@ def measure_film(
             film, experiment, frame_rate=rate, background=background, flow=flow, by_hand=by_hand, watch=update
         )
     table = made.table()
-    if made.status.ok:
+    if made.status.ok and not as_json:
         _print(made, table)
     if out is not None:
         _write(made, table, out)
     good = sum(capsule.status.ok for capsule in made.capsules)
-    typer.echo(f"Status: {made.status if not made.status.ok else f'{good} of {len(made.capsules)} capsules measured.'}")
+    if as_json:
+        rows = json.loads(table.to_json(orient="records")) if made.status.ok else []
+        print_json({"status": made.status.name, "frames": made.frames, "capsules": rows})
+    else:
+        words = f"{good} of {len(made.capsules)} capsules measured." if made.status.ok else str(made.status)
+        typer.echo(f"Status: {words}")
     if not good:
         raise typer.Exit(1)
 
@@ -65,6 +72,7 @@ def measure_rtdc(
     flow: str | None,
     by_hand: ByHand | None,
     out: Path | None,
+    as_json: bool,
 ) -> None:
     """Measure the events of a file, count their statuses, and write the files of each."""
     import pandas as pd
@@ -96,8 +104,11 @@ def measure_rtdc(
     if out is not None:
         table_file(table, index=False)(out / "events.csv")
     counts = table["status"].value_counts()
-    typer.echo(", ".join(f"{name} {count}" for name, count in counts.items()))
-    typer.echo(f"Status: {counts.get('DONE', 0)} of {file.events} events measured.")
+    if as_json:
+        print_json({"statuses": counts.to_dict(), "events": json.loads(table.to_json(orient="records"))})
+    else:
+        typer.echo(", ".join(f"{name} {count}" for name, count in counts.items()))
+        typer.echo(f"Status: {counts.get('DONE', 0)} of {file.events} events measured.")
     if "DONE" not in counts:
         raise typer.Exit(1)
 
@@ -116,14 +127,19 @@ def _rate(text: str | None, experiment: Experiment) -> Quantity:
 def _print(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
     from capsbayes.show.tables.table import print_parts, table
 
-    head = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "change of L_z", "of L_a", "of v_o", "")
-    rows = [(str(row["capsule"]), _frames(row), *_cells(row), row["status"]) for _, row in capsules.iterrows()]
+    head = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "")
+    rows, changes = [], []
+    for _, row in capsules.iterrows():
+        rows.append((str(row["capsule"]), _frames(row), *_cells(row), row["status"]))
+        changes.append((str(row["capsule"]), *_changes(row)))
+    title = "Change along the channel (in standard errors)"
+    changed = table(("", "L_z", "L_a", "v_o"), changes, title=title, numbers=(1, 2, 3))
     clipped = f", {made.saturated} clipped between the walls" if made.saturated else ""
     unread = f", {made.unreadable} that could not be read" if made.unreadable else ""
     refused = [f"{status.name} {count}" for status, count in (made.statuses or {}).items() if not status.ok]
     counts = f"{made.frames} frames{unread}{clipped}. Objects refused: {', '.join(refused) or 'none'}."
     doubts = {capsule.measurement.doubt: None for capsule in made.capsules}
-    print_parts(table(head, rows), counts, *doubts)
+    print_parts(table(head, rows), changed, counts, *doubts)
 
 
 def _frames(row: pd.Series) -> str:
@@ -133,7 +149,7 @@ def _frames(row: pd.Series) -> str:
 
 
 def _cells(row: pd.Series) -> list[str]:
-    """Return the lengths, the velocity and their changes of one capsule as text."""
+    """Return the lengths and the velocity of one capsule as text."""
     lengths = [
         f"{row[f'{name}_over_l']:.4f} ± {row[f'{name}_error_over_l']:.4f}" if row[f"{name}_over_l"] > 0.0 else ""
         for name in ("axial_extent", "axial_length")
@@ -142,12 +158,13 @@ def _cells(row: pd.Series) -> list[str]:
         lengths[1] = f"at most {row['axial_length_bound_over_l']:.4f}"
     speed, error = 1e3 * row["velocity_m_s"], 1e3 * row["velocity_error_m_s"]
     digits = max(0, 1 - math.floor(math.log10(error))) if error > 0.0 else 0
-    velocity = f"{speed:.{digits}f} ± {error:.{digits}f}" if error > 0.0 else ""
-    changes = []
-    for name in ("L_z", "L_a", "v_o"):
-        change, error = row[f"{name}_change"], row[f"{name}_change_error"]
-        changes.append(f"{100.0 * change:+.2f} % ({abs(change) / error:.1f} s.e.)" if error > 0.0 else "")
-    return [*lengths, velocity, *changes]
+    return [*lengths, f"{speed:.{digits}f} ± {error:.{digits}f}" if error > 0.0 else ""]
+
+
+def _changes(row: pd.Series) -> list[str]:
+    """Return how lengths and velocity of one capsule change along the channel, as text."""
+    pairs = [(row[f"{name}_change"], row[f"{name}_change_error"]) for name in ("L_z", "L_a", "v_o")]
+    return [f"{100.0 * change:+.2f} % ({abs(change) / error:.1f})" if error > 0.0 else "" for change, error in pairs]
 
 
 @together()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from capsbayes.cli.output import print_json
 from capsbayes.files.output_file import together, write_file
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def measured_picture(
     *,
     by_hand: ByHand | None = None,
     quiet: bool = False,
+    as_json: bool = False,
 ) -> Measurement:
     """Measure the capsule in a picture, print and write what was detected; end the command on a failure.
 
@@ -60,10 +62,13 @@ def measured_picture(
         What is stated of the picture.
     quiet : bool
         True to print only the reason of a failure.
+    as_json : bool
+        True to print the measurement as JSON.
     """
     from capsbayes.image.files.picture import Picture
     from capsbayes.image.measure import detect, measurement_of
 
+    quiet |= as_json
     seen = Picture.read(path)
     empty = None if background is None else Picture.read(background)
     detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
@@ -76,11 +81,26 @@ def measured_picture(
         print_outline(measured)
     if out is not None:
         write_detection(out, seen, detection, measured)
-    if not (quiet and measured.status.ok):
+    if as_json:
+        print_json(as_record(measured))
+    elif not (quiet and measured.status.ok):
         typer.echo(f"Status: {measured.status}", err=quiet)
     if not measured.status.ok:
         raise typer.Exit(1)
     return measured
+
+
+def as_record(measured: Measurement) -> dict[str, object]:
+    """Return a measurement ready for JSON: lengths over l, velocity in SI, each with its standard error."""
+    record: dict[str, object] = {"status": measured.status.name, "sentence": str(measured.status)}
+    if not measured.status.ok:
+        return record
+    for name in ("axial_extent", "axial_length", "capsule_velocity"):
+        if getattr(measured, name) is not None:
+            record[name] = {"value": getattr(measured, name), "error": getattr(measured, f"{name}_error")}
+    points = 0 if measured.outline is None else len(measured.outline.points)
+    further = {name: getattr(measured, name) for name in ("length_correlation", "axial_length_bound")}
+    return record | {**further, "points_of_outline": points}
 
 
 def print_outline(measured: Measurement) -> None:

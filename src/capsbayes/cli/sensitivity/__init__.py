@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from capsbayes.cli.output import quietable
 from capsbayes.cli.paths import checked
 from capsbayes.cli.sensitivity.budget import budget
 from capsbayes.cli.sensitivity.flow import flow
@@ -14,7 +15,7 @@ app = typer.Typer(
     help="The share of each input in the intervals of G_s and a, how precisely and at which flow rate to measure them.",
     no_args_is_help=True,
 )
-app.command("budget")(checked(budget))
-app.command("sobol")(checked(sobol))
-app.command("map")(checked(identifiability))
-app.command("flow")(checked(flow))
+app.command("budget")(quietable(checked(budget)))
+app.command("sobol")(quietable(checked(sobol)))
+app.command("map")(quietable(checked(identifiability)))
+app.command("flow")(quietable(checked(flow)))

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
+from capsbayes.errors import InputError
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.sampling.convergence import autocorrelation_time, chain_gates
 from capsbayes.infer.sampling.initial_points import starting_points
@@ -132,6 +133,9 @@ def sampled(
         With the gates as they stood at the end; they need not have passed.
     """
     effort = effort or Effort()
+    if effort.walkers < 2 * len(log_density.names):
+        expected = f"at least two for each of {len(log_density.names)} dimensions"
+        raise InputError("effort", "walkers", expected, str(effort.walkers))
     root = np.random.SeedSequence(seed)
     rng = np.random.default_rng(root.spawn(1)[0])
     starts = starting_points(log_density, effort.ensembles, effort.walkers, rng, cloud)

@@ -7,6 +7,7 @@ below, which both renderers know.
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +16,11 @@ from markupsafe import Markup
 
 if TYPE_CHECKING:
     from rich.console import Group
+    from rich.table import Table
 
     from capsbayes.status import Status
 
+_SENTENCE = 32  # letters beyond which the text of a cell is broken into lines
 _SIGNS = {"alpha": "α", "delta": "δ", "eps": "ε", "mu": "µ", "Lambda": "Λ", "l": "ℓ"}
 
 
@@ -91,22 +94,65 @@ def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str
             yield label, f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def terminal_table(frame: pd.DataFrame) -> Group:
-    """Return the table for a terminal, with its title and its note; text is shown as it is, brackets included."""
-    from rich import box
+def terminal_table(frame: pd.DataFrame, width: int = 80) -> Group:
+    """Return the table for a terminal, with its title and its note; text is shown as it is, brackets included.
+
+    Where it is wider than a line, the columns stand closer, their headings are broken into lines, and columns that
+    still do not fit stand below the others, with the first column again. Cells are broken only if they are sentences.
+    """
     from rich.console import Group
+    from rich.text import Text
+
+    gap, heads = 2, list(map(str, frame.columns))
+    if _line(frame, heads, range(len(heads)), gap) > width:
+        gap, heads = 1, [_broken(frame, number) for number in range(len(heads))]
+    blocks = [_drawn(frame, heads, columns, gap) for columns in _blocks(frame, heads, gap, width)]
+    between = [part for block in blocks[:-1] for part in (block, "")]
+    title, note = (Text(frame.attrs[key], style="italic") for key in ("title", "note"))
+    return Group(*([title] if title else []), *between, blocks[-1], *([note] if note else []), "")
+
+
+def _broken(frame: pd.DataFrame, number: int) -> str:
+    """Return a heading in lines no longer than the longest cell, or than its own longest word."""
+    words, cells = frame.columns[number].split(), _longest(frame.iloc[:, number])
+    return "\n".join(textwrap.wrap(frame.columns[number], max(1, min(cells, _SENTENCE), *map(len, words))))
+
+
+def _blocks(frame: pd.DataFrame, heads: Sequence[str], gap: int, width: int) -> list[list[int]]:
+    """Return the numbers of the columns that stand side by side, the first one in each."""
+    blocks = [[0]]
+    for column in range(1, len(heads)):
+        if len(blocks[-1]) > 1 and _line(frame, heads, [*blocks[-1], column], gap) > width:
+            blocks.append([0])
+        blocks[-1].append(column)
+    return blocks
+
+
+def _line(frame: pd.DataFrame, heads: Sequence[str], columns: Sequence[int], gap: int) -> int:
+    """Return the width of a line of some columns, in which sentences take `_SENTENCE` letters."""
+    widths = (min(_longest([*heads[k].split("\n"), *frame.iloc[:, k]]), _SENTENCE) for k in columns)
+    return sum(widths) + gap * (len(columns) - 1)
+
+
+def _longest(texts: Iterable[str]) -> int:
+    return max(map(len, texts), default=0)
+
+
+def _drawn(frame: pd.DataFrame, heads: Sequence[str], columns: Sequence[int], gap: int) -> Table:
+    from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    style = {"box": box.SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False, "show_edge": False}
-    drawn = Table(show_header=any(frame.columns), **style)  # type: ignore[arg-type]
-    for number, heading in enumerate(frame.columns):
-        right = number in frame.attrs["numbers"]
-        drawn.add_column(Text(heading), justify="right" if right else "left", overflow="fold")
+    style = {"box": box.SIMPLE_HEAD, "padding": (0, gap - 1, 0, 0), "pad_edge": False, "show_edge": False}
+    drawn = Table(show_header=any(heads), **style)  # type: ignore[arg-type]
+    for number in columns:
+        whole = _longest(frame.iloc[:, number]) <= _SENTENCE
+        justify: Any = "right" if number in frame.attrs["numbers"] else "left"
+        drawn.add_column(Text(heads[number]), justify=justify, overflow="fold", no_wrap=whole)
     for row in frame.itertuples(index=False, name=None):
-        drawn.add_row(*(Text(cell, style="bold" if isinstance(cell, Strong) else "") for cell in row))
-    title, note = (Text(frame.attrs[key], style="italic") for key in ("title", "note"))
-    return Group(*([title] if title else []), drawn, *([note] if note else []), "")
+        cells = [row[number] for number in columns]
+        drawn.add_row(*(Text(cell, style="bold" if isinstance(cell, Strong) else "") for cell in cells))
+    return drawn
 
 
 def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, good: bool = True) -> None:
@@ -117,7 +163,7 @@ def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, 
     console = Console(highlight=False)
     for part in parts:
         if isinstance(part, pd.DataFrame):
-            console.print(terminal_table(part))
+            console.print(terminal_table(part, console.width))
         elif part:
             console.print(Text(part, style="bold" if isinstance(part, Strong) else ""))
     if status is not None:

@@ -1,5 +1,6 @@
 """A drawn population is found again: its intervals hold the truth as often as they say, by two routes the same."""
 
+import warnings
 from dataclasses import replace
 
 import emcee
@@ -300,3 +301,21 @@ def test_what_is_missing_is_said(population):
     bare = Population(population.dataset.assign_attrs(experiment="{}"))
     with pytest.raises(InputError, match="one experiment for all capsules"):
         hierarchy(bare, seed=1)
+
+
+def test_each_capsule_has_a_likelihood_of_its_own(population):
+    found = hierarchy(population, seed=1)
+    some, log_posterior = found.parameters[:40], found.log_posterior
+    each = log_posterior.of_capsules(some)
+    assert each.shape == (40, found.capsules)
+    whole = log_posterior(some) - each.sum(axis=1)  # the prior
+    without_data = replace(log_posterior, components=log_posterior.components[:0], selection=None)(some)
+    np.testing.assert_allclose(whole, without_data, atol=1e-6)
+    data = found.to_inference_data(units="shown")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz
+    loo = arviz.loo(data)
+    assert loo.n_data_points == found.capsules
+    assert loo.good_k > np.max(arviz.loo(data, pointwise=True).pareto_k)
+    assert 2.0 < loo.p_loo < 10.0  # of five parameters

@@ -20,6 +20,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
+from capsbayes.infer.inference_data import inference_data, shown
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.many.distribution.importance import drawn, mode
 from capsbayes.infer.many.distribution.log_posterior import FREEDOMS, LogPosterior
@@ -80,6 +81,12 @@ class Hierarchy(Readable):
         their flow; empty if that was not modelled.
     changes : mapping of float
         Relative change of the medians of G_s and a that modelling them makes.
+    parameters : (d, p) array
+        The draws as parameters of `log_posterior`.
+    log_posterior : LogPosterior, optional
+        The density from which they were drawn.
+    names : (n,) array of str
+        Of the capsules.
     """
 
     draws: dict[str, Floats]
@@ -93,6 +100,9 @@ class Hierarchy(Readable):
     tail_p_values: dict[str, float] = field(default_factory=dict)
     missing: Floats = field(default_factory=lambda: np.empty(0))
     changes: dict[str, float] = field(default_factory=dict)
+    parameters: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    log_posterior: LogPosterior | None = None
+    names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
 
     @property
     def marginals(self) -> dict[str, Marginal]:
@@ -138,6 +148,39 @@ class Hierarchy(Readable):
         }
         known = population.dataset.drop_dims("draw", errors="ignore")
         return Population(known.assign(variables).assign_attrs(hierarchy=json.dumps(self.as_dict())))
+
+    def to_inference_data(self, *, units: str = "si") -> Any:
+        """Return an `arviz.InferenceData` of the population with one log-likelihood per capsule, for `arviz.loo`.
+
+        ``posterior`` holds `_STORED` draws or more, ``log_likelihood`` the variable ``capsules`` with the capsules as
+        its last dimension, each integrated over the capsule's own G_s and a, at the viscosity and half width as stated.
+
+        Parameters
+        ----------
+        units : str
+            ``"si"`` or ``"shown"``, see `capsbayes.Posterior.to_inference_data`.
+
+        Raises
+        ------
+        InputError
+            If `units` is neither.
+        """
+        import xarray as xr
+
+        if units not in ("si", "shown"):
+            raise InputError("hierarchy", "units", '"si" or "shown"', repr(units))
+        assert self.log_posterior is not None, "a hierarchy is made by `hierarchy`"
+        every = slice(None, None, max(len(self.parameters) // _STORED, 1))
+        draws = {
+            name: (("chain", "draw"), values[every][None], {"units": _UNITS.get(name, "1")})
+            for name, values in self.draws.items()
+        }
+        of_capsules = self.log_posterior.of_capsules(self.parameters[every])
+        likelihood = xr.Dataset(
+            {"capsules": (("chain", "draw", "capsule"), of_capsules[None])}, {"capsule": self.names}
+        )
+        groups = {"posterior": xr.Dataset(draws), "log_likelihood": likelihood}
+        return inference_data(shown(groups) if units == "shown" else groups)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the draws, ready for JSON."""
@@ -255,6 +298,9 @@ def hierarchy(
         tail_p_values(log_posterior, parameters, np.random.default_rng([seed, 4])),
         missing,
         changes,
+        parameters,
+        log_posterior,
+        population["name"][kept],
     )
 
 

@@ -87,6 +87,27 @@ class LogPosterior:
         if self.selection is not None:
             into -= self.selection.log_probability(some, modulus, radius)
 
+    def of_capsules(self, parameters: Floats) -> Floats:
+        """Return the log likelihood of each capsule for some populations, up to a constant of the capsule.
+
+        Parameters
+        ----------
+        parameters : (d, p) array
+
+        Returns
+        -------
+        (d, n) array
+            Given that the capsule is in the sample. Their sum over the capsules is the log likelihood.
+        """
+        parameters = np.ascontiguousarray(parameters)
+        modulus, radius = self.mixtures(parameters)
+        values = np.empty((len(self.components), len(parameters)))
+        for n, into in enumerate(values):
+            log_likelihood(self.components[n : n + 1], parameters, *modulus, *radius, into)
+        if self.selection is None:
+            return values.T
+        return values.T - self.selection.log_probabilities(parameters, modulus, radius)
+
     @property
     def start(self) -> Floats:
         """Moments of the capsules, to begin from : (p,) array."""

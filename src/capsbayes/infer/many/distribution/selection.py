@@ -131,10 +131,14 @@ class Selection:
             error,
         )
 
+    def _members(self) -> list[Integers]:
+        """Return the numbers of the capsules of each group of capsules in like flow."""
+        order = np.argsort(self.flow, kind="stable")
+        return np.array_split(order, min(_FLOWS, len(order)))
+
     def _groups(self) -> tuple[Floats, Floats, Floats]:
         """Return groups of capsules in like flow: log(mu U), log l, number : (f,) arrays."""
-        order = np.argsort(self.flow, kind="stable")
-        groups = np.array_split(order, min(_FLOWS, len(order)))
+        groups = self._members()
         means = [np.array([values[group].mean() for group in groups]) for values in (self.flow, self.half_width)]
         return means[0], means[1], np.array([len(group) for group in groups], dtype=np.float64)
 
@@ -167,6 +171,14 @@ class Selection:
         """Return the log probability that all capsules are in the sample, for some populations : (d,) array."""
         kept, _, number = self.shares(parameters, modulus, radius)
         return np.asarray(np.sum(np.log(np.maximum(kept, _LEAST_SHARE)) * number, axis=1))
+
+    def log_probabilities(self, parameters: Floats, modulus: ScaleMixture, radius: ScaleMixture) -> Floats:
+        """Return the log probability that each capsule is in the sample, for some populations : (d, n) array."""
+        kept, _, _ = self.shares(parameters, modulus, radius)
+        found = np.empty((len(parameters), len(self.flow)))
+        for group, members in enumerate(self._members()):
+            found[:, members] = np.log(np.maximum(kept[:, group], _LEAST_SHARE))[:, None]
+        return found
 
     def holds(self, modulus: Floats, radius: Floats, of: Integers, rng: np.random.Generator) -> NDArray[np.bool_]:
         """Return whether capsules in the flows of the sample would be in it : (m,) array.

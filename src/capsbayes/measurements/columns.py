@@ -1,0 +1,106 @@
+"""Columns of a table with units: in the heading, or in each cell, as a text or as a quantity of pint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from capsbayes.errors import InputError
+from capsbayes.parameters import PARAMETERS
+from capsbayes.quantity import Quantity
+from capsbayes.units import parsed
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_WITH_UNIT = re.compile(r"(?P<name>\w+)\s*[\[(](?P<unit>[^\])]*)[\])]")
+_ERROR = "_error"
+
+
+def usual_columns(frame: pd.DataFrame, headings: Mapping[str, str], source: str) -> pd.DataFrame:
+    """Return a table whose columns have the usual headings, for one whose columns may be headed otherwise.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        ``capsule_velocity [mm/s]`` is a column of numbers in this unit; ``capsule_velocity`` one of numbers in SI (of
+        lengths, over l), of quantities of pint, or of texts as ``"4.86 +/- 0.04 mm/s"``, whose errors make a column of
+        their own.
+    headings : mapping of str
+        Usual heading, which is that of SI, of each number by its name.
+    source : str
+        For the message of an error.
+
+    Raises
+    ------
+    InputError
+        On a unit that cannot be read or is not that of the number, or if two columns state the same number.
+    """
+    columns: dict[str, Any] = {}
+    for heading, values in frame.items():
+        found = _WITH_UNIT.fullmatch(str(heading))
+        name = found["name"] if found else str(heading)
+        if name not in headings or (name == headings[name] and not found):
+            made = {str(heading): values}
+        elif found:
+            made = {headings[name]: _scaled(values, _factor(name, found["unit"], source, str(heading)))}
+        else:
+            made = _of_cells(name, values, headings)
+        for key, of in made.items():
+            if key in columns:
+                raise InputError(source, str(heading), "one statement of each number", f"a second one of {key}")
+            columns[key] = of
+    return type(frame)(columns)
+
+
+def _factor(name: str, unit: str, source: str, heading: str) -> float:
+    """Return what a number in a unit is in SI."""
+    base = name.removesuffix(_ERROR)
+    target = PARAMETERS[base].si
+    wanted = f"a unit of {base.replace('_', ' ')}" + (f", as {target}" if target else ": none, as it is over l")
+    if not unit.strip() or unit.strip() in ("l", "-"):
+        if target:
+            raise InputError(source, heading, wanted, repr(unit))
+        return 1.0
+    return parsed(f"1 {unit}", (target,), where=source, key=heading, wanted=wanted).first
+
+
+def _scaled(values: pd.Series, factor: float) -> Any:
+    """Return numbers times a factor; a cell that is no number stays as it is, to be refused with its row."""
+    import pandas as pd
+
+    numbers = pd.to_numeric(values, errors="coerce")
+    return (factor * numbers).astype(object).where(numbers.notna(), values)
+
+
+def _of_cells(name: str, values: pd.Series, headings: Mapping[str, str]) -> dict[str, Any]:
+    """Return the column of a number, and that of its errors if its cells state any."""
+    import pandas as pd
+
+    if pd.api.types.is_numeric_dtype(values.dtype) and values.dtype.kind in "fiu":
+        return {headings[name]: values}
+    cells = [_cell(value, name) for value in values]
+    made = {headings[name]: pd.Series([cell[0] for cell in cells], index=values.index, dtype=object)}
+    errors = np.array([cell[1] for cell in cells])
+    if np.any(errors > 0.0):
+        made[headings[f"{name}{_ERROR}"]] = pd.Series(errors, index=values.index)
+    return made
+
+
+def _cell(value: Any, name: str) -> tuple[Any, float]:
+    """Return value and error of a cell in SI; one that cannot be read as it is, to be refused with its row."""
+    if (
+        value is None
+        or (isinstance(value, float) and np.isnan(value))
+        or (isinstance(value, str) and not value.strip())
+    ):
+        return np.nan, np.nan
+    base = name.removesuffix(_ERROR)
+    try:
+        read = Quantity.of(value, units=(PARAMETERS[base].si,), where="table", key=name, signed=True)
+    except InputError:
+        return str(value), np.nan
+    return read.value, read.error if read.error else np.nan
