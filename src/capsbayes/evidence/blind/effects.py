@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -130,15 +130,16 @@ TRUE_EFFECTS = MappingProxyType(
 """All true effects by name."""
 
 
-def true_effect_named(name: str) -> TrueEffect:
-    """Return the true effect of a name, in which hyphens stand for underscores.
+def true_effect_named(name: str, own: Mapping[str, TrueEffect] = MappingProxyType({})) -> TrueEffect:
+    """Return the true effect of a name, in which hyphens and blanks stand for underscores; `own` ones are known too.
 
     Raises
     ------
     InputError
         If there is none; the message lists the names.
     """
+    effects = {**TRUE_EFFECTS, **own}
     known = name.strip().lower().replace("-", "_").replace(" ", "_")
-    if known not in TRUE_EFFECTS:
-        raise InputError("hide", "effect", f"one of {', '.join(TRUE_EFFECTS)}", repr(name))
-    return TRUE_EFFECTS[known]
+    if known not in effects:
+        raise InputError("hide", "effect", f"one of {', '.join(effects)}", repr(name))
+    return effects[known]
