@@ -28,6 +28,7 @@ PRINTED = (
     "tutorials/folder.md",
     "tutorials/film.md",
     pytest.param("drifting-modulus.md", marks=pytest.mark.slow),
+    pytest.param("tutorials/own-effect.md", marks=pytest.mark.slow),
     pytest.param("shared-membrane.md", marks=pytest.mark.slow),
 )
 """Pages that show what their commands print."""
@@ -67,7 +68,7 @@ def test_commands_and_options_on_the_pages_exist(words):
 
 @pytest.mark.parametrize("name", PRINTED)
 def test_a_page_shows_what_its_commands_print(name, tmp_path, monkeypatch, capsys):
-    """Each shell block followed by a text block, and the scripts that make the input of the next one."""
+    """Each shell block followed by a text block, and the scripts and sets that make the input of the next one."""
     work_in(tmp_path, monkeypatch)
     shown, compared = blocks(ROOT / "docs" / name), 0
     for (language, text), (after, printed) in pairwise([*shown, ("", "")]):
@@ -75,10 +76,14 @@ def test_a_page_shows_what_its_commands_print(name, tmp_path, monkeypatch, capsy
             continue
         for words in lines_of(text):
             if words[0] == "python":
-                subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True)
-            elif words[0] == "capsbayes" and after == "text":
-                monkeypatch.setenv("COLUMNS", "80" if max(map(len, printed.splitlines())) <= 80 else "100")
+                done = subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True, text=True)
+                out = done.stdout
+            elif words[0] == "capsbayes" and (after == "text" or words[1] == "hide"):
+                monkeypatch.setenv("COLUMNS", "80" if max(map(len, printed.splitlines()), default=0) <= 80 else "100")
                 _, out, _ = run(monkeypatch, capsys, *words[1:])
+            else:
+                continue
+            if after == "text":
                 contains(out, printed)
                 compared += 1
     assert compared
@@ -106,8 +111,9 @@ def test_the_python_of_a_page_runs_as_a_script_and_prints_what_stands_below_it(n
 
 
 def work_in(folder, monkeypatch):
-    """Work in a folder that contains the examples."""
-    (folder / "examples").symlink_to(ROOT / "examples")
+    """Work in a folder that contains the examples and the data."""
+    for name in ("examples", "data"):
+        (folder / name).symlink_to(ROOT / name)
     monkeypatch.chdir(folder)
 
 
