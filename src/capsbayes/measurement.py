@@ -13,7 +13,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.input_file import InputFile, Reader, file_name, quantity, unread
 from capsbayes.files.output_file import together, write_file
-from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
+from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, check_placed
 from capsbayes.parameters import STATED
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
@@ -71,7 +71,8 @@ class Measurement(Readable):
     Raises
     ------
     InputError
-        On a value that is not positive, finite and plausible, or L_a > L_z.
+        On a value that is not positive, finite and plausible, on L_a > L_z, or on an outline that is not over l or not
+        along the flow.
 
     Examples
     --------
@@ -130,6 +131,8 @@ class Measurement(Readable):
             )
         if self.outline is not None and not self.over_half_width:
             raise InputError(where, "outline", "lengths over l, as the outline is", "lengths in metres", "divide by l")
+        if self.outline is not None:
+            check_placed(self.outline, self.axial_extent, where)
         for key, value in self.conditions.items():
             if key not in CONDITIONS or not (np.isfinite(value) and value > 0.0):
                 raise InputError(where, key, f"a positive number, of {' or '.join(CONDITIONS)}", repr(value))

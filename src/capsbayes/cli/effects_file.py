@@ -78,7 +78,9 @@ def own_effects(path: Path | None, known: Mapping[str, Effect], model: ForwardMo
         for name in (effect.parameter.name, effect.name):
             if name in taken:
                 advice = "choose another"
-                raise InputError(str(path), label, "a name that is not taken", f"{name!r}, that of {taken[name]}", advice)
+                raise InputError(
+                    str(path), label, "a name that is not taken", f"{name!r}, that of {taken[name]}", advice
+                )
         taken |= {effect.parameter.name: label, effect.name: label}
         found[effect.parameter.name] = effect
         try:

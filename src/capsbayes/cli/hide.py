@@ -36,6 +36,10 @@ def hide(
     ] = None,
     capsules: Annotated[int, typer.Option(min=1, max=10_000, help="Number of capsules.")] = 40,
     seed: Seed = 1,
+    flow_rate_error: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=0.5, help="Relative standard error of the flow rates; default: none are stated."),
+    ] = None,
     lengths_only: Annotated[bool, typer.Option("--lengths-only", help="Measure lengths alone, no outlines.")] = False,
     refinement: Annotated[int, typer.Option(min=4, max=32, help="Fineness n of the mesh.")] = 12,
     workers: Workers = None,
@@ -51,7 +55,9 @@ def hide(
     true_effect = _true_effect(effect, effects)
     value, truth = _size(true_effect, effect_size), out.with_name(f"{out.name}.truth")
     _check_empty(out)
-    drawn = partial(draw_session, lab=Lab(), capsules=capsules, seed=seed, outline=not lengths_only)
+    drawn = partial(
+        draw_session, lab=Lab(flow_rate_error=flow_rate_error), capsules=capsules, seed=seed, outline=not lengths_only
+    )
     if shapes is not None:
         blind = drawn(read_shapes(shapes, true_effect, value), true_effect, value)
     else:

@@ -33,6 +33,7 @@ _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
 _SHAPELESS = "share of capsules without a shape"
 _FEWEST = 4  # contributions, up to which a deviation is not judged
+FLOW = "v_o over that of the flow rate"
 TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
 
 
@@ -114,7 +115,7 @@ class Finding:
         """
         there = {deviation.name: deviation for deviation in other.deviations}
         both = (
-            float(norm.sf((norm.isf(deviation.p_value) + _standing(deviation, there[deviation.name])) / np.sqrt(2.0)))
+            _together(deviation, there[deviation.name])
             for deviation in self.deviations
             if deviation.p_value <= among and deviation.name in there
         )
@@ -163,7 +164,7 @@ def find(
     rest |= {name: np.full(len(done), size) for name, size in (sizes or {}).items()}
     own = _own_error_of_modulus(model, rest, fits.theta[done])
     displaced = displaced_regions(white, fits)
-    table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own)]
+    table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own), *_of_flow(fits)]
     table = [test for test in table if len(test.contributions) > _FEWEST]
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
@@ -192,6 +193,16 @@ def _without_a_shape(fits: Fits) -> list[Deviation]:
     return [Deviation(_SHAPELESS, float(share), float(np.sqrt(error)), "", p_value)]
 
 
+def _together(first: Deviation, second: Deviation) -> float:
+    """Return the p-value of a deviation in both halves, by Stouffer's method.
+
+    That of the velocities from the flow rates has an error common to both, which the second half does not test again.
+    """
+    if first.name == FLOW:
+        return first.p_value
+    return float(norm.sf((norm.isf(first.p_value) + _standing(first, second)) / np.sqrt(2.0)))
+
+
 def _standing(first: Deviation, second: Deviation) -> float:
     """Return the standard normal deviate of a deviation in the direction of an earlier one."""
     if first.name == _SHAPELESS:
@@ -215,9 +226,14 @@ class _Test:
         return float(self.contributions.sum() / self.weights.sum())
 
     @property
+    def scatter(self) -> Floats:
+        """Contributions (c,) as they scatter if their mean is zero."""
+        return self.contributions
+
+    @property
     def spread(self) -> float:
         """Variance of the sum of the contributions if their mean is zero, and the model's error common to all."""
-        return float(np.sum(self.contributions**2) + np.sum(self.own) ** 2)
+        return float(np.sum(self.scatter**2) + np.sum(self.own) ** 2)
 
     @property
     def error(self) -> float:
@@ -228,6 +244,19 @@ class _Test:
     def statistic(self) -> float:
         """Statistic that is compared under random signs; at most the root of the number of capsules."""
         return float(self.contributions.sum() / np.sqrt(self.spread))
+
+
+@dataclass(frozen=True, eq=False)
+class _FlowTest(_Test):
+    """Contributions whose common part is mostly an error of the flow rate or the half width, which is stated.
+
+    Their scatter is taken about their mean: about zero, a clear common part would count as scatter and hide itself.
+    """
+
+    @property
+    def scatter(self) -> Floats:
+        count = len(self.contributions)
+        return (self.contributions - self.size * self.weights) * np.sqrt(count / (count - 1.0))
 
 
 def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
@@ -244,7 +273,7 @@ def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
     for test in table:
         count = len(test.contributions)
         own = rng.standard_normal(_FLIPS) * test.own.sum()
-        drawn = (signs[:, :count] @ test.contributions + own) / np.sqrt(test.spread)
+        drawn = (signs[:, :count] @ test.scatter + own) / np.sqrt(test.spread)
         largest = np.maximum(largest, np.abs(drawn))
     least = [(1.0 - 1e-9) * abs(test.statistic) for test in table]  # those drawn may repeat the signs as they are
     return np.array([(1 + np.sum(largest >= statistic)) / (_FLIPS + 1) for statistic in least])
@@ -266,6 +295,8 @@ def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> lis
 
 def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> list[_Test]:
     """Return the tests for slopes of the apparent ln G_s, corrected for errors that both variables share."""
+    if not len(done):
+        return []
     velocity = np.log(session.circumstances["capsule_velocity"][done])
     columns = {"velocity": velocity, "size": fits.size[done]}
     together = {"velocity": np.square(session.velocity_errors[done]), "size": fits.covariance[done, 0, 1]}
@@ -284,6 +315,15 @@ def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> lis
     return tests
 
 
+def _of_flow(fits: Fits) -> list[_Test]:
+    """Return the test of the velocities against the flow rates, if these are known."""
+    flow = fits.flow
+    known = fits.settled & flow.known
+    weight = 1.0 / flow.variance[known]
+    contributions = weight * flow.offset[known]
+    return [_FlowTest(FLOW, "%", 100.0, contributions, weight, weight * flow.shared[known])] if known.any() else []
+
+
 def _solved(design: Floats, values: Floats, weight: Floats) -> Floats:
     root = np.sqrt(weight)[:, None]
     return np.asarray(np.linalg.lstsq(design * root, values * root[:, 0])[0])
@@ -297,6 +337,8 @@ def _scatter(fits: Fits, done: Integers) -> float:
 
 def _own_error_of_modulus(model: ForwardModel, rest: Mapping[str, Floats], theta: Floats) -> Floats:
     """Return the standard deviation of ln G_s due to the model's own error in the lengths : (c,) array."""
+    if not len(theta):
+        return np.empty(0)
     step = 1e-3
     here, there = (
         model({**rest, "capillary_number": np.exp(theta[:, 0] + shift), "size_ratio": theta[:, 1]})

@@ -41,6 +41,7 @@ def _operated(effect: Effect, capsule: Capsule, size: float, lab: Lab) -> Capsul
         "mean_velocity": speed,
         "half_width": lab.half_width,
         "viscosity": lab.viscosity,
+        "flow_rate": capsule.flow_rate,
         effect.parameter.name: size,
     }
     model = _OneCapsule(capsule, capsule.velocity_seen / speed)

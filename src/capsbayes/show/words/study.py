@@ -18,7 +18,8 @@ _MANY = 1e4  # odds beyond which their power of ten is enough
 
 def opening(study: Study) -> list[str]:
     """Return the sentences that a study begins with: the verdict, the range of G_s, and what the data lack."""
-    return [words for words in (verdict_sentence(study), modulus_words(study), lengths_alone(study.session)) if words]
+    sentences = verdict_sentence(study), modulus_words(study), lengths_alone(study.session), not_testable_words(study)
+    return [words for words in sentences if words]
 
 
 def verdict_sentence(study: Study) -> str:
@@ -69,6 +70,14 @@ def lengths_alone(session: Session) -> str:
         "Lengths alone were given: Ca and a/l of a capsule absorb both, so that only trends of G_s with velocity and "
         "size are left to compare, and most effects stay unseen; outlines show them, and where."
     )
+
+
+def not_testable_words(study: Study) -> str:
+    """Say which effects these data cannot show; empty if there are none."""
+    if not study.not_testable:
+        return ""
+    wanted = "" if "flow_rate" in study.session.circumstances else ": no flow rates are stated"
+    return f"Not testable with these data{wanted}: {', '.join(study.not_testable)}."
 
 
 def modulus_words(study: Study) -> str:
