@@ -231,7 +231,7 @@ class ForwardModel(ABC):
         return None
 
     def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
-        """Return the flow rate over U l^2, relative to that of the square or circle of the same half width : (n,) array.
+        """Return Q over U l^2, relative to that of the square or circle of the same half width : (n,) array.
 
         Only ``section_aspect`` and ``corner_radius`` change it, and effects on what is stated of flow rate and width.
         """
@@ -356,7 +356,7 @@ class Extended(_Derived):
             return None
 
     def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
-        """Return that of the model, changed by the effect if it is one on the flow rate or the width that are stated."""
+        """Return that of the model, changed by an effect on the flow rate or the half width that are stated."""
         inner = self.model.relative_area(theta)
         if isinstance(self.effect, HasRelativeFlow) and self.effect.parameter.name in theta:
             arrays = {name: np.asarray(values, float) for name, values in theta.items()}

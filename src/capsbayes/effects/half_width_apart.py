@@ -37,7 +37,7 @@ class HalfWidthApart:
     kind: ClassVar[Kind] = Kind.SESSION
     circumstances: ClassVar[tuple[str, ...]] = ("flow_rate",)
     changes: ClassVar[str] = (
-        "Lengths over l are too small by one factor as by the size of a pixel, and v_o over Q/A too large by its square."
+        "Lengths over l are too small by one factor as by the size of a pixel; v_o over Q/A too large by its square."
     )
     separated_by: ClassVar[str] = "The distance of the walls in the picture, or a cut through the channel."
 

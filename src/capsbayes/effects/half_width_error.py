@@ -37,7 +37,7 @@ class HalfWidthError:
     kind: ClassVar[Kind] = Kind.SESSION
     circumstances: ClassVar[tuple[str, ...]] = ("flow_rate",)
     changes: ClassVar[str] = (
-        "No shape; v_o and G_s of all capsules are wrong by the factor of the width, and v_o over Q/A by its third power."
+        "No shape; v_o and G_s of all capsules are wrong by the factor of the width, v_o over Q/A by its cube."
     )
     separated_by: ClassVar[str] = "A ruled slide next to the walls, or a cut through the channel under the microscope."
 
