@@ -71,8 +71,7 @@ class Measurement(Readable):
     Raises
     ------
     InputError
-        On a value that is not positive, finite and plausible, on L_a > L_z, or on an outline that is not over l or not
-        along the flow.
+        On a value that is not positive, finite and plausible, or L_a > L_z.
 
     Examples
     --------
@@ -131,8 +130,6 @@ class Measurement(Readable):
             )
         if self.outline is not None and not self.over_half_width:
             raise InputError(where, "outline", "lengths over l, as the outline is", "lengths in metres", "divide by l")
-        if self.outline is not None:
-            check_placed(self.outline, self.axial_extent, where)
         for key, value in self.conditions.items():
             if key not in CONDITIONS or not (np.isfinite(value) and value > 0.0):
                 raise InputError(where, key, f"a positive number, of {' or '.join(CONDITIONS)}", repr(value))
@@ -215,13 +212,25 @@ class Measurement(Readable):
         if "axial_length" in table:
             read = _measured(table["axial_extent"].unit)
             table["axial_length"] = read(table["axial_length"], str(path), "measurement.axial_length")
-        return cls(
+        found = cls(
             **table,
             outline=MeasuredOutline.read(file) if "outline" in top else None,
             source=str(path),
             sha256=file.sha256,
             experiment_file=top.get("experiment"),
         )
+        found.check_outline(found.source)
+        return found
+
+    def check_outline(self, where: str) -> None:
+        """Refuse an outline that is not over l, or whose flow is not along its first column, towards larger z.
+
+        Raises
+        ------
+        InputError
+        """
+        if self.outline is not None:
+            check_placed(self.outline, float(self.axial_extent), where)
 
     def write(self, path: str | Path) -> None:
         """Write a file that `read` reads.
