@@ -122,7 +122,7 @@ def test_without_flow_rates_they_are_not_testable(shapes, model):
     study = diagnose(session, model, seed=1)
     assert study.verdict is Verdict.NONE
     assert "velocity scale" in study.not_testable
-    assert "Not testable with these data: no flow rates are stated: velocity scale" in " ".join(opening(study))
+    assert "Not testable with these data, as no flow rates are stated: velocity scale" in " ".join(opening(study))
     assert not any(deviation.name == FLOW for deviation in study.finding.deviations)
 
 

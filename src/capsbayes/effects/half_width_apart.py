@@ -31,7 +31,7 @@ class HalfWidthApart:
     """
 
     prior: Quantity = Quantity(0.0, 0.02, low=-math.inf)
-    name: ClassVar[str] = "half width, stated apart"
+    name: ClassVar[str] = "half width stated apart"
     parameter: ClassVar[Parameter] = PARAMETERS["half_width_apart"]
     null_value: ClassVar[float] = 0.0
     kind: ClassVar[Kind] = Kind.SESSION

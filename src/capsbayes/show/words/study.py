@@ -76,7 +76,7 @@ def not_testable_words(study: Study) -> str:
     """Say which effects these data cannot show; empty if there are none."""
     if not study.not_testable:
         return ""
-    wanted = "" if "flow_rate" in study.session.circumstances else ": no flow rates are stated"
+    wanted = "" if "flow_rate" in study.session.circumstances else ", as no flow rates are stated"
     return f"Not testable with these data{wanted}: {', '.join(study.not_testable)}."
 
 
