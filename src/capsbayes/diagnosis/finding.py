@@ -164,7 +164,7 @@ def find(
     rest |= {name: np.full(len(done), size) for name, size in (sizes or {}).items()}
     own = _own_error_of_modulus(model, rest, fits.theta[done])
     displaced = displaced_regions(white, fits)
-    table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own), *_of_flow(fits)]
+    table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own)]
     table = [test for test in table if len(test.contributions) > _FEWEST]
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
@@ -174,7 +174,7 @@ def find(
         Deviation(test.name, test.size * test.scale, test.error * test.scale, test.unit, float(p_value))
         for test, p_value in by_surprise
     ]
-    found += _without_a_shape(fits)
+    found += [*_of_flow(fits, len(table)), *_without_a_shape(fits)]
     return Finding(
         tuple(sorted(found, key=lambda deviation: deviation.p_value)),
         noise,
@@ -226,14 +226,9 @@ class _Test:
         return float(self.contributions.sum() / self.weights.sum())
 
     @property
-    def scatter(self) -> Floats:
-        """Contributions (c,) as they scatter if their mean is zero."""
-        return self.contributions
-
-    @property
     def spread(self) -> float:
         """Variance of the sum of the contributions if their mean is zero, and the model's error common to all."""
-        return float(np.sum(self.scatter**2) + np.sum(self.own) ** 2)
+        return float(np.sum(self.contributions**2) + np.sum(self.own) ** 2)
 
     @property
     def error(self) -> float:
@@ -244,19 +239,6 @@ class _Test:
     def statistic(self) -> float:
         """Statistic that is compared under random signs; at most the root of the number of capsules."""
         return float(self.contributions.sum() / np.sqrt(self.spread))
-
-
-@dataclass(frozen=True, eq=False)
-class _FlowTest(_Test):
-    """Contributions whose common part is mostly an error of the flow rate or the half width, which is stated.
-
-    Their scatter is taken about their mean: about zero, a clear common part would count as scatter and hide itself.
-    """
-
-    @property
-    def scatter(self) -> Floats:
-        count = len(self.contributions)
-        return (self.contributions - self.size * self.weights) * np.sqrt(count / (count - 1.0))
 
 
 def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
@@ -273,7 +255,7 @@ def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
     for test in table:
         count = len(test.contributions)
         own = rng.standard_normal(_FLIPS) * test.own.sum()
-        drawn = (signs[:, :count] @ test.scatter + own) / np.sqrt(test.spread)
+        drawn = (signs[:, :count] @ test.contributions + own) / np.sqrt(test.spread)
         largest = np.maximum(largest, np.abs(drawn))
     least = [(1.0 - 1e-9) * abs(test.statistic) for test in table]  # those drawn may repeat the signs as they are
     return np.array([(1 + np.sum(largest >= statistic)) / (_FLIPS + 1) for statistic in least])
@@ -315,13 +297,25 @@ def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> lis
     return tests
 
 
-def _of_flow(fits: Fits) -> list[_Test]:
-    """Return the test of the velocities against the flow rates, if these are known."""
-    flow = fits.flow
-    known = fits.settled & flow.known
-    weight = 1.0 / flow.variance[known]
-    contributions = weight * flow.offset[known]
-    return [_FlowTest(FLOW, "%", 100.0, contributions, weight, weight * flow.shared[known])] if known.any() else []
+def _of_flow(fits: Fits, others: int) -> list[Deviation]:
+    """Return the mean of the velocities over those of the flow rates, if these are known.
+
+    Its error is mostly that of the flow rate and the half width, which is stated and common to all; the scatter is taken
+    about the mean, where a clear offset does not count as scatter. The p-value allows for the number of other tests,
+    whose own p-values it leaves as they are.
+    """
+    known = fits.settled & fits.flow.known
+    count = int(known.sum())
+    if count <= _FEWEST:
+        return []
+    weight = 1.0 / fits.flow.variance[known]
+    weight /= weight.sum()
+    offset, shared = fits.flow.offset[known], fits.flow.shared[known]
+    mean = float(weight @ offset)
+    scatter = np.sum(np.square(weight * (offset - mean))) * count / (count - 1.0)
+    error = float(np.sqrt(scatter + (weight @ shared) ** 2))
+    p_value = min(1.0, (others + 1) * 2.0 * float(norm.sf(abs(mean) / error)))
+    return [Deviation(FLOW, 100.0 * mean, 100.0 * error, "%", p_value)]
 
 
 def _solved(design: Floats, values: Floats, weight: Floats) -> Floats:
