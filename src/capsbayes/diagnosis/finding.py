@@ -300,9 +300,9 @@ def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> lis
 def _of_flow(fits: Fits, others: int) -> list[Deviation]:
     """Return the mean of the velocities over those of the flow rates, if these are known.
 
-    Its error is mostly that of the flow rate and the half width, which is stated and common to all; the scatter is taken
-    about the mean, where a clear offset does not count as scatter. The p-value allows for the number of other tests,
-    whose own p-values it leaves as they are.
+    Its error is mostly that of the flow rate and the half width, which is stated and common to all; the scatter is
+    taken about the mean, where a clear offset does not count as scatter. The p-value allows for the number of other
+    tests, whose own p-values it leaves as they are.
     """
     known = fits.settled & fits.flow.known
     count = int(known.sum())
