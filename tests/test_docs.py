@@ -31,6 +31,7 @@ PRINTED = (
     "tutorials/folder.md",
     "tutorials/film.md",
     pytest.param("drifting-modulus.md", marks=pytest.mark.slow),
+    pytest.param("tutorials/own-effect.md", marks=pytest.mark.slow),
     pytest.param("shared-membrane.md", marks=pytest.mark.slow),
 )
 """Pages that show what their commands print."""
@@ -88,16 +89,21 @@ def test_the_files_that_commands_read_are_in_the_project_or_written_by_a_command
 
 @pytest.mark.parametrize("name", PRINTED)
 def test_a_page_shows_what_its_commands_print(name, scripted, tmp_path, monkeypatch, capsys):
-    """Each shell block followed by a text block."""
-    work_in(tmp_path, monkeypatch, scripted(name))
+    """Each shell block followed by a text block, and the scripts and sets that make the input of the next one."""
+    printed_by = work_in(tmp_path, monkeypatch, scripted(name))
     shown, compared = blocks(ROOT / "docs" / name), 0
     for (language, text), (after, printed) in pairwise([*shown, ("", "")]):
         if language != "sh":
             continue
         for words in lines_of(text):
-            if words[0] == "capsbayes" and after == "text":
-                monkeypatch.setenv("COLUMNS", "80" if max(map(len, printed.splitlines())) <= 80 else "100")
+            if words[0] == "python":
+                out = printed_by[tuple(words)]
+            elif words[0] == "capsbayes" and (after == "text" or words[1] == "hide"):
+                monkeypatch.setenv("COLUMNS", "80" if max(map(len, printed.splitlines()), default=0) <= 80 else "100")
                 _, out, _ = run(monkeypatch, capsys, *words[1:])
+            else:
+                continue
+            if after == "text":
                 contains(out, printed)
                 compared += 1
     assert compared
@@ -122,23 +128,26 @@ def test_the_python_of_a_page_runs_as_a_script_and_prints_what_stands_below_it(n
 
 @pytest.fixture(scope="module")
 def scripted(tmp_path_factory):
-    """Return, for a page, a folder with the examples and what the scripts of its shell blocks have made there, once."""
+    """Return, for a page, a folder in which the scripts of its shell blocks have run once, and what they printed."""
 
     @functools.cache
     def made(name):
-        folder = tmp_path_factory.mktemp("page")
-        (folder / "examples").symlink_to(ROOT / "examples")
+        folder, printed = tmp_path_factory.mktemp("page"), {}
+        for there in ("examples", "data"):
+            (folder / there).symlink_to(ROOT / there)
         shown = (text for language, text in blocks(ROOT / "docs" / name) if language == "sh")
         for words in (words for text in shown for words in lines_of(text) if words[0] == "python"):
-            subprocess.run([sys.executable, *words[1:]], cwd=folder, check=True, capture_output=True)
-        return folder
+            command = [sys.executable, *words[1:]]
+            done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
+            printed[tuple(words)] = done.stdout
+        return folder, printed
 
     return made
 
 
 def work_in(folder, monkeypatch, begun):
-    """Work in a folder that begins as a copy of another one."""
-    shutil.copytree(begun, folder, symlinks=True, dirs_exist_ok=True)
+    """Work in a folder that begins as a copy of another one; return what scripts printed there."""
+    shutil.copytree(begun[0], folder, symlinks=True, dirs_exist_ok=True)
     monkeypatch.chdir(folder)
 
 

@@ -24,7 +24,7 @@ SCRIPTS = sorted({path.relative_to(EXAMPLES).as_posix() for path in EXAMPLES.rgl
 
 NUMBERS = {
     "own_law/own_law.py": ("v_o/U", 1.416, 0.002),
-    "own_effect/own_effect.py": ("v_o/U", 1.343, 0.0005),
+    "own_effect/own_effect.py": ("breadth/l", 1.739, 0.0005),
     "pictures/pictures.py": ("G_s [mN/m]", 50.0, 0.02),
     "film/film.py": ("G_s [mN/m]", 50.0, 0.02),
     "batch/batch.py": ("G_s [mN/m]", 50.0, 0.05),

@@ -1,7 +1,4 @@
-"""An effect of your own, checked and added to a model: a camera whose pixels are not quite square.
-
-Lengths along the flow appear longer by a factor 1 + s than those across it, where the walls give the scale.
-"""
+"""An effect of your own: flanks that look too broad, as their edges are drawn towards the dark lines of the walls."""
 
 from dataclasses import dataclass, replace
 
@@ -10,35 +7,36 @@ import numpy as np
 from capsbayes import Quantity, Surrogate
 from capsbayes.effect import Kind
 from capsbayes.parameters import Parameter
+from capsbayes.profile import vertex_normals
 from capsbayes.testing import check_effect
 
 
 @dataclass(frozen=True)
-class OblongPixels:
-    name = "oblong pixels"
-    parameter = Parameter("oblong", "s", "s", "-", "%", 100.0, "pixels along the flow over those across, less one")
+class DrawnFlanks:
+    name = "flanks drawn to the walls"
+    parameter = Parameter("flank_shift", "d_f", "d_f", "m", "µm", 1e6, "distance of the seen flanks from the true ones")
     null_value = 0.0
     kind = Kind.SESSION
-    changes = "Everything is longer along the flow by one factor."
-    separated_by = "A picture of a ruled slide in both directions."
-    circumstances = ()
-    prior = Quantity(0.0, 0.01, low=-np.inf)
+    changes = "Flanks lie too far out, the more so where the edge runs along the walls; nose and rear are right."
+    separated_by = "A picture of a bead: it would look higher than long."
+    circumstances = ("half_width",)
+    prior = Quantity(0.0, 0.4e-6, "m", low=-np.inf)
 
     def __call__(self, model, theta, *, outline=False):
-        seen, longer = model(theta, outline=outline), 1.0 + theta["oblong"]
-        lengths = {"axial_extent": seen.axial_extent * longer, "axial_length": seen.axial_length * longer}
-        stretched = seen.outline * np.stack([longer, np.ones_like(longer)], axis=1)[:, None] if outline else None
-        return replace(seen, **lengths, velocity_ratio=seen.velocity_ratio * longer, outline=stretched)
+        seen = model(theta, outline=outline)
+        if not outline:
+            return seen
+        normals = vertex_normals(seen.outline)
+        distance = theta["flank_shift"] / theta["half_width"]
+        return replace(seen, outline=seen.outline + (distance[:, None] * normals[..., 1] ** 4)[..., None] * normals)
 
 
 def main():
     model = Surrogate.open("square-neo-hookean")
-    check_effect(OblongPixels(), model)
-    seen = (model + OblongPixels())(
-        {"capillary_number": np.array([0.05]), "size_ratio": np.array([0.9]), "oblong": np.array([0.02])}
-    )
-    print(f"L_z/l = {seen.axial_extent[0]:.3f}")
-    print(f"v_o/U = {seen.velocity_ratio[0]:.3f}")
+    check_effect(DrawnFlanks(), model)
+    capsule = {"capillary_number": 0.05, "size_ratio": 0.9, "half_width": 25e-6, "flank_shift": 0.4e-6}
+    seen = (model + DrawnFlanks()).at(**capsule, outline=True)
+    print(f"breadth/l = {np.ptp(seen.outline[0, :, 1]):.3f}")
 
 
 if __name__ == "__main__":

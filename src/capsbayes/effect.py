@@ -93,6 +93,15 @@ class Unseen(Protocol):
 
 
 @runtime_checkable
+class HasRelativeFlow(Protocol):
+    """An effect on what the stated flow rate and half width say of the mean velocity U at the capsule."""
+
+    def relative_flow(self, theta: Theta) -> NDArray[np.float64]:
+        """Return the stated flow rate over that which the stated half width and U at the capsule give : (n,) array."""
+        ...
+
+
+@runtime_checkable
 class HasOutlineModes(Protocol):
     """An effect that states its own error of the outlines that it predicts; with any other it is that of the model."""
 

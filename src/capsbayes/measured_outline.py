@@ -25,6 +25,9 @@ SILHOUETTE = "silhouette"
 VIEWS = (MID_PLANE, SILHOUETTE)
 
 FEWEST_POINTS = 16
+_OFF_MIDDLE = 0.015  # of the length, by which the centre of the convex hull is ahead of the middle in no capsule
+_OFF_AXIS = 0.02  # of the breadth, by which it is beside the middle in no capsule that is usable
+_LONGER = 1.5  # than L_z, or shorter, is no outline over the same l
 _COLUMNS = ("z_over_l", "y_over_l")
 
 
@@ -223,6 +226,53 @@ class MeasuredOutline:
         points = np.ascontiguousarray(points)
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
+
+
+def check_placed(outline: MeasuredOutline, axial_extent: float, where: str) -> None:
+    """Refuse an outline that is not over l, or whose flow is not towards larger z in the first column.
+
+    A capsule is blunter behind than ahead: the centre of the convex hull of all shapes of the databases is behind the
+    middle of their length, by 0.003 to 0.066 of it.
+
+    Parameters
+    ----------
+    outline : MeasuredOutline
+    axial_extent : float [l]
+        L_z as measured.
+    where : str
+
+    Raises
+    ------
+    InputError
+    """
+    extent = float(np.ptp(outline.points[:, 0]))
+    if not axial_extent / _LONGER < extent < axial_extent * _LONGER:
+        expected = f"points over l, some {axial_extent:.3g} long along the flow as axial_extent says"
+        raise InputError(
+            where, "outline", expected, f"{extent:.3g}", "divide them by l; z, along the flow, comes first"
+        )
+    ahead, beside = _centre_off_middle(outline.points, where)
+    if abs(beside) > max(_OFF_AXIS, 2.0 * abs(ahead)):
+        expected, got = "z, along the flow, in the first column", "an outline with nose and rear along the second"
+        raise InputError(where, "outline", expected, got, "exchange the columns")
+    if ahead > _OFF_MIDDLE:
+        expected, got = "the flow towards larger z, with the blunt rear behind", "an outline with its blunt side ahead"
+        raise InputError(where, "outline", expected, got, "change the sign of z where the flow is to the left")
+
+
+def _centre_off_middle(points: Floats, where: str) -> Floats:
+    """Return the centre of area of the convex hull from the middle of the extents, over these : (2,) array."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
+    try:
+        hull = points[ConvexHull(points).vertices]
+    except QhullError:
+        raise InputError(where, "outline", "points around an area", "points on a line") from None
+    following = np.roll(hull, -1, axis=0)
+    twice = hull[:, 0] * following[:, 1] - following[:, 0] * hull[:, 1]
+    centre = np.sum((hull + following) * twice[:, None], axis=0) / (3.0 * twice.sum())
+    low, high = hull.min(axis=0), hull.max(axis=0)
+    return np.asarray((centre - 0.5 * (low + high)) / (high - low))
 
 
 def check_view(view: object, where: str, key: str) -> str:

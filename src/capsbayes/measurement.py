@@ -14,7 +14,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.input_file import InputFile, Reader, file_name, quantity, unread
 from capsbayes.files.output_file import together, write_file
-from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline
+from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, check_placed
 from capsbayes.parameters import PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
@@ -232,13 +232,25 @@ class Measurement(Readable):
         if "axial_length" in table:
             read = _measured(table["axial_extent"].unit)
             table["axial_length"] = read(table["axial_length"], str(path), "measurement.axial_length")
-        return cls(
+        found = cls(
             **table,
             outline=MeasuredOutline.read(file) if "outline" in top else None,
             source=str(path),
             sha256=file.sha256,
             experiment_file=top.get("experiment"),
         )
+        found.check_outline(found.source)
+        return found
+
+    def check_outline(self, where: str) -> None:
+        """Refuse an outline that is not over l, or whose flow is not along its first column, towards larger z.
+
+        Raises
+        ------
+        InputError
+        """
+        if self.outline is not None:
+            check_placed(self.outline, float(self.axial_extent), where)
 
     def write(self, path: str | Path) -> None:
         """Write a file that `read` reads.

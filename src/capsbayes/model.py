@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.effect import Effect, HasOutlineModes, Theta
+from capsbayes.effect import Effect, HasOutlineModes, HasRelativeFlow, Theta
 from capsbayes.errors import InputError, OutsideDatabaseError
 from capsbayes.measured_outline import MID_PLANE
 from capsbayes.parameters import OF_THE_MEMBRANE
@@ -40,8 +40,11 @@ UNSURE_SHAPES = "unsure shapes"
 
 UNSURE = 0.05
 
-CIRCUMSTANCES = ("half_width", "capsule_velocity", "mean_velocity", "viscosity")
-"""Properties of each capsule on which an effect may depend [SI]; every model accepts these names in ``theta``."""
+CIRCUMSTANCES = ("half_width", "capsule_velocity", "mean_velocity", "viscosity", "flow_rate")
+"""Properties of each capsule on which an effect may depend [SI]; every model accepts these names in ``theta``.
+
+An effect that names ``flow_rate`` shows only where it is stated, as the other source of the mean velocity.
+"""
 
 
 _DECLARATIONS = (
@@ -228,9 +231,9 @@ class ForwardModel(ABC):
         return None
 
     def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
-        """Return the area of the cross-section over that of the square or circle of the same half width : (n,) array.
+        """Return Q over U l^2, relative to that of the square or circle of the same half width : (n,) array.
 
-        Only ``section_aspect`` and ``corner_radius`` change it.
+        Only ``section_aspect`` and ``corner_radius`` change it, and effects on what is stated of flow rate and width.
         """
         aspect, radius = (
             np.asarray(theta.get(name, null)) for name, null in (("section_aspect", 1.0), ("corner_radius", 0.0))
@@ -351,6 +354,14 @@ class Extended(_Derived):
             return self._inner.outline_modes(**theta)
         except OutsideDatabaseError:  # the effect asks the model elsewhere, just within its border
             return None
+
+    def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
+        """Return that of the model, changed by an effect on the flow rate or the half width that are stated."""
+        inner = self.model.relative_area(theta)
+        if isinstance(self.effect, HasRelativeFlow) and self.effect.parameter.name in theta:
+            arrays = {name: np.asarray(values, float) for name, values in theta.items()}
+            return np.asarray(inner * self.effect.relative_flow(arrays))
+        return inner
 
     def with_membrane(self) -> ForwardModel | None:
         """Return that of the model with the effect."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -126,6 +127,23 @@ _TABLE = (
         *("taper", "k_t", r"k_\mathrm{t}", "-", "%", 1e2),
         "relative change of the magnification along a half width downstream",
     ),
+    Parameter(
+        *("velocity_scale", "eps_v", r"\epsilon_v", "-", "%", 1e2),
+        "relative error of the velocities of all capsules",
+    ),
+    Parameter(
+        *("flow_rate_error", "eps_Q", r"\epsilon_Q", "-", "%", 1e2),
+        "relative error of the stated flow rates, of all alike",
+    ),
+    Parameter(
+        *("half_width_error", "eps_l", r"\epsilon_\ell", "-", "%", 1e2),
+        "relative error of the stated half width, which scales the picture",
+    ),
+    Parameter(
+        *("half_width_apart", "eps_la", r"\epsilon_{\ell,\mathrm{a}}", "-", "%", 1e2),
+        "relative error of the stated half width, by which lengths in metres are divided",
+    ),
+    Parameter("rotation", "theta", r"\theta", "-", "°", 180.0 / math.pi, "angle of the flow in the picture"),
     Parameter("swelling", "s_l", r"s_\ell", "s/m", "% per mm/s", 0.1, "relative widening of the channel per velocity"),
     # of the membranes of a session, and of the liquid
     _ratio("modulus_slope", "d ln G_s / d ln a", r"d\ln G_\mathrm{s}/d\ln a", "power of the size with which G_s grows"),

@@ -231,7 +231,7 @@ _LAW_PROMISES: dict[str, Callable[[MembraneLaw], str]] = {
 }
 
 
-_SI = {"half_width": 25e-6, "capsule_velocity": 5e-3, "mean_velocity": 4e-3, "viscosity": 0.8}
+_SI = {"half_width": 25e-6, "capsule_velocity": 5e-3, "mean_velocity": 4e-3, "viscosity": 0.8, "flow_rate": 1e-11}
 _OUTLINE = 0.01  # l by which the outline may differ from the lengths, in addition to the stated error of the prediction
 
 
@@ -266,6 +266,12 @@ def _with_and_without(effect: Effect, model: ForwardModel, theta: dict[str, Floa
     return (model + effect)(theta, outline=True), model(without, outline=True)
 
 
+def _flows(effect: Effect, model: ForwardModel, theta: dict[str, Floats]) -> Floats:
+    """Return by what the effect changes the flow rate over U l^2 : (n,) array."""
+    without = {name: values for name, values in theta.items() if name != effect.parameter.name or name in model.names}
+    return np.asarray((model + effect).relative_area(theta) / model.relative_area(without))
+
+
 def _typical(effect: Effect) -> float:
     """Return a size within the prior that is not the null value."""
     sizes = np.asarray(effect.prior.ppf([0.75, 0.6, 0.9]))
@@ -292,7 +298,10 @@ def _does_nothing_at_null(effect: Effect, model: ForwardModel) -> str:
     both = there.inside & here.inside
     if not both.any():
         return "it has no answer for any of five capsules"
-    return _difference("the prediction at the null value", _table(there)[both], _table(here)[both], 1e-9)
+    changed = _flows(effect, model, theta)
+    return _difference("the prediction at the null value", _table(there)[both], _table(here)[both], 1e-9) or (
+        _difference("the relative flow at the null value", changed, np.ones(()), 1e-9)
+    )
 
 
 def _does_something(effect: Effect, model: ForwardModel) -> str:
@@ -302,6 +311,7 @@ def _does_something(effect: Effect, model: ForwardModel) -> str:
     if not both.any():
         return f"at {effect.parameter.name} = {_typical(effect):g} it has no answer for any of five capsules"
     same = np.allclose(_table(there)[both], _table(here)[both], rtol=0.0, atol=1e-9)
+    same = same and np.allclose(_flows(effect, model, theta), 1.0, rtol=0.0, atol=1e-9)
     return f"at {effect.parameter.name} = {_typical(effect):g} nothing changes" if same else ""
 
 

@@ -267,6 +267,7 @@ KINDS = {
         "a column twice": b"size_ratio,size_ratio\n0.9,0.9\n",
         "only names": b"capillary_number,size_ratio\n",
     },
+    ".py": TEXTS | {"no effect": b"import numpy\n", "a class for an effect": b"class Effect:\n    parameter = 1\n"},
     ".nc": TEXTS | {"cut short": b"\x89HDF\r\n\x1a\n" + bytes(100)},
     ".png": TEXTS
     | {"cut short": b"\x89PNG\r\n\x1a\n", "one pixel": png_of_size(1, 1), "16000 x 16000": png_of_size(16000, 16000)},
@@ -278,6 +279,8 @@ READ = {
     "--experiment": ".toml",
     "--cases": ".csv",
     "--database": ".nc",
+    "--shapes": ".nc",
+    "--effects": ".py",
 }
 
 

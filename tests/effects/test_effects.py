@@ -8,13 +8,18 @@ from capsbayes.database import Database
 from capsbayes.effect import Effect
 from capsbayes.effects import (
     ChannelSwelling,
+    FlowRateError,
+    HalfWidthApart,
+    HalfWidthError,
     Halo,
     ModulusSlope,
     MotionBlur,
     OblongPixels,
+    PictureRotation,
     PixelScale,
     RadialDistortion,
     Taper,
+    VelocityScale,
     ViscosityError,
     catalogue,
 )
@@ -87,6 +92,41 @@ def test_faults_of_the_camera_are_those_of_geometry(model, effect, size, drawn, 
             assert np.ptp(seen.outline[row, :, axis]) == pytest.approx(np.ptp(due.points[:, axis]), abs=tolerance)
     moved = np.abs(seen.outline - without.outline - (seen.outline - without.outline).mean(axis=1, keepdims=True))
     assert moved.max() > 5.0 * tolerance
+
+
+def test_a_rotated_picture_lengthens_a_broad_rear_and_turns_the_outline(model):
+    seen = (model + PictureRotation())(CAPSULES | {"rotation": three(0.05)}, outline=True)
+    without = model(CAPSULES, outline=True)
+    assert np.all(seen.axial_extent > without.axial_extent)
+    np.testing.assert_allclose(seen.velocity_ratio, np.cos(0.05) * without.velocity_ratio)
+    same = np.hypot(*np.moveaxis(seen.outline, 2, 0)), np.hypot(*np.moveaxis(without.outline, 2, 0))
+    np.testing.assert_allclose(*same, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "lengths", "velocity", "flow"),
+    [
+        (VelocityScale(), 1.0, 1.02, 1.0),
+        (FlowRateError(), 1.0, 1.0, 1.02),
+        (HalfWidthError(), 1.0, 1.02, 1.02**-2),
+    ],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_faults_of_velocity_flow_and_width_are_factors(model, effect, lengths, velocity, flow):
+    theta = CAPSULES | {effect.parameter.name: three(0.02), "flow_rate": three(1e-11)}
+    seen, without = (model + effect)(theta), model(CAPSULES)
+    np.testing.assert_allclose(seen.axial_extent, lengths * without.axial_extent)
+    np.testing.assert_allclose(seen.velocity_ratio, velocity * without.velocity_ratio)
+    np.testing.assert_allclose((model + effect).relative_area(theta), flow)
+    with pytest.raises(KeyError, match="flow_rate"):
+        (model + effect)(CAPSULES | {effect.parameter.name: three(0.02)})
+
+
+def test_a_half_width_stated_apart_is_a_pixel_but_for_the_flow(model):
+    theta = CAPSULES | {"half_width_apart": three(0.02), "flow_rate": three(1e-11)}
+    seen = (model + HalfWidthApart())(theta | {"size_ratio": CAPSULES["size_ratio"] / 1.02})
+    np.testing.assert_allclose(seen.axial_extent, model(CAPSULES).axial_extent / 1.02)
+    np.testing.assert_allclose((model + HalfWidthApart()).relative_area(theta), 1.02**-2)
 
 
 def test_oblong_pixels_change_what_is_seen_of_the_velocity_and_the_others_do_not(model):

@@ -23,7 +23,13 @@ COMMANDS = (
 
 PREDICTED = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio", "covariance", "inside", "outline")
 PART = ".part"  # ending of the files of finished cases of a build
-CIRCUMSTANCES = {"half_width": 25e-6, "capsule_velocity": 5e-3, "viscosity": 0.8, "mean_velocity": 4e-3}
+CIRCUMSTANCES = {
+    "half_width": 25e-6,
+    "capsule_velocity": 5e-3,
+    "viscosity": 0.8,
+    "mean_velocity": 4e-3,
+    "flow_rate": 1e-11,
+}
 
 
 def mistake() -> type[Exception]:

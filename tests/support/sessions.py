@@ -49,7 +49,8 @@ def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None):
                 float(seen[1]),
                 noise,
                 outline=edge,
-                flow_rate=round(velocity * 50e-6**2, 15),
+                flow_rate=(rate := round(velocity * 50e-6**2, 15)),
+                flow_rate_error=0.5 * rate,  # not that of the mean velocity, which differs from capsule to capsule
             )
         )
         truth["log_modulus"].append(log_modulus)

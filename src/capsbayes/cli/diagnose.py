@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.effects_file import EffectsFile, own_effects
 from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, choose, named_model
 from capsbayes.cli.output import Writer, conclude, json_file
 from capsbayes.cli.paths import Reads, Writes
@@ -32,6 +33,7 @@ def diagnose(
     experiment: ExperimentFile = None,
     database: ModelName = None,
     seed: Seed = 1,
+    effects: EffectsFile = None,
     candidates: Annotated[
         str | None, typer.Option(help="Effects to try, as 'halo,exposure'; default: all that are known.")
     ] = None,
@@ -52,27 +54,30 @@ def diagnose(
     """
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
+    from capsbayes.effects import catalogue
     from capsbayes.show import study_page
     from capsbayes.show.terminal.study import study_parts
     from capsbayes.work import progress_bar, resumable
 
     session = Session.read(capsules, experiment)
     cross_section = session.experiment.cross_section
-    effects = _effects(candidates, cross_section)
-    elsewhere = _measured(measured or [], effects)
+    known = catalogue(cross_section)
     model = named_model(database, cross_section, _view(session))
-    with resumable(out):
+    own = own_effects(effects, known, model)
+    tried = _chosen(candidates, {**known, **own.effects})
+    elsewhere = _measured(measured or [], tried)
+    with resumable(out, own.sha256):
         with progress_bar(None, "reading") as update:
             study = diagnosed(
                 session,
                 model,
                 seed=seed,
-                candidates=effects,
+                candidates=tried,
                 level=level,
                 measured=elsewhere,
                 progress=lambda step, done, steps: update(done, step, steps),
             )
-        result = summary(study)
+        result = summary(study) | own.described
         files: dict[str, Writer] = {
             "study.html": lambda path: write_file(path, study_page(study)),
             "study.json": json_file(result),
@@ -91,11 +96,8 @@ def _view(session: Session) -> str:
     return views[0] if views else MID_PLANE
 
 
-def _effects(names: str | None, cross_section: str) -> dict[str, Effect]:
-    """Return the candidates named by parameter or effect, by default all that hold in this cross-section."""
-    from capsbayes.effects import catalogue
-
-    effects = catalogue(cross_section)
+def _chosen(names: str | None, effects: dict[str, Effect]) -> dict[str, Effect]:
+    """Return the candidates named by parameter or effect, by default all."""
     if names is None:
         return effects
     known = _by_either_name(effects)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capsbayes.cli.effects_file import EffectsFile, own_effects
 from capsbayes.cli.options import AsJson, Seed, Workers
 from capsbayes.cli.output import print_json
-from capsbayes.cli.paths import Writes
+from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together, write_file
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def hide(
-    effect: Annotated[str, typer.Option(help="True effect, as pre-inflation, halo or none.")],
+    effect: Annotated[str, typer.Option(help="True effect, as pre-inflation, halo, none, or one of --effects.")],
     out: Annotated[
         Path,
         typer.Option(help="Folder of the set; the truth goes into OUT.truth next to it."),
@@ -27,8 +29,18 @@ def hide(
     effect_size: Annotated[
         str, typer.Option(help="Size of the effect with its unit, as '0.03', '0.4 um' or '300 us'.")
     ] = "0",
+    effects: EffectsFile = None,
+    shapes: Annotated[
+        Path | None,
+        typer.Option(help="Database of simulated shapes from which capsules are drawn; default: each is simulated."),
+        Reads(),
+    ] = None,
     capsules: Annotated[int, typer.Option(min=1, max=10_000, help="Number of capsules.")] = 40,
     seed: Seed = 1,
+    flow_rate_error: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=0.5, help="Relative standard error of the flow rates; default: none are stated."),
+    ] = None,
     lengths_only: Annotated[bool, typer.Option("--lengths-only", help="Measure lengths alone, no outlines.")] = False,
     refinement: Annotated[int, typer.Option(min=4, max=32, help="Fineness n of the mesh.")] = 12,
     workers: Workers = None,
@@ -36,26 +48,42 @@ def hide(
 ) -> None:
     """Simulate a lab's capsules with a true effect, and measure them: a blind set for `diagnose`.
 
-    A capsule takes about half a minute of one core. Finished shapes are kept, so that the command can be
-    stopped and run again. Exit status: 0 done, 2 bad input.
+    A capsule takes about half a minute of one core, or nothing with --shapes. Finished shapes are kept, so that
+    the command can be stopped and run again. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.evidence.blind import Lab, simulate_session, true_effect_named
+    from capsbayes.evidence.blind import Lab, draw_session, simulate_session
+    from capsbayes.evidence.blind.pools import read_shapes
 
-    true_effect = true_effect_named(effect)
+    true_effect = _true_effect(effect, effects)
     value, truth = _size(true_effect, effect_size), out.with_name(f"{out.name}.truth")
     _check_empty(out)
-    blind = simulate_session(
-        true_effect,
-        value,
-        lab=Lab(),
-        capsules=capsules,
-        seed=seed,
-        shapes=truth / "shapes.nc",
-        outline=not lengths_only,
-        refinement=refinement,
-        workers=workers,
+    drawn = partial(
+        draw_session, lab=Lab(flow_rate_error=flow_rate_error), capsules=capsules, seed=seed, outline=not lengths_only
     )
+    if shapes is not None:
+        blind = drawn(read_shapes(shapes, true_effect, value), true_effect, value)
+    else:
+        blind = simulate_session(
+            true_effect,
+            value,
+            **drawn.keywords,
+            shapes=truth / "shapes.nc",
+            refinement=refinement,
+            workers=workers,
+        )
     _write(blind, out, truth, as_json)
+
+
+def _true_effect(name: str, effects: Path | None) -> TrueEffect:
+    """Return the true effect of a name, which may be that of a parameter of the file of effects."""
+    from capsbayes.effects import catalogue
+    from capsbayes.evidence.blind import true_effect_named, true_effect_of
+    from capsbayes.surrogate import Surrogate
+
+    if effects is None:
+        return true_effect_named(name)
+    own = own_effects(effects, catalogue(), Surrogate.open("square-neo-hookean")).effects
+    return true_effect_named(name, {parameter.lower(): true_effect_of(effect) for parameter, effect in own.items()})
 
 
 def _size(effect: TrueEffect, text: str) -> float:

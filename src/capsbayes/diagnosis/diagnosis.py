@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import Fits, fitted, whitening
 from capsbayes.diagnosis.limits import limit_scores, limits_table
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
 from capsbayes.diagnosis.search import LEAST_RATIO, UNKNOWN, Search, Step, by_ratio, evidences, probabilities, searched
@@ -30,6 +30,7 @@ from capsbayes.diagnosis.size_error import with_own_error
 from capsbayes.diagnosis.verification import Verification, verified
 from capsbayes.effect import Effect, Unseen
 from capsbayes.effects import catalogue
+from capsbayes.errors import NoShapeError
 from capsbayes.model import ForwardModel
 from capsbayes.readable import Readable
 
@@ -81,6 +82,8 @@ class Study(Readable):
         Fits of each candidate alone to the first half.
     candidates : mapping of str to Effect
         Effects that are tried, or would be.
+    not_testable : tuple of str
+        Names of effects that were not tried, as nothing that shows them was measured, such as the flow rates.
     """
 
     verdict: Verdict
@@ -97,6 +100,7 @@ class Study(Readable):
     evidence: Mapping[str, float] = field(default_factory=dict)
     trials: Mapping[str, Trial] = field(default_factory=dict)
     candidates: Mapping[str, Effect] = field(default_factory=dict)
+    not_testable: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -262,6 +266,8 @@ def diagnose(
 
     Raises
     ------
+    NoShapeError
+        If the model has a shape of no capsule.
     ValueError
         If the earlier study is of another session, or its capsules were divided with another seed.
     """
@@ -269,16 +275,22 @@ def diagnose(
     model.check_experiment(session.experiment)
     if earlier is not None and (earlier.session is not session or earlier.seed != seed):
         raise ValueError("earlier: expected a study of the same session with the same seed")
-    effects = catalogue(session.experiment.cross_section) if candidates is None else candidates
+    asked = catalogue(session.experiment.cross_section) if candidates is None else candidates
+    effects = {
+        name: effect for name, effect in asked.items() if session.circumstances.keys() >= {*effect.circumstances}
+    }
+    hidden = tuple(effect.name for name, effect in asked.items() if name not in effects)
     made = partial(Study, session=session, seed=seed, level=level, candidates=effects)
     if len(session) < _FEWEST:
         nothing = Finding((), float("nan"), len(session))
         return made(Verdict.NOT_TESTABLE, nothing, (), None, model, {})
     first, confirm = session.halves(seed)
+    made = partial(made, not_testable=hidden)
     report = _Progress(progress, len(effects) + 2)
     report("the model as it is")
     white = whitening(model, first)
     fits = fitted(model, first, white)
+    _check_shapes(model, fits)
     finding = find(model, first, seed=seed, white=white, fits=fits)
     made = partial(made, finding=finding, first_half=Comparison(first, model, fits))
     if finding.p_value > level:
@@ -310,6 +322,14 @@ def diagnose(
     for step in steps:
         extended = extended + step.best.effect
     return made(Verdict.NAMED, model=extended, sizes={step.in_question[0]: step.best.size for step in steps})
+
+
+def _check_shapes(model: ForwardModel, fits: Fits) -> None:
+    """Refuse capsules of which not one has a shape of the model: there is nothing to compare then."""
+    if not fits.settled.any():
+        expected = f"capsules some of which have a shape of {model.name}"
+        advice = "check that lengths are over l, that z is along the flow, and the cross-section of the channel"
+        raise NoShapeError("session", "measurements", expected, f"{len(fits.settled)} without one", advice)
 
 
 def _with_a_second(

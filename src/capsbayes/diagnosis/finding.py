@@ -34,6 +34,7 @@ _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
 _SHAPELESS = "share of capsules without a shape"
 _FEWEST = 4  # contributions, up to which a deviation is not judged
+FLOW = "v_o over that of the flow rate"
 TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
 
 
@@ -115,7 +116,7 @@ class Finding:
         """
         there = {deviation.name: deviation for deviation in other.deviations}
         both = (
-            float(norm.sf((norm.isf(deviation.p_value) + _standing(deviation, there[deviation.name])) / np.sqrt(2.0)))
+            _together(deviation, there[deviation.name])
             for deviation in self.deviations
             if deviation.p_value <= among and deviation.name in there
         )
@@ -174,7 +175,7 @@ def find(
         Deviation(test.name, test.size * test.scale, test.error * test.scale, test.unit, float(p_value))
         for test, p_value in by_surprise
     ]
-    found += _without_a_shape(fits)
+    found += [*_of_flow(fits, len(table)), *_without_a_shape(fits)]
     return Finding(
         tuple(sorted(found, key=lambda deviation: deviation.p_value)),
         noise,
@@ -191,6 +192,16 @@ def _without_a_shape(fits: Fits) -> list[Deviation]:
     p_value = float(binom.sf(ill - 1, count, _WITHOUT))
     share, error = beta(ill + 1, count - ill + 1).stats()
     return [Deviation(_SHAPELESS, float(share), float(np.sqrt(error)), "", p_value)]
+
+
+def _together(first: Deviation, second: Deviation) -> float:
+    """Return the p-value of a deviation in both halves, by Stouffer's method.
+
+    That of the velocities from the flow rates has an error common to both, which the second half does not test again.
+    """
+    if first.name == FLOW:
+        return first.p_value
+    return float(norm.sf((norm.isf(first.p_value) + _standing(first, second)) / np.sqrt(2.0)))
 
 
 def _standing(first: Deviation, second: Deviation) -> float:
@@ -267,6 +278,8 @@ def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> lis
 
 def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> list[_Test]:
     """Return the tests for slopes of the apparent ln G_s, corrected for errors that both variables share."""
+    if not len(done):
+        return []
     velocity = np.log(session.circumstances["capsule_velocity"][done])
     columns = {"velocity": velocity, "size": fits.size[done]}
     together = {"velocity": np.square(session.velocity_errors[done]), "size": fits.covariance[done, 0, 1]}
@@ -285,6 +298,27 @@ def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> lis
     return tests
 
 
+def _of_flow(fits: Fits, others: int) -> list[Deviation]:
+    """Return the mean of the velocities over those of the flow rates, if these are known.
+
+    Its error is mostly that of the flow rate and the half width, which is stated and common to all; the scatter is
+    taken about the mean, where a clear offset does not count as scatter. The p-value allows for the number of other
+    tests, whose own p-values it leaves as they are.
+    """
+    known = fits.settled & fits.flow.known
+    count = int(known.sum())
+    if count <= _FEWEST:
+        return []
+    weight = 1.0 / fits.flow.variance[known]
+    weight /= weight.sum()
+    offset, shared = fits.flow.offset[known], fits.flow.shared[known]
+    mean = float(weight @ offset)
+    scatter = np.sum(np.square(weight * (offset - mean))) * count / (count - 1.0)
+    error = float(np.sqrt(scatter + (weight @ shared) ** 2))
+    p_value = min(1.0, (others + 1) * 2.0 * float(norm.sf(abs(mean) / error)))
+    return [Deviation(FLOW, 100.0 * mean, 100.0 * error, "%", p_value)]
+
+
 def _solved(design: Floats, values: Floats, weight: Floats) -> Floats:
     root = np.sqrt(weight)[:, None]
     return np.asarray(np.linalg.lstsq(design * root, values * root[:, 0])[0])
@@ -298,6 +332,8 @@ def _scatter(fits: Fits, done: Integers) -> float:
 
 def _own_error_of_modulus(model: ForwardModel, rest: Mapping[str, Floats], theta: Floats) -> Floats:
     """Return the standard deviation of ln G_s due to the model's own error in the lengths : (c,) array."""
+    if not len(theta):
+        return np.empty(0)
     step = 1e-3
     here, there = (
         model({**rest, "capillary_number": np.exp(theta[:, 0] + shift), "size_ratio": theta[:, 1]})

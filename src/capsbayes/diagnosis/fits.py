@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.diagnosis.flow import FlowOffsets, flow_offsets
 from capsbayes.diagnosis.places import Evaluation, Places, initial_guesses
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening, whitened_at
@@ -47,6 +48,8 @@ class Fits:
         Whether the steps came to the least misfit, and not to the border of the model's domain.
     freedom : (n,) array
         Numbers measured of each capsule less those that are fitted: Ca, a/l, and place and tilt of an outline.
+    flow : FlowOffsets
+        Velocities over those that the flow rates give.
     """
 
     theta: Floats
@@ -58,6 +61,7 @@ class Fits:
     known: Booleans
     settled: Booleans
     freedom: Integers
+    flow: FlowOffsets
 
     @property
     def ill(self) -> Booleans:
@@ -132,7 +136,7 @@ def fitted(
             others = others[:1]
         for other in others:
             here.take_better(ill, evaluate.fitted(other, ill))
-    return _made(session, white, here, freedom)
+    return _made(session, evaluate, here, freedom)
 
 
 def _begun(evaluate: Evaluation, start: Floats | None) -> Places:
@@ -145,7 +149,8 @@ def _begun(evaluate: Evaluation, start: Floats | None) -> Places:
     return found
 
 
-def _made(session: Session, white: Whitening, places: Places, freedom: Integers) -> Fits:
+def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integers) -> Fits:
+    white = evaluate.white
     log_ca, size = places.points.T
     speed = session.circumstances["capsule_velocity"] / places.ratio
     log_modulus = np.log(session.circumstances["viscosity"] * speed) - log_ca
@@ -154,13 +159,16 @@ def _made(session: Session, white: Whitening, places: Places, freedom: Integers)
     along[:, 0] = -places.ratio_slopes / places.ratio[:, None] - [1.0, 0.0]
     along[:, 1, 1] = 1.0
     covariance = np.full((len(known), 2, 2), np.nan)
-    spread = np.linalg.inv(places.normal[known])
-    covariance[known] = np.einsum("nij,njk,nlk->nil", along[known], spread, along[known])
+    spread = np.full((len(known), 2, 2), np.nan)
+    spread[known] = np.linalg.inv(places.normal[known])
+    covariance[known] = np.einsum("nij,njk,nlk->nil", along[known], spread[known], along[known])
     covariance[:, 0, 0] += np.square(session.velocity_errors)
+    of_places = evaluate.rest, places.points, places.ratio, places.ratio_slopes, spread
+    flow = flow_offsets(evaluate.model, session, *of_places)
     of_data = [slice(2, 2 + seen.count) for seen in white.each]
     residuals, slopes = (
         tuple(values[part] for values, part in zip(of_all, of_data, strict=True))
         for of_all in (places.residuals, places.slopes)
     )
     settled = known & (places.left < _NEAR)
-    return Fits(places.points, residuals, slopes, log_modulus, size, covariance, known, settled, freedom)
+    return Fits(places.points, residuals, slopes, log_modulus, size, covariance, known, settled, freedom, flow)

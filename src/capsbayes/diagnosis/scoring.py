@@ -312,5 +312,7 @@ def log_likelihood(fits: Fits) -> Floats:
         volume = np.linalg.slogdet(fits.covariance[done])[1]
         apart = (values[done] - people.mean) ** 2 / total + np.log(2.0 * np.pi * total)
         found[done] = -0.5 * fits.misfit[done] + 0.5 * volume - 0.5 * apart
+        everywhere = fits.covariance[:, 0, 0] + people.spread**2
+        found[done] += fits.flow.log_likelihood(fits.log_modulus, everywhere, people.mean)[done]
         found[~done] = found[done].min() - _LOST
     return found

@@ -116,6 +116,8 @@ class Session:
         for name in CONDITIONS:
             usual = getattr(self.experiment, name).mean
             found[name] = np.array([measurement.conditions.get(name, usual) for measurement in self.measurements])
+        if np.isfinite(self.flow_rates).any():
+            found["flow_rate"] = self.flow_rates
         return found
 
     @cached_property
@@ -124,6 +126,13 @@ class Session:
         return np.array(
             [np.nan if measurement.flow_rate is None else measurement.flow_rate for measurement in self.measurements]
         )
+
+    @property
+    def flow_rate_errors(self) -> Floats:
+        """Relative standard errors of U = Q/A, by the flow rate and the half width, common to all : (n,) array."""
+        rates = np.array([measurement.flow_rate_error or 0.0 for measurement in self.measurements]) / self.flow_rates
+        width = self.experiment.half_width
+        return np.hypot(rates, 2.0 * width.error / width.mean)
 
     @property
     def velocity_errors(self) -> Floats:

@@ -24,6 +24,7 @@ def summary(study: Study) -> dict[str, Any]:
         "verdict": study.verdict.name,
         "sentence": str(study),
         "effects": list(study.names),
+        "not_testable": list(study.not_testable),
         "sizes": dict(study.sizes),
         "finding": _finding(study.finding),
         "not_seen_again": None if study.second_finding is None else _finding(study.second_finding),

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from capsbayes.arrays import Floats
 from capsbayes.effect import Kind, Theta
 from capsbayes.effects.displaced import scaled
 from capsbayes.model import ForwardModel
@@ -43,3 +44,7 @@ class ChannelSwelling:
         wider = 1.0 + theta["swelling"] * theta["capsule_velocity"]
         prediction = model({**theta, "size_ratio": theta["size_ratio"] / wider}, outline=outline)
         return scaled(prediction, wider, np.ones_like(wider))
+
+    def relative_flow(self, theta: Theta) -> Floats:
+        """Return the area of the swollen cross-section over that of the nominal one : (n,) array."""
+        return np.asarray((1.0 + theta["swelling"] * theta["capsule_velocity"]) ** 2)

@@ -29,7 +29,7 @@ class MeasuredSet:
 
 
 def check_comparable(measurement: Measurement, where: str) -> None:
-    """Refuse a measurement that failed, or whose lengths are in metres.
+    """Refuse a measurement that failed, or whose lengths are in metres, or whose outline is not over l along the flow.
 
     Raises
     ------
@@ -39,6 +39,7 @@ def check_comparable(measurement: Measurement, where: str) -> None:
         raise InputError(where, "status", "a measurement that is done", str(measurement.status), "leave it out")
     if not measurement.over_half_width:
         raise InputError(where, "axial_extent", "lengths over l", "lengths in metres", "divide by l")
+    measurement.check_outline(where)
 
 
 def gathered(

@@ -58,13 +58,15 @@ def steps_kept(store: Store, part: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def resumable(out: Path | None) -> Iterator[None]:
+def resumable(out: Path | None, of: str = "") -> Iterator[None]:
     """Keep the steps of a computation in the folder of its results, so that it goes on when it is started again.
 
     Parameters
     ----------
     out : Path or None
         The folder, which no other run may write meanwhile; None if the results are not kept.
+    of : str
+        Fingerprint of what the steps depend on besides their arguments, as a file of effects.
 
     Raises
     ------
@@ -77,7 +79,7 @@ def resumable(out: Path | None) -> Iterator[None]:
     missing = not out.exists()
     make_folder(out)
     try:
-        with only_run(out), keeping(out), steps_kept(Store(out, digest_of(__version__)), "unfinished"):
+        with only_run(out), keeping(out), steps_kept(Store(out, digest_of(__version__, of)), "unfinished"):
             yield
     except Exception:
         if missing:

@@ -30,6 +30,8 @@ class Capsule:
         True velocity.
     velocity_seen : float [m/s]
         Velocity as the microscope shows it, without random errors.
+    flow_rate : float [m^3/s]
+        As the pump shows it, without random errors.
     outline : (p, 2) array
         Edge in the mid-plane as the microscope shows it, over the lab's value of the half width; columns (z, y), from
         the nose through y > 0.
@@ -41,10 +43,23 @@ class Capsule:
     capsule_radius: float
     capsule_velocity: float
     velocity_seen: float
+    flow_rate: float
     outline: Floats
 
-    def measured(self, noise: Noise, rng: np.random.Generator, *, outline: bool, source: str) -> Measurement:
-        """Return the measurement of the capsule under the name `source`, with its outline or with the lengths alone."""
+    def measured(
+        self,
+        noise: Noise,
+        rng: np.random.Generator,
+        *,
+        outline: bool,
+        source: str,
+        flow_rate: tuple[float, float] | None = None,
+    ) -> Measurement:
+        """Return the measurement of the capsule under the name `source`, with its outline or with the lengths alone.
+
+        A flow rate is stated if the stated one over that of the pump is given, and its relative standard error.
+        """
+        factor, relative = flow_rate or (0.0, 0.0)
         seen = Profile.from_outline(self.outline).resampled(4 * noise.points)
         start = int(rng.integers(4))
         normals = vertex_normals(seen.points)[start::4]
@@ -62,6 +77,8 @@ class Capsule:
             length_correlation=0.5,
             outline=_posed(edge, noise, rng) if outline else None,
             source=source,
+            flow_rate=factor * self.flow_rate if flow_rate else None,
+            flow_rate_error=relative * factor * self.flow_rate if flow_rate else None,
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -94,7 +94,40 @@ def _swollen(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
     """Enlarge the capsule: it was simulated in the true channel, and the lab divides by the nominal half width."""
     factor = 1.0 + size * capsule.capsule_velocity
     return replace(
-        capsule, outline=enlarged(capsule.outline, factor, factor), capsule_radius=capsule.capsule_radius * factor
+        capsule,
+        outline=enlarged(capsule.outline, factor, factor),
+        capsule_radius=capsule.capsule_radius * factor,
+        flow_rate=capsule.flow_rate * factor**2,
+    )
+
+
+def _wrong_clock(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    return replace(capsule, velocity_seen=capsule.velocity_seen * (1.0 + size))
+
+
+def _wrong_pump(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    return replace(capsule, flow_rate=capsule.flow_rate * (1.0 + size))
+
+
+def _narrower(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    """Put the capsule into a channel narrower than the lab's value of it, which scales velocities in the picture."""
+    factor = 1.0 + size
+    return replace(
+        capsule,
+        capsule_radius=capsule.capsule_radius / factor,
+        flow_rate=capsule.flow_rate / factor**2,
+        velocity_seen=capsule.velocity_seen * factor,
+    )
+
+
+def _narrower_than_divided(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
+    """Put the capsule into a channel narrower than the lab's value of it, by which lengths in metres are divided."""
+    factor = 1.0 + size
+    return replace(
+        capsule,
+        outline=enlarged(capsule.outline, 1.0 / factor, 1.0 / factor),
+        capsule_radius=capsule.capsule_radius / factor,
+        flow_rate=capsule.flow_rate / factor**2,
     )
 
 
@@ -122,6 +155,10 @@ TRUE_EFFECTS = MappingProxyType(
             TrueEffect("distortion", drawn=_distorted),
             TrueEffect("taper", drawn=_in_perspective),
             TrueEffect("swelling", "s/m", drawn=_swollen),
+            TrueEffect("velocity_scale", drawn=_wrong_clock),
+            TrueEffect("flow_rate_error", drawn=_wrong_pump),
+            TrueEffect("half_width_error", drawn=_narrower),
+            TrueEffect("half_width_apart", drawn=_narrower_than_divided),
             TrueEffect("modulus_slope", lab=lambda lab, size: replace(lab, slope=size)),
             TrueEffect("pattern", drawn=_patterned),
         )
@@ -130,15 +167,16 @@ TRUE_EFFECTS = MappingProxyType(
 """All true effects by name."""
 
 
-def true_effect_named(name: str) -> TrueEffect:
-    """Return the true effect of a name, in which hyphens stand for underscores.
+def true_effect_named(name: str, own: Mapping[str, TrueEffect] = MappingProxyType({})) -> TrueEffect:
+    """Return the true effect of a name, in which hyphens and blanks stand for underscores; `own` ones are known too.
 
     Raises
     ------
     InputError
         If there is none; the message lists the names.
     """
+    effects = {**TRUE_EFFECTS, **own}
     known = name.strip().lower().replace("-", "_").replace(" ", "_")
-    if known not in TRUE_EFFECTS:
-        raise InputError("hide", "effect", f"one of {', '.join(TRUE_EFFECTS)}", repr(name))
-    return TRUE_EFFECTS[known]
+    if known not in effects:
+        raise InputError("hide", "effect", f"one of {', '.join(effects)}", repr(name))
+    return effects[known]

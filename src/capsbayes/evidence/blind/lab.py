@@ -58,6 +58,8 @@ class Lab:
     size_ratios : (float, float)
         Range of a/l, which is uniform there.
     noise : Noise
+    flow_rate_error : float or None
+        Relative standard error of the flow rates, common to all; None if the lab does not state them.
     """
 
     half_width: float = 25e-6
@@ -70,6 +72,17 @@ class Lab:
     slope: float = 0.0
     size_ratios: tuple[float, float] = (0.79, 0.98)
     noise: Noise = field(default_factory=Noise)
+    flow_rate_error: float | None = None
+
+    def stated_over_true_flow(self, rng: np.random.Generator) -> float | None:
+        """Draw the stated flow rate over that which the nominal width and the true U give; None if not stated.
+
+        Both the flow rate and the width are wrong within their errors.
+        """
+        if self.flow_rate_error is None:
+            return None
+        width = rng.normal(1.0, self.half_width_error / self.half_width)
+        return float(rng.normal(1.0, self.flow_rate_error) * width**2)
 
     @property
     def experiment(self) -> Experiment:

@@ -73,15 +73,34 @@ def build_pools(
         if not path.exists():
             build_database(simulator, pool_cases(), out=path, workers=workers, compact=True)
         pools[effect, size] = pool = Database.read(path)
-        _check_pool(path, pool, simulator)
+        missing = {*pool_cases()} - {*zip(pool["capillary_number"].tolist(), pool["size_ratio"].tolist(), strict=True)}
+        _check_pool(path, _different(pool, simulator) + ["cases"] * bool(missing))
     return pools
 
 
-def _check_pool(path: Path, pool: Database, simulator: SteadySimulator) -> None:
+def read_shapes(path: str | os.PathLike[str], effect: TrueEffect, size: float) -> Database:
+    """Return the database of a file, on whatever mesh, as the shapes of capsules with a true effect.
+
+    Raises
+    ------
+    InputError
+        If they were simulated with other settings.
+    """
+    shapes = Database.read(path)
+    different = set(_different(shapes, simulator_with(effect, size))) - {"refinement"}
+    if different:
+        expected, advice = "shapes that were simulated with the effect", "omit --shapes"
+        raise InputError(str(path), "", expected, f"ones with other {', '.join(sorted(different))}", advice)
+    return shapes
+
+
+def _different(pool: Database, simulator: SteadySimulator) -> list[str]:
+    """Return the names of the settings that a database does not share with a simulator."""
     asked, there = json.loads(json.dumps(dict(simulator.settings))), pool.settings
-    different = sorted(key for key in {*asked, *there} if asked.get(key) != there.get(key))
-    if not {*pool_cases()} <= {*zip(pool["capillary_number"].tolist(), pool["size_ratio"].tolist(), strict=True)}:
-        different.append("cases")
+    return sorted(key for key in {*asked, *there} if asked.get(key) != there.get(key))
+
+
+def _check_pool(path: Path, different: list[str]) -> None:
     if different:
         got = f"one made with other {', '.join(different)}"
         raise InputError(str(path), "", "the pool of shapes of this name", got, "remove it to build it anew")

@@ -135,8 +135,10 @@ def _measured(
     """Return the session of capsules with converged shapes, given by their rows, each at a mean velocity."""
     converged = shapes.converged
     capsules = [effect.drawn(_capsule(converged, row, speed, lab), size, lab, seed) for row, speed in pairs]
+    factor = lab.stated_over_true_flow(rng)
+    stated = None if factor is None else (factor, lab.flow_rate_error or 0.0)
     measurements = [
-        capsule.measured(lab.noise, rng, outline=outline, source=f"capsule {number:03d}")
+        capsule.measured(lab.noise, rng, outline=outline, source=f"capsule {number:03d}", flow_rate=stated)
         for number, capsule in enumerate(capsules, start=1)
     ]
     session = Session(measurements, lab.experiment)
@@ -177,5 +179,15 @@ def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Caps
         capsule_radius=float(capsule_radius(size_ratio=size_ratio, half_width=lab.half_width)),
         capsule_velocity=velocity,
         velocity_seen=velocity,
+        flow_rate=mean_velocity * lab.half_width**2 * _area(shapes),
         outline=with_extent(shapes["profile"][row], float(shapes["axial_extent"][row])),
     )
+
+
+def _area(shapes: Database) -> float:
+    """Return the area of the cross-section in which the shapes were simulated, over l^2."""
+    settings = shapes.settings
+    aspect, radius = (
+        float(settings.get(name, null)) for name, null in (("section_aspect", 1.0), ("corner_radius", 0.0))
+    )
+    return 4.0 * aspect - (4.0 - np.pi) * radius**2

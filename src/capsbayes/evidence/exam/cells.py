@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -11,6 +12,7 @@ from capsbayes.effect import Effect, Kind, Theta
 from capsbayes.effects import catalogue
 from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect
 from capsbayes.evidence.blind.lab import Lab, Noise
+from capsbayes.evidence.blind.operated import true_effect_of
 from capsbayes.evidence.blind.optics import smooth_pattern
 from capsbayes.evidence.blind.pools import POOLS
 from capsbayes.model import ForwardModel
@@ -39,6 +41,7 @@ _PAIRS = (
     (("pixel_scale", 0.025), ("rest_aspect", 1.075)),
 )
 _SESSIONS = 24
+_QUANTILES = (0.8, 0.975)  # of the prior of a user's own effect: its sizes
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,10 @@ class Cell:
         Further true effects and their sizes.
     decoy : bool
         True if the only candidate is a random pattern.
+    own : mapping of str to Effect
+        Effects of a user's own by name of their parameter, tried as well.
+    own_file : str
+        sha256 of the file of these effects.
     """
 
     name: str
@@ -119,6 +126,8 @@ class Cell:
     clear: bool = False
     also: tuple[tuple[str, float], ...] = ()
     decoy: bool = False
+    own: Mapping[str, Effect] = field(default_factory=dict)
+    own_file: str = ""
 
     @property
     def null(self) -> bool:
@@ -133,7 +142,7 @@ class Cell:
     @property
     def true_effect(self) -> TrueEffect:
         """All true effects combined; the size is that of `effect`."""
-        combined = TRUE_EFFECTS[self.effect]
+        combined = true_effect_of(self.own[self.effect]) if self.effect in self.own else TRUE_EFFECTS[self.effect]
         for name, size in self.also:
             combined = combined.combined(TRUE_EFFECTS[name], size)
         return combined
@@ -147,7 +156,7 @@ class Cell:
         """Return the effects that the diagnosis of a session tries."""
         if self.decoy:
             return {Decoy.parameter.name: Decoy(seed)}
-        return {name: effect for name, effect in catalogue().items() if name not in self.removed}
+        return {name: effect for name, effect in {**catalogue(), **self.own}.items() if name not in self.removed}
 
 
 def _cells() -> list[Cell]:
@@ -188,3 +197,14 @@ def _cells() -> list[Cell]:
 
 CELLS = tuple(_cells())
 """All cells of the exam."""
+
+
+def cells_with(own: Mapping[str, Effect], own_file: str) -> tuple[Cell, ...]:
+    """Return all cells with effects of a user's own among those that are tried, and two cells for each of these."""
+    cells = [
+        Cell(f"{effect.name} {size:.3g}", name, size, True, clear=size == sizes[-1])
+        for name, effect in own.items()
+        for sizes in [[float(size) for size in effect.prior.ppf(_QUANTILES)]]
+        for size in sizes
+    ]
+    return tuple(replace(cell, own=own, own_file=own_file) for cell in (*cells, *CELLS))

@@ -80,7 +80,7 @@ def _one(cell: Cell, seed: int, pools: str, records: Records, work: str) -> None
 
 def _work_of(cell: Cell, pools: str) -> str:
     """Return a hash of what the answers of a cell depend on, the seed excepted."""
-    same = replace(cell, name="", sessions=0, clear=False)
+    same = replace(cell, name="", sessions=0, clear=False, own={})  # whose code the hash of their file stands for
     return digest_of(__version__, same, _shapes(pools, *cell.shapes).sha256, _model())
 
 

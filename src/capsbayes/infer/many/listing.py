@@ -165,14 +165,14 @@ def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple
     Raises
     ------
     InputError
-        If nothing is there, or nothing states the cross-section.
+        If nothing is there, or nothing states the cross-section: naming the first capsule that cannot be read, if any.
     """
     _check_there(source)
-    view = MID_PLANE
+    view, refused = MID_PLANE, None
     if source.is_dir():
         files = capsule_files(source)
         for file in files:
-            with contextlib.suppress(InputError):
+            try:
                 if file.suffix.lower() in PICTURES:
                     view = SILHOUETTE
                     break
@@ -183,9 +183,13 @@ def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple
                 if measurement.outline is not None:
                     view = measurement.outline.view
                     break
+            except InputError as error:
+                refused = refused or error
     elif source.suffix == ".nc" and not is_table_of_lengths(source):
         view = check_view(opened(source).attrs.get("view", MID_PLANE), str(source), "view")
     if experiment is None:
+        if refused is not None:
+            raise refused
         advice = "say which with --experiment"
         raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
     return experiment.cross_section, view

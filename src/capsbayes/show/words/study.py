@@ -29,6 +29,7 @@ def opening(study: Study) -> list[str]:
         modulus_words(study),
         outlier_words(study),
         lengths_alone(study.session),
+        not_testable_words(study),
     )
     return [words for words in said if words]
 
@@ -124,6 +125,14 @@ def lengths_alone(session: Session) -> str:
         "Lengths alone were given: Ca and a/l of a capsule absorb both, so that only trends of G_s with velocity and "
         "size are left to compare, and most effects stay unseen; outlines show them, and where."
     )
+
+
+def not_testable_words(study: Study) -> str:
+    """Say which effects these data cannot show; empty if there are none."""
+    if not study.not_testable:
+        return ""
+    wanted = "" if "flow_rate" in study.session.circumstances else ", as no flow rates are stated"
+    return f"Not testable with these data{wanted}: {', '.join(study.not_testable)}."
 
 
 def modulus_words(study: Study) -> str:

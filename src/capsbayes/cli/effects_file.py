@@ -1,0 +1,167 @@
+"""Effects of a user's own, from the one Python file that the option ``--effects`` names, which is run to read it."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import traceback
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from capsbayes.cli.paths import Reads
+from capsbayes.errors import BrokenPromiseError, InputError
+
+if TYPE_CHECKING:
+    from capsbayes.effect import Effect
+    from capsbayes.model import ForwardModel
+
+EffectsFile = Annotated[
+    Path | None,
+    typer.Option(help="Python file with effects of your own, added to those that are known. Its code is run."),
+    Reads(),
+]
+
+_MODULE = "capsbayes_effects_file"  # under which classes of the file can be pickled
+_ADVICE = "see docs/tutorials/own-effect.md"
+
+
+@dataclass(frozen=True)
+class OwnEffects:
+    """Effects of a file by name of their parameter, and the fingerprint of the file; empty if there is none."""
+
+    effects: Mapping[str, Effect] = field(default_factory=dict)
+    path: Path | None = None
+    sha256: str = ""
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """File, fingerprint and names, as results state them; empty if there is no file."""
+        if self.path is None:
+            return {}
+        return {"effects_file": {"file": str(self.path), "sha256": self.sha256, "effects": [*self.effects]}}
+
+
+def own_effects(path: Path | None, known: Mapping[str, Effect], model: ForwardModel) -> OwnEffects:
+    """Run a file and return its effects, each of which keeps every promise when it is added to a model.
+
+    An effect is an object at the top of the file, or a class written in it that is made without arguments.
+
+    Parameters
+    ----------
+    path : Path or None
+    known : mapping of str to Effect
+        Effects with which those of the file share no name.
+    model : ForwardModel
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or run, or holds no effect, or one without a part or with a name that is taken.
+    BrokenPromiseError
+        If an effect breaks a promise, see `capsbayes.testing.check_effect`.
+    """
+    if path is None:
+        return OwnEffects()
+    from capsbayes.files.input_file import read_bytes
+    from capsbayes.testing import check_effect
+
+    content = read_bytes(path)
+    taken = _taken_names(known)
+    found: dict[str, Effect] = {}
+    for label, effect in _effects_of(path, _run(path, content)):
+        _check_complete(path, label, effect)
+        for name in (effect.parameter.name, effect.name):
+            if name in taken:
+                advice = "choose another"
+                raise InputError(
+                    str(path), label, "a name that is not taken", f"{name!r}, that of {taken[name]}", advice
+                )
+        taken |= {effect.parameter.name: label, effect.name: label}
+        found[effect.parameter.name] = effect
+        try:
+            check_effect(effect, model)
+        except BrokenPromiseError as error:
+            raise BrokenPromiseError(f"{path}: {error.subject}", error.promise, error.found) from None
+    if not found:
+        expected = "an effect: a class with `parameter`, `prior` and `__call__`, or an object of one"
+        raise InputError(str(path), "", expected, "none", _ADVICE)
+    return OwnEffects(found, path, hashlib.sha256(content).hexdigest())
+
+
+def _taken_names(known: Mapping[str, Effect]) -> dict[str, str]:
+    """Return what each name stands for that an effect or its parameter cannot have."""
+    from capsbayes.diagnosis import NOTHING, UNKNOWN
+    from capsbayes.model import CIRCUMSTANCES
+    from capsbayes.parameters import COORDINATES
+
+    inputs = ("capillary_number", "size_ratio", *CIRCUMSTANCES, *COORDINATES)
+    found = dict.fromkeys(inputs, "an input of the models") | dict.fromkeys((NOTHING, UNKNOWN), "a verdict")
+    for name, effect in known.items():
+        found |= dict.fromkeys((name, effect.name), f"{effect.name} in the catalogue")
+    return found
+
+
+def _run(path: Path, content: bytes) -> ModuleType:
+    """Run a file, and return the module with what it defines."""
+    import cloudpickle
+
+    module = ModuleType(_MODULE)
+    module.__file__ = str(path)
+    sys.modules[_MODULE] = module
+    cloudpickle.register_pickle_by_value(module)  # worker processes do not have the module
+    try:
+        exec(compile(content, str(path), "exec"), vars(module))  # what the option is for
+    except SyntaxError as error:
+        raise InputError(str(path), f"line {error.lineno}" if error.lineno else "", "Python", error.msg) from None
+    except (Exception, SystemExit) as error:
+        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        line = f"line {frames[-1].lineno}" if frames else ""
+        raise InputError(str(path), line, "Python that runs", f"{type(error).__name__}: {error}") from None
+    return module
+
+
+def _effects_of(path: Path, module: ModuleType) -> Iterator[tuple[str, Effect]]:
+    """Yield name and effect of the objects at the top of a module, and of its classes of which there is no object."""
+    objects = {
+        name: value
+        for name, value in vars(module).items()
+        if not isinstance(value, type | ModuleType) and _looks_like_an_effect(type(value))
+    }
+    yield from objects.items()
+    made = {type(value) for value in objects.values()}
+    for name, value in vars(module).items():
+        here = isinstance(value, type) and value.__module__ == module.__name__
+        if here and value not in made and _looks_like_an_effect(value):
+            try:
+                yield name, value()
+            except Exception as error:
+                expected = "a class that is made without arguments, or an object of it"
+                raise InputError(str(path), name, expected, f"{type(error).__name__}: {error}", _ADVICE) from None
+
+
+def _parts() -> tuple[str, ...]:
+    """Return the names of what an effect has besides its call."""
+    from capsbayes.effect import Effect
+
+    return tuple(name for name, value in vars(Effect).items() if isinstance(value, property))
+
+
+def _looks_like_an_effect(kind: type) -> bool:
+    called = any("__call__" in vars(base) for base in kind.__mro__)
+    return called and any(hasattr(kind, name) for name in ("parameter", "null_value", "separated_by"))
+
+
+def _check_complete(path: Path, label: str, effect: Effect) -> None:
+    from capsbayes.parameters import Parameter
+
+    missing = [name for name in _parts() if not hasattr(effect, name)]
+    if missing:
+        raise InputError(str(path), label, f"an effect with {', '.join(_parts())}", f"one without {', '.join(missing)}")
+    if not isinstance(effect.parameter, Parameter):
+        got = repr(effect.parameter)
+        raise InputError(str(path), f"{label}.parameter", "a capsbayes.parameters.Parameter", got, _ADVICE)
