@@ -97,9 +97,7 @@ def _lengths(canvas: _Canvas, detection: Detection) -> None:
     axis = detection.axis
     tip = axis + nose.distance * downstream
     canvas.arrow(axis - end.distance * downstream - 6.0 * walls.across, tip - 6.0 * walls.across, EXTENT)
-    if detection.rear is not None:
-        rear = detection.rear
-        on_axis = axis + (rear.depth - end.distance) * downstream
-        y = np.linspace(-rear.breadth, rear.breadth, 21)[:, None]
-        canvas.line(list(on_axis + y * walls.across + 0.5 * rear.curvature * y**2 * downstream), REAR)
+    if detection.rear is not None and (line := detection.rear_line()) is not None:
+        on_axis = axis + (detection.rear.depth - end.distance) * downstream
+        canvas.line(list(line), REAR)
         canvas.arrow(on_axis + 6.0 * walls.across, tip + 6.0 * walls.across, LENGTH)

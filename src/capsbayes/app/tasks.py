@@ -1,0 +1,195 @@
+"""What the process apart computes: functions of names in a capsule's folder, which return plain data for the page.
+
+They call what the commands ``identify`` and ``report`` call, with the same names of files, from the capsule's folder:
+the files that they write are the same byte for byte.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from capsbayes.app.stated import EXPERIMENT, SEED, Stated
+from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment
+from capsbayes.files.output_file import guarded, together
+from capsbayes.image.by_hand import ByHand
+from capsbayes.image.detection import Detection
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect, measurement_of
+from capsbayes.image.written import write_detection
+from capsbayes.infer import Membrane, Posterior, Prior
+from capsbayes.infer.identify import identify
+from capsbayes.infer.other_laws import with_other_laws
+from capsbayes.infer.outline.misfit import band
+from capsbayes.measured_outline import MID_PLANE
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+from capsbayes.quantity import Quantity
+from capsbayes.show.figures.corner import SHOWN, corner_plot
+from capsbayes.show.figures.picture import on_picture
+from capsbayes.show.pages.page import picture as figure_html
+from capsbayes.show.report import opened, write_report
+from capsbayes.show.tables import posterior as tables
+from capsbayes.show.tables.table import html_table, typeset
+from capsbayes.show.words import posterior as words
+from capsbayes.show.words.rounding import value_words
+from capsbayes.show.writers import posterior_files
+from capsbayes.surrogate import MembraneSurrogate, Surrogate
+
+_WIDEST = 1600  # px of the picture on the page
+_KEPT: dict[str, tuple[Stated, Picture, Detection, Measurement, Posterior]] = {}  # the last answer of each folder
+_MOST_KEPT = 4
+
+
+def shown(folder: str, name: str) -> dict[str, Any]:
+    """Return a picture for the page: its size, and a PNG of its grey levels as the address of an image."""
+    with contextlib.chdir(folder):
+        grey = Picture.read(name).grey
+    low, high = float(grey.min()), float(grey.max())
+    seen = cv2.convertScaleAbs(grey - low, alpha=255.0 / max(high - low, 1e-9))
+    scale = min(1.0, _WIDEST / max(grey.shape))
+    small = seen if scale == 1.0 else cv2.resize(seen, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    png = base64.b64encode(cv2.imencode(".png", small)[1].tobytes()).decode()
+    return {"rows": grey.shape[0], "columns": grey.shape[1], "src": f"data:image/png;base64,{png}"}
+
+
+def measured(folder: str, stated: Stated) -> dict[str, Any]:
+    """Measure the capsule in a picture; the velocity and the experiment need not be stated yet."""
+    with contextlib.chdir(folder):
+        experiment = Experiment.read(EXPERIMENT) if Path(EXPERIMENT).exists() else None
+        seen, detection = _detected(stated, experiment)
+    return _drawn(detection, seen.shape[1]) | {
+        "ok": detection.status.ok,
+        "status": str(detection.status),
+        "rows": _rows(detection),
+    }
+
+
+def identified(folder: str, stated: Stated) -> dict[str, Any]:
+    """Measure and identify; return the headlines, the tables as HTML, and the predicted outline on the picture."""
+    with contextlib.chdir(folder):
+        posterior, detection = _identified(folder, stated)
+    predicted = None if posterior.outlines is None else on_picture(band(posterior.outlines)[0], detection).tolist()
+    return {
+        "headlines": [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN[:2]],
+        "ok": posterior.status.ok,
+        "status": words.status_words(posterior),
+        "caveats": [typeset(sentence) for sentence in words.caveats(posterior)],
+        "quantities": html_table(tables.quantity_table(posterior)),
+        "budget_sentence": typeset(words.budget_sentence(posterior)),
+        "budget": html_table(tables.budget_table(posterior)),
+        "gates": html_table(tables.check_table(posterior)),
+        "predicted": predicted,
+        "summary": {
+            name: (one.median, one.sd)
+            for name in ("surface_shear_modulus", "capsule_radius")
+            for one in (posterior.marginals[name],)
+        },
+    }
+
+
+def corner(folder: str, stated: Stated) -> str:
+    """Return the corner plot of an identified capsule as HTML."""
+    with contextlib.chdir(folder):
+        posterior, _ = _identified(folder, stated)
+    names = (*SHOWN, *posterior.prior.uncertain)
+    return str(figure_html(corner_plot(posterior, names), "corner plot of the posterior", png=True))
+
+
+def saved(folder: str, stated: Stated) -> list[str]:
+    """Write what ``capsbayes identify --out .`` and ``capsbayes report .`` write; return the names of the files."""
+    with contextlib.chdir(folder), guarded():
+        posterior, detection = _identified(folder, stated)
+        _, seen, _, measurement, _ = _KEPT[folder]
+        here = Path()
+        with together():
+            write_detection(here, seen, detection, measurement)
+            for name, write in posterior_files(posterior).items():
+                write(here / name)
+        found, source = opened(here)
+        write_report(found, "report.html", source=source)
+        return sorted(path.name for path in here.iterdir() if not path.name.startswith("."))
+
+
+def _detected(stated: Stated, experiment: Experiment | None) -> tuple[Picture, Detection]:
+    seen = Picture.read(stated.picture)
+    empty = Picture.read(stated.background) if stated.background else None
+    by_hand = ByHand(**stated.by_hand()) if stated.by_hand() else None
+    half_width = None if experiment is None else experiment.half_width
+    return seen, detect(seen, background=empty, flow=stated.flow or None, by_hand=by_hand, half_width=half_width)
+
+
+def _identified(folder: str, stated: Stated) -> tuple[Posterior, Detection]:
+    """Return the posterior of a capsule; that of the last call if nothing was stated otherwise since."""
+    experiment = Experiment.read(EXPERIMENT)
+    kept = _KEPT.get(folder)
+    if kept is not None and kept[0] == stated and kept[4].experiment.sha256 == experiment.sha256:
+        return kept[4], kept[2]
+    seen, detection = _detected(stated, experiment)
+    measurement = measurement_of(detection, seen, experiment, _speed(stated, experiment))
+    if not measurement.status.ok:
+        raise InputError(stated.picture, "", "a capsule that can be measured", str(measurement.status))
+    view = MID_PLANE if measurement.outline is None else measurement.outline.view
+    membrane = Membrane(stated.membrane) if stated.membrane else None
+    model: ForwardModel
+    if membrane is None:
+        model = Surrogate.open(f"{experiment.cross_section}-neo-hookean", view=view)
+    else:
+        model = MembraneSurrogate.open(experiment.cross_section, view=view)
+    posterior = identify(
+        measurement, model, experiment, engine=stated.engine, seed=SEED, prior=Prior(), membrane=membrane
+    )
+    if not model.coordinates:
+        posterior = with_other_laws(posterior)
+    while len(_KEPT) >= _MOST_KEPT:
+        _KEPT.pop(next(iter(_KEPT)))
+    _KEPT[folder] = stated, seen, detection, measurement, posterior
+    return posterior, detection
+
+
+def _speed(stated: Stated, experiment: Experiment) -> Quantity | None:
+    if experiment.viscous_tension is not None:
+        return None
+    example = "6.20 +/- 0.06 mm/s"
+    read = Quantity.read(stated.velocity, where="velocity", key="", units=("m/s",), example=example)
+    if read.known:
+        raise InputError("velocity", "", f'a standard error, as in "{example}"', repr(stated.velocity))
+    return Quantity.of(read, "capsule_velocity", where="velocity", key="")
+
+
+def _drawn(detection: Detection, columns: int) -> dict[str, Any]:
+    """Return the lines of a detection in pixels of the picture; of each wall the rows at its left and right border."""
+    outline, rear, rows = None, detection.rear_line(), None
+    if detection.outline is not None:
+        outline = detection.outline.points.tolist()
+    elif detection.blob is not None:
+        outline = detection.blob.polygon.tolist()
+    if (walls := detection.walls) is not None:
+        middle, slope = np.array([walls.centre_column, walls.centre_row]), walls.along[1] / walls.along[0]
+        on_lines = [middle + side * walls.half_width * walls.across for side in (-1.0, 1.0)]
+        rows = [float(y + (end - x) * slope) for x, y in on_lines for end in (0.0, columns - 1.0)]
+    lines = {"outline": outline, "rear": None if rear is None else rear.tolist(), "walls": rows}
+    return lines | {"flow": detection.flow}
+
+
+def _rows(detection: Detection) -> list[tuple[str, str, str]]:
+    """Return what was measured: name, in px, and over l."""
+    if not detection.status.ok:
+        return []
+    table = detection.table()
+    rows = []
+    for name, _, value, error, ratio, ratio_error in table.itertuples():
+        if name in ("L_z", "L_a", "l"):
+            seen = bool(np.isfinite(value))
+            over = "" if name == "l" or not seen else f"{ratio:.4f} ± {ratio_error:.4f}"
+            rows.append((name, f"{value:.2f} ± {error:.2f}" if seen else "not seen", over))
+    return rows
+
+
+TASKS = {task.__name__: task for task in (shown, measured, identified, corner, saved)}
