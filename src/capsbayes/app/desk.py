@@ -22,20 +22,22 @@ MOST_BYTES = 2**29
 
 
 class Bench:
-    """The folder of all capsules, the process that computes, and the files that pages may show."""
+    """The folder of all capsules, the processes that compute, and the files that pages may show."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
-        self.worker = Worker()
+        self.measuring, self.identifying = Worker(), Worker()
         self._offered: dict[str, Path] = {}
 
     def start(self) -> None:
-        """Start the process that computes."""
-        self.worker.start()
+        """Start the processes that compute."""
+        self.measuring.start()
+        self.identifying.start()
 
     def stop(self) -> None:
-        """End it."""
-        self.worker.stop()
+        """End them."""
+        self.measuring.stop()
+        self.identifying.stop()
 
     def offer(self, path: Path) -> str:
         """Return the address under which a page shows a file: a number drawn at random, never a path."""
@@ -57,6 +59,10 @@ class Bench:
         return router
 
 
+LONGEST = 1200.0
+"""Seconds of one identification."""
+
+
 @dataclass
 class Desk:
     """What one tab of the browser works on.
@@ -76,10 +82,13 @@ class Desk:
     folder: Path | None = None
     experiment: dict[str, Any] = field(default_factory=dict)
 
-    async def run(self, task: str, **how: Any) -> Any:
-        """Compute a task on this capsule, see `Worker.run`."""
-        assert self.folder is not None, "after a picture was given"
-        return await self.bench.worker.run(task, folder=str(self.folder), **how)
+    async def measured(self, task: str, **how: Any) -> Any:
+        """Compute a task that takes less than a second, see `Worker.run`."""
+        return await self.bench.measuring.run(task, folder=str(self.folder), **how)
+
+    async def identified(self, task: str, **how: Any) -> Any:
+        """Compute a task that may take longer, for which no picture of another tab has to wait."""
+        return await self.bench.identifying.run(task, folder=str(self.folder), seconds=LONGEST, **how)
 
     def keep_experiment(self) -> str:
         """Write the experiment into the capsule's folder; return what is missing or wrong, empty if nothing."""

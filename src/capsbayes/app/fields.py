@@ -34,7 +34,8 @@ class QuantityField:
             self._error.classes("error")
             self._unit = None
             if units:
-                chosen = ui.select(list(units), value=units[0], on_change=told)
+                shown = {unit: unit.replace("um", "µm").replace("us", "µs") for unit in units}
+                chosen = ui.select(shown, value=units[0], on_change=told)
                 self._unit = chosen.props(f'dense outlined aria-label="{label}, unit"').classes("unit")
 
     @property

@@ -23,6 +23,7 @@ class Overlay(Element, component="overlay.js"):
 
     def __init__(self, on_walls: Callable[[list[float]], Any], on_crop: Callable[[list[float]], Any]) -> None:
         super().__init__()
+        self._props.update(rows=1, columns=1)  # until there is a picture
         self.on("walls", lambda event: on_walls(event.args))
         self.on("crop", lambda event: on_crop(event.args))
 

@@ -79,7 +79,7 @@ def safe_name(name: str, kinds: tuple[str, ...] = KINDS) -> str | None:
     suffix = path.suffix.lower()
     if suffix not in kinds:
         return None
-    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", path.stem).strip("-")[:_LONGEST] or "picture"
+    stem = re.sub(r"[^A-Za-z0-9_]+", "-", path.stem).strip("-")[:_LONGEST] or "picture"
     return f"picture-{stem}{suffix}" if stem in _TAKEN else f"{stem}{suffix}"
 
 

@@ -11,17 +11,19 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from capsbayes.app.stated import EXPERIMENT, SEED, Stated
-from capsbayes.errors import InputError
+from capsbayes.database import Database
+from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.output_file import guarded, together
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detection import Detection
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.measure import detect, measurement_of
+from capsbayes.image.overlay import png_of
+from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.image.written import write_detection
 from capsbayes.infer import Membrane, Posterior, Prior
 from capsbayes.infer.identify import identify
@@ -50,13 +52,9 @@ _MOST_KEPT = 4
 def shown(folder: str, name: str) -> dict[str, Any]:
     """Return a picture for the page: its size, and a PNG of its grey levels as the address of an image."""
     with contextlib.chdir(folder):
-        grey = Picture.read(name).grey
-    low, high = float(grey.min()), float(grey.max())
-    seen = cv2.convertScaleAbs(grey - low, alpha=255.0 / max(high - low, 1e-9))
-    scale = min(1.0, _WIDEST / max(grey.shape))
-    small = seen if scale == 1.0 else cv2.resize(seen, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    png = base64.b64encode(cv2.imencode(".png", small)[1].tobytes()).decode()
-    return {"rows": grey.shape[0], "columns": grey.shape[1], "src": f"data:image/png;base64,{png}"}
+        seen = Picture.read(name)
+    png = base64.b64encode(png_of(seen, widest=_WIDEST)).decode()
+    return {"rows": seen.shape[0], "columns": seen.shape[1], "src": f"data:image/png;base64,{png}"}
 
 
 def measured(folder: str, stated: Stated) -> dict[str, Any]:
@@ -190,6 +188,21 @@ def _rows(detection: Detection) -> list[tuple[str, str, str]]:
             over = "" if name == "l" or not seen else f"{ratio:.4f} ± {ratio_error:.4f}"
             rows.append((name, f"{value:.2f} ± {error:.2f}" if seen else "not seen", over))
     return rows
+
+
+def warm() -> None:
+    """Measure and identify a drawn capsule: compiled functions are loaded before a person waits for them."""
+    case = Database.open("square-neo-hookean").converged
+    middle = len(case["profile"]) // 2
+    drawing = draw(Scene(case["profile"][middle], case["silhouette"][middle], half_width=50.0), Optics(), seed=SEED)
+    experiment = Experiment("square", "25.0 +/- 0.2 um", "0.85 +/- 0.02 Pa s")
+    speed = Quantity.of("6.20 +/- 0.06 mm/s", "capsule_velocity")
+    with contextlib.suppress(CapsbayesError):
+        seen = Picture.from_array(drawing.picture)
+        measurement = measurement_of(detect(seen), seen, experiment, speed)
+        view = MID_PLANE if measurement.outline is None else measurement.outline.view
+        model = Surrogate.open("square-neo-hookean", view=view)
+        with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
 
 
 TASKS = {task.__name__: task for task in (shown, measured, identified, corner, saved)}

@@ -58,7 +58,6 @@ class Worker:
         if self._process is not None:
             self._process.kill()
             self._process.join()
-            self._process = None
 
     def _answer(self, task: tuple[str, dict[str, Any]], seconds: float) -> Any:
         self.start()
@@ -77,16 +76,14 @@ class Worker:
 
 def _serve(pipe: Connection) -> None:
     """Answer tasks until the other end is closed."""
-    import resource
     import warnings
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server answers it, and ends this process
-    _, most = resource.getrlimit(resource.RLIMIT_AS)
-    limit = MOST_MEMORY if most == resource.RLIM_INFINITY else min(MOST_MEMORY, most)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, most))
+    _limit_memory()
     from capsbayes.app import tasks
 
     warnings.simplefilter("ignore")
+    tasks.warm()
     while True:
         try:
             name, arguments = pipe.recv()
@@ -100,3 +97,13 @@ def _serve(pipe: Connection) -> None:
             pipe.send((False, "There is not enough memory for this file."))
         except Exception as error:  # the page says it; the process goes on
             pipe.send((False, f"This failed: {type(error).__name__}: {error}"))
+
+
+def _limit_memory() -> None:
+    try:
+        import resource
+    except ImportError:  # where the system has no such limits
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    limit = MOST_MEMORY if most == resource.RLIM_INFINITY else min(MOST_MEMORY, most)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, most))

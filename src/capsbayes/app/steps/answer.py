@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from nicegui import ui
@@ -14,7 +15,6 @@ from capsbayes.app.worker import WorkFailedError
 
 _MEMBRANES = {"": "neo-Hookean", "Skalak": "Skalak", "Blatz-Ko": "Blatz-Ko", "unknown": "unknown"}
 _ENGINES = {"quadrature": "on a grid (quick)", "emcee": "sampled (emcee), checked on a grid"}
-_LONGEST = 600.0  # seconds of one identification
 
 
 class AnswerStep:
@@ -43,6 +43,8 @@ class AnswerStep:
             self._why = ui.label().classes("bench-message")
             self._waiting = ui.linear_progress(show_value=False).props('indeterminate aria-label="computing"')
             self._waiting.visible = False
+            self._stop = ui.button("Stop", on_click=self._stopped).props("outline no-caps")
+            self._stop.bind_visibility_from(self._waiting, "visible")
             self._result = ui.column().classes("bench-result").props('aria-live="polite"')
         with ui.card().classes("bench-step"):
             ui.html("<h2>5. Save</h2>", sanitize=False)
@@ -67,13 +69,17 @@ class AnswerStep:
         self.stale()
         stated = self.desk.stated
         stated.membrane, stated.engine = self._membrane.value or "", self._engine.value or "quadrature"
+        asked = replace(stated), dict(self.desk.experiment), self.desk.folder
         self._button.enabled, self._waiting.visible = False, True
         try:
-            self._found = await self.desk.run("identified", stated=stated, seconds=_LONGEST)
+            found = await self.desk.identified("identified", stated=asked[0])
+            if asked != (self.desk.stated, self.desk.experiment, self.desk.folder):
+                return  # something else was stated meanwhile
+            self._found = found
             self._show()
             self._save.enabled = True
-            picture = await self.desk.run("corner", stated=stated, seconds=_LONGEST)
-            if self._found:
+            picture = await self.desk.identified("corner", stated=asked[0])
+            if self._found is found:
                 with self._result:
                     ui.html(picture, sanitize=False).classes("bench-corner")
         except WorkFailedError as error:
@@ -81,6 +87,9 @@ class AnswerStep:
                 ui.label(str(error)).classes("bench-message")
         finally:
             self._button.enabled, self._waiting.visible = True, False
+
+    def _stopped(self) -> None:
+        self.desk.bench.identifying.stop()
 
     def _show(self) -> None:
         found = self._found
@@ -104,7 +113,7 @@ class AnswerStep:
         folder = self.desk.folder
         assert folder is not None, "of an identified capsule"
         try:
-            names = await self.desk.run("saved", stated=self.desk.stated, seconds=_LONGEST)
+            names = await self.desk.identified("saved", stated=self.desk.stated)
         except WorkFailedError as error:
             with self._files:
                 ui.label(str(error)).classes("bench-message")

@@ -67,7 +67,7 @@ class ChannelStep:
             ui.label("Mass of glycerol over that of the mixture, and the temperature at which it was filmed.")
             share = QuantityField("Mass fraction of glycerol, 0 to 1", ())
             degrees = QuantityField("Temperature in °C", ())
-            said = ui.label().classes("bench-message")
+            said = ui.label().classes("bench-told")
 
             def fill() -> None:
                 try:

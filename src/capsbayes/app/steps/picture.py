@@ -46,7 +46,7 @@ class PictureStep:
             )
             upload.props(f'accept="{",".join(PICTURES)}" flat bordered').classes("bench-upload").mark("picture")
             self._upload = upload
-            self._message = ui.label().classes("bench-message").props('role="status"')
+            self._message = ui.label().classes("bench-told").props('role="status"')
         with ui.card().classes("bench-step") as self._card:
             ui.html("<h2>2. What is found in it</h2>", sanitize=False)
             self.overlay = Overlay(self._walls_moved, self._crop_drawn)
@@ -93,24 +93,29 @@ class PictureStep:
         name = safe_name(event.file.name, PICTURES)
         self._upload.reset()
         if name is None:
-            self._message.text = f"Expected a picture ({', '.join(PICTURES)})."
+            self._tell(f"Expected a picture ({', '.join(PICTURES)}).", bad=True)
             return
         folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
         await event.file.save(folder / name)
         self.desk.folder, self.desk.stated = folder, Stated(picture=name, velocity=self.desk.stated.velocity)
         try:
-            picture = await self.desk.run("shown", name=name)
+            picture = await self.desk.measured("shown", name=name)
         except WorkFailedError as error:
-            self.desk.folder, self._card.visible, self._message.text = None, False, str(error)
+            self.desk.folder, self._card.visible = None, False
+            self._tell(str(error), bad=True)
             (folder / name).unlink(missing_ok=True)
             folder.rmdir()
             self._changed(False)
             return
-        self._message.text = f"{name}: {picture['columns']} x {picture['rows']} pixels."
+        self._tell(f"{name}: {picture['columns']} x {picture['rows']} pixels.")
         self._show_stated()
         self._card.visible = True
         self.overlay.show(picture)
         await self.measure()
+
+    def _tell(self, text: str, *, bad: bool = False) -> None:
+        self._message.text = text
+        self._message.classes(replace="bench-message" if bad else "bench-told")
 
     async def _background_given(self, event: events.UploadEventArguments) -> None:
         name = safe_name(event.file.name, PICTURES)
@@ -128,7 +133,7 @@ class PictureStep:
         if not experiment.exists() and self.desk.experiment:
             self.desk.keep_experiment()
         try:
-            found = await self.desk.run("measured", stated=self.desk.stated)
+            found = await self.desk.measured("measured", stated=self.desk.stated)
         except WorkFailedError as error:
             self._status.text = str(error)
             self._changed(False)
@@ -162,7 +167,7 @@ class PictureStep:
         self._drawing.value = False
         self._crop.value = ", ".join(f"{number:g}" for number in numbers)
 
-    def _let_draw(self, event: events.ValueChangeEventArguments[bool]) -> None:
+    def _let_draw(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self.overlay.let_draw(bool(event.value))
 
     def _turn(self) -> None:
