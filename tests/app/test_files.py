@@ -9,10 +9,11 @@ from command_line import written
 from drawn import drawn
 from typer.testing import CliRunner
 
-from capsbayes.app import tasks
+from capsbayes.app import identifying, measuring
 from capsbayes.app.stated import Stated
 from capsbayes.cli import app
 from capsbayes.errors import CapsbayesError
+from capsbayes.status import Status
 
 EXPERIMENT = 'cross_section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
 STATED = Stated("capsule.png", background="empty.png", velocity="6.20 +/- 0.06 mm/s")
@@ -31,10 +32,10 @@ def folder(tmp_path):
 
 def test_a_picture_is_shown_and_measured_before_anything_else_is_stated(folder):
     (folder / "experiment.toml").unlink()
-    shown = tasks.shown(str(folder), "capsule.png")
+    shown = measuring.shown(str(folder), "capsule.png")
     assert (shown["rows"], shown["columns"]) == (200, 200)
     assert shown["src"].startswith("data:image/png;base64,")
-    found = tasks.measured(str(folder), Stated("capsule.png"))
+    found = measuring.measured(str(folder), Stated("capsule.png"))
     assert (found["ok"], found["flow"]) == (True, 1)
     upper, _, lower, _ = found["walls"]
     assert lower - upper == pytest.approx(110.0, abs=0.5)
@@ -43,10 +44,11 @@ def test_a_picture_is_shown_and_measured_before_anything_else_is_stated(folder):
 
 
 def test_what_is_put_right_by_hand_is_measured_again(folder):
-    by_hand = Stated("capsule.png", walls="40.0, 150.0", wall_error="2", flow="left")
-    found = tasks.measured(str(folder), by_hand)
+    by_hand = Stated("capsule.png", walls="40.0, 150.0", wall_error="2", crop="10, 20, 185, 160")
+    found = measuring.measured(str(folder), by_hand)
     assert found["walls"] == pytest.approx([40.0, 40.0, 150.0, 150.0])
-    assert found["flow"] == -1
+    assert (found["ok"], found["flow"]) == (True, 1)
+    assert measuring.measured(str(folder), Stated("capsule.png", flow="left"))["status"] == str(Status.WRONG_FLOW)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +61,7 @@ def test_what_is_put_right_by_hand_is_measured_again(folder):
 )
 def test_a_mistake_is_one_line(folder, stated, message):
     with pytest.raises(CapsbayesError, match=message) as refused:
-        tasks.measured(str(folder), stated)
+        measuring.measured(str(folder), stated)
     assert "\n" not in str(refused.value)
 
 
@@ -67,7 +69,7 @@ def test_a_mistake_is_one_line(folder, stated, message):
 def test_the_saved_files_are_those_of_the_command_line_byte_for_byte(folder, tmp_path, monkeypatch):
     other = tmp_path / "other"
     shutil.copytree(folder, other)
-    saved = tasks.saved(str(folder), STATED)
+    saved = identifying.saved(str(folder), STATED)
     for line in STATED.commands(other)[1:]:
         monkeypatch.chdir(other)
         result = CliRunner().invoke(app, shlex.split(line)[1:])

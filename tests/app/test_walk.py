@@ -25,7 +25,7 @@ sync = pytest.importorskip("playwright.sync_api", reason="playwright is not inst
 pytestmark = [needs_browser, pytest.mark.slow]
 
 CA, SIZE, VISCOSITY, VELOCITY = 0.08, 1.05, 0.85, 6.2e-3
-WAIT = 60_000  # ms: as long as the slowest machine may take
+WAIT = 240_000  # ms: as long as the slowest machine may take
 OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",

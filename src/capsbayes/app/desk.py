@@ -26,13 +26,12 @@ class Bench:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
-        self.measuring, self.identifying = Worker(), Worker()
+        self.measuring, self.identifying = Worker("capsbayes.app.measuring"), Worker("capsbayes.app.identifying")
         self._offered: dict[str, Path] = {}
 
     def start(self) -> None:
-        """Start the processes that compute."""
+        """Start the process that measures; that of posteriors is started with the first picture, and has time then."""
         self.measuring.start()
-        self.identifying.start()
 
     def stop(self) -> None:
         """End them."""

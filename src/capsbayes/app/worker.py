@@ -23,15 +23,22 @@ class WorkFailedError(CapsbayesError):
 
 
 class Worker:
-    """One process that computes one task after the other; a new one takes the place of one that was ended."""
+    """One process that computes one task after the other; a new one takes the place of one that was ended.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    module : str
+        Module with the functions ``TASKS`` by their names, and ``warm``, which is called first.
+    """
+
+    def __init__(self, module: str) -> None:
+        self._module = module
         self._lock = asyncio.Lock()
         self._process: multiprocessing.process.BaseProcess | None = None
         self._pipe: Connection | None = None
 
     async def run(self, task: str, /, *, seconds: float = 60.0, **arguments: Any) -> Any:
-        """Compute a task of `capsbayes.app.tasks` by its name.
+        """Compute a task of the module by its name.
 
         Raises
         ------
@@ -49,7 +56,9 @@ class Worker:
         if self._process is None or not self._process.is_alive():
             context = multiprocessing.get_context("spawn")
             self._pipe, other = context.Pipe()
-            self._process = context.Process(target=_serve, args=(other,), daemon=True, name="capsbayes-bench")
+            self._process = context.Process(
+                target=_serve, args=(other, self._module), daemon=True, name="capsbayes-bench"
+            )
             self._process.start()
             other.close()
 
@@ -74,14 +83,14 @@ class Worker:
         return WorkFailedError(reason)
 
 
-def _serve(pipe: Connection) -> None:
+def _serve(pipe: Connection, module: str) -> None:
     """Answer tasks until the other end is closed."""
+    import importlib
     import warnings
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server answers it, and ends this process
     _limit_memory()
-    from capsbayes.app import tasks
-
+    tasks = importlib.import_module(module)
     warnings.simplefilter("ignore")
     tasks.warm()
     while True:

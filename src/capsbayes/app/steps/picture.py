@@ -100,6 +100,7 @@ class PictureStep:
         self.desk.folder, self.desk.stated = folder, Stated(picture=name, velocity=self.desk.stated.velocity)
         try:
             picture = await self.desk.measured("shown", name=name)
+            self.desk.bench.identifying.start()
         except WorkFailedError as error:
             self.desk.folder, self._card.visible = None, False
             self._tell(str(error), bad=True)

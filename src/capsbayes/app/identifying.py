@@ -1,4 +1,4 @@
-"""What the process apart computes: functions of names in a capsule's folder, which return plain data for the page.
+"""What the second process apart computes: posteriors and saved files, from names in a capsule's folder.
 
 They call what the commands ``identify`` and ``report`` call, with the same names of files, from the capsule's folder:
 the files that they write are the same byte for byte.
@@ -6,23 +6,19 @@ the files that they write are the same byte for byte.
 
 from __future__ import annotations
 
-import base64
 import contextlib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from capsbayes.app.measuring import detected
 from capsbayes.app.stated import EXPERIMENT, SEED, Stated
 from capsbayes.database import Database
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.output_file import guarded, together
-from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detection import Detection
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.measure import detect, measurement_of
-from capsbayes.image.overlay import png_of
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.image.written import write_detection
 from capsbayes.infer import Membrane, Posterior, Prior
@@ -44,29 +40,8 @@ from capsbayes.show.words.rounding import value_words
 from capsbayes.show.writers import posterior_files
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
-_WIDEST = 1600  # px of the picture on the page
 _KEPT: dict[str, tuple[Stated, Picture, Detection, Measurement, Posterior]] = {}  # the last answer of each folder
 _MOST_KEPT = 4
-
-
-def shown(folder: str, name: str) -> dict[str, Any]:
-    """Return a picture for the page: its size, and a PNG of its grey levels as the address of an image."""
-    with contextlib.chdir(folder):
-        seen = Picture.read(name)
-    png = base64.b64encode(png_of(seen, widest=_WIDEST)).decode()
-    return {"rows": seen.shape[0], "columns": seen.shape[1], "src": f"data:image/png;base64,{png}"}
-
-
-def measured(folder: str, stated: Stated) -> dict[str, Any]:
-    """Measure the capsule in a picture; the velocity and the experiment need not be stated yet."""
-    with contextlib.chdir(folder):
-        experiment = Experiment.read(EXPERIMENT) if Path(EXPERIMENT).exists() else None
-        seen, detection = _detected(stated, experiment)
-    return _drawn(detection, seen.shape[1]) | {
-        "ok": detection.status.ok,
-        "status": str(detection.status),
-        "rows": _rows(detection),
-    }
 
 
 def identified(folder: str, stated: Stated) -> dict[str, Any]:
@@ -115,21 +90,13 @@ def saved(folder: str, stated: Stated) -> list[str]:
         return sorted(path.name for path in here.iterdir() if not path.name.startswith("."))
 
 
-def _detected(stated: Stated, experiment: Experiment | None) -> tuple[Picture, Detection]:
-    seen = Picture.read(stated.picture)
-    empty = Picture.read(stated.background) if stated.background else None
-    by_hand = ByHand(**stated.by_hand()) if stated.by_hand() else None
-    half_width = None if experiment is None else experiment.half_width
-    return seen, detect(seen, background=empty, flow=stated.flow or None, by_hand=by_hand, half_width=half_width)
-
-
 def _identified(folder: str, stated: Stated) -> tuple[Posterior, Detection]:
     """Return the posterior of a capsule; that of the last call if nothing was stated otherwise since."""
     experiment = Experiment.read(EXPERIMENT)
     kept = _KEPT.get(folder)
     if kept is not None and kept[0] == stated and kept[4].experiment.sha256 == experiment.sha256:
         return kept[4], kept[2]
-    seen, detection = _detected(stated, experiment)
+    seen, detection = detected(stated, experiment)
     measurement = measurement_of(detection, seen, experiment, _speed(stated, experiment))
     if not measurement.status.ok:
         raise InputError(stated.picture, "", "a capsule that can be measured", str(measurement.status))
@@ -161,35 +128,6 @@ def _speed(stated: Stated, experiment: Experiment) -> Quantity | None:
     return Quantity.of(read, "capsule_velocity", where="velocity", key="")
 
 
-def _drawn(detection: Detection, columns: int) -> dict[str, Any]:
-    """Return the lines of a detection in pixels of the picture; of each wall the rows at its left and right border."""
-    outline, rear, rows = None, detection.rear_line(), None
-    if detection.outline is not None:
-        outline = detection.outline.points.tolist()
-    elif detection.blob is not None:
-        outline = detection.blob.polygon.tolist()
-    if (walls := detection.walls) is not None:
-        middle, slope = np.array([walls.centre_column, walls.centre_row]), walls.along[1] / walls.along[0]
-        on_lines = [middle + side * walls.half_width * walls.across for side in (-1.0, 1.0)]
-        rows = [float(y + (end - x) * slope) for x, y in on_lines for end in (0.0, columns - 1.0)]
-    lines = {"outline": outline, "rear": None if rear is None else rear.tolist(), "walls": rows}
-    return lines | {"flow": detection.flow}
-
-
-def _rows(detection: Detection) -> list[tuple[str, str, str]]:
-    """Return what was measured: name, in px, and over l."""
-    if not detection.status.ok:
-        return []
-    table = detection.table()
-    rows = []
-    for name, _, value, error, ratio, ratio_error in table.itertuples():
-        if name in ("L_z", "L_a", "l"):
-            seen = bool(np.isfinite(value))
-            over = "" if name == "l" or not seen else f"{ratio:.4f} ± {ratio_error:.4f}"
-            rows.append((name, f"{value:.2f} ± {error:.2f}" if seen else "not seen", over))
-    return rows
-
-
 def warm() -> None:
     """Measure and identify a drawn capsule: compiled functions are loaded before a person waits for them."""
     case = Database.open("square-neo-hookean").converged
@@ -205,4 +143,4 @@ def warm() -> None:
         with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
 
 
-TASKS = {task.__name__: task for task in (shown, measured, identified, corner, saved)}
+TASKS = {task.__name__: task for task in (identified, corner, saved)}
