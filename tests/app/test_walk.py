@@ -144,7 +144,7 @@ def ready(button):
 
 
 def kept(page, name, folder: Path, part=None):
-    """A picture of what is seen, or of a part of the page; small enough for the docs, and put there if that is asked."""
+    """A picture of what is seen, or of a part of the page, small enough for the docs; put there if that is asked."""
     time.sleep(0.5)  # until what unfolds has done so
     png = page.screenshot() if part is None else page.locator(part).screenshot()
     pixels = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_COLOR)

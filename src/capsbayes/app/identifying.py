@@ -7,6 +7,7 @@ the files that they write are the same byte for byte.
 from __future__ import annotations
 
 import contextlib
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -102,11 +103,7 @@ def _identified(folder: str, stated: Stated) -> tuple[Posterior, Detection]:
         raise InputError(stated.picture, "", "a capsule that can be measured", str(measurement.status))
     view = MID_PLANE if measurement.outline is None else measurement.outline.view
     membrane = Membrane(stated.membrane) if stated.membrane else None
-    model: ForwardModel
-    if membrane is None:
-        model = Surrogate.open(f"{experiment.cross_section}-neo-hookean", view=view)
-    else:
-        model = MembraneSurrogate.open(experiment.cross_section, view=view)
+    model = _opened(experiment.cross_section, view, known=membrane is None)
     posterior = identify(
         measurement, model, experiment, engine=stated.engine, seed=SEED, prior=Prior(), membrane=membrane
     )
@@ -116,6 +113,14 @@ def _identified(folder: str, stated: Stated) -> tuple[Posterior, Detection]:
         _KEPT.pop(next(iter(_KEPT)))
     _KEPT[folder] = stated, seen, detection, measurement, posterior
     return posterior, detection
+
+
+@functools.lru_cache(maxsize=4)
+def _opened(cross_section: str, view: str, *, known: bool) -> ForwardModel:
+    """Return the model of neo-Hookean membranes, or that over all membranes, as the command ``identify`` does."""
+    if known:
+        return Surrogate.open(f"{cross_section}-neo-hookean", view=view)
+    return MembraneSurrogate.open(cross_section, view=view)
 
 
 def _speed(stated: Stated, experiment: Experiment) -> Quantity | None:
@@ -139,7 +144,7 @@ def warm() -> None:
         seen = Picture.from_array(drawing.picture)
         measurement = measurement_of(detect(seen), seen, experiment, speed)
         view = MID_PLANE if measurement.outline is None else measurement.outline.view
-        model = Surrogate.open("square-neo-hookean", view=view)
+        model = _opened("square", view, known=True)
         with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
 
 

@@ -81,6 +81,7 @@ def _rows(detection: Detection) -> list[tuple[str, str, str]]:
 
 def warm() -> None:
     """Measure a drawn circle, so that all that is compiled is loaded before a person waits for it."""
+    Experiment("square", "25.0 +/- 0.2 um", "0.85 +/- 0.02 Pa s")
     angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
     circle = 0.7 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     detect(Picture.from_array(draw(Scene(circle, circle, half_width=40.0, shape=(120, 120)), Optics(), seed=1).picture))

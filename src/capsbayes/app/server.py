@@ -20,6 +20,7 @@ from nicegui import ui
 from capsbayes.app.desk import MOST_BYTES, Bench
 from capsbayes.app.page import bench_page
 from capsbayes.errors import InputError
+from capsbayes.interruption import keeping
 
 LOOPBACK = "127.0.0.1"
 _HEADERS = [
@@ -171,4 +172,5 @@ def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webb
         config = uvicorn.Config(
             gate, log_level="error", lifespan="on", timeout_graceful_shutdown=1, server_header=False
         )
-        uvicorn.Server(config).run(sockets=[listening])
+        with keeping(bench.folder):
+            uvicorn.Server(config).run(sockets=[listening])

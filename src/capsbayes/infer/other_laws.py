@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
@@ -29,10 +30,15 @@ _FARTHEST = 3.0  # standard errors between the lengths and the nearest shape of 
 def with_other_laws(posterior: Posterior) -> Posterior:
     """Return a posterior of one law with the range of G_s over others, where the cross-section has a model of them."""
     try:
-        model = MembraneSurrogate.open(posterior.experiment.cross_section)
+        model = _opened(posterior.experiment.cross_section)
     except DatabaseError:
         return posterior
     return replace(posterior, modulus_over_laws=modulus_over_laws(posterior.measurement, posterior.experiment, model))
+
+
+@functools.cache
+def _opened(cross_section: str) -> MembraneSurrogate:
+    return MembraneSurrogate.open(cross_section)
 
 
 def modulus_over_laws(
