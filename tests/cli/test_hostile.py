@@ -33,6 +33,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin"
 
 # a command line of each command that would run, if it were not for the hostile part
 USES = {
+    "app": "--folder made --port 0 --no-browser",
     "measure": "picture.png --experiment experiment.toml --velocity 6.2+/-0.06mm/s --out made",
     "identify": "capsule.toml --experiment experiment.toml --out made",
     "report": "posterior.nc --out made.html",

@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 
 from capsbayes.cli import app
 from capsbayes.cli.measure import film
-from capsbayes.cli.measure.picture import write_detection
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.image import written as files_of_detection
 from capsbayes.image.files.rtdc import RtdcFile
 from capsbayes.image.measure_rtdc import measure_rtdc
 from capsbayes.image.synthetic import Optics, Scene, draw
+from capsbayes.image.written import write_detection
 from capsbayes.infer.outline.likelihood import aligned_with
 from capsbayes.measurement import Measurement
 from capsbayes.profile import signed_area
@@ -164,7 +165,7 @@ def test_an_interrupted_run_goes_on_with_the_next_part(path, tmp_path, monkeypat
         write_detection(folder, *rest)
 
     monkeypatch.setattr(film, "_PART", 1)
-    monkeypatch.setattr(film, "write_detection", interrupted)
+    monkeypatch.setattr(files_of_detection, "write_detection", interrupted)
     EXPERIMENT.write(tmp_path / "experiment.toml")
     words = ["measure", str(path), "--experiment", str(tmp_path / "experiment.toml"), "--out", str(tmp_path / "made")]
     words += ["--velocity", "150 +/- 5 mm/s", "--pixel-size", "0.34 +/- 0.003 um"]

@@ -25,13 +25,15 @@ UsageError: Any = typer.BadParameter.__bases__[0]  # of click, which newer versi
 _LONGEST = 1000  # characters of a message
 
 COMMANDS = {
-    "Measure and identify": ("measure", "identify", "report"),
+    "Measure and identify": ("app", "measure", "identify", "report"),
     "Many capsules": ("batch", "population", "membrane"),
     "What the model misses": ("diagnose",),
     "Plan measurements": ("sensitivity",),
     "Simulate and build": ("simulate", "transient", "build", "rebuild", "atlas"),
     "Evidence": ("validate", "verify", "hide", "exam"),
 }
+
+_HOMES = {"app": "bench"}  # modules of commands, where the command's name is taken
 
 app = typer.Typer(
     name="capsbayes",
@@ -58,11 +60,12 @@ def _version(
 
 for _group, _names in COMMANDS.items():
     for _name in _names:
-        _module = importlib.import_module(f"capsbayes.cli.{_name}")
+        _module = importlib.import_module(f"capsbayes.cli.{_HOMES.get(_name, _name)}")
         if _name == "sensitivity":
             app.add_typer(_module.app, name=_name, rich_help_panel=_group)
         else:
-            app.command(_name, rich_help_panel=_group)(quietable(checked(getattr(_module, _name))))
+            command = getattr(_module, _HOMES.get(_name, _name))
+            app.command(_name, rich_help_panel=_group)(quietable(checked(command)))
 
 
 def main() -> None:

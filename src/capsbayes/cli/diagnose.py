@@ -9,10 +9,11 @@ import typer
 
 from capsbayes.cli.effects_file import EffectsFile, own_effects
 from capsbayes.cli.options import AsJson, ExperimentFile, ModelName, Seed, choose, named_model
-from capsbayes.cli.output import Writer, conclude, json_file
+from capsbayes.cli.output import conclude
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import write_file
+from capsbayes.show.writers import Writer, json_file
 
 if TYPE_CHECKING:
     from capsbayes.diagnosis import Session

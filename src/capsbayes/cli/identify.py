@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -30,14 +29,9 @@ from capsbayes.cli.options import (
     speed_in,
     with_options_of,
 )
-from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
+from capsbayes.cli.output import conclude, model_words
 from capsbayes.cli.paths import Reads, Writes
-from capsbayes.errors import DatabaseError, InputError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from capsbayes.infer import Posterior
+from capsbayes.errors import InputError
 
 
 def _written(values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -87,9 +81,11 @@ def identify(
     from capsbayes.files.input_file import PICTURES
     from capsbayes.infer import Membrane, Prior
     from capsbayes.infer import identify as identified
+    from capsbayes.infer.other_laws import with_other_laws
     from capsbayes.measurement import Measurement
     from capsbayes.show.terminal.posterior import posterior_parts
     from capsbayes.show.words.posterior import status_words
+    from capsbayes.show.writers import posterior_files
     from capsbayes.work import resumable
 
     if is_picture(capsule):
@@ -117,51 +113,14 @@ def identify(
         how = {"engine": engine, "effort": effort, "prior": believed, "membrane": sheet}
         posterior = identified(measurement, model, known, seed=seed, **how)
         if not model.coordinates:
-            posterior = _with_other_laws(posterior)
+            posterior = with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
         conclude(
             posterior.as_dict(),
             lambda: [*posterior_parts(posterior), model_line],
-            _files(posterior),
+            posterior_files(posterior),
             out=out,
             as_json=as_json,
             status=posterior.status,
             status_words=status_words(posterior),
         )
-
-
-def _with_other_laws(posterior: Posterior) -> Posterior:
-    """Return a posterior of one law with the range of G_s over others, where the cross-section has a model of them."""
-    from capsbayes.infer.other_laws import modulus_over_laws
-    from capsbayes.surrogate import MembraneSurrogate
-
-    try:
-        model = MembraneSurrogate.open(posterior.experiment.cross_section)
-    except DatabaseError:
-        return posterior
-    return replace(posterior, modulus_over_laws=modulus_over_laws(posterior.measurement, posterior.experiment, model))
-
-
-def _files(posterior: Posterior) -> dict[str, Writer]:
-    """Return the writers of all results by the names of their files."""
-    files: dict[str, Writer] = {
-        "posterior.nc": posterior.write,
-        "summary.json": json_file(posterior.as_dict()),
-        "corner.png": figure_file(lambda: _corner(posterior), dpi=110),
-    }
-    if posterior.outlines is not None:
-        files["outline.png"] = figure_file(lambda: _outlines(posterior))
-    return files
-
-
-def _corner(posterior: Posterior) -> Figure:
-    from capsbayes.show import corner_plot
-    from capsbayes.show.figures.corner import SHOWN
-
-    return corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
-
-
-def _outlines(posterior: Posterior) -> Figure:
-    from capsbayes.show import outline_figure
-
-    return outline_figure(posterior)

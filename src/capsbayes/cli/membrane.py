@@ -19,8 +19,9 @@ from capsbayes.cli.options import (
     membrane_of,
     prior_of,
 )
-from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
+from capsbayes.cli.output import conclude, model_words
 from capsbayes.cli.paths import Reads, Writes
+from capsbayes.show.writers import Writer, figure_file, json_file
 
 
 def membrane(

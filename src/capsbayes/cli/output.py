@@ -15,14 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.files.output_file import together, write_file
+from capsbayes.show.writers import Writer
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from capsbayes.status import Status
-
-Writer = Callable[[Path], object]
 
 
 Quiet = Annotated[
@@ -64,22 +62,6 @@ def quietable(command: Callable[..., None]) -> Callable[..., None]:
 def print_json(result: Any) -> None:
     """Print a result as JSON."""
     typer.echo(json.dumps(result, indent=2))
-
-
-def json_file(result: Any) -> Writer:
-    """Return a function that writes a result into a JSON file."""
-    return lambda path: write_file(path, json.dumps(result, indent=2) + "\n")
-
-
-def figure_file(draw: Callable[[], Figure], dpi: int = 140) -> Writer:
-    """Return a function that draws a figure into a file."""
-
-    def write(path: Path) -> None:
-        from capsbayes.show.figures.style import write_figure  # half a second, where no figure is asked for
-
-        write_figure(draw(), path, dpi)
-
-    return write
 
 
 def table_file(table: pd.DataFrame, **how: Any) -> Writer:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import AsJson, DatabaseName
-from capsbayes.cli.output import Writer, conclude, figure_file, json_file
+from capsbayes.cli.output import conclude
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
+from capsbayes.show.writers import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     import pandas as pd

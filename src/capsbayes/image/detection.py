@@ -100,6 +100,15 @@ class Detection:
             return None
         return integrate_silhouette(self.outline, self.axis, self.walls.across, _NOSE_MISFIT, self.shift)
 
+    def rear_line(self) -> Floats | None:
+        """Return points along the concave rear, from rim to rim : (21, 2) array [px]; None where it is not seen."""
+        if self.rear is None or self.walls is None or self.end is None:
+            return None
+        downstream = (self.flow or 1) * self.walls.along
+        on_axis = self.axis + (self.rear.depth - self.end.distance) * downstream
+        y = np.linspace(-self.rear.breadth, self.rear.breadth, 21)[:, None]
+        return np.asarray(on_axis + y * self.walls.across + 0.5 * self.rear.curvature * y**2 * downstream)
+
     def moved(self, right: int, down: int) -> Detection:
         """Return the same in the coordinates of a picture whose first pixel lies further left and up by so much."""
         if self.walls is None or (right, down) == (0, 0):

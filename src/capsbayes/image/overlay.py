@@ -34,8 +34,7 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
     stated by hand are dashed, and the axis between them is dotted; a dark line that such a wall lies off is dashed
     orange. The dark blob of a refused capsule is outlined in orange. What is missing in the detection is not drawn.
     """
-    low, high = float(picture.grey.min()), float(picture.grey.max())
-    grey = cv2.convertScaleAbs(picture.grey - low, alpha=255.0 / max(high - low, 1e-9))
+    grey = _stretched(picture)
     scale = int(np.clip(math.isqrt(_MOST_DRAWN // grey.size), 1, _LARGEST_SCALE))
     large = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     canvas = _Canvas(np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)
@@ -48,6 +47,20 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
     if detection.nose is not None and detection.end is not None:
         _lengths(canvas, detection)
     return canvas.pixels
+
+
+def png_of(picture: Picture, *, widest: int) -> bytes:
+    """Return a picture alone as a PNG file, made smaller where a side is longer than `widest` pixels."""
+    grey = _stretched(picture)
+    scale = min(1.0, widest / max(grey.shape))
+    small = grey if scale == 1.0 else cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return cv2.imencode(".png", small)[1].tobytes()
+
+
+def _stretched(picture: Picture) -> NDArray[np.uint8]:
+    """Return grey levels from the darkest pixel to the brightest as 0 to 255."""
+    low, high = float(picture.grey.min()), float(picture.grey.max())
+    return np.asarray(cv2.convertScaleAbs(picture.grey - low, alpha=255.0 / max(high - low, 1e-9)), dtype=np.uint8)
 
 
 def write_overlay(path: Path, picture: Picture, detection: Detection) -> None:
@@ -101,9 +114,7 @@ def _lengths(canvas: _Canvas, detection: Detection) -> None:
     axis = detection.axis
     tip = axis + nose.distance * downstream
     canvas.arrow(axis - end.distance * downstream - 6.0 * walls.across, tip - 6.0 * walls.across, EXTENT)
-    if detection.rear is not None:
-        rear = detection.rear
-        on_axis = axis + (rear.depth - end.distance) * downstream
-        y = np.linspace(-rear.breadth, rear.breadth, 21)[:, None]
-        canvas.line(list(on_axis + y * walls.across + 0.5 * rear.curvature * y**2 * downstream), REAR)
+    if detection.rear is not None and (line := detection.rear_line()) is not None:
+        on_axis = axis + (detection.rear.depth - end.distance) * downstream
+        canvas.line(list(line), REAR)
         canvas.arrow(on_axis + 6.0 * walls.across, tip + 6.0 * walls.across, LENGTH)

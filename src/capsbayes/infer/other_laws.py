@@ -2,21 +2,43 @@
 
 from __future__ import annotations
 
+import functools
+from dataclasses import replace
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from capsbayes.arrays import Floats
+from capsbayes.errors import DatabaseError
 from capsbayes.experiment import Experiment, mean_velocity, surface_shear_modulus
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
+from capsbayes.surrogate import MembraneSurrogate
+
+if TYPE_CHECKING:
+    from capsbayes.infer.posterior import Posterior
 
 _LAW = ("area_dilation_modulus", "strain_hardening")
 _CELLS = 40, 30  # along log Ca and a/l
 _HALVINGS = 5  # of the cells about the best of them
 _FARTHEST = 3.0  # standard errors between the lengths and the nearest shape of a law that counts
+
+
+def with_other_laws(posterior: Posterior) -> Posterior:
+    """Return a posterior of one law with the range of G_s over others, where the cross-section has a model of them."""
+    try:
+        model = _opened(posterior.experiment.cross_section)
+    except DatabaseError:
+        return posterior
+    return replace(posterior, modulus_over_laws=modulus_over_laws(posterior.measurement, posterior.experiment, model))
+
+
+@functools.cache
+def _opened(cross_section: str) -> MembraneSurrogate:
+    return MembraneSurrogate.open(cross_section)
 
 
 def modulus_over_laws(

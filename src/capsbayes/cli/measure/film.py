@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from capsbayes.cli.measure.picture import write_detection
 from capsbayes.cli.output import print_json, table_file
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together
@@ -79,6 +78,7 @@ def measure_rtdc(
 
     from capsbayes.image.files.rtdc import RtdcFile
     from capsbayes.image.measure_rtdc import measure_rtdc
+    from capsbayes.image.written import write_detection
     from capsbayes.work import progress_bar, step_of
 
     if by_hand is None or by_hand.pixel_size is None:
@@ -170,6 +170,8 @@ def _changes(row: pd.Series) -> list[str]:
 @together()
 def _write(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
     """Write capsules.csv and a folder for each capsule: all of it or nothing."""
+    from capsbayes.image.written import write_detection
+
     table_file(table, index=False)(out / "capsules.csv")
     for number, capsule in enumerate(made.capsules, start=1):
         shown = capsule.record

@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from capsbayes.cli.output import print_json
-from capsbayes.files.output_file import together, write_file
 
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image import ByHand
     from capsbayes.image.detection import Detection
     from capsbayes.image.edges.rear import RearBand
-    from capsbayes.image.files.picture import Picture
     from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
 
 DETECTED = ("overlay.png", "outline.csv", "silhouette.csv", "measurement.toml", "measurement.outline.csv")
-"""Files that `write_detection` writes."""
+"""Files that `capsbayes.image.written.write_detection` writes."""
 
 _POWERS = {2: "squared", 3: "cubed"}
 
@@ -67,6 +65,7 @@ def measured_picture(
     """
     from capsbayes.image.files.picture import Picture
     from capsbayes.image.measure import detect, measurement_of
+    from capsbayes.image.written import write_detection
 
     quiet |= as_json
     seen = Picture.read(path)
@@ -168,26 +167,3 @@ def _significant(value: float, error: float) -> str:
 def pair(value: float, error: float, *, digits: int = 2) -> str:
     """Return a value with its standard error, as text."""
     return f"{value:.{digits}f} ± {error:.{digits}f}"
-
-
-def write_detection(out: Path, picture: Picture, detection: Detection, measured: Measurement) -> None:
-    """Write the overlay, the outline and the measurement; of a refused capsule, what was detected of it."""
-    import numpy as np
-
-    from capsbayes.files.csv_file import text_of_numbers
-    from capsbayes.image.overlay import write_overlay
-
-    with together():
-        write_overlay(out / "overlay.png", picture, detection)
-        if (outline := detection.outline) is not None:
-            error = np.hypot(outline.point_error, outline.arc_error)
-            columns = np.column_stack([outline.points, outline.normals, error, outline.edge_width])
-            names = ("x_px", "y_px", "normal_x", "normal_y", "error_px", "edge_width_px")
-            write_file(out / "outline.csv", text_of_numbers(names, columns, "%.4f"))
-        if measured.status.ok:
-            measured.write(out / "measurement.toml")
-            rows = ["quantity,value,error"]
-            for name, power, _, _, value, error in detection.table().loc["perimeter":].itertuples():
-                unit = f"_over_l{power if power > 1 else ''}" if power else ""
-                rows.append(f"{name}{unit},{value:.6g},{error:.2g}")
-            write_file(out / "silhouette.csv", "\n".join(rows) + "\n")

@@ -18,8 +18,9 @@ from capsbayes.cli.options import (
     membrane_of,
     named_experiment,
 )
-from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
+from capsbayes.cli.output import conclude, model_words, table_file
 from capsbayes.cli.paths import Writes
+from capsbayes.show.writers import Writer, figure_file, json_file
 
 
 def budget(

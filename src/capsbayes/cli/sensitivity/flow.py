@@ -17,10 +17,11 @@ from capsbayes.cli.options import (
     named_model,
     with_options_of,
 )
-from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
+from capsbayes.cli.output import conclude, model_words, table_file
 from capsbayes.cli.paths import Writes
 from capsbayes.cli.sensitivity.membrane_flow import planned_batch_of, print_membrane_flow
 from capsbayes.errors import InputError
+from capsbayes.show.writers import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths

@@ -20,10 +20,11 @@ from capsbayes.cli.options import (
     prior_of,
     with_options_of,
 )
-from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
+from capsbayes.cli.output import conclude, model_words
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import write_dataset
+from capsbayes.show.writers import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     import numpy as np

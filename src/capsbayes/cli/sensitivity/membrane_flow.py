@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.options import Guess, MembraneKnown, Priors, ScaleError, membrane_of, prior_of
-from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words, table_file
+from capsbayes.cli.output import conclude, model_words, table_file
 from capsbayes.errors import InputError
+from capsbayes.show.writers import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     from capsbayes.infer import Membrane

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName, Seed, named_experiment, named_model
-from capsbayes.cli.output import Writer, conclude, figure_file, json_file, model_words
+from capsbayes.cli.output import conclude, model_words
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
+from capsbayes.show.writers import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     from capsbayes.plan import SobolStudy

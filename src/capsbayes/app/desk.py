@@ -1,0 +1,106 @@
+"""A bench, which all tabs share, and the desk of one tab: its capsule and what is stated of it."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter, HTTPException
+from fastapi.responses import FileResponse
+
+from capsbayes.app.stated import EXPERIMENT, Stated
+from capsbayes.app.worker import Worker
+from capsbayes.camera import Camera
+from capsbayes.errors import CapsbayesError
+from capsbayes.experiment import Experiment
+from capsbayes.files.output_file import guarded
+
+MOST_BYTES = 2**29
+"""Size of the largest file that is taken."""
+
+
+class Bench:
+    """The folder of all capsules, the processes that compute, and the files that pages may show."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+        self.measuring, self.identifying = Worker("capsbayes.app.measuring"), Worker("capsbayes.app.identifying")
+        self._offered: dict[str, Path] = {}
+
+    def start(self) -> None:
+        """Start the process that measures; that of posteriors is started with the first picture, and has time then."""
+        self.measuring.start()
+
+    def stop(self) -> None:
+        """End them."""
+        self.measuring.stop()
+        self.identifying.stop()
+
+    def offer(self, path: Path) -> str:
+        """Return the address under which a page shows a file: a number drawn at random, never a path."""
+        key = next((key for key, known in self._offered.items() if known == path), None) or secrets.token_urlsafe(16)
+        self._offered[key] = path
+        return f"/kept/{key}/{path.name}"
+
+    def router(self) -> APIRouter:
+        """Return what answers the addresses of `offer`."""
+        router = APIRouter()
+
+        @router.get("/kept/{key}/{name}")
+        def kept(key: str, name: str) -> FileResponse:
+            path = self._offered.get(key)
+            if path is None or not path.is_file():
+                raise HTTPException(404)
+            return FileResponse(path)
+
+        return router
+
+
+LONGEST = 1200.0
+"""Seconds of one identification."""
+
+
+@dataclass
+class Desk:
+    """What one tab of the browser works on.
+
+    Parameters
+    ----------
+    bench : Bench
+    stated : Stated
+    folder : Path, optional
+        Of the capsule; None before a picture was given.
+    experiment : mapping of str to str
+        What is stated of channel, liquid and camera, as texts by their keys; those of the camera under ``"camera"``.
+    """
+
+    bench: Bench
+    stated: Stated = field(default_factory=Stated)
+    folder: Path | None = None
+    experiment: dict[str, Any] = field(default_factory=dict)
+
+    async def measured(self, task: str, **how: Any) -> Any:
+        """Compute a task that takes less than a second, see `Worker.run`."""
+        return await self.bench.measuring.run(task, folder=str(self.folder), **how)
+
+    async def identified(self, task: str, **how: Any) -> Any:
+        """Compute a task that may take longer, for which no picture of another tab has to wait."""
+        return await self.bench.identifying.run(task, folder=str(self.folder), seconds=LONGEST, **how)
+
+    def keep_experiment(self) -> str:
+        """Write the experiment into the capsule's folder; return what is missing or wrong, empty if nothing."""
+        stated = {key: text for key, text in self.experiment.items() if text}
+        camera = {key: text for key, text in stated.pop("camera", {}).items() if text}
+        for key in ("half_width", "viscosity"):
+            if key not in stated:
+                return f"The {key.replace('_', ' ')} is missing."
+        try:
+            known = Experiment(**stated, camera=Camera(**camera) if camera else None)
+            if self.folder is not None:
+                with guarded():
+                    known.write(self.folder / EXPERIMENT)
+        except CapsbayesError as error:
+            return str(error)
+        return ""

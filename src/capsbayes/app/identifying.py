@@ -1,0 +1,151 @@
+"""What the second process apart computes: posteriors and saved files, from names in a capsule's folder.
+
+They call what the commands ``identify`` and ``report`` call, with the same names of files, from the capsule's folder:
+the files that they write are the same byte for byte.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from pathlib import Path
+from typing import Any
+
+from capsbayes.app.measuring import detected
+from capsbayes.app.stated import EXPERIMENT, SEED, Stated
+from capsbayes.database import Database
+from capsbayes.errors import CapsbayesError, InputError
+from capsbayes.experiment import Experiment
+from capsbayes.files.output_file import guarded, together
+from capsbayes.image.detection import Detection
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect, measurement_of
+from capsbayes.image.synthetic import Optics, Scene, draw
+from capsbayes.image.written import write_detection
+from capsbayes.infer import Membrane, Posterior, Prior
+from capsbayes.infer.identify import identify
+from capsbayes.infer.other_laws import with_other_laws
+from capsbayes.infer.outline.misfit import band
+from capsbayes.measured_outline import MID_PLANE
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+from capsbayes.quantity import Quantity
+from capsbayes.show.figures.corner import SHOWN, corner_plot
+from capsbayes.show.figures.picture import on_picture
+from capsbayes.show.pages.page import picture as figure_html
+from capsbayes.show.report import opened, write_report
+from capsbayes.show.tables import posterior as tables
+from capsbayes.show.tables.table import html_table, typeset
+from capsbayes.show.words import posterior as words
+from capsbayes.show.words.rounding import value_words
+from capsbayes.show.writers import posterior_files
+from capsbayes.surrogate import MembraneSurrogate, Surrogate
+
+_KEPT: dict[str, tuple[Stated, Picture, Detection, Measurement, Posterior]] = {}  # the last answer of each folder
+_MOST_KEPT = 4
+
+
+def identified(folder: str, stated: Stated) -> dict[str, Any]:
+    """Measure and identify; return the headlines, the tables as HTML, and the predicted outline on the picture."""
+    with contextlib.chdir(folder):
+        posterior, detection = _identified(folder, stated)
+    predicted = None if posterior.outlines is None else on_picture(band(posterior.outlines)[0], detection).tolist()
+    return {
+        "headlines": [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN[:2]],
+        "ok": posterior.status.ok,
+        "status": words.status_words(posterior),
+        "caveats": [typeset(sentence) for sentence in words.caveats(posterior)],
+        "quantities": html_table(tables.quantity_table(posterior)),
+        "budget_sentence": typeset(words.budget_sentence(posterior)),
+        "budget": html_table(tables.budget_table(posterior)),
+        "gates": html_table(tables.check_table(posterior)),
+        "predicted": predicted,
+        "summary": {
+            name: (one.median, one.sd)
+            for name in ("surface_shear_modulus", "capsule_radius")
+            for one in (posterior.marginals[name],)
+        },
+    }
+
+
+def corner(folder: str, stated: Stated) -> str:
+    """Return the corner plot of an identified capsule as HTML."""
+    with contextlib.chdir(folder):
+        posterior, _ = _identified(folder, stated)
+    names = (*SHOWN, *posterior.prior.uncertain)
+    return str(figure_html(corner_plot(posterior, names), "corner plot of the posterior", png=True))
+
+
+def saved(folder: str, stated: Stated) -> list[str]:
+    """Write what ``capsbayes identify --out .`` and ``capsbayes report .`` write; return the names of the files."""
+    with contextlib.chdir(folder), guarded():
+        posterior, detection = _identified(folder, stated)
+        _, seen, _, measurement, _ = _KEPT[folder]
+        here = Path()
+        with together():
+            write_detection(here, seen, detection, measurement)
+            for name, write in posterior_files(posterior).items():
+                write(here / name)
+        found, source = opened(here)
+        write_report(found, "report.html", source=source)
+        return sorted(path.name for path in here.iterdir() if not path.name.startswith("."))
+
+
+def _identified(folder: str, stated: Stated) -> tuple[Posterior, Detection]:
+    """Return the posterior of a capsule; that of the last call if nothing was stated otherwise since."""
+    experiment = Experiment.read(EXPERIMENT)
+    kept = _KEPT.get(folder)
+    if kept is not None and kept[0] == stated and kept[4].experiment.sha256 == experiment.sha256:
+        return kept[4], kept[2]
+    seen, detection = detected(stated, experiment)
+    measurement = measurement_of(detection, seen, experiment, _speed(stated, experiment))
+    if not measurement.status.ok:
+        raise InputError(stated.picture, "", "a capsule that can be measured", str(measurement.status))
+    view = MID_PLANE if measurement.outline is None else measurement.outline.view
+    membrane = Membrane(stated.membrane) if stated.membrane else None
+    model = _opened(experiment.cross_section, view, known=membrane is None)
+    posterior = identify(
+        measurement, model, experiment, engine=stated.engine, seed=SEED, prior=Prior(), membrane=membrane
+    )
+    if not model.coordinates:
+        posterior = with_other_laws(posterior)
+    while len(_KEPT) >= _MOST_KEPT:
+        _KEPT.pop(next(iter(_KEPT)))
+    _KEPT[folder] = stated, seen, detection, measurement, posterior
+    return posterior, detection
+
+
+@functools.lru_cache(maxsize=4)
+def _opened(cross_section: str, view: str, *, known: bool) -> ForwardModel:
+    """Return the model of neo-Hookean membranes, or that over all membranes, as the command ``identify`` does."""
+    if known:
+        return Surrogate.open(f"{cross_section}-neo-hookean", view=view)
+    return MembraneSurrogate.open(cross_section, view=view)
+
+
+def _speed(stated: Stated, experiment: Experiment) -> Quantity | None:
+    if experiment.viscous_tension is not None:
+        return None
+    example = "6.20 +/- 0.06 mm/s"
+    read = Quantity.read(stated.velocity, where="velocity", key="", units=("m/s",), example=example)
+    if read.known:
+        raise InputError("velocity", "", f'a standard error, as in "{example}"', repr(stated.velocity))
+    return Quantity.of(read, "capsule_velocity", where="velocity", key="")
+
+
+def warm() -> None:
+    """Measure and identify a drawn capsule: compiled functions are loaded before a person waits for them."""
+    case = Database.open("square-neo-hookean").converged
+    middle = len(case["profile"]) // 2
+    drawing = draw(Scene(case["profile"][middle], case["silhouette"][middle], half_width=50.0), Optics(), seed=SEED)
+    experiment = Experiment("square", "25.0 +/- 0.2 um", "0.85 +/- 0.02 Pa s")
+    speed = Quantity.of("6.20 +/- 0.06 mm/s", "capsule_velocity")
+    with contextlib.suppress(CapsbayesError):
+        seen = Picture.from_array(drawing.picture)
+        measurement = measurement_of(detect(seen), seen, experiment, speed)
+        view = MID_PLANE if measurement.outline is None else measurement.outline.view
+        model = _opened("square", view, known=True)
+        with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
+
+
+TASKS = {task.__name__: task for task in (identified, corner, saved)}

@@ -1,0 +1,90 @@
+"""What the first process apart computes: pictures that are shown and measured, from names in a capsule's folder."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capsbayes.app.stated import EXPERIMENT, Stated
+from capsbayes.experiment import Experiment
+from capsbayes.image.by_hand import ByHand
+from capsbayes.image.detection import Detection
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect
+from capsbayes.image.overlay import png_of
+from capsbayes.image.synthetic import Optics, Scene, draw
+
+_WIDEST = 1600  # px of the picture on the page
+
+
+def shown(folder: str, name: str) -> dict[str, Any]:
+    """Return a picture for the page: its size, and a PNG of its grey levels as the address of an image."""
+    with contextlib.chdir(folder):
+        seen = Picture.read(name)
+    png = base64.b64encode(png_of(seen, widest=_WIDEST)).decode()
+    return {"rows": seen.shape[0], "columns": seen.shape[1], "src": f"data:image/png;base64,{png}"}
+
+
+def measured(folder: str, stated: Stated) -> dict[str, Any]:
+    """Measure the capsule in a picture; the velocity and the experiment need not be stated yet."""
+    with contextlib.chdir(folder):
+        experiment = Experiment.read(EXPERIMENT) if Path(EXPERIMENT).exists() else None
+        seen, detection = detected(stated, experiment)
+    return _drawn(detection, seen.shape[1]) | {
+        "ok": detection.status.ok,
+        "status": str(detection.status),
+        "rows": _rows(detection),
+    }
+
+
+def detected(stated: Stated, experiment: Experiment | None) -> tuple[Picture, Detection]:
+    """Return the picture and what is found in it as it is stated."""
+    seen = Picture.read(stated.picture)
+    empty = Picture.read(stated.background) if stated.background else None
+    by_hand = ByHand(**stated.by_hand()) if stated.by_hand() else None
+    half_width = None if experiment is None else experiment.half_width
+    return seen, detect(seen, background=empty, flow=stated.flow or None, by_hand=by_hand, half_width=half_width)
+
+
+def _drawn(detection: Detection, columns: int) -> dict[str, Any]:
+    """Return the lines of a detection in pixels of the picture; of each wall the rows at its left and right border."""
+    outline, rear, rows = None, detection.rear_line(), None
+    if detection.outline is not None:
+        outline = detection.outline.points.tolist()
+    elif detection.blob is not None:
+        outline = detection.blob.polygon.tolist()
+    if (walls := detection.walls) is not None:
+        middle, slope = np.array([walls.centre_column, walls.centre_row]), walls.along[1] / walls.along[0]
+        on_lines = [middle + side * walls.half_width * walls.across for side in (-1.0, 1.0)]
+        rows = [float(y + (end - x) * slope) for x, y in on_lines for end in (0.0, columns - 1.0)]
+    lines = {"outline": outline, "rear": None if rear is None else rear.tolist(), "walls": rows}
+    return lines | {"flow": detection.flow}
+
+
+def _rows(detection: Detection) -> list[tuple[str, str, str]]:
+    """Return what was measured: name, in px, and over l."""
+    if not detection.status.ok:
+        return []
+    table = detection.table()
+    rows = []
+    for name, _, value, error, ratio, ratio_error in table.itertuples():
+        if name in ("L_z", "L_a", "l"):
+            seen = bool(np.isfinite(value))
+            over = "" if name == "l" or not seen else f"{ratio:.4f} ± {ratio_error:.4f}"
+            rows.append((name, f"{value:.2f} ± {error:.2f}" if seen else "not seen", over))
+    return rows
+
+
+def warm() -> None:
+    """Measure a drawn circle, so that all that is compiled is loaded before a person waits for it."""
+    Experiment("square", "25.0 +/- 0.2 um", "0.85 +/- 0.02 Pa s")
+    angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
+    circle = 0.7 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    detect(Picture.from_array(draw(Scene(circle, circle, half_width=40.0, shape=(120, 120)), Optics(), seed=1).picture))
+
+
+TASKS = {task.__name__: task for task in (shown, measured)}

@@ -1,0 +1,89 @@
+// A picture with the lines that were found in it. Walls are dragged with the mouse, a finger or the arrow keys.
+export default {
+  template: `
+    <svg ref="svg" class="bench-overlay" :viewBox="[-0.5, -0.5, columns, rows].join(' ')" role="group"
+         aria-label="Picture of the capsule with what was found in it" @pointerdown="begin" @pointermove="move"
+         @pointerup="end" @pointercancel="end">
+      <image :href="src" x="-0.5" y="-0.5" :width="columns" :height="rows" preserveAspectRatio="none"/>
+      <rect v-if="box" class="crop" :x="box[0] - 0.5" :y="box[1] - 0.5" :width="box[2]" :height="box[3]"/>
+      <polygon v-if="predicted" class="predicted" :points="points(predicted)"/>
+      <polygon v-if="outline" class="edge" :points="points(outline)"/>
+      <polyline v-if="rear" class="rear" :points="points(rear)"/>
+      <template v-if="placed">
+        <g v-for="(name, k) in ['Upper wall', 'Lower wall']" :key="name">
+          <line class="wall" :class="{ stated: byHand }" x1="-0.5" :x2="columns - 0.5"
+                :y1="placed[2 * k]" :y2="placed[2 * k + 1]"/>
+          <line class="handle" x1="-0.5" :x2="columns - 0.5" :y1="placed[2 * k]" :y2="placed[2 * k + 1]" tabindex="0"
+                role="slider" :aria-label="name + ', row in pixels; arrow keys move it'" :data-wall="k"
+                aria-orientation="vertical" aria-valuemin="0" :aria-valuemax="rows - 1"
+                :aria-valuenow="middle(k).toFixed(1)" @keydown="key($event, k)"/>
+        </g>
+      </template>
+    </svg>`,
+  props: {
+    src: String,
+    columns: Number,
+    rows: Number,
+    walls: Array,
+    outline: Array,
+    rear: Array,
+    predicted: Array,
+    crop: Array,
+    byHand: Boolean,
+    drawing: Boolean,
+  },
+  data() {
+    return { placed: this.walls, box: this.crop, held: null, start: null, timer: null };
+  },
+  watch: {
+    walls(now) { if (this.held === null && this.timer === null) this.placed = now; },
+    crop(now) { this.box = now; },
+  },
+  methods: {
+    points(list) { return list.map((point) => point.join(",")).join(" "); },
+    middle(k) { return 0.5 * (this.placed[2 * k] + this.placed[2 * k + 1]); },
+    place(event) {
+      const svg = this.$refs.svg;
+      const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+      return [Math.min(Math.max(at.x, 0), this.columns - 1), Math.min(Math.max(at.y, 0), this.rows - 1)];
+    },
+    begin(event) {
+      const wall = event.target.dataset.wall;
+      if (wall === undefined && !this.drawing) return;
+      this.$refs.svg.setPointerCapture(event.pointerId);
+      this.start = this.place(event);
+      this.held = wall === undefined || this.drawing ? "crop" : Number(wall);
+    },
+    move(event) {
+      if (this.held === null) return;
+      const [x, y] = this.place(event);
+      if (this.held === "crop") {
+        const [x0, y0] = this.start;
+        const left = Math.round(Math.min(x, x0)), top = Math.round(Math.min(y, y0));
+        this.box = [left, top, Math.round(Math.abs(x - x0)) + 1, Math.round(Math.abs(y - y0)) + 1];
+      } else {
+        this.shift(this.held, y - this.start[1]);
+        this.start = [x, y];
+      }
+    },
+    end() {
+      if (this.held === "crop") this.$emit("crop", this.box);
+      else if (this.held !== null) this.$emit("walls", this.placed);
+      this.held = null;
+    },
+    shift(k, by) {
+      const moved = [...this.placed];
+      moved[2 * k] += by;
+      moved[2 * k + 1] += by;
+      this.placed = moved;
+    },
+    key(event, k) {
+      const sense = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+      if (!sense) return;
+      event.preventDefault();
+      this.shift(k, sense * (event.shiftKey ? 5 : 0.5));
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => { this.timer = null; this.$emit("walls", this.placed); }, 300);
+    },
+  },
+};

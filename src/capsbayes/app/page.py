@@ -1,0 +1,48 @@
+"""The page of the bench: its steps, one below the other, for one tab of the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nicegui import ui
+
+from capsbayes import __version__
+from capsbayes.app.desk import Bench, Desk
+from capsbayes.app.steps.answer import AnswerStep
+from capsbayes.app.steps.channel import ChannelStep
+from capsbayes.app.steps.picture import PictureStep
+from capsbayes.app.steps.population import PopulationStep
+
+_STYLE = Path(__file__).with_name("bench.css")
+
+
+def bench_page(bench: Bench) -> None:
+    """Build the page of a new tab, with a desk of its own."""
+    ui.colors(primary="#00796b")
+    ui.add_css(_STYLE.read_text(encoding="utf-8"))
+    ui.run_javascript("document.documentElement.lang = 'en'")
+    desk = Desk(bench)
+    measured = False
+
+    def changed(good: bool | None = None) -> None:
+        nonlocal measured
+        measured = measured if good is None else good
+        if desk.folder is None:
+            missing = "Give a picture first."
+        elif not measured:
+            missing = "The capsule has to be measured first: see step 2."
+        else:
+            missing = "" if channel.complete else "Fill in step 3 first."
+        answer.allow(missing)
+
+    with ui.column().classes("bench"):
+        ui.html("<h1>capsbayes</h1>", sanitize=False)
+        ui.label("Shear modulus and radius of a microcapsule, from a picture.").classes("bench-lead")
+        with ui.element("div").classes("bench-columns"):
+            with ui.element("div"):
+                picture = PictureStep(desk, changed)
+            with ui.element("div"):
+                channel = ChannelStep(desk, changed)
+                answer = AnswerStep(desk, picture.overlay, lambda summary: population.grown(summary))
+        population = PopulationStep(desk)
+        ui.label(f"capsbayes {__version__}. Nothing leaves this computer.").classes("bench-foot")

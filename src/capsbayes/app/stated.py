@@ -1,0 +1,96 @@
+"""What a person states of a capsule on the page, and the commands that repeat the work."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+from capsbayes.files.input_file import PICTURES
+
+EXPERIMENT = "experiment.toml"
+FILMS = (".avi", ".mp4", ".mov", ".mkv")
+EVENTS = (".rtdc",)
+KINDS = (*PICTURES, *FILMS, *EVENTS)
+"""Endings of the files that the page takes."""
+
+SEED = 1
+_TAKEN = {"overlay", "corner", "outline", "report"}  # names of what is written next to a picture
+_LONGEST = 60  # letters of a name
+
+
+@dataclass
+class Stated:
+    """What is stated of one picture; a text that is empty is not stated.
+
+    Parameters
+    ----------
+    picture, background : str
+        Names of files in the capsule's folder.
+    velocity, walls, wall_error, crop, flow, contrast
+        As the options of ``capsbayes identify``.
+    membrane : str
+        ``"unknown"``, a law, or empty for the default, neo-Hookean.
+    engine : str
+        ``"quadrature"`` or ``"emcee"``.
+    """
+
+    picture: str = ""
+    background: str = ""
+    velocity: str = ""
+    walls: str = ""
+    wall_error: str = ""
+    pixel_size: str = ""
+    crop: str = ""
+    flow: str = ""
+    contrast: str = ""
+    membrane: str = ""
+    engine: str = "quadrature"
+
+    def by_hand(self) -> dict[str, str]:
+        """What `capsbayes.image.ByHand` takes, as far as it is stated."""
+        names = ("walls", "wall_error", "pixel_size", "crop", "contrast")
+        return {name: getattr(self, name) for name in names if getattr(self, name)}
+
+    def commands(self, folder: Path) -> list[str]:
+        """Return the lines of a terminal that make the same files in the capsule's folder."""
+        words = ["capsbayes", "identify", self.picture, "--experiment", EXPERIMENT]
+        options = {"velocity": self.velocity, "background": self.background, "flow": self.flow, **self.by_hand()}
+        options |= {"membrane": self.membrane, "engine": self.engine, "seed": str(SEED), "out": "."}
+        for name, text in options.items():
+            if text:
+                words += [f"--{name.replace('_', '-')}", text]
+        return [shlex.join(line) for line in (["cd", str(folder)], words, REPORT)]
+
+
+REPORT = ["capsbayes", "report", ".", "--out", "report.html"]
+
+
+def safe_name(name: str, kinds: tuple[str, ...] = KINDS) -> str | None:
+    """Return the name under which an uploaded file is kept, None for one of another kind.
+
+    Examples
+    --------
+    >>> safe_name("../My capsule.PNG"), safe_name("overlay.png"), safe_name("x.sh")
+    ('My-capsule.png', 'picture-overlay.png', None)
+    """
+    path = Path(name.replace("\\", "/").rpartition("/")[2])
+    suffix = path.suffix.lower()
+    if suffix not in kinds:
+        return None
+    stem = re.sub(r"[^A-Za-z0-9_]+", "-", path.stem).strip("-")[:_LONGEST] or "picture"
+    return f"picture-{stem}{suffix}" if stem in _TAKEN else f"{stem}{suffix}"
+
+
+def new_folder(bench: Path, stem: str) -> Path:
+    """Make a folder for a capsule within the bench's folder, named after its picture; a number is added if needed."""
+    number = 1
+    while True:
+        folder = bench / (stem if number == 1 else f"{stem}-{number}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder

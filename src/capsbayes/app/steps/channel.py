@@ -1,0 +1,124 @@
+"""Step three: channel, liquid, camera and velocity, as the file of the experiment states them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import events, ui
+
+from capsbayes.app.desk import Desk
+from capsbayes.app.fields import QuantityField
+from capsbayes.errors import CapsbayesError
+from capsbayes.viscosity import FORMULA_ERROR, SOURCE, water_glycerol
+
+_SECTIONS = {"square": "square", "circular": "circular"}
+_FIELDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "half_width": ("Half width of the channel", ("um", "mm", "m")),
+    "viscosity": ("Viscosity of the liquid around", ("Pa s", "mPa s")),
+}
+_RARE: dict[str, tuple[str, tuple[str, ...]]] = {
+    "exposure": ("Exposure of a picture", ("us", "ms", "s")),
+    "density": ("Density of the liquid", ("kg/m^3", "g/cm^3")),
+    "membrane_thickness": ("Thickness of the membrane", ("um", "nm", "m")),
+}
+_CAMERA = {
+    "pixel_aspect": "Height of a pixel over its width",
+    "distortion": "Distortion of the lens",
+    "taper": "Taper along the channel",
+}
+_MOST_TOML = 2**16  # bytes
+
+
+class ChannelStep:
+    """Form of the experiment and of the velocity.
+
+    Parameters
+    ----------
+    desk : Desk
+    changed : function
+        Called after each change, with True if everything needed is stated.
+    """
+
+    def __init__(self, desk: Desk, changed: Callable[[], Any]) -> None:
+        self.desk, self._changed = desk, changed
+        with ui.card().classes("bench-step"):
+            ui.html("<h2>3. Channel, liquid, velocity</h2>", sanitize=False)
+            ui.label("Each with its standard error: what is not known exactly makes the answer wider.")
+            self._section = ui.select(_SECTIONS, label="Cross-section", value="square", on_change=self._read)
+            self._section.props("dense outlined").classes("bench-choice")
+            self._fields = {key: QuantityField(*about, self._read) for key, about in _FIELDS.items()}
+            self._velocity = QuantityField("Velocity of the capsule", ("mm/s", "um/s", "m/s"), self._read)
+            self._helper()
+            with ui.expansion("Camera and further numbers"):
+                self._fields |= {key: QuantityField(*about, self._read) for key, about in _RARE.items()}
+                ui.label("Geometry of the camera, if a calibration tells it:")
+                self._camera = {key: QuantityField(label, (), self._read) for key, label in _CAMERA.items()}
+            ui.label("A file of an earlier experiment (experiment.toml) fills the form:")
+            upload = ui.upload(label="experiment.toml", auto_upload=True, on_upload=self._file_given)
+            upload.props('accept=".toml" flat bordered').classes("bench-upload").mark("experiment")
+            self._upload = upload
+            self._message = ui.label().classes("bench-message").props('role="status"')
+
+    def _helper(self) -> None:
+        """The viscosity of water and glycerol."""
+        with ui.expansion("Viscosity of water and glycerol"):
+            ui.label("Mass of glycerol over that of the mixture, and the temperature at which it was filmed.")
+            share = QuantityField("Mass fraction of glycerol, 0 to 1", ())
+            degrees = QuantityField("Temperature in °C", ())
+            said = ui.label().classes("bench-told")
+
+            def fill() -> None:
+                try:
+                    found = water_glycerol(share.text, degrees.text)
+                except CapsbayesError as error:
+                    said.text = str(error)
+                    return
+                self._fields["viscosity"].text = f"{found.value:.4g} +/- {found.error:.2g} Pa s"
+                said.text = (
+                    f"{found.value:.4g} ± {found.error:.2g} Pa s, of which {FORMULA_ERROR:.0%} is the error of the "
+                    f"formula ({SOURCE}). Glycerol takes up water from the air: a rheometer's value with its error, "
+                    "typed in above, is better."
+                )
+
+            ui.button("Use this viscosity", on_click=fill).props("outline no-caps")
+
+    @property
+    def complete(self) -> bool:
+        """True if the experiment can be written and a velocity is given."""
+        return not self._message.text and bool(self.desk.stated.velocity)
+
+    def _read(self) -> None:
+        """Take over what the form states, and say what is missing."""
+        camera = {key: field.text for key, field in self._camera.items()}
+        self.desk.experiment = {
+            "cross_section": self._section.value,
+            **{key: field.text for key, field in self._fields.items()},
+            "camera": camera,
+        }
+        self.desk.stated.velocity = self._velocity.text
+        self._message.text = self.desk.keep_experiment()
+        if not self._message.text and not self._velocity.text:
+            self._message.text = "The velocity of the capsule is missing."
+        self._changed()
+
+    async def _file_given(self, event: events.UploadEventArguments) -> None:
+        self._upload.reset()
+        try:
+            if event.file.size() > _MOST_TOML:
+                raise ValueError("a file of this size is none")
+            stated = tomllib.loads(await event.file.text())
+            camera = stated.pop("camera", {})
+            self._section.value = stated.pop("cross_section", stated.pop("section", "square"))
+            unknown = [key for key in stated if key not in self._fields] + [key for key in camera if key not in _CAMERA]
+            if unknown:
+                raise ValueError(f"the form has no field for {', '.join(unknown)}")
+            for key, field in self._fields.items():
+                field.text = str(stated.get(key, ""))
+            for key, field in self._camera.items():
+                field.text = str(camera.get(key, ""))
+        except (ValueError, AttributeError, RecursionError) as error:
+            self._message.text = f"Expected the file of an experiment: {error}"
+            return
+        self._read()

@@ -1,0 +1,80 @@
+"""What the bench computes and saves, without its page: the same files as the command line writes, byte for byte."""
+
+import shlex
+import shutil
+
+import cv2
+import pytest
+from command_line import written
+from drawn import drawn
+from typer.testing import CliRunner
+
+from capsbayes.app import identifying, measuring
+from capsbayes.app.stated import Stated
+from capsbayes.cli import app
+from capsbayes.errors import CapsbayesError
+from capsbayes.status import Status
+
+EXPERIMENT = 'cross_section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
+STATED = Stated("capsule.png", background="empty.png", velocity="6.20 +/- 0.06 mm/s")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    made = drawn(0.08, 1.05, half_width=55.0)
+    folder = tmp_path / "capsule"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "capsule.png"), made.picture)
+    cv2.imwrite(str(folder / "empty.png"), made.background)
+    (folder / "experiment.toml").write_text(EXPERIMENT)
+    return folder
+
+
+def test_a_picture_is_shown_and_measured_before_anything_else_is_stated(folder):
+    (folder / "experiment.toml").unlink()
+    shown = measuring.shown(str(folder), "capsule.png")
+    assert (shown["rows"], shown["columns"]) == (200, 200)
+    assert shown["src"].startswith("data:image/png;base64,")
+    found = measuring.measured(str(folder), Stated("capsule.png"))
+    assert (found["ok"], found["flow"]) == (True, 1)
+    upper, _, lower, _ = found["walls"]
+    assert lower - upper == pytest.approx(110.0, abs=0.5)
+    assert len(found["outline"]) > 50
+    assert [row[0] for row in found["rows"]] == ["L_z", "L_a", "l"]
+
+
+def test_what_is_put_right_by_hand_is_measured_again(folder):
+    by_hand = Stated("capsule.png", walls="40.0, 150.0", wall_error="2", crop="10, 20, 185, 160")
+    found = measuring.measured(str(folder), by_hand)
+    assert found["walls"] == pytest.approx([40.0, 40.0, 150.0, 150.0])
+    assert (found["ok"], found["flow"]) == (True, 1)
+    assert measuring.measured(str(folder), Stated("capsule.png", flow="left"))["status"] == str(Status.WRONG_FLOW)
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        (Stated("capsule.png", walls="20"), "the rows of two walls"),
+        (Stated("capsule.png", crop="0, 0, 900, 900"), "a part of the picture of 200 x 200 px"),
+        (Stated("absent.png"), "nothing there"),
+    ],
+)
+def test_a_mistake_is_one_line(folder, stated, message):
+    with pytest.raises(CapsbayesError, match=message) as refused:
+        measuring.measured(str(folder), stated)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.slow
+def test_the_saved_files_are_those_of_the_command_line_byte_for_byte(folder, tmp_path, monkeypatch):
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    saved = identifying.saved(str(folder), STATED)
+    for line in STATED.commands(other)[1:]:
+        monkeypatch.chdir(other)
+        result = CliRunner().invoke(app, shlex.split(line)[1:])
+        assert result.exit_code == 0, result.output
+    assert set(saved) == written(folder) == written(other)
+    assert {"posterior.nc", "report.html", "measurement.toml", "overlay.png"} < set(saved)
+    for name in saved:
+        assert (folder / name).read_bytes() == (other / name).read_bytes(), name

@@ -1,0 +1,53 @@
+"""Names of uploaded files, and the commands that repeat the work of a page."""
+
+import shlex
+from pathlib import Path
+
+import pytest
+
+from capsbayes.app.stated import Stated, new_folder, safe_name
+
+NAMES = [
+    ("capsule.png", "capsule.png"),
+    ("../../etc/passwd.png", "passwd.png"),
+    ("C:\\temp\\My capsule (3).TIF", "My-capsule-3.tif"),
+    ("..png", "picture.png"),
+    (".png", None),
+    ("$(rm -rf x).png", "rm-rf-x.png"),
+    ("overlay.png", "picture-overlay.png"),
+    ("écran.jpg", "cran.jpg"),
+    ("-.jpg", "picture.jpg"),
+    ("x" * 300 + ".png", "x" * 60 + ".png"),
+    ("page.html", None),
+    ("capsule.png\n.sh", None),
+]
+
+
+@pytest.mark.parametrize(("given", "kept"), NAMES)
+def test_an_uploaded_file_gets_a_harmless_name_of_its_own(given, kept):
+    assert safe_name(given) == kept
+
+
+def test_two_capsules_of_one_name_have_two_folders(tmp_path):
+    folders = [new_folder(tmp_path / "bench", "capsule").name for _ in range(3)]
+    assert folders == ["capsule", "capsule-2", "capsule-3"]
+
+
+def test_the_commands_state_what_is_stated_and_nothing_else():
+    stated = Stated(
+        "capsule.png", velocity="6.2 +/- 0.06 mm/s", walls="12.5, 187.0", wall_error="2", membrane="unknown"
+    )
+    change, identify, report = map(shlex.split, stated.commands(Path("/my bench/capsule")))
+    assert change == ["cd", "/my bench/capsule"]
+    assert identify[:5] == ["capsbayes", "identify", "capsule.png", "--experiment", "experiment.toml"]
+    options = dict(zip(identify[5::2], identify[6::2], strict=True))
+    assert options == {
+        "--velocity": "6.2 +/- 0.06 mm/s",
+        "--walls": "12.5, 187.0",
+        "--wall-error": "2",
+        "--membrane": "unknown",
+        "--engine": "quadrature",
+        "--seed": "1",
+        "--out": ".",
+    }
+    assert report == ["capsbayes", "report", ".", "--out", "report.html"]

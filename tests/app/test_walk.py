@@ -1,0 +1,165 @@
+"""The whole way in a real browser: from a drawn picture to the saved report, whose interval of G_s holds the truth.
+
+With ``CAPSBAYES_PICTURES=docs/pictures`` in the environment the same test renews the pictures of ``docs/app.md``.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from browser import CHROMIUM, needs_browser
+from drawn import drawn, shapes
+
+from capsbayes.infer import Posterior
+
+pytest.importorskip("nicegui", reason="the extra app is not installed")
+sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+pytestmark = [needs_browser, pytest.mark.slow]
+
+CA, SIZE, VISCOSITY, VELOCITY = 0.08, 1.05, 0.85, 6.2e-3
+WAIT = 240_000  # ms: as long as the slowest machine may take
+OPTIONS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
+)  # fmt: skip
+FIELDS = {
+    "Half width of the channel": ("25.0", "0.2"),
+    "Viscosity of the liquid around": ("0.85", "0.02"),
+    "Velocity of the capsule": ("6.20", "0.06"),
+}
+LARGEST, WIDEST, QUALITY = 200_000, 1000, (cv2.IMWRITE_JPEG_QUALITY, 75)  # bytes and px of a picture of the docs
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Folder of a bench that is served, and its address."""
+    folder = tmp_path_factory.mktemp("bench") / "capsules"
+    command = [sys.executable, "-c", "from capsbayes.cli import main; main()", "app", "--no-browser"]
+    with subprocess.Popen([*command, "--folder", str(folder)], stdout=subprocess.PIPE, text=True) as server:
+        try:
+            yield folder, re.search(r"http\S+", server.stdout.readline())[0]
+        finally:
+            server.terminate()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def picture(tmp_path):
+    path = tmp_path / "capsule.png"
+    cv2.imwrite(str(path), drawn(CA, SIZE, half_width=55.0).picture)
+    return path
+
+
+def test_from_a_picture_to_the_saved_report(bench, browser, picture, tmp_path):
+    folder, address = bench
+    page, said = opened(browser, address)
+    page.locator("input[type=file]").first.set_input_files(picture)
+    page.locator(".bench-overlay .edge").wait_for()
+    assert page.get_by_role("button", name="Identify").is_disabled()
+    kept(page, "bench-picture", tmp_path, ".bench-columns > div >> nth=0")
+    for label, texts in FIELDS.items():
+        for name, text in zip((label, f"{label}, error"), texts, strict=True):
+            page.get_by_label(name, exact=True).fill(text)
+    ready(page.get_by_role("button", name="Identify")).click()
+    page.locator(".bench-headline").first.wait_for()
+    page.locator(".bench-overlay .predicted").wait_for()
+    page.locator(".bench-corner img").wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth") == 1400
+    kept(page, "bench-wide", tmp_path, ".bench-columns")  # before the place of the files is shown
+    ready(page.get_by_role("button", name="Save the report")).click()
+    link = page.get_by_role("link", name="Open the report")
+    link.wait_for()
+    page.set_viewport_size({"width": 390, "height": 900})
+    page.locator(".bench-headline").first.scroll_into_view_if_needed()
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    kept(page, "bench-phone", tmp_path)
+    assert said == []
+    report = page.context.request.get(address.partition("/?")[0] + link.get_attribute("href"))
+    assert "The intervals can be used" in report.text()
+    found = Posterior.read(folder / "capsule" / "posterior.nc").marginals["surface_shear_modulus"]
+    assert found.lower_95 < true_modulus() < found.upper_95
+    page.close()
+
+
+def test_a_wall_is_moved_by_keys_and_another_tab_knows_nothing_of_it(bench, browser, picture):
+    page, said = opened(browser, bench[1])
+    other, _ = opened(browser, bench[1])
+    page.locator("input[type=file]").first.set_input_files(picture)
+    wall = page.get_by_role("slider", name="Upper wall")
+    wall.wait_for()
+    before = float(wall.get_attribute("aria-valuenow"))
+    wall.focus()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Shift+ArrowDown")
+    page.locator(".bench-overlay .wall.stated").first.wait_for(state="attached")  # a level line has no height
+    assert float(wall.get_attribute("aria-valuenow")) == pytest.approx(before + 5.5, abs=0.11)
+    assert other.locator(".bench-overlay image").count() == 1
+    assert not other.locator(".bench-overlay").is_visible()
+    assert said == []
+    page.close()
+    other.close()
+
+
+def test_a_file_that_is_no_picture_is_refused_in_one_line_and_leaves_nothing(bench, browser, tmp_path):
+    broken = tmp_path / "broken.png"
+    broken.write_bytes(b"\x89PNG\r\n\x1a\n" + b"x" * 100)
+    page, _ = opened(browser, bench[1])
+    page.locator("input[type=file]").first.set_input_files(broken)
+    page.get_by_text("expected a picture (PNG, TIFF or JPEG)").wait_for()
+    assert not (bench[0] / "broken").exists()
+    page.close()
+
+
+def opened(browser, address):
+    """A tab with the page in it, and the list of what its console says."""
+    page = browser.new_page(viewport={"width": 1400, "height": 900})
+    page.set_default_timeout(WAIT)
+    said = []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("requestfailed", lambda request: said.append(request.url))
+    page.goto(address)
+    page.get_by_text("1. The picture").wait_for()
+    return page, said
+
+
+def ready(button):
+    """A button once it can be pressed."""
+    sync.expect(button).to_be_enabled(timeout=WAIT)
+    return button
+
+
+def kept(page, name, folder: Path, part=None):
+    """A picture of what is seen, or of a part of the page, small enough for the docs; put there if that is asked."""
+    time.sleep(0.5)  # until what unfolds has done so
+    png = page.screenshot() if part is None else page.locator(part).screenshot()
+    pixels = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_COLOR)
+    size = min(1.0, WIDEST / pixels.shape[1])
+    path = folder / f"{name}.jpg"
+    cv2.imwrite(str(path), cv2.resize(pixels, None, fx=size, fy=size, interpolation=cv2.INTER_AREA), QUALITY)
+    assert path.stat().st_size < LARGEST
+    if (docs := os.environ.get("CAPSBAYES_PICTURES")) is not None:
+        shutil.copy(path, docs)
+
+
+def true_modulus():
+    """G_s of the drawn capsule, mu U / Ca [N/m]: that of the case of the database that is drawn."""
+    cases = shapes()
+    apart = np.abs(np.log(cases["capillary_number"] / CA)) + 10.0 * np.abs(cases["size_ratio"] - SIZE)
+    row = int(np.argmin(apart))
+    return VISCOSITY * VELOCITY / float(cases["velocity_ratio"][row] * cases["capillary_number"][row])
