@@ -149,6 +149,7 @@ def work_in(folder, monkeypatch, begun):
     """Work in a folder that begins as a copy of another one; return what scripts printed there."""
     shutil.copytree(begun[0], folder, symlinks=True, dirs_exist_ok=True)
     monkeypatch.chdir(folder)
+    return begun[1]
 
 
 def contains(out, shown):

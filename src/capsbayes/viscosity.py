@@ -47,8 +47,9 @@ def water_glycerol(mass_fraction: Given, temperature: Given) -> Quantity:
 
     Examples
     --------
-    >>> water_glycerol("0.98 +/- 0.002", "23.0 +/- 0.5")
-    Quantity.of('0.711419 +/- 0.0501971 Pa s')
+    >>> viscosity = water_glycerol("0.98 +/- 0.002", "23.0 +/- 0.5")
+    >>> f"{viscosity.value:.3f} +/- {viscosity.error:.3f} {viscosity.unit}"
+    '0.711 +/- 0.050 Pa s'
     """
     share = _within(mass_fraction, "mass_fraction", 1.0, "0.98 +/- 0.002")
     degrees = _within(temperature, "temperature", _WARMEST, "23.0 +/- 0.5")

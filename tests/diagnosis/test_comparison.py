@@ -25,7 +25,7 @@ def model():
 @pytest.fixture(scope="module")
 def compared(model):
     """Eight capsules almost without noise."""
-    session, _ = drawn_session(model, 8, seed=1, outline=True, noise=1e-4)
+    session, _ = drawn_session(model, 8, seed=1, outline=True, noise=1e-4, settings=True)
     return Comparison(session, model, fitted(model, session, whitening(model, session)))
 
 

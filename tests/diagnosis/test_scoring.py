@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from capsbayes.diagnosis import scoring
+from capsbayes.diagnosis.flow import FlowOffsets
 from capsbayes.diagnosis.scoring import Scores, Trial, log_likelihood, log_of_measured, population
 from capsbayes.effects import catalogue
 
@@ -21,7 +22,12 @@ def fits(known):
     covariance = ERRORS[:, :, None] * ERRORS[:, None, :]
     covariance[:, 0, 1] *= CORRELATION
     covariance[:, 1, 0] *= CORRELATION
-    return SimpleNamespace(known=np.array(known), misfit=MISFIT, log_modulus=LOG_MODULUS, covariance=covariance)
+    found = {"known": np.array(known), "misfit": MISFIT, "log_modulus": LOG_MODULUS, "covariance": covariance}
+    return SimpleNamespace(**found, flow=without_flow_rates(len(known)))
+
+
+def without_flow_rates(count):
+    return FlowOffsets(np.full(count, np.nan), np.ones(count), np.zeros(count), np.ones(count))
 
 
 def test_it_is_the_integral_over_all_shapes_of_a_capsule_of_the_population():
@@ -169,6 +175,7 @@ def trial(monkeypatch):
                 covariance=covariance,
                 theta=np.full((2, 2), size),
                 median_modulus=np.exp(size),
+                flow=without_flow_rates(2),
             )
 
         def refitted(model, session, white, sizes, begin, *, everywhere):

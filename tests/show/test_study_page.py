@@ -30,7 +30,8 @@ def model():
 @pytest.fixture(scope="module")
 def study(model):
     """A few capsules, taken to disagree whatever they show."""
-    session, _ = drawn_session(model + MotionBlur(), 14, seed=7, outline=True, sizes={"exposure": 8e-4})
+    sizes = {"exposure": 8e-4}
+    session, _ = drawn_session(model + MotionBlur(), 14, seed=7, outline=True, sizes=sizes, settings=True)
     return diagnose(session, model, seed=3, candidates=BLUR, level=1.0)
 
 

@@ -16,8 +16,11 @@ POINTS = 48
 MODULUS, SPREAD = 0.05, 0.1  # N/m, and standard deviation of its logarithm
 
 
-def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None):
-    """Capsules of like modulus and of all sizes at four flow rates, and their truth by name : arrays."""
+def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None, settings=False):
+    """Capsules of like modulus and of all sizes at four velocities, and their truth by name : arrays.
+
+    With `settings` each velocity has a flow rate, which tells nothing of the mean velocity.
+    """
     rng = np.random.default_rng(seed)
     measurements, truth = [], {"log_modulus": [], "size_ratio": [], "log_ca": []}
     while len(measurements) < count:
@@ -37,6 +40,7 @@ def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None):
         seen = shape.values[0, :2] + noise * rng.standard_normal(2)
         if seen[1] > seen[0] or shape.parachute_depth[0] < 0.05:
             continue
+        rate = round(velocity * 50e-6**2, 15) if settings else None
         edge = None
         if outline:
             edge = _edge(rng, model(theta | {"capillary_number": np.array([ca])}, outline=True).outline[0], noise)
@@ -49,8 +53,8 @@ def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None):
                 float(seen[1]),
                 noise,
                 outline=edge,
-                flow_rate=(rate := round(velocity * 50e-6**2, 15)),
-                flow_rate_error=0.5 * rate,  # not that of the mean velocity, which differs from capsule to capsule
+                flow_rate=rate,
+                flow_rate_error=rate,
             )
         )
         truth["log_modulus"].append(log_modulus)

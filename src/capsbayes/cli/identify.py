@@ -81,7 +81,6 @@ def identify(
     from capsbayes.files.input_file import PICTURES
     from capsbayes.infer import Membrane, Prior
     from capsbayes.infer import identify as identified
-    from capsbayes.infer.other_laws import with_other_laws
     from capsbayes.measurement import Measurement
     from capsbayes.show.terminal.posterior import posterior_parts
     from capsbayes.show.words.posterior import status_words
@@ -113,6 +112,8 @@ def identify(
         how = {"engine": engine, "effort": effort, "prior": believed, "membrane": sheet}
         posterior = identified(measurement, model, known, seed=seed, **how)
         if not model.coordinates:
+            from capsbayes.infer.other_laws import with_other_laws  # slow to import, where bad input is refused before
+
             posterior = with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
         conclude(
