@@ -102,7 +102,8 @@ def test_a_population(run):
 
 def test_a_study():
     model = Surrogate.open("square-neo-hookean")
-    session, _ = drawn_session(model + MotionBlur(), 14, seed=7, outline=True, sizes={"exposure": 8e-4})
+    sizes = {"exposure": 8e-4}
+    session, _ = drawn_session(model + MotionBlur(), 14, seed=7, outline=True, sizes=sizes, settings=True)
     study = diagnose(
         replace(session, left_out=("a.toml: expected this, got that",)),
         model,
