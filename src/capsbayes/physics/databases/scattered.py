@@ -345,13 +345,6 @@ def _stored(store: Store, name: str) -> ScatteredState | None:
     return ScatteredState(**values) if values is not None and values.pop("reached") else None
 
 
-def stored_states(continuation: Continuation, folder: str | os.PathLike[str]) -> list[ScatteredState]:
-    """Return the states that `scattered_states` has kept in a folder so far."""
-    store = Store.open(folder, continuation.settings)
-    parts = [store.load(name) for pattern in ("state-*", "again-*") for name in sorted(store.names(pattern))]
-    return [ScatteredState(**part) for part in parts if part is not None and part.pop("reached")]
-
-
 def _ended(store: Store, places: Floats) -> tuple[int, str]:
     there = set(store.names())
     return sum(_name(place) in there for place in places), "states"

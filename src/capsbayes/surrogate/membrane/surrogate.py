@@ -147,8 +147,13 @@ class MembraneSurrogate(ForwardModel):
             wanted.
         """
         means, covariances, _ = self._averaged(theta, self._width, self._width if errors else _NUMBERS)
-        wanted = [*range(_NUMBERS, self._width), _LENGTH] if errors else []
-        covariance = _ERROR**2 * covariances[np.ix_(range(len(means)), wanted, wanted)]
+        count = self._width - _NUMBERS
+        covariance = np.empty((len(means), count + 1, count + 1) if errors else (len(means), 0, 0))
+        if errors:
+            covariance[:, :count, :count] = covariances[:, _NUMBERS:, _NUMBERS:]
+            covariance[:, :count, count] = covariance[:, count, :count] = covariances[:, _NUMBERS:, _LENGTH]
+            covariance[:, count, count] = covariances[:, _LENGTH, _LENGTH]
+            covariance *= _ERROR**2
         return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], covariance
 
     def with_changes(

@@ -28,7 +28,8 @@ FUNCTIONS = 256
 
 _WAVES = 256  # of each function
 _SEED = 5
-_DEGENERATE = 1e-9  # of the largest change of a shape
+_DEGENERATE = 1e-9  # of the largest change of the shape
+_AT_ONCE = 1000  # capsules times membranes
 
 
 class Averaged(NamedTuple):
@@ -95,17 +96,26 @@ def log_density_variance(capsules: Capsules, membranes: Membranes, own: Floats) 
     own : (d, n, o) array
         The best values at each, see `Conditional`.
     """
+    some = max(_AT_ONCE // own.shape[1], 1)
+    parts = [slice(first, first + some) for first in range(0, len(own), some)]
+    return np.concatenate(
+        [_variance(capsules, {name: values[part] for name, values in membranes.items()}, own[part]) for part in parts]
+    )
+
+
+def _variance(capsules: Capsules, membranes: Membranes, own: Floats) -> Floats:
+    """Return the variance of some membranes : (d,) array."""
     model, rows = capsules.model, capsules.batch.rows
     theta = model.theta(membranes, own)
-    shapes = model(theta)
+    covariances = np.nan_to_num(model(theta).covariances, copy=False)
+    covariances = covariances.reshape(*own.shape[:2], *covariances.shape[1:])
     steps = np.diag(OWN_STEPS[: own.shape[2]])
     _, slopes = model.with_slopes(theta, [model.theta(membranes, own + step) for step in steps])
-    places = own.shape[:2]
-    covariances = np.nan_to_num(shapes.covariances.reshape(*places, *shapes.covariances.shape[1:]))
-    along = rows @ np.nan_to_num(np.moveaxis(slopes.numbers, 0, -1).reshape(*places, rows.shape[2], -1))
+    changes = np.nan_to_num(np.moveaxis(slopes.numbers, 0, -1)).reshape(*own.shape[:2], rows.shape[2], -1)
     # directions of which some may be alike, as where only a length is measured
-    directions, sizes, _ = np.linalg.svd(along, full_matrices=False)
-    directions *= (sizes > _DEGENERATE * sizes.max(initial=np.finfo(float).tiny))[..., None, :]
+    directions, sizes, _ = np.linalg.svd(rows @ changes, full_matrices=False)
+    directions *= (sizes > _DEGENERATE * sizes[..., :1])[..., None, :]
     absorbed = rows.swapaxes(-1, -2) @ directions
-    whole = np.einsum("nqk,dnkl,nql->d", rows, covariances, rows, optimize=True)
-    return np.asarray(np.maximum(whole - np.einsum("dnka,dnkl,dnla->d", absorbed, covariances, absorbed), 0.0))
+    whole = np.einsum("nkl,dnkl->d", rows.swapaxes(-1, -2) @ rows, covariances)
+    left = whole - np.einsum("dnka,dnka->d", absorbed, covariances @ absorbed)
+    return np.asarray(np.maximum(left, 0.0))
