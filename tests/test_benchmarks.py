@@ -12,6 +12,7 @@ from pathlib import Path
 import mutation
 import numpy as np
 import pytest
+import speed
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 NAMES = runpy.run_path(str(BENCHMARKS / "run.py"))["NAMES"]
@@ -41,6 +42,21 @@ def test_a_benchmark_ends_well_and_prints_numbers(name):
     done = subprocess.run([sys.executable, BENCHMARKS / f"{name}.py"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert not NONE.search(done.stdout), done.stdout
+
+
+def test_the_table_of_times_is_that_of_the_last_run_and_has_a_number_in_each_cell():
+    stored = json.loads(speed.STORED.read_text())
+    printed = speed.table(stored)
+    assert speed.BEGIN + printed + speed.END in speed.PAGE.read_text()
+    assert stored.keys() <= speed.ROWS.keys()
+    assert not NONE.search(printed)
+    for row in stored.values():
+        assert row["wall"] > 0.0 < row["processor"]
+
+
+def test_a_command_is_timed_with_the_processes_that_it_starts():
+    found = speed.clocked(lambda: subprocess.run([sys.executable, "-c", "sum(range(10**6))"], check=True), runs=1)
+    assert 0.0 < found["processor"] < found["wall"] + 1.0
 
 
 EVIDENCE = BENCHMARKS.parent / "docs" / "evidence.md"

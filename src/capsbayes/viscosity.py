@@ -1,4 +1,4 @@
-"""Viscosity of a suspending liquid from what it was mixed of: with its error, and where it comes from."""
+"""Viscosity of a suspending liquid from what it was made of: with its error, and where it comes from."""
 
 from __future__ import annotations
 
@@ -16,6 +16,20 @@ FORMULA_ERROR = 0.04
 
 SOURCE = "Cheng 2008, https://doi.org/10.1021/ie071349z"
 
+OIL_ERROR = 0.03
+"""Relative standard error of the formula of `silicone_oil`, for oils of 100 mm^2/s and more."""
+
+OIL_SOURCE = "Shin-Etsu, Silicone fluid KF-96, performance test results"
+
+MEDIUM_ERROR = 0.12
+"""Relative standard error of `methylcellulose`: half of the largest difference between two published formulas."""
+
+MEDIUM_SOURCE = "Büyükurganci et al. 2023, https://doi.org/10.1039/D2SM01515C"
+
+MEDIA = {"0.49%": (2.30e-6, -0.0056), "0.59%": (5.70e-6, -0.0744), "0.83%": (16.52e-6, -0.1455)}
+"""Mass of methylcellulose in buffered saline, with the constants a [Pa s^n] and beta of its power law."""
+
+_MEDIA_RANGE = 22.0, 37.0  # degrees C, to which the power law was fitted
 _WARMEST = 100.0  # degrees C, to which the formula was fitted
 
 
@@ -48,8 +62,8 @@ def water_glycerol(mass_fraction: Given, temperature: Given) -> Quantity:
     Examples
     --------
     >>> viscosity = water_glycerol("0.98 +/- 0.002", "23.0 +/- 0.5")
-    >>> f"{viscosity.value:.3f} +/- {viscosity.error:.3f} {viscosity.unit}"
-    '0.711 +/- 0.050 Pa s'
+    >>> f"{viscosity.value:.2f} +/- {viscosity.error:.2f} {viscosity.unit}"
+    '0.71 +/- 0.05 Pa s'
     """
     share = _within(mass_fraction, "mass_fraction", 1.0, "0.98 +/- 0.002")
     degrees = _within(temperature, "temperature", _WARMEST, "23.0 +/- 0.5")
@@ -60,6 +74,112 @@ def water_glycerol(mass_fraction: Given, temperature: Given) -> Quantity:
     relative = math.hypot(by_share * share.error, by_degrees * degrees.error, FORMULA_ERROR)
     mean = float(cheng(share.value, degrees.value))
     return Quantity(mean, relative * mean, "Pa s")
+
+
+def silicone_oil(kinematic_viscosity: Given, density: Given, temperature: Given) -> Quantity:
+    """Return the viscosity of a dimethyl silicone oil with its standard error.
+
+    Parameters
+    ----------
+    kinematic_viscosity : Quantity [m^2/s]
+        At 25 degrees C, as its bottle states it; from 100 mm^2/s on.
+    density : Quantity [kg/m^3]
+        At 25 degrees C.
+    temperature : Quantity [C]
+        In degrees Celsius, without a unit, from 0 to 100.
+
+    Returns
+    -------
+    Quantity [Pa s]
+
+    Raises
+    ------
+    InputError
+        If one is no number, or lies out of the range of the formula.
+
+    References
+    ----------
+    Shin-Etsu, Silicone fluid KF-96, performance test results: log10 nu = log10 nu_25 + 763.1 / (273 + t) - 2.559, and
+    a density that falls by 0.095 % a degree.
+
+    Examples
+    --------
+    >>> viscosity = silicone_oil("1000 +/- 20 mm^2/s", "970 +/- 2 kg/m^3", "21.0 +/- 0.5")
+    >>> f"{viscosity.value:.2f} +/- {viscosity.error:.2f} {viscosity.unit}"
+    '1.06 +/- 0.04 Pa s'
+    """
+    where = "viscosity"
+    stated = _of_unit(kinematic_viscosity, "kinematic_viscosity", "m^2/s", "1000 +/- 20 mm^2/s")
+    if stated.value < 0.999e-4:
+        raise InputError(where, "kinematic_viscosity", "at least 100 mm^2/s", str(stated))
+    mass = _of_unit(density, "density", "kg/m^3", "970 +/- 2 kg/m^3")
+    degrees = _within(temperature, "temperature", _WARMEST, "23.0 +/- 0.5")
+
+    def factor(temperature: ArrayLike) -> Floats:
+        t = np.asarray(temperature, dtype=float)
+        return np.asarray(10.0 ** (763.1 / (273.0 + t) - 2.559) * (1.0 - 0.95e-3 * (t - 25.0)))
+
+    step = 1e-3
+    by_degrees = _slope(factor(degrees.value + np.array([-1, 1]) * step), step)
+    errors = stated.error / stated.value, mass.error / mass.value, by_degrees * degrees.error, OIL_ERROR
+    mean = float(stated.value * mass.value * factor(degrees.value))
+    return Quantity(mean, math.hypot(*errors) * mean, "Pa s")
+
+
+def methylcellulose(medium: str, temperature: Given, flow_rate: Given, half_width: Given) -> Quantity:
+    """Return the viscosity of methylcellulose in saline at the shear rate of the wall of a square channel.
+
+    Parameters
+    ----------
+    medium : str
+        Mass of methylcellulose, one of `MEDIA`.
+    temperature : Quantity [C]
+        In degrees Celsius, without a unit, from 22 to 37.
+    flow_rate : Quantity [m^3/s]
+        Of the liquid in the channel.
+    half_width : Quantity [m]
+        Of the channel.
+
+    Returns
+    -------
+    Quantity [Pa s]
+
+    Raises
+    ------
+    InputError
+        If one is no number, or out of the range of the formula.
+
+    References
+    ----------
+    Büyükurganci et al. 2023, Soft Matter 19, 1739: mu = K rate^(n - 1), K = a exp(3379.7 K / T), n = 0.00223 T / K +
+    beta. Herold 2017, arXiv:1704.00572, eq. 5.2: the rate at the wall, 8 Q / w^3 (0.6671 + 0.2121 / n).
+
+    Examples
+    --------
+    >>> viscosity = methylcellulose("0.49%", "23.0 +/- 0.5", "0.16 +/- 0.002 uL/s", "10.0 +/- 0.1 um")
+    >>> f"{1e3 * viscosity.value:.2f} +/- {1e3 * viscosity.error:.2f} mPa s"
+    '3.33 +/- 0.40 mPa s'
+    """
+    where = "viscosity"
+    if medium not in MEDIA:
+        raise InputError(where, "medium", f"one of {', '.join(MEDIA)}", medium)
+    degrees = _within(temperature, "temperature", _MEDIA_RANGE[1], "23.0 +/- 0.5", least=_MEDIA_RANGE[0])
+    flow = _of_unit(flow_rate, "flow_rate", "m^3/s", "0.16 +/- 0.002 uL/s")
+    width = _of_unit(half_width, "half_width", "m", "10.0 +/- 0.1 um")
+    a, beta = MEDIA[medium]
+
+    def law(temperature: ArrayLike) -> tuple[Floats, Floats]:
+        kelvin = 273.15 + np.asarray(temperature, dtype=float)
+        index = 0.00223 * kelvin + beta
+        rate = 8.0 * flow.value / (2.0 * width.value) ** 3 * (0.6671 + 0.2121 / index)
+        return np.asarray(a * np.exp(3379.7 / kelvin) * rate ** (index - 1.0)), index
+
+    step = 1e-3
+    mean, index = (float(number) for number in law(degrees.value))
+    by_degrees = _slope(law(degrees.value + np.array([-1, 1]) * step)[0], step)
+    by_rate = index - 1.0
+    of_rate = by_rate * flow.error / flow.value, 3.0 * by_rate * width.error / width.value
+    return Quantity(mean, math.hypot(*of_rate, by_degrees * degrees.error, MEDIUM_ERROR) * mean, "Pa s")
 
 
 def cheng(mass_fraction: ArrayLike, temperature: ArrayLike) -> Floats:
@@ -84,12 +204,23 @@ def _slope(pair: Floats, step: float) -> float:
     return float(np.log(pair[1] / pair[0]) / (2.0 * step))
 
 
-def _within(given: Given, key: str, most: float, example: str) -> Quantity:
-    """Return a number from 0 to `most`, with its error."""
+def _of_unit(given: Given, key: str, unit: str, example: str) -> Quantity:
+    """Return a positive number with a unit, and its error."""
+    where = "viscosity"
+    if isinstance(given, str):
+        given = Quantity.read(given, where=where, key=key, units=(unit,), example=example)
+    made = Quantity.of(given, where=where, key=key, units=(unit,))
+    if not (made.shape == "normal" and made.value > 0.0):
+        raise InputError(where, key, f'a number with its error and unit, as "{example}"', str(made))
+    return made
+
+
+def _within(given: Given, key: str, most: float, example: str, *, least: float = 0.0) -> Quantity:
+    """Return a number from `least` to `most`, with its error."""
     where = "viscosity"
     if isinstance(given, str):
         given = Quantity.read(given, where=where, key=key, units=("",), example=example, signed=True)
     made = Quantity.of(given, where=where, key=key, units=("",), signed=True)
-    if not (made.shape == "normal" and 0.0 <= made.value <= most):
-        raise InputError(where, key, f'a number from 0 to {most:g} with its error, as "{example}"', str(made))
+    if not (made.shape == "normal" and least <= made.value <= most):
+        raise InputError(where, key, f'a number from {least:g} to {most:g} with its error, as "{example}"', str(made))
     return made

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capsbayes.app.stated import Stated, new_folder, safe_name
+from capsbayes.app.stated import OfMany, Stated, new_folder, safe_name
 
 NAMES = [
     ("capsule.png", "capsule.png"),
@@ -51,3 +51,18 @@ def test_the_commands_state_what_is_stated_and_nothing_else():
         "--out": ".",
     }
     assert report == ["capsbayes", "report", ".", "--out", "report.html"]
+
+
+@pytest.mark.parametrize(
+    ("name", "film", "options"),
+    [
+        ("a.avi", True, {"--frame-rate": "400 Hz"}),
+        ("a.rtdc", False, {"--velocity": "6.2 +/- 0.06 mm/s", "--pixel-size": "0.34 um"}),
+        ("a.png", False, {"--velocity": "6.2 +/- 0.06 mm/s"}),
+    ],
+)
+def test_each_kind_of_file_is_measured_with_the_options_that_it_takes(name, film, options):
+    stated = OfMany("6.2 +/- 0.06 mm/s", "400 Hz", "0.34 um")
+    words = stated.command(name, film=film)
+    assert words[:5] == ["capsbayes", "measure", name, "--experiment", "experiment.toml"]
+    assert dict(zip(words[5::2], words[6::2], strict=True)) == {**options, "--out": "."}

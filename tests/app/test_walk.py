@@ -5,6 +5,7 @@ With ``CAPSBAYES_PICTURES=docs/pictures`` in the environment the same test renew
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -35,6 +36,8 @@ FIELDS = {
     "Viscosity of the liquid around": ("0.85", "0.02"),
     "Velocity of the capsule": ("6.20", "0.06"),
 }
+EXAMPLES = Path(__file__).parents[2] / "examples" / "pictures"
+SCRIPT = Path(sys.executable).with_name("capsbayes")
 LARGEST, WIDEST, QUALITY = 200_000, 1000, (cv2.IMWRITE_JPEG_QUALITY, 75)  # bytes and px of a picture of the docs
 
 
@@ -72,9 +75,7 @@ def test_from_a_picture_to_the_saved_report(bench, browser, picture, tmp_path):
     page.locator(".bench-overlay .edge").wait_for()
     assert page.get_by_role("button", name="Identify").is_disabled()
     kept(page, "bench-picture", tmp_path, ".bench-columns > div >> nth=0")
-    for label, texts in FIELDS.items():
-        for name, text in zip((label, f"{label}, error"), texts, strict=True):
-            page.get_by_label(name, exact=True).fill(text)
+    filled(page, FIELDS)
     ready(page.get_by_role("button", name="Identify")).click()
     page.locator(".bench-headline").first.wait_for()
     page.locator(".bench-overlay .predicted").wait_for()
@@ -93,6 +94,40 @@ def test_from_a_picture_to_the_saved_report(bench, browser, picture, tmp_path):
     assert "The intervals can be used" in report.text()
     found = Posterior.read(folder / "capsule" / "posterior.nc").marginals["surface_shear_modulus"]
     assert found.lower_95 < true_modulus() < found.upper_95
+    page.close()
+
+
+def test_a_film_events_and_a_picture_at_once_are_measured_and_added_to_the_population(bench, browser, tmp_path):
+    folder, address = bench
+    before = len(list(folder.glob("*/**/measurement.toml")))
+    page, said = opened(browser, address)
+    given = [EXAMPLES / name for name in ("film.avi", "cells.rtdc", "capsule.png")]
+    page.locator("input[type=file][multiple]").set_input_files(given)
+    rows = page.locator(".bench-file")
+    sync.expect(rows).to_have_count(3, timeout=WAIT)
+    sync.expect(rows.locator("img")).to_have_count(3)
+    filled(page, FIELDS | {"Frame rate of a film": ("400", ""), "Size of a pixel of an .rtdc file": ("0.68", "0.002")})
+    ready(page.get_by_role("button", name="Measure them all")).click()
+    page.locator(".bench-progress").get_by_text("frames of film.avi").wait_for()
+    sync.expect(rows.locator(".bench-status.good")).to_have_count(3, timeout=WAIT)
+    commands = page.locator(".bench-many .bench-commands")
+    commands.evaluate("one => { one.parentElement.style.display = 'none'; }")  # it shows the place of the files
+    kept(page, "bench-many", tmp_path, ".bench-many")
+    commands.evaluate("one => { one.parentElement.style.display = ''; }")
+    page.set_viewport_size({"width": 390, "height": 900})
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    found = sorted(folder.glob("*/**/measurement.toml"))
+    assert len(found) == before + 5
+    page.get_by_text(f"{before + 5} capsules in").wait_for()
+    assert said == []
+    lines = commands.inner_text().splitlines()
+    command = shlex.split(next(line for line in lines if "film.avi" in line).partition("; ")[2])
+    shutil.copytree(folder / "film", tmp_path / "film")
+    shutil.rmtree(folder / "film" / "capsule-1")
+    (folder / "film" / "capsules.csv").unlink()
+    assert subprocess.run([SCRIPT, *command[1:]], cwd=folder / "film", check=False).returncode == 0
+    for path in (tmp_path / "film").rglob("*.*"):
+        assert path.read_bytes() == (folder / "film" / path.relative_to(tmp_path / "film")).read_bytes(), path
     page.close()
 
 
@@ -136,6 +171,13 @@ def opened(browser, address):
     page.goto(address)
     page.get_by_text("1. The picture").wait_for()
     return page, said
+
+
+def filled(page, fields):
+    """Fill numbers and their errors into the form."""
+    for label, texts in fields.items():
+        for name, text in zip((label, f"{label}, error"), texts, strict=True):
+            page.get_by_label(name, exact=True).fill(text)
 
 
 def ready(button):

@@ -142,3 +142,14 @@ def test_other_files_are_said(posterior, tmp_path):
         del file.attrs[RECORD]
     with pytest.raises(InputError, match="got one that lacks what makes it whole; identify the capsule again"):
         Posterior.read(path)
+
+
+def test_a_file_of_a_version_that_knew_no_doubt_about_walls_is_read(posterior, tmp_path):
+    path = posterior.write(tmp_path / "old.nc")
+    with h5netcdf.File(path, "a") as file:
+        record = json.loads(file.attrs[RECORD])
+        del record["measurement"]["doubt"]
+        file.attrs[RECORD] = json.dumps(record)
+    found = Posterior.read(path)
+    check_same(posterior, found)
+    assert found.measurement.doubt == ""

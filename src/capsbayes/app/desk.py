@@ -89,8 +89,9 @@ class Desk:
         """Compute a task that may take longer, for which no picture of another tab has to wait."""
         return await self.bench.identifying.run(task, folder=str(self.folder), seconds=LONGEST, **how)
 
-    def keep_experiment(self) -> str:
-        """Write the experiment into the capsule's folder; return what is missing or wrong, empty if nothing."""
+    def keep_experiment(self, folder: Path | None = None) -> str:
+        """Write the experiment into a folder, by default the capsule's; return what is missing or wrong, or nothing."""
+        folder = folder or self.folder
         stated = {key: text for key, text in self.experiment.items() if text}
         camera = {key: text for key, text in stated.pop("camera", {}).items() if text}
         for key in ("half_width", "viscosity"):
@@ -98,9 +99,9 @@ class Desk:
                 return f"The {key.replace('_', ' ')} is missing."
         try:
             known = Experiment(**stated, camera=Camera(**camera) if camera else None)
-            if self.folder is not None:
+            if folder is not None:
                 with guarded():
-                    known.write(self.folder / EXPERIMENT)
+                    known.write(folder / EXPERIMENT)
         except CapsbayesError as error:
             return str(error)
         return ""

@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from capsbayes.app.stated import EXPERIMENT, Stated
+from capsbayes.app.stated import EVENTS, EXPERIMENT, Stated
+from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detection import Detection
+from capsbayes.image.files.film import Film, is_film
 from capsbayes.image.files.picture import Picture
+from capsbayes.image.files.rtdc import RtdcFile
 from capsbayes.image.measure import detect
 from capsbayes.image.overlay import png_of
 from capsbayes.image.synthetic import Optics, Scene, draw
@@ -22,11 +25,29 @@ _WIDEST = 1600  # px of the picture on the page
 
 
 def shown(folder: str, name: str) -> dict[str, Any]:
-    """Return a picture for the page: its size, and a PNG of its grey levels as the address of an image."""
+    """Return a picture, or the middle one of a film or of events, for the page.
+
+    Its size, a PNG of its grey levels as the address of an image, and how many pictures there are.
+    """
     with contextlib.chdir(folder):
-        seen = Picture.read(name)
+        seen, count = _opened(Path(name))
     png = base64.b64encode(png_of(seen, widest=_WIDEST)).decode()
-    return {"rows": seen.shape[0], "columns": seen.shape[1], "src": f"data:image/png;base64,{png}"}
+    return {"rows": seen.shape[0], "columns": seen.shape[1], "src": f"data:image/png;base64,{png}", "count": count}
+
+
+def _opened(path: Path) -> tuple[Picture, int]:
+    """Return the picture of a file, or the middle one of several, and how many there are."""
+    if path.suffix.lower() in EVENTS:
+        events = RtdcFile.open(path)
+        pixels, _ = next(events.pictures([events.events // 2]))
+        return Picture.from_array(pixels), events.events
+    if not is_film(path):
+        return Picture.read(path), 1
+    film = Film.open(path)
+    seen = next(film.spread(1), None)
+    if seen is None:
+        raise InputError(str(path), "", "a film", "no frame that can be read")
+    return seen, film.count
 
 
 def measured(folder: str, stated: Stated) -> dict[str, Any]:

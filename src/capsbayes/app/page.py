@@ -10,6 +10,7 @@ from capsbayes import __version__
 from capsbayes.app.desk import Bench, Desk
 from capsbayes.app.steps.answer import AnswerStep
 from capsbayes.app.steps.channel import ChannelStep
+from capsbayes.app.steps.many import ManyStep
 from capsbayes.app.steps.picture import PictureStep
 from capsbayes.app.steps.population import PopulationStep
 
@@ -44,5 +45,6 @@ def bench_page(bench: Bench) -> None:
             with ui.element("div"):
                 channel = ChannelStep(desk, changed)
                 answer = AnswerStep(desk, picture.overlay, lambda summary: population.grown(summary))
+        ManyStep(desk, lambda: population.grown())
         population = PopulationStep(desk)
         ui.label(f"capsbayes {__version__}. Nothing leaves this computer.").classes("bench-foot")

@@ -7,16 +7,15 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from capsbayes.files.input_file import PICTURES
+from capsbayes.files.input_file import PICTURES, VIDEOS
 
 EXPERIMENT = "experiment.toml"
-FILMS = (".avi", ".mp4", ".mov", ".mkv")
 EVENTS = (".rtdc",)
-KINDS = (*PICTURES, *FILMS, *EVENTS)
+KINDS = (*PICTURES, *VIDEOS, *EVENTS)
 """Endings of the files that the page takes."""
 
 SEED = 1
-_TAKEN = {"overlay", "corner", "outline", "report"}  # names of what is written next to a picture
+_TAKEN = {"overlay", "corner", "outline", "report", "silhouette"}  # names of what is written next to a picture
 _LONGEST = 60  # letters of a name
 
 
@@ -62,6 +61,34 @@ class Stated:
             if text:
                 words += [f"--{name.replace('_', '-')}", text]
         return [shlex.join(line) for line in (["cd", str(folder)], words, REPORT)]
+
+
+@dataclass(frozen=True)
+class OfMany:
+    """What is stated of several files at once; a text that is empty is not stated.
+
+    Parameters
+    ----------
+    velocity, frame_rate, pixel_size, flow
+        As the options of ``capsbayes measure``, each for the kinds of files that take it.
+    """
+
+    velocity: str = ""
+    frame_rate: str = ""
+    pixel_size: str = ""
+    flow: str = ""
+
+    def command(self, name: str, *, film: bool) -> list[str]:
+        """Return the command that measures a file in its folder."""
+        options = {"flow": self.flow, "out": "."}
+        options = {"frame-rate": self.frame_rate} | options if film else {"velocity": self.velocity} | options
+        if Path(name).suffix.lower() in EVENTS:
+            options = {"pixel-size": self.pixel_size} | options
+        words = ["capsbayes", "measure", name, "--experiment", EXPERIMENT]
+        for option, text in options.items():
+            if text:
+                words += [f"--{option}", text]
+        return words
 
 
 REPORT = ["capsbayes", "report", ".", "--out", "report.html"]

@@ -89,7 +89,7 @@ def _serve(pipe: Connection, module: str) -> None:
     import warnings
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server answers it, and ends this process
-    _limit_memory()
+    limit_memory()
     tasks = importlib.import_module(module)
     warnings.simplefilter("ignore")
     tasks.warm()
@@ -108,7 +108,8 @@ def _serve(pipe: Connection, module: str) -> None:
             pipe.send((False, f"This failed: {type(error).__name__}: {error}"))
 
 
-def _limit_memory() -> None:
+def limit_memory() -> None:
+    """Limit the memory of this process to `MOST_MEMORY`."""
     try:
         import resource
     except ImportError:  # where the system has no such limits

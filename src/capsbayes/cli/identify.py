@@ -108,12 +108,14 @@ def identify(
     view = None if measurement.outline is None else measurement.outline.view
     sheet = membrane_of(stated, membrane)
     model = capsule_model(database, sheet, known.cross_section, view)
+    if not model.coordinates:
+        from capsbayes.infer.other_laws import prepare, with_other_laws  # slow; bad input is refused before
+
+        prepare(known.cross_section)
     with resumable(out):
         how = {"engine": engine, "effort": effort, "prior": believed, "membrane": sheet}
         posterior = identified(measurement, model, known, seed=seed, **how)
         if not model.coordinates:
-            from capsbayes.infer.other_laws import with_other_laws  # slow to import, where bad input is refused before
-
             posterior = with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
         conclude(

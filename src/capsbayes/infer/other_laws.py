@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
@@ -36,9 +37,21 @@ def with_other_laws(posterior: Posterior) -> Posterior:
     return replace(posterior, modulus_over_laws=modulus_over_laws(posterior.measurement, posterior.experiment, model))
 
 
-@functools.cache
+def prepare(cross_section: str) -> None:
+    """Begin to open the model that `with_other_laws` needs, on another processor while this one samples."""
+    _begun(cross_section)
+
+
 def _opened(cross_section: str) -> MembraneSurrogate:
-    return MembraneSurrogate.open(cross_section)
+    return _begun(cross_section).result()
+
+
+@functools.cache
+def _begun(cross_section: str) -> Future[MembraneSurrogate]:
+    thread = ThreadPoolExecutor(1)
+    future = thread.submit(MembraneSurrogate.open, cross_section)
+    thread.shutdown(wait=False)
+    return future
 
 
 def modulus_over_laws(

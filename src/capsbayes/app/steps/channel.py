@@ -10,8 +10,7 @@ from nicegui import events, ui
 
 from capsbayes.app.desk import Desk
 from capsbayes.app.fields import QuantityField
-from capsbayes.errors import CapsbayesError
-from capsbayes.viscosity import FORMULA_ERROR, SOURCE, water_glycerol
+from capsbayes.app.steps.liquids import viscosity_helper
 
 _SECTIONS = {"square": "square", "circular": "circular"}
 _FIELDS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -50,7 +49,7 @@ class ChannelStep:
             self._section.props("dense outlined").classes("bench-choice")
             self._fields = {key: QuantityField(*about, self._read) for key, about in _FIELDS.items()}
             self._velocity = QuantityField("Velocity of the capsule", ("mm/s", "um/s", "m/s"), self._read)
-            self._helper()
+            viscosity_helper(self._fields["viscosity"])
             with ui.expansion("Camera and further numbers"):
                 self._fields |= {key: QuantityField(*about, self._read) for key, about in _RARE.items()}
                 ui.label("Geometry of the camera, if a calibration tells it:")
@@ -60,29 +59,6 @@ class ChannelStep:
             upload.props('accept=".toml" flat bordered').classes("bench-upload").mark("experiment")
             self._upload = upload
             self._message = ui.label().classes("bench-message").props('role="status"')
-
-    def _helper(self) -> None:
-        """The viscosity of water and glycerol."""
-        with ui.expansion("Viscosity of water and glycerol"):
-            ui.label("Mass of glycerol over that of the mixture, and the temperature at which it was filmed.")
-            share = QuantityField("Mass fraction of glycerol, 0 to 1", ())
-            degrees = QuantityField("Temperature in °C", ())
-            said = ui.label().classes("bench-told")
-
-            def fill() -> None:
-                try:
-                    found = water_glycerol(share.text, degrees.text)
-                except CapsbayesError as error:
-                    said.text = str(error)
-                    return
-                self._fields["viscosity"].text = f"{found.value:.4g} +/- {found.error:.2g} Pa s"
-                said.text = (
-                    f"{found.value:.4g} ± {found.error:.2g} Pa s, of which {FORMULA_ERROR:.0%} is the error of the "
-                    f"formula ({SOURCE}). Glycerol takes up water from the air: a rheometer's value with its error, "
-                    "typed in above, is better."
-                )
-
-            ui.button("Use this viscosity", on_click=fill).props("outline no-caps")
 
     @property
     def complete(self) -> bool:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import html
 import shlex
-import sys
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
+from capsbayes.app.bar import Progress
+from capsbayes.app.command import printed_by
 from capsbayes.app.desk import Desk
 
 _ENOUGH = 10  # capsules for a diagnosis, half of which are held out
-_LONGEST = 1800.0  # seconds of a command
 
 
 class PopulationStep:
@@ -30,8 +29,7 @@ class PopulationStep:
                 self._together = self._button("Look at all together", self._population)
                 self._flow = self._button("At which flow rate next?", self._design)
                 self._diagnose = self._button("What does the model miss?", self._diagnosis)
-            self._waiting = ui.linear_progress(show_value=False).props('indeterminate aria-label="computing"')
-            self._waiting.visible = False
+            self._waiting = Progress()
             self._result = ui.column().classes("bench-result").props('aria-live="polite"')
         self.grown()
 
@@ -39,8 +37,8 @@ class PopulationStep:
         """Count the saved capsules; the last one is that of a summary, if there is one."""
         if summary is not None and self.desk.folder is not None:
             self._last = self.desk.folder, summary
-        count = len(list(self.desk.bench.folder.glob("*/measurement.toml")))
-        self._count.text = f"{count} capsule{'' if count == 1 else 's'} saved in {self.desk.bench.folder}."
+        count = len(list(self.desk.bench.folder.glob("*/**/measurement.toml")))
+        self._count.text = f"{count} capsule{'' if count == 1 else 's'} in {self.desk.bench.folder}."
         self._together.enabled = count > 0
         self._flow.enabled = self._last is not None
         self._diagnose.enabled = count >= _ENOUGH
@@ -74,15 +72,12 @@ class PopulationStep:
     async def _run(self, commands: list[list[str]], page: Path | None = None) -> None:
         """Run commands one after the other in the bench's folder; show what the last one printed, and its page."""
         self._result.clear()
-        self._waiting.visible = True
         status, printed = 0, ""
-        try:
+        with self._waiting:
             for words in commands:
-                status, printed = await printed_by(words[1:], self.desk.bench.folder)
+                status, printed = await printed_by(words[1:], self.desk.bench.folder, self._waiting.show)
                 if status not in (0, 1):
                     break
-        finally:
-            self._waiting.visible = False
         with self._result:
             if page is not None and page.is_file() and status in (0, 1):
                 ui.link(f"Open {page.name}", self.desk.bench.offer(page), new_tab=True)
@@ -91,20 +86,3 @@ class PopulationStep:
             lines = "\n".join(shlex.join(words) for words in (["cd", str(self.desk.bench.folder)], *commands))
             ui.label("In a terminal, these lines do the same:")
             ui.html(f"<pre class='bench-commands' tabindex='0'>{html.escape(lines)}</pre>", sanitize=False)
-
-
-async def printed_by(arguments: list[str], folder: Path, seconds: float = _LONGEST) -> tuple[int, str]:
-    """Run a command of the command line in a process of its own; return its exit status and what it printed."""
-    started = "from capsbayes.cli import main; main()"
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", started, *arguments,
-        cwd=folder, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
-    )  # fmt: skip
-    try:
-        printed, _ = await asyncio.wait_for(process.communicate(), seconds)
-    except TimeoutError:
-        return 2, f"This took longer than {seconds:g} s and was stopped."
-    finally:
-        if process.returncode is None:
-            process.kill()
-    return process.returncode or 0, printed.decode(errors="replace")

@@ -180,7 +180,9 @@ class Quadrature:
         if widths is not None:
             log_density = log_density + np.log(widths[1])[:, None]
         log_scale = float(np.nanmax(log_density))
-        free = np.nan_to_num(np.exp(log_density - log_scale)) * nodes.side**2
+        free = np.exp(log_density - log_scale)
+        free[np.isnan(free)] = 0.0  # nan_to_num takes five times as long
+        free = free * nodes.side**2
         share = np.nan_to_num(np.exp(density.log_share(points, nodes.log_ca, nodes.size, half_width)))
         return GridPosterior(
             self.model,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
+import importlib.util
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,10 +37,7 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     shown = [PARAMETERS[name] for name in names if name in posterior.draws]
     draws = np.stack([parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown], axis=1)
     draws = draws[:: max(1, len(draws) // _MOST_DRAWS)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # of ArviZ, which corner imports
-        from corner import corner
-    figure: Figure = corner(
+    figure: Figure = _corner()(
         draws,
         bins=36,
         smooth=0.8,
@@ -61,6 +60,22 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     _mark_deterministic(axes, posterior, [parameter.name for parameter in shown])
     figure.subplots_adjust(left=0.09, bottom=0.09, right=0.98, top=0.95, wspace=0.06, hspace=0.06)
     return figure
+
+
+@cache
+def _corner() -> Callable[..., Figure]:
+    """Return what draws an array in the library corner, whose other half imports ArviZ: half a second of a command."""
+    package = importlib.util.find_spec("corner")
+    if package is None or not package.submodule_search_locations:
+        raise ModuleNotFoundError("corner")
+    core = Path(package.submodule_search_locations[0]) / "core.py"
+    spec = importlib.util.spec_from_file_location("corner_core", core)
+    if spec is None or spec.loader is None:
+        raise ModuleNotFoundError("corner.core")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    draw: Callable[..., Figure] = module.corner_impl
+    return draw
 
 
 def _mark_deterministic(axes: Any, posterior: Posterior, names: Sequence[str]) -> None:

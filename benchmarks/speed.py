@@ -1,0 +1,262 @@
+"""Speed that a person feels: our commands and engines, each beside what else is in use, in one table.
+
+Run ``python benchmarks/speed.py [NAME ...]``; without names every row that is not in ``docs/data/speed.json`` yet is
+measured, ``--again`` measures all. ``--write`` renews the table in ``docs/evidence.md``. Each row is measured in a
+process of its own, one after the other, with one thread of BLAS: compiled and read once, then the median of five times
+(of commands: after one that is not counted; batches and the diagnosis: one time). Wall time depends on what else the
+machine does; processor time of all processes together does so less. ``dclab`` is `pip install dclab`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+STORED, PAGE = ROOT / "docs" / "data" / "speed.json", ROOT / "docs" / "evidence.md"
+BEGIN, END = "<!-- speed -->\n", "<!-- end of speed -->"
+CAPSULE = ROOT / "examples" / "ovalbumin" / "capsule.toml"
+SESSION = ROOT / "examples" / "drifting_modulus" / "capsules"
+SCRIPT = Path(sys.executable).with_name("capsbayes")
+RUNS = 5
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
+Row = dict[str, Any]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", help="rows to be measured again")
+    parser.add_argument("--again", action="store_true", help="measure every row again")
+    parser.add_argument("--write", action="store_true", help="renew the table on the page")
+    parser.add_argument("--one", choices=ROWS, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.one:
+        print(json.dumps(ROWS[asked.one].measured()))
+        return
+    stored = json.loads(STORED.read_text()) if STORED.exists() else {}
+    for name in ROWS:
+        if asked.again or name in asked.names or name not in stored:
+            command = [sys.executable, __file__, "--one", name]
+            done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=os.environ | ONE_THREAD)
+            stored[name] = json.loads(done.stdout.splitlines()[-1])
+            STORED.write_text(json.dumps({name: stored[name] for name in ROWS if name in stored}, indent=1) + "\n")
+    print(table(stored))
+    if asked.write:
+        before, _, rest = PAGE.read_text().partition(BEGIN)
+        PAGE.write_text(before + BEGIN + table(stored) + END + rest.partition(END)[2])
+
+
+def table(stored: dict[str, Row]) -> str:
+    """Return the table in Markdown."""
+    lines = ["| what | wall time | processor | wanted | |", "|---|---|---|---|---|"]
+    for name, row in stored.items():
+        wanted = f"{shown(ROWS[name].wanted)}" if ROWS[name].wanted else ""
+        cells = (ROWS[name].words, shown(row["wall"]), shown(row["processor"]), wanted, row.get("remark", ""))
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def shown(seconds: float) -> str:
+    """Return a time in words.
+
+    Examples
+    --------
+    >>> shown(0.00123), shown(0.5), shown(12.3), shown(335.0), shown(1.2e-6)
+    ('1.2 ms', '0.50 s', '12 s', '340 s', '1.2 µs')
+    """
+    factor, unit = next(
+        (f, u) for least, f, u in ((0.1, 1.0, "s"), (1e-4, 1e3, "ms"), (0.0, 1e6, "µs")) if seconds >= least
+    )
+    number = factor * seconds
+    return f"{number:.2f} {unit}" if number < 1.0 else f"{float(f'{number:.2g}'):g} {unit}"
+
+
+def clocked(work: Callable[[], object], runs: int = RUNS) -> Row:
+    """Return the medians of wall and processor time, after a run that compiles and reads if there are several."""
+    taken = []
+    for _ in range(runs + (runs > 1)):
+        start, processor = time.perf_counter(), spent()
+        work()
+        taken.append((time.perf_counter() - start, spent() - processor))
+    wall, processor = zip(*(taken[1:] if runs > 1 else taken), strict=True)
+    return {"wall": statistics.median(wall), "processor": statistics.median(processor)}
+
+
+def spent() -> float:
+    """Seconds of processor time of this process and of those that it started and that have ended."""
+    return time.process_time() + sum(os.times()[2:4])
+
+
+def command(*words: str | Path, runs: int = RUNS) -> Row:
+    """Time a command as a person runs it; Python keeps what it compiled, as it does unless told otherwise."""
+    known = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    done = [str(word) for word in words]
+    return clocked(lambda: subprocess.run(done, check=True, capture_output=True, env=known), runs)
+
+
+def imported() -> Row:
+    return command(sys.executable, "-c", "import capsbayes")
+
+
+def identified() -> Row:
+    with tempfile.TemporaryDirectory() as folder:
+        return command(SCRIPT, "identify", CAPSULE, "--out", folder)
+
+
+def diagnosed() -> Row:
+    with tempfile.TemporaryDirectory() as folder:
+        return command(SCRIPT, "diagnose", SESSION, "--out", Path(folder) / "study", runs=1)
+
+
+def opened() -> tuple[Any, Any, Any]:
+    """Return the capsule of the example, its experiment and the model."""
+    from capsbayes.experiment import Experiment
+    from capsbayes.measurement import Measurement
+    from capsbayes.surrogate import Surrogate
+
+    measurement = Measurement.read(CAPSULE)
+    return measurement, Experiment.read(measurement.experiment_file or CAPSULE), Surrogate.open("square-neo-hookean")
+
+
+def on_grid() -> Row:
+    from inference import simulated
+
+    from capsbayes.infer import Quadrature
+
+    measurement, experiment, model = opened()
+    capsules, engine = simulated(measurement, model), Quadrature(model, experiment)
+    found = clocked(lambda: [engine(capsule) for capsule in capsules])
+    return {name: seconds / len(capsules) for name, seconds in found.items()} | {
+        "remark": f"mean of {len(capsules)} capsules all over the domain"
+    }
+
+
+def sampled() -> Row:
+    from capsbayes.infer import identify
+
+    measurement, experiment, model = opened()
+    posteriors: list[Any] = []
+    found = clocked(lambda: posteriors.append(identify(measurement, model, experiment, seed=len(posteriors))))
+    passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
+    return found | {"remark": f"{passed} of {RUNS} runs passed all gates; checked on a grid"}
+
+
+def plainly_sampled() -> Row:
+    """Sample all inputs by emcee with its own default moves until the chain has 50 autocorrelation times."""
+    import emcee
+
+    sys.path.insert(0, str(ROOT / "tests" / "support"))
+    from density_of_all_inputs import DensityOfAllInputs
+
+    from capsbayes.infer import Prior
+    from capsbayes.infer.density import PosteriorDensity
+    from capsbayes.infer.inputs import Inputs
+
+    measurement, experiment, model = opened()
+    inputs_of = Inputs.of(measurement, experiment)
+    density = DensityOfAllInputs(model, PosteriorDensity.of(measurement, inputs_of, Prior()))
+    inputs = [getattr(density.density.inputs, name) for name in density.sampled]
+    center = np.array([np.log(0.08), 0.96, *(known.value for known in inputs)])
+    widths = np.array([0.05, 0.005, *(0.5 * known.error for known in inputs)])
+    steps: list[int] = []
+
+    def run() -> None:
+        rng = np.random.default_rng(len(steps))
+        sampler = emcee.EnsembleSampler(64, len(center), density, vectorize=True)
+        state, done, time_ = center + widths * rng.standard_normal((64, len(center))), 0, np.inf
+        while done < 50 * time_:
+            state = sampler.run_mcmc(state, 500)
+            done, time_ = done + 500, float(np.max(sampler.get_autocorr_time(tol=0)))
+        steps.append(done)
+
+    return clocked(run) | {"remark": f"64 walkers, {int(statistics.median(steps))} steps: 50 autocorrelation times"}
+
+
+def predicted(method: str) -> Callable[[], Row]:
+    """Return what times the prediction of one point in a batch."""
+
+    def run() -> Row:
+        import surrogate as benchmark
+        from capsbayes.database import Database
+        from capsbayes.surrogate import Surrogate
+
+        database = Database.open("square-neo-hookean")
+        ours = Surrogate(database)
+        part, count = ours.branches[0], 100_000 if method == "ours" else 10_000
+        known, held_out = benchmark.split(part.cases, part.branch)
+        points = benchmark.some_points(ours, count)
+        places = part.scaling.to_plane(*points.T)
+        if method == "ours":
+            row = benchmark.surrogate_row(ours, known, held_out, part.scaling)
+            theta = dict(zip(("capillary_number", "size_ratio"), points.T, strict=True))
+            found, rms = clocked(lambda: ours(theta)), row.rms
+        else:
+            learn = benchmark.gaussian_process if method == "process" else benchmark.radial("thin_plate_spline")
+            predict = learn(known, part.scaling)
+            found, rms = clocked(lambda: predict(places)), benchmark.accuracy(predict, held_out, part.scaling)[0]
+        return {name: seconds / count for name, seconds in found.items()} | {
+            "remark": f"rms error of L_a at {len(held_out)} held-out shapes: {rms[1]:.1e}"
+        }
+
+    return run
+
+
+def batch(number: int) -> Callable[[], Row]:
+    def run() -> Row:
+        import populations
+
+        found = populations.one(number)
+        remark = f"two processes, {found['memory']:.1f} GiB; {found['done']:.1%} of the rows done"
+        return {"wall": found["wall"], "processor": found["processor"], "remark": remark}
+
+    return run
+
+
+def peer() -> Row:
+    import dclab
+    from dclab.features.emodulus import get_emodulus
+
+    rng, count = np.random.default_rng(1), 100_000
+    area, deformation = rng.uniform(40.0, 120.0, count), rng.uniform(0.01, 0.1, count)
+    known: dict[str, Any] = {"medium": "0.49% MC-PBS", "channel_width": 20.0, "flow_rate": 0.16, "px_um": 0.34}
+    how = known | {"temperature": 23.0, "visc_model": "herold-2017", "lut_data": "LE-2D-FEM-19"}
+    found = clocked(lambda: get_emodulus(area_um=area, deform=deformation, **how))
+    return found | {"remark": f"dclab {dclab.__version__}, for cells, without uncertainty"}
+
+
+class Timed(NamedTuple):
+    """A row: what is timed, in how many seconds it is wanted (none of others), and the function that times it."""
+
+    words: str
+    wanted: float | None
+    measured: Callable[[], Row]
+
+
+ROWS = {
+    "import": Timed("`import capsbayes`", 0.3, imported),
+    "identify": Timed("`capsbayes identify`, the whole command", 4.0, identified),
+    "quadrature": Timed("one capsule on a grid", 1e-3, on_grid),
+    "emcee": Timed("one capsule by emcee with its gates", 0.8, sampled),
+    "plain emcee": Timed("the same posterior by plain emcee, all five unknowns sampled", None, plainly_sampled),
+    "surrogate": Timed("the model, a point of a batch", None, predicted("ours")),
+    "radial": Timed("scipy's RBFInterpolator, thin plates, a point", None, predicted("radial")),
+    "process": Timed("scikit-learn's Gaussian process, Matérn 5/2, a point", None, predicted("process")),
+    "100000": Timed("a batch of 100 000 capsules", 30.0, batch(100_000)),
+    "1000000": Timed("a batch of 1 000 000 capsules", 300.0, batch(1_000_000)),
+    "dclab": Timed("100 000 point estimates of dclab", None, peer),
+    "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, diagnosed),
+}
+
+if __name__ == "__main__":
+    main()
