@@ -88,12 +88,13 @@ def test_cells_have_true_effects_and_names_of_their_own():
 
 
 def test_each_session_has_a_laboratory_of_its_own():
-    labs = [HALO.lab(seed) for seed in range(1, 30)]
-    assert HALO.lab(1) == labs[0]
+    labs = [HALO.drawn(seed)[:2] for seed in range(1, 30)]
+    assert HALO.drawn(1)[:2] == labs[0]
+    assert HALO.drawn(1) != replace(HALO, name="another").drawn(1)
     assert len({lab.half_width for lab, _ in labs}) == len(labs)
     assert {lab.noise.kernel for lab, _ in labs} == {"exponential", "squared exponential"}
     assert {lab.flow_rate_error is None for lab, _ in labs} == {True, False}
-    assert replace(HALO, flow_rates=True).lab(1)[0].flow_rate_error is not None
+    assert replace(HALO, flow_rates=True).drawn(1)[0].flow_rate_error is not None
     assert all(0.5 <= lab.noise.understated <= 2.0 for lab, _ in labs)
     assert HALO.size_in(labs[0][0]) == pytest.approx(0.02 * labs[0][0].half_width)
 
@@ -169,7 +170,7 @@ def test_the_locked_half_is_opened_with_the_recorded_diagnosis_only(tmp_path):
 
 
 def test_a_session_is_drawn_from_the_shapes_that_its_answer_names(square_database):
-    lab, _ = HALO.lab(1)
+    lab = HALO.drawn(1)[0]
     blind = draw_session(square_database, TRUE_EFFECTS["none"], 0.0, lab=lab, capsules=12, seed=1)
     shapes = square_database.converged
     for capsule in blind.capsules:

@@ -66,10 +66,10 @@ class Answer:
 def answer_session(cell: Cell, seed: int, shapes: Database, model: ForwardModel) -> Answer:
     """Draw one session of a cell from its pool of shapes, and diagnose it with a model without effects and one seed."""
     begin = time.process_time()
-    lab, capsules = cell.lab(seed)
+    lab, capsules, other = cell.drawn(seed)
     size = cell.size_in(lab)
     blind = draw_session(
-        shapes, cell.true_effect(lab), size, lab=lab, capsules=capsules, seed=seed, outline=cell.outline
+        shapes, cell.true_effect(lab), size, lab=lab, capsules=capsules, seed=other, outline=cell.outline
     )
     study = diagnose(blind.session, model, seed=seed, candidates=cell.candidates())
     return Answer(

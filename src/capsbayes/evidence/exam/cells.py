@@ -114,10 +114,10 @@ class Cell:
         """Names of all true effects."""
         return frozenset((self.effect, *(name for name, _ in self.also)))
 
-    def lab(self, seed: int) -> tuple[Lab, int]:
-        """Draw the laboratory of a session and the number of its capsules; another one in every cell."""
-        words = [*self.name.encode()]
-        return drawn_lab(np.random.default_rng([seed, *words]), flow_rates=self.flow_rates)
+    def drawn(self, seed: int) -> tuple[Lab, int, int]:
+        """Draw the laboratory of a session, the number of its capsules, and the seed of these; other ones in each cell."""
+        rng = np.random.default_rng([seed, *self.name.encode()])
+        return *drawn_lab(rng, flow_rates=self.flow_rates), int(rng.integers(2**31))
 
     def size_in(self, lab: Lab) -> float:
         """Return the size of the effect in SI."""
