@@ -115,7 +115,7 @@ class Cell:
         return frozenset((self.effect, *(name for name, _ in self.also)))
 
     def drawn(self, seed: int) -> tuple[Lab, int, int]:
-        """Draw the laboratory of a session, the number of its capsules, and the seed of these; other ones in each cell."""
+        """Draw the laboratory of a session, the number of its capsules, and their seed; other ones in each cell."""
         rng = np.random.default_rng([seed, *self.name.encode()])
         return *drawn_lab(rng, flow_rates=self.flow_rates), int(rng.integers(2**31))
 
