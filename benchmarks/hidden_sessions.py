@@ -1,8 +1,10 @@
 """Hide effects in sessions that look alike or cannot be seen, and count what the diagnosis says of them.
 
-    python benchmarks/hidden_sessions.py --sessions 2 --out answers.json
+    python benchmarks/hidden_sessions.py --sessions 2 --write
 
-Diagnoses the sessions of each row that have no answer yet, about a minute each, and prints the table of all answers.
+Diagnoses the sessions of each row that have no answer in ``docs/data/hidden-sessions.json`` yet, half a minute each,
+or several minutes where two effects are hidden, and prints the table of all answers. ``--write`` renews the table in
+``docs/diagnosing.md``.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
 from capsbayes.evidence.markdown import table_lines
 
 ROOT = Path(__file__).parents[1]
+STORED, PAGE = ROOT / "docs" / "data" / "hidden-sessions.json", ROOT / "docs" / "diagnosing.md"
+BEGIN, END = "<!-- hidden sessions -->\n", "<!-- end of hidden sessions -->"
 
 
 class Row(NamedTuple):
@@ -97,7 +101,9 @@ def table(answers: list[dict[str, Any]]) -> list[str]:
     lines = []
     for row in ROWS:
         mine = [answer for answer in answers if answer["hidden"] == row.hidden]
-        if mine:
+        if not mine:
+            lines.append((row.hidden, str(row.capsules), "0", "none was finished", ""))
+        else:
             counted = Counter(outcome(row, answer) for answer in mine)
             held = sum(answer["modulus"][0] <= answer["true_modulus"] <= answer["modulus"][2] for answer in mine)
             words = ", ".join(f"{words} {count}" for words, count in sorted(counted.items()))
@@ -105,26 +111,36 @@ def table(answers: list[dict[str, Any]]) -> list[str]:
     return list(table_lines(("hidden", "capsules", "sessions", "answers", "95 % of G_s hold the truth"), lines))
 
 
-def _stored(path: Path) -> list[dict[str, Any]]:
-    return json.loads(path.read_text()) if path.exists() else []
+def stored() -> list[dict[str, Any]]:
+    """Return the answers so far."""
+    return json.loads(STORED.read_text()) if STORED.exists() else []
+
+
+def write() -> None:
+    """Write the table into the page."""
+    before, _, rest = PAGE.read_text().partition(BEGIN)
+    lines = "\n".join(table(stored()))
+    PAGE.write_text(f"{before}{BEGIN}{lines}\n{END}{rest.partition(END)[2]}")
 
 
 def main() -> None:
     """Diagnose further sessions, and print the table of all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sessions", type=int, required=True, help="of each row: those with seeds 1 to this")
+    parser.add_argument("--sessions", type=int, default=0, help="of each row: those with seeds 1 to this")
     parser.add_argument("--rows", nargs="*", type=int, default=range(len(ROWS)), help="numbers from 0; by default all")
-    parser.add_argument("--out", type=Path, required=True, help="file of the answers, which is continued")
+    parser.add_argument("--write", action="store_true", help="renew the table of the page")
     given = parser.parse_args()
     model = Surrogate.open("square-neo-hookean")
     for seed in range(1, given.sessions + 1):
         for row in (ROWS[number] for number in given.rows):
-            answers = _stored(given.out)
+            answers = stored()
             if not any(answer["hidden"] == row.hidden and answer["seed"] == seed for answer in answers):
                 with threadpool_limits(1):
                     answers.append(answered(row, seed, model))
-                given.out.write_text(json.dumps(answers, indent=1) + "\n")
-    print("\n".join(table(_stored(given.out))))
+                STORED.write_text(json.dumps(answers, indent=1) + "\n")
+    print("\n".join(table(stored())))
+    if given.write:
+        write()
 
 
 if __name__ == "__main__":

@@ -388,6 +388,7 @@ OF_TEXT = {
     ("atlas", "database"): ("x", "../square-bending"),
     ("verify", "--only"): ("x",),
     ("exam", "--only"): ("no such cell",),
+    ("exam", "--half"): ("x",),
     ("hide", "--effect"): ("x",),
     ("hide", "--effect-size"): ("x", "nan", "1e300"),
 }

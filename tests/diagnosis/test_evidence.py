@@ -36,6 +36,9 @@ def test_evidence_of_a_gaussian_likelihood_with_a_gaussian_prior():
     wide = np.hypot(prior, error)
     due = np.log(error / wide) - 0.5 * (middle / wide) ** 2 + 0.5 * (middle / error) ** 2
     assert found == pytest.approx(due, abs=0.01)
+    tried = np.abs(sizes - middle) < 5.5 * error  # the rest of the prior counts, though no size was tried there
+    found = scores_at(effect, sizes[tried], -0.5 * ((sizes[tried] - middle) / error) ** 2).evidence
+    assert found == pytest.approx(due, abs=0.01)
 
 
 @pytest.fixture(scope="module")

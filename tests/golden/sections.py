@@ -99,7 +99,7 @@ def _of_cells(desk: Desk) -> Items:
         return {"page": desk.cleaned((desk.folder / "exam" / "exam.md").read_text())}
 
     yield "page", page
-    for path in sorted((desk.folder / "exam").glob("*.jsonl")):
+    for path in sorted((desk.folder / "exam").rglob("*.jsonl")):
         yield path.stem, functools.partial(_answers, path)
 
 

@@ -162,7 +162,7 @@ def test_an_exam(tmp_path):
     killed_again_and_again(*command, "killed", where=tmp_path, longest=longest, rng=np.random.default_rng(5))
 
     def answers(folder):
-        records = [json.loads(line) for file in folder.glob("*.jsonl") for line in file.read_text().splitlines()]
+        records = [json.loads(line) for file in folder.rglob("*.jsonl") for line in file.read_text().splitlines()]
         return {(record["work"], record["seed"]): record | {"seconds": 0} for record in records}
 
     assert answers(tmp_path / "whole") == answers(tmp_path / "killed")

@@ -132,6 +132,14 @@ class Study(Readable):
         return probabilities(self.evidence, self.trials)
 
     @cached_property
+    @threadpool_limits.wrap(limits=1)
+    def all_probabilities(self) -> Mapping[str, float]:
+        """`probabilities`; by all capsules where no effect was tried, computed when first asked for, as `limits`."""
+        if self.evidence or not self._limit_scores:
+            return self.probabilities
+        return probabilities(evidences(self._limit_scores, find(self.model, self.session, seed=self.seed)), self.trials)
+
+    @cached_property
     def limits(self) -> pd.DataFrame:
         """Effects that could hide where no disagreement was found: see `limits_table`; empty for any other verdict.
 

@@ -106,12 +106,15 @@ class Scores:
 
     @property
     def evidence(self) -> float:
-        """Log of the likelihood averaged over the prior of the size, relative to that at the null value."""
+        """Log of the likelihood averaged over the prior of the size, relative to that at the null value.
+
+        Sizes beyond those that were tried count as impossible.
+        """
         fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
         total = PchipInterpolator(self.sizes, self.total)(fine)
         prior = self.effect.prior.pdf(fine)
         most = float(total.max())
-        mean = np.trapezoid(prior * np.exp(total - most), fine) / np.trapezoid(prior, fine)
+        mean = np.trapezoid(prior * np.exp(total - most), fine)
         return most + float(np.log(mean)) - float(self.total[self.null])
 
     def __str__(self) -> str:

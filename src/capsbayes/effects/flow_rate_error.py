@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from capsbayes.arrays import Floats
-from capsbayes.effect import Kind, Theta
+from capsbayes.effect import Theta
+from capsbayes.effects.of_flow_rates import OfFlowRates
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
@@ -17,7 +16,7 @@ from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
-class FlowRateError:
+class FlowRateError(OfFlowRates):
     """Stated flow rates larger than the true ones by one factor, as by a leak, a soft tube or a wrong syringe.
 
     Parameters
@@ -29,9 +28,6 @@ class FlowRateError:
     prior: Quantity = Quantity(0.0, 0.05, low=-math.inf)
     name: ClassVar[str] = "flow rate"
     parameter: ClassVar[Parameter] = PARAMETERS["flow_rate_error"]
-    null_value: ClassVar[float] = 0.0
-    kind: ClassVar[Kind] = Kind.SESSION
-    circumstances: ClassVar[tuple[str, ...]] = ("flow_rate",)
     changes: ClassVar[str] = "No shape and no G_s; v_o is smaller than the flow rate and the size of the capsule say."
     separated_by: ClassVar[str] = "The liquid that leaves the channel in a known time, weighed."
 
@@ -41,4 +37,4 @@ class FlowRateError:
 
     def relative_flow(self, theta: Theta) -> Floats:
         """Return the stated flow rate over the true one : (n,) array."""
-        return np.asarray(1.0 + theta["flow_rate_error"])
+        return self.factor(theta)

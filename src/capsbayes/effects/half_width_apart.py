@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from capsbayes.arrays import Floats
-from capsbayes.effect import Kind, Theta
+from capsbayes.effect import Theta
 from capsbayes.effects.displaced import scaled
+from capsbayes.effects.of_flow_rates import OfHalfWidth
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
@@ -18,7 +18,7 @@ from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
-class HalfWidthApart:
+class HalfWidthApart(OfHalfWidth):
     """Stated half width larger than the true one, where the scale of the picture is known independently of it.
 
     Lengths over l are too small then, as with too small pixels; only the flow rate distinguishes the two, so that
@@ -33,9 +33,6 @@ class HalfWidthApart:
     prior: Quantity = Quantity(0.0, 0.02, low=-math.inf)
     name: ClassVar[str] = "half width stated apart"
     parameter: ClassVar[Parameter] = PARAMETERS["half_width_apart"]
-    null_value: ClassVar[float] = 0.0
-    kind: ClassVar[Kind] = Kind.SESSION
-    circumstances: ClassVar[tuple[str, ...]] = ("flow_rate",)
     changes: ClassVar[str] = (
         "Lengths over l are too small by one factor as by the size of a pixel; v_o over Q/A too large by its square."
     )
@@ -43,10 +40,6 @@ class HalfWidthApart:
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict in the true channel, over the stated half width."""
-        factor = 1.0 + theta["half_width_apart"]
+        factor = self.factor(theta)
         prediction = model({**theta, "size_ratio": theta["size_ratio"] * factor}, outline=outline)
         return scaled(prediction, 1.0 / factor, np.ones_like(factor))
-
-    def relative_flow(self, theta: Theta) -> Floats:
-        """Return the area of the true cross-section over that of the stated one : (n,) array."""
-        return np.asarray((1.0 + theta["half_width_apart"]) ** -2.0)

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from capsbayes.arrays import Floats
-from capsbayes.effect import Kind, Theta
+from capsbayes.effect import Theta
 from capsbayes.effects.displaced import scaled
+from capsbayes.effects.of_flow_rates import OfHalfWidth
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
@@ -18,7 +18,7 @@ from capsbayes.quantity import Quantity
 
 
 @dataclass(frozen=True)
-class HalfWidthError:
+class HalfWidthError(OfHalfWidth):
     """Stated half width larger than the true one, where lengths are measured against the walls in the same picture.
 
     Lengths over l are right then. Velocities are wrong by the same factor, and the mean velocity that follows from the
@@ -33,9 +33,6 @@ class HalfWidthError:
     prior: Quantity = Quantity(0.0, 0.03, low=-math.inf)
     name: ClassVar[str] = "half width in the picture"
     parameter: ClassVar[Parameter] = PARAMETERS["half_width_error"]
-    null_value: ClassVar[float] = 0.0
-    kind: ClassVar[Kind] = Kind.SESSION
-    circumstances: ClassVar[tuple[str, ...]] = ("flow_rate",)
     changes: ClassVar[str] = (
         "No shape; v_o and G_s of all capsules are wrong by the factor of the width, v_o over Q/A by its cube."
     )
@@ -43,9 +40,5 @@ class HalfWidthError:
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Scale the velocities that a model predicts."""
-        factor = 1.0 + theta["half_width_error"]
+        factor = self.factor(theta)
         return scaled(model(theta, outline=outline), np.ones_like(factor), factor)
-
-    def relative_flow(self, theta: Theta) -> Floats:
-        """Return the area of the true cross-section over that of the stated one : (n,) array."""
-        return np.asarray((1.0 + theta["half_width_error"]) ** -2.0)

@@ -1,44 +1,46 @@
-"""The exam: how answers are judged, kept, and shown."""
+"""The exam: how sessions are drawn, answers judged and kept, the locked half guarded, and the page written."""
 
-from dataclasses import asdict, replace
+import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from capsbayes.diagnosis import Verdict
+from capsbayes.diagnosis import NOTHING, UNKNOWN, Verdict
+from capsbayes.errors import InputError
+from capsbayes.evidence.blind.capsule import edge_errors
 from capsbayes.evidence.blind.effects import TRUE_EFFECTS
+from capsbayes.evidence.blind.lab import Noise
 from capsbayes.evidence.blind.pools import POOLS, pool_name
-from capsbayes.evidence.exam.answer import Answer, answer_session, outcome_of
-from capsbayes.evidence.exam.cells import CELLS, Cell, Decoy
-from capsbayes.evidence.exam.examine import _read, _records, _rounds, examine
+from capsbayes.evidence.blind.session import draw_session
+from capsbayes.evidence.exam.answer import Answer, answer_session, log_score, outcome_of
+from capsbayes.evidence.exam.bounds import Share
+from capsbayes.evidence.exam.cells import CELLS, Cell
+from capsbayes.evidence.exam.examine import _rounds, examine, stored
+from capsbayes.evidence.exam.frozen import check_frozen, code_digest, freeze, frozen
 from capsbayes.evidence.exam.page import exam_page
 from capsbayes.surrogate import Surrogate
-from capsbayes.testing import check_effect
 
-HALO = Cell("halo", "halo", 5e-7, known=True, clear=True)
+HALO = Cell("halo", "halo", 0.02, known=True, clear=True)
 PATTERN = Cell("pattern", "pattern", 0.02, known=False)
-NOTHING = Cell("nothing", "none", 0.0, known=True)
-BOTH = Cell("halo with bending", "halo", 5e-7, known=True, also=(("bending", 2e-3),))
-DECOY = Cell("halo, a random pattern tried", "halo", 5e-7, known=False, decoy=True)
+NOTHING_HIDDEN = Cell("nothing", "none", 0.0, known=True)
+BOTH = Cell("halo with bending", "halo", 0.02, known=True, also=(("bending", 2e-3),))
 ANSWER = Answer(
     outcome="right",
     names=["halo"],
     p_value=2e-4,
+    shapes=[1, 2, 3],
+    log_score=-0.1,
+    modulus=0.02,
+    modulus_low=-0.05,
+    modulus_high=0.1,
+    apparent=0.2,
+    true_size=5e-7,
     size=4.9e-7,
     low=4.2e-7,
     high=5.6e-7,
-    bias_before=0.2,
-    bias_after=0.01,
-    log_likelihood_ratio=4.0,
-    log_likelihood_ratio_error=1.0,
-    misfit_before=1.6,
-    misfit_after=1.01,
-    gap_before=5e-7,
-    gap_after=2.5e-7,
-    distinguished="",
-    measurements=0,
-    seconds=10.0,
+    seconds=30.0,
 )
 
 
@@ -50,19 +52,18 @@ ANSWER = Answer(
         (HALO, Verdict.NAMED, (("halo",),), "right"),
         (HALO, Verdict.NAMED, (("bending",),), "wrong"),
         (HALO, Verdict.NAMED, (("halo",), ("bending",)), "wrong"),
-        (HALO, Verdict.AMBIGUOUS, (("bending", "halo"),), "ambiguous"),
+        (HALO, Verdict.AMBIGUOUS, (("bending", "halo"),), "small set"),
+        (HALO, Verdict.AMBIGUOUS, (("bending", "halo", "exposure", "taper"),), "large set"),
         (HALO, Verdict.AMBIGUOUS, (("bending", "exposure"),), "wrong"),
-        (HALO, Verdict.AMBIGUOUS, (("bending", "halo"), ("exposure",)), "wrong"),
         (HALO, Verdict.UNKNOWN, (("halo",),), "unknown"),
         (BOTH, Verdict.NAMED, (("halo",), ("bending",)), "right"),
-        (BOTH, Verdict.NAMED, (("bending",),), "right"),
-        (BOTH, Verdict.AMBIGUOUS, (("halo", "swelling"), ("bending",)), "ambiguous"),
+        (BOTH, Verdict.AMBIGUOUS, (("halo", "swelling"), ("bending",)), "small set"),
         (BOTH, Verdict.NAMED, (("halo",), ("rest_aspect",)), "wrong"),
         (PATTERN, Verdict.NAMED, (("bending",),), "wrong"),
-        (PATTERN, Verdict.AMBIGUOUS, (("bending", "exposure"),), "ambiguous"),
+        (PATTERN, Verdict.AMBIGUOUS, (("bending", "exposure"),), "small set"),
         (PATTERN, Verdict.UNKNOWN, (), "unknown"),
-        (NOTHING, Verdict.NAMED, (("bending",),), "wrong"),
-        (NOTHING, Verdict.NONE, (), "none"),
+        (NOTHING_HIDDEN, Verdict.AMBIGUOUS, (("bending", "halo"),), "wrong"),
+        (NOTHING_HIDDEN, Verdict.NONE, (), "none"),
     ],
 )
 def test_outcomes_are_right_or_wrong_by_the_truth(cell, verdict, steps, outcome):
@@ -70,100 +71,141 @@ def test_outcomes_are_right_or_wrong_by_the_truth(cell, verdict, steps, outcome)
     assert outcome_of(cell, study) == outcome
 
 
+def test_the_log_score_is_that_of_what_was_hidden():
+    study = SimpleNamespace(all_probabilities={"halo": 0.5, NOTHING: 0.25, UNKNOWN: 0.125})
+    assert log_score(HALO, study) == pytest.approx(np.log(0.5))
+    assert log_score(NOTHING_HIDDEN, study) == pytest.approx(np.log(0.25))
+    assert log_score(PATTERN, study) == pytest.approx(np.log(0.125))
+    assert np.isnan(log_score(BOTH, study))
+    assert np.isnan(log_score(HALO, SimpleNamespace(all_probabilities={})))
+
+
 def test_cells_have_true_effects_and_names_of_their_own():
     assert len({cell.name for cell in CELLS}) == len(CELLS)
     for cell in CELLS:
-        assert TRUE_EFFECTS.keys() >= cell.sizes.keys()
+        assert TRUE_EFFECTS.keys() >= cell.names
         assert cell.shapes in POOLS
 
 
+def test_each_session_has_a_laboratory_of_its_own():
+    labs = [HALO.drawn(seed)[:2] for seed in range(1, 30)]
+    assert HALO.drawn(1)[:2] == labs[0]
+    assert HALO.drawn(1) != replace(HALO, name="another").drawn(1)
+    assert len({lab.half_width for lab, _ in labs}) == len(labs)
+    assert {lab.noise.kernel for lab, _ in labs} == {"exponential", "squared exponential"}
+    assert {lab.flow_rate_error is None for lab, _ in labs} == {True, False}
+    assert replace(HALO, flow_rates=True).drawn(1)[0].flow_rate_error is not None
+    assert all(0.5 <= lab.noise.understated <= 2.0 for lab, _ in labs)
+    assert HALO.size_in(labs[0][0]) == pytest.approx(0.02 * labs[0][0].half_width)
+
+
+def test_errors_along_the_edge_have_the_kernel_that_was_asked_for():
+    angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    noise = Noise(scale=0.01, correlation_length=0.2, longer=2.0, understated=1.5, kernel="squared exponential")
+    rng = np.random.default_rng(3)
+    drawn = np.array([edge_errors(circle, noise, rng) for _ in range(4000)])
+    apart = 4 * 2.0 * np.sin(np.pi / 60)
+    expected = np.exp(-0.5 * (apart / 0.4) ** 2)
+    assert np.std(drawn) == pytest.approx(0.015, rel=0.05)
+    assert np.corrcoef(drawn[:, 0], drawn[:, 4])[0, 1] == pytest.approx(expected, abs=0.06)
+
+
+@pytest.mark.parametrize("kernel", ["exponential", "squared exponential"])
+def test_errors_of_long_correlation_can_be_drawn_at_many_points(kernel):
+    angle = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    circle = 0.9 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    noise = Noise(correlation_length=0.3, longer=2.0, kernel=kernel)
+    assert np.isfinite(edge_errors(circle, noise, np.random.default_rng(1))).all()
+
+
+def test_bounds_are_those_of_independent_sessions_or_wider():
+    apart = Share.among(["p"] * 60, [[number] for number in range(60)], [False] * 60)
+    assert (apart.counted, apart.of, apart.low) == (0, 60, 0.0)
+    assert apart.high == pytest.approx(1.0 - 0.05 ** (1.0 / 60.0))  # Clopper and Pearson, none of 60
+    alike = [[number // 20] for number in range(60)]  # three shapes, that decide what is said
+    shared = Share.among(["p"] * 60, alike, [rows == [0] for rows in alike])
+    assert shared.high > 0.6
+    assert shared.low < 0.05
+    assert str(Share.among([], [], [])) == "-"
+
+
 def test_the_page_counts_what_was_required():
-    wrong = replace(ANSWER, outcome="wrong", names=["bending"], size=np.nan, low=np.nan, high=np.nan)
-    none = replace(wrong, outcome="none", names=[], bias_after=np.nan)
+    wrong = replace(ANSWER, outcome="wrong", names=["bending"], size=np.nan, low=np.nan, high=np.nan, modulus_low=0.01)
+    none = replace(wrong, outcome="none", names=[], modulus_low=-0.05)
     answers = {
-        "halo": dict.fromkeys(range(1, 18), ANSWER)
-        | dict.fromkeys((18, 19), replace(ANSWER, outcome="ambiguous", distinguished="right", measurements=2))
-        | {20: wrong},
-        "halo, a random pattern tried": dict.fromkeys(range(1, 11), replace(none, outcome="unknown", gap_after=4.9e-7)),
-        "pattern": dict.fromkeys(range(1, 11), replace(none, outcome="unknown")),
-        "nothing": dict.fromkeys(range(1, 40), none) | {40: replace(none, outcome="unknown")},
+        "halo": dict.fromkeys(range(1, 9), ANSWER) | {9: replace(ANSWER, outcome="small set"), 10: wrong},
+        "pattern": dict.fromkeys(range(1, 9), replace(none, outcome="unknown")),
+        "nothing": dict.fromkeys(range(1, 11), none),
     }
-    page = exam_page([NOTHING, HALO, PATTERN, DECOY], answers)
-    assert "**Not complete: 80 of 96 sessions, of 4 of 4 cells, so far.**" in page
+    page = exam_page([NOTHING_HIDDEN, HALO, PATTERN], {"development": answers, "locked": {}})
+    assert "**Not complete: 28 of 30 sessions, of 3 of 3 cells, so far.**" in page
+    assert "No session of it has been diagnosed." in page
     for row in (
-        "| claims where there is nothing: at most 5 % | 1 of 40, 2.5% [0.1%, 13.2%] | met |",
-        "| wrong names in every cell: at most 2 % | 1 of 20, 5.0% [0.1%, 24.9%] (halo) | **missed** |",
-        "| halo: right, after measurements if needed, at least 90 % | 19 of 20, 95.0% [75.1%, 99.9%] | met |",
-        "| pattern: unknown or ambiguous, at least 90 % | 10 of 10, 100.0% [69.2%, 100.0%] | met |",
-        "| halo: bias of G_s at least 5 times smaller with the effect | +20.0% to +1.0% | met |",
-        "| 95 % intervals of the size cover 90 to 98 % | 19 of 19, 100.0% [82.4%, 100.0%] | **missed** |",
-        "| halo, a random pattern tried: held-out gap shrinks by at most 5 % | 0.500 to 0.490 um | met |",
-        "| halo | 20 | 0 | 17 | 2 | 0 | 1 | 2 of 2 by 2.0 | +20.0%, +1.0% | 1.60, 1.01 | 0.50, 0.25 | 19 of 19 |",
+        "| claims where nothing is hidden: at most 5 % | 0 of 10, 0.0% [0.0%, 25.9%] | **missed** |",
+        "| wrong names or sets, all sessions: at most 2 % | 1 of 28, 3.6% [",
+        "| clear sizes named, or in a set of at most 3: at least 90 % | 9 of 10, 90.0% [",
+        "| named, though not in the catalogue: at most 2 % | 0 of 8, 0.0% [",
+        "| 95 % intervals of the size hold it: 93% to 97% | 9 of 9, 100.0% [",
+        "| halo, clear | 10 | 0 | 8 | 1 | 0 | 0 | 1 | -0.10 | 2.0% | 20.0% | 9 of 10 | 9 of 9 |",
     ):
         assert row in page
+
+
+def test_the_locked_half_is_opened_with_the_recorded_diagnosis_only(tmp_path):
+    with pytest.raises(InputError, match="--half locked: expected the record of this diagnosis, got none; freeze it"):
+        check_frozen(tmp_path)
+    freeze(tmp_path)
+    check_frozen(tmp_path)
+    assert frozen(tmp_path) == code_digest()
+    (tmp_path / "frozen.json").write_text(json.dumps({"code": "other"}))
+    with pytest.raises(InputError, match="that of another diagnosis"):
+        check_frozen(tmp_path)
+    freeze(tmp_path)  # nothing of the locked half was seen
+    (tmp_path / "frozen.json").write_text(json.dumps({"code": "other"}))
+    (tmp_path / "locked").mkdir()
+    (tmp_path / "locked" / "halo.jsonl").write_text("")
+    with pytest.raises(InputError, match="not opened yet"):
+        freeze(tmp_path)
+
+
+def test_a_session_is_drawn_from_the_shapes_that_its_answer_names(square_database):
+    lab = HALO.drawn(1)[0]
+    blind = draw_session(square_database, TRUE_EFFECTS["none"], 0.0, lab=lab, capsules=12, seed=1)
+    shapes = square_database.converged
+    for capsule in blind.capsules:
+        assert shapes["capillary_number"][capsule.row] == capsule.capillary_number
+        assert shapes["size_ratio"][capsule.row] == capsule.size_ratio
 
 
 @pytest.mark.slow
 def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
     square_database.write(tmp_path / f"{pool_name('none', 0.0)}.nc")
     told = []
-    few = replace(NOTHING, sessions=2)
+    few = Cell("nothing", "none", 0.0, True, sessions=1, outline=False)
     first = examine([few], tmp_path, tmp_path / "out", workers=1, tell=told.append)
-    (file,) = (tmp_path / "out").iterdir()  # no lock, no steps
+    (file,) = (tmp_path / "out" / "development").iterdir()  # no lock, no steps
     file.write_text(file.read_text() + '{"seed": 3, "outcome": "no')  # a run that was cut off
-    more = examine([replace(few, sessions=3)], tmp_path, tmp_path / "out", workers=1, tell=told.append)
-    said = "of each of 1 cells:"
-    assert told == [f"sessions 1 to 2 {said} 2 to diagnose", f"sessions 1 to 3 {said} 1 to diagnose"]
-    assert {seed: more["nothing"][seed].p_value for seed in (1, 2)} == {
-        seed: answer.p_value for seed, answer in first["nothing"].items()
-    }
-    assert sorted(more["nothing"]) == [1, 2, 3]
-    half = replace(few, capsules=20)  # another work under the same name
-    again = examine([half], tmp_path, tmp_path / "out", workers=1, tell=told.append)
-    assert told[2:] == [f"sessions 1 to 2 {said} 2 to diagnose"]
-    assert sorted(again["nothing"]) == [1, 2]
+    more = examine([replace(few, sessions=2)], tmp_path, tmp_path / "out", workers=1, tell=told.append)
+    assert [line.split(":")[1] for line in told] == [" 1 to diagnose", " 1 to diagnose"]
+    assert more["nothing"][1].p_value == first["nothing"][1].p_value
+    assert sorted(more["nothing"]) == [1, 2]
+    assert sorted(stored([few], tmp_path, tmp_path / "out")["nothing"]) == [1, 2]
+    assert stored([few], tmp_path, tmp_path / "out", half="locked")["nothing"] == {}
 
 
 @pytest.mark.slow
-def test_look_alikes_are_distinguished_by_what_is_measured_elsewhere(square_database):
-    cell = Cell("halo", "halo", 3e-7, known=True)
-    model = Surrogate.from_database(square_database)
-    answer = answer_session(cell, 1, square_database, model)
-    assert answer.outcome == "ambiguous"
-    assert {"halo", "pixel_scale"} <= set(answer.names)
-    assert answer.distinguished == "right"
-    assert 1 <= answer.measurements <= len(answer.names)
-    assert answer.gap_after < answer.gap_before
-
-
-def test_a_decoy_moves_edges_by_its_size_and_nothing_at_its_null_value():
-    decoy = Decoy(3)
-    check_effect(decoy, Surrogate.open("square-neo-hookean"))
-    point = {"capillary_number": np.array([0.05]), "size_ratio": np.array([0.9])}
-    model = Surrogate.open("square-neo-hookean")
-    moved = (model + decoy)({**point, "decoy": np.array([0.02])}, outline=True).outline
-    away = np.hypot(*(moved - model(point, outline=True).outline)[0].T)
-    assert np.sqrt(np.mean(away**2)) == pytest.approx(0.02, rel=0.1)
+def test_the_answer_to_a_session_says_what_was_hidden(square_database):
+    answer = answer_session(HALO, 1, square_database, Surrogate.from_database(square_database))
+    assert answer.outcome in ("right", "small set", "large set")
+    assert "halo" in answer.names
+    assert answer.modulus_low < answer.modulus < answer.modulus_high
+    assert abs(answer.modulus) < abs(answer.apparent)
 
 
 @pytest.mark.parametrize(
     ("last", "rounds"),
-    [(0, []), (3, [(1, 3)]), (24, [(1, 4), (5, 8), (9, 16), (17, 24)]), (9, [(1, 4), (5, 8), (9, 9)])],
+    [(0, []), (3, [(1, 1), (2, 2), (3, 3)]), (10, [(1, 1), (2, 2), (3, 4), (5, 8), (9, 10)])],
 )
-def test_a_few_sessions_of_every_cell_come_first(last, rounds):
+def test_a_session_of_every_cell_comes_first(last, rounds):
     assert list(_rounds(last)) == rounds
-
-
-def test_answers_of_earlier_versions_are_read(tmp_path):
-    cell = CELLS[0]
-    former = {
-        "p_value": "chance",
-        "log_likelihood_ratio": "gain",
-        "log_likelihood_ratio_error": "gain_error",
-        "distinguished": "told_apart",
-    }
-    old = {former.get(key, key): value for key, value in asdict(ANSWER).items()}
-    records = _records(tmp_path, cell)
-    records.add({"seed": 1, **old})
-    records.add({"seed": 2, **asdict(ANSWER), "work": "other"})
-    assert _read(tmp_path, cell, "work") == {1: ANSWER}

@@ -35,6 +35,8 @@ class Capsule:
     outline : (p, 2) array
         Edge in the mid-plane as the microscope shows it, over the lab's value of the half width; columns (z, y), from
         the nose through y > 0.
+    row : int
+        Of its shape in the database that it was drawn from, among those that converged.
     """
 
     capillary_number: float
@@ -45,6 +47,7 @@ class Capsule:
     velocity_seen: float
     flow_rate: float
     outline: Floats
+    row: int = 0
 
     def measured(
         self,
@@ -89,15 +92,26 @@ def edge_errors(points: Floats, noise: Noise, rng: np.random.Generator) -> Float
     """
     arc = arc_length(points)
     apart = np.abs(np.subtract.outer(arc[:-1], arc[:-1]))
-    apart = np.minimum(apart, arc[-1] - apart)
     same = np.eye(len(points))
-    smooth = np.exp(-apart / noise.correlation_length) if noise.correlation_length else same
+    smooth = _correlation(apart, arc[-1], noise) if noise.correlation_length else same
     smooth = smooth + _LEAST_INDEPENDENT * same
     size = noise.understated * noise.scale
     if noise.freedom is not None:
         size *= np.sqrt((noise.freedom - 2.0) / rng.chisquare(noise.freedom))
     # along the Cholesky factor: the signs of eigenvectors depend on the processor
     return np.asarray(size * (np.linalg.cholesky(smooth) @ rng.standard_normal(len(smooth))))
+
+
+def _correlation(apart: Floats, perimeter: float, noise: Noise) -> Floats:
+    """Return the correlations of errors at distances along a closed arc : array of the same shape."""
+    length = noise.correlation_length * noise.longer
+    if noise.kernel == "exponential":
+        return np.asarray(np.exp(-np.minimum(apart, perimeter - apart) / length))
+    around = np.array([-1.0, 0.0, 1.0]) * perimeter  # summed over the windings it is positive definite
+    summed, one = (
+        np.exp(-0.5 * (np.add.outer(around, there) / length) ** 2).sum(axis=0) for there in (apart, np.zeros(()))
+    )
+    return np.asarray(summed / one)
 
 
 def _lengths(seen: Profile, edge: Floats, errors: Floats) -> tuple[float, float]:

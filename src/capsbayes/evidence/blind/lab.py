@@ -29,6 +29,10 @@ class Noise:
         Degrees of freedom of Student's t, which scales the errors of whole capsules; None for Gaussian errors.
     points : int
         Number of vertices of a measured outline.
+    kernel : str
+        Of the errors along the outline: "exponential", as the likelihood assumes, or "squared exponential".
+    longer : float
+        True correlation length over the stated one.
     """
 
     scale: float = 0.01
@@ -37,6 +41,8 @@ class Noise:
     understated: float = 1.0
     freedom: float | None = None
     points: int = 48
+    kernel: str = "exponential"
+    longer: float = 1.0
 
 
 @dataclass(frozen=True)

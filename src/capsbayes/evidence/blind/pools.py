@@ -9,7 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from capsbayes.database import Database
+import numpy as np
+import xarray as xr
+
+from capsbayes.database import Database, content_hash
 from capsbayes.errors import InputError
 from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect
 from capsbayes.physics.databases.build import build_database
@@ -20,6 +23,7 @@ from capsbayes.physics.simulation.unsteady import UnsteadySimulator
 
 _CAPILLARY_NUMBERS = (0.0315, 0.0365, 0.042, 0.0475, 0.0545, 0.0625, 0.0725, 0.0845, 0.0965, 0.107)
 _SIZE_RATIOS = (0.79, 0.818, 0.862, 0.89, 0.933, 0.963)
+_DIGITS = 4
 _REFINEMENT = 12  # on a coarser mesh the truth itself is wrong: at 10, L_z by 0.006 l at Ca 0.107
 
 _SIZES: dict[str, tuple[float, ...]] = {
@@ -34,18 +38,55 @@ _SIZES: dict[str, tuple[float, ...]] = {
     "hooke": (0.5,),
 }
 
+BLOCKS = MappingProxyType({("none", 0.0): 10})
+"""Number of files of a pool, if more than one: the first is a lattice, the further ones are at random places."""
+
 POOLS = MappingProxyType({(effect, size): TRUE_EFFECTS[effect] for effect, sizes in _SIZES.items() for size in sizes})
 """True effect of each pool, by its name and size."""
 
 
-def pool_name(effect: str, size: float) -> str:
-    """Return the name of a pool's file, without its ending."""
-    return f"{effect.replace('_', '-')}-{size:g}"
+def pool_name(effect: str, size: float, block: int = 0) -> str:
+    """Return the name of a pool's file, or of one of its further files, without its ending."""
+    return f"{effect.replace('_', '-')}-{size:g}" + (f"-block-{block}" if block else "")
 
 
-def pool_cases() -> Cases:
-    """Return Ca and a/l of the shapes of each pool, all of them between the nodes of the shipped databases."""
-    return [(ca, size) for size in _SIZE_RATIOS for ca in _CAPILLARY_NUMBERS]
+def pool_cases(block: int = 0) -> Cases:
+    """Return Ca and a/l of the shapes of each file of a pool.
+
+    Those of the first are all between the nodes of the shipped databases. Those of a further one are drawn at random,
+    one in each cell of the lattice of the first.
+    """
+    if block == 0:
+        return [(ca, size) for size in _SIZE_RATIOS for ca in _CAPILLARY_NUMBERS]
+    rng = np.random.default_rng([block, len(_SIZE_RATIOS)])
+    sizes = _between(_SIZE_RATIOS, rng, _DIGITS)
+    return [(ca, size) for size in sizes for ca in _between(_CAPILLARY_NUMBERS, rng, _DIGITS + 2)]
+
+
+def _between(places: tuple[float, ...], rng: np.random.Generator, digits: int) -> list[float]:
+    """Draw as many places, in equal parts of the range of some."""
+    parts = np.arange(len(places)) + rng.random(len(places))
+    low, high = places[0], places[-1]
+    return [round(float(low * (high / low) ** (part / len(places))), digits) for part in parts]
+
+
+def read_pool(folder: str | os.PathLike[str], effect: str, size: float) -> Database:
+    """Return all shapes of a pool in a folder, as far as its files are there."""
+    names = [pool_name(effect, size, block) for block in range(BLOCKS.get((effect, size), 1))]
+    first, *further = [Path(folder) / f"{name}.nc" for name in names]
+    pool = Database.read(first)
+    more = [Database.read(path).dataset.isel(border=slice(0)) for path in further if path.exists()]
+    if not more:
+        return pool
+    whole = xr.concat(
+        [pool.dataset.isel(border=slice(0)), *more],
+        "case",
+        data_vars="minimal",
+        coords="minimal",
+        compat="override",
+        combine_attrs="override",
+    )
+    return Database(whole.assign_attrs(sha256=content_hash(whole)))
 
 
 def simulator_with(effect: TrueEffect, size: float, refinement: int = _REFINEMENT) -> SteadySimulator:
@@ -57,9 +98,15 @@ def simulator_with(effect: TrueEffect, size: float, refinement: int = _REFINEMEN
 
 
 def build_pools(
-    names: Iterable[tuple[str, float]], folder: str | os.PathLike[str], *, workers: int | None = None
+    names: Iterable[tuple[str, float]],
+    folder: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    further: bool = False,
 ) -> dict[tuple[str, float], Database]:
-    """Build those of some pools, named by keys of `POOLS`, that a folder lacks, and return all of them.
+    """Build those of some pools, named by keys of `POOLS`, that a folder lacks, and return all pools.
+
+    The further files of a pool are built only if they are asked for.
 
     Raises
     ------
@@ -68,13 +115,15 @@ def build_pools(
     """
     pools = {}
     for effect, size in names:
-        path = Path(folder) / f"{pool_name(effect, size)}.nc"
         simulator = simulator_with(POOLS[effect, size], size)
-        if not path.exists():
-            build_database(simulator, pool_cases(), out=path, workers=workers, compact=True)
-        pools[effect, size] = pool = Database.read(path)
-        missing = {*pool_cases()} - {*zip(pool["capillary_number"].tolist(), pool["size_ratio"].tolist(), strict=True)}
-        _check_pool(path, _different(pool, simulator) + ["cases"] * bool(missing))
+        for block in range(BLOCKS.get((effect, size), 1) if further else 1):
+            path, cases = Path(folder) / f"{pool_name(effect, size, block)}.nc", pool_cases(block)
+            if not path.exists():
+                build_database(simulator, cases, out=path, workers=workers, compact=True)
+            part = Database.read(path)
+            missing = {*cases} - {*zip(part["capillary_number"].tolist(), part["size_ratio"].tolist(), strict=True)}
+            _check_pool(path, _different(part, simulator) + ["cases"] * bool(missing))
+        pools[effect, size] = read_pool(folder, effect, size)
     return pools
 
 

@@ -181,6 +181,7 @@ def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Caps
         velocity_seen=velocity,
         flow_rate=mean_velocity * lab.half_width**2 * _area(shapes),
         outline=with_extent(shapes["profile"][row], float(shapes["axial_extent"][row])),
+        row=row,
     )
 
 

@@ -1,89 +1,67 @@
-"""The cells of the exam: sessions that differ in their seeds only."""
+"""The cells of the exam: sessions with the same hidden fault, each in a laboratory of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 
-from capsbayes.effect import Effect, Kind, Theta
+from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
 from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect
-from capsbayes.evidence.blind.lab import Lab, Noise
+from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.operated import true_effect_of
-from capsbayes.evidence.blind.optics import smooth_pattern
 from capsbayes.evidence.blind.pools import POOLS
-from capsbayes.model import ForwardModel
-from capsbayes.parameters import Parameter
-from capsbayes.prediction import Prediction
-from capsbayes.quantity import Quantity
+from capsbayes.evidence.exam.labs import drawn_lab
 
-_CAPSULES = 40
-_NULLS = {
-    "correlated noise": (Noise(), 120),
-    "independent noise": (Noise(correlation_length=0.0), 60),
-    "heavy tails": (Noise(freedom=4.0), 60),
-    "noise understated by 20 %": (Noise(understated=1.2), 60),
-    "noise overstated by 20 %": (Noise(understated=0.8), 60),
-}
-_DRAWN = {  # a small and a clear size of effects that are not simulated, in SI
-    "halo": (0.2e-6, 0.5e-6),
-    "exposure": (1e-4, 3e-4),
+HALVES = {"development": 0, "locked": 1}
+"""Halves of the exam, which differ in their seeds."""
+
+_NULL_SESSIONS, _SESSIONS = 60, 10
+_DRAWN = {  # a small and a clear size of faults that are not simulated; see `_IN_SI`
+    "halo": (0.008, 0.02),
+    "exposure": (0.02, 0.05),
     "pixel_scale": (0.01, 0.025),
-    "swelling": (2.5, 6.0),
+    "swelling": (0.01, 0.02),
     "modulus_slope": (0.7, 2.0),
+    "pixel_aspect": (1.02, 1.04),
+    "distortion": (-0.01, -0.02),
+    "taper": (0.002, 0.008),
+}
+_OF_FLOW = {"velocity_scale": 0.08, "flow_rate_error": 0.08}  # faults that only flow rates show
+_IN_SI: dict[str, Callable[[float, Lab], float]] = {
+    "halo": lambda size, lab: size * lab.half_width,
+    "exposure": lambda size, lab: size * lab.half_width / _middle(lab),
+    "swelling": lambda size, lab: size / _middle(lab),
+}
+_CLEAR = {
+    "pre_inflation": (0.015, 0.035),
+    "bending": (2e-3,),
+    "rest_aspect": (0.925, 1.075),
+    "section_aspect": (0.925, 1.075),
+    "strain_hardening": (0.8,),
+    "unsteadiness": (1.5,),
+    **{effect: sizes[1:] for effect, sizes in _DRAWN.items()},
+    **{effect: (size,) for effect, size in _OF_FLOW.items()},
 }
 _PAIRS = (
-    (("halo", 5e-7), ("pre_inflation", 0.015)),
-    (("exposure", 3e-4), ("bending", 2e-3)),
-    (("pixel_scale", 0.025), ("rest_aspect", 1.075)),
+    (("halo", 0.02), ("pre_inflation", 0.015)),
+    (("exposure", 0.05), ("bending", 2e-3)),
+    (("pixel_aspect", 1.04), ("pre_inflation", 0.035)),
 )
-_SESSIONS = 24
+_TAKEN_OUT = (("pre_inflation", 0.035), ("bending", 2e-3), ("rest_aspect", 1.075), ("exposure", 0.05))
 _QUANTILES = (0.8, 0.975)  # of the prior of a user's own effect: its sizes
 
 
-@dataclass(frozen=True)
-class Decoy:
-    """An effect that does not exist, and must explain nothing: a smooth random displacement of the edge.
-
-    Parameters
-    ----------
-    seed : int
-        Of the function.
-    """
-
-    seed: int
-    name: ClassVar[str] = "random pattern"
-    parameter: ClassVar[Parameter] = Parameter("decoy", "d", "d", "-", "-", 1.0, "root mean square displacement over l")
-    null_value: ClassVar[float] = 0.0
-    kind: ClassVar[Kind] = Kind.SESSION
-    circumstances: ClassVar[tuple[str, ...]] = ()
-    changes: ClassVar[str] = "Edges are displaced by a random pattern."
-    separated_by: ClassVar[str] = "None: it is not in the channel."
-    prior: ClassVar[Quantity] = Quantity(0.0, 0.02, low=-np.inf)
-
-    def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
-        """Displace the edges that a model predicts, and with them the ends of its lengths."""
-        plain = model(theta, outline=True)
-        assert plain.outline is not None, "asked for"
-        moved = plain.outline.copy()
-        for row in np.flatnonzero(plain.inside):
-            moved[row] += theta["decoy"][row] * smooth_pattern(moved[row], self.seed)
-        nose, rear = (moved[:, place, 0] - plain.outline[:, place, 0] for place in (0, moved.shape[1] // 2))
-        longer = np.ptp(moved[..., 0], axis=1) - np.ptp(plain.outline[..., 0], axis=1)
-        return replace(
-            plain,
-            axial_extent=plain.axial_extent + longer,
-            axial_length=plain.axial_length + nose - rear,
-            outline=moved if outline else None,
-        )
+def _middle(lab: Lab) -> float:
+    """Return the mean velocity at the middle flow rate [m/s]."""
+    return float(np.sqrt(lab.mean_velocities[0] * lab.mean_velocities[-1]))
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Sessions with the same true effect.
+    """Sessions with the same hidden fault.
 
     Parameters
     ----------
@@ -91,23 +69,22 @@ class Cell:
     effect : str
         Name of the true effect.
     size : float
-        In SI.
+        In SI, but the halo over the half width, and the motion during the exposure and the swelling over the half width
+        at the middle flow rate.
     known : bool
         True if the catalogue has the effect.
-    sessions, capsules : int
-        Number of sessions, and of capsules in each.
-    lab : Lab
+    sessions : int
     removed : tuple of str
         Effects taken out of the catalogue.
     outline : bool
         False if lengths alone are measured.
     clear : bool
-        True if the effect moves edges by 0.02 l or more, or the apparent G_s of some capsules by 10 % or more relative
-        to others.
+        True if the effect moves edges by 0.015 l or more, or the apparent G_s of some capsules by 10 % or more relative
+        to others, or the velocity by 8 %.
     also : tuple of (str, float)
         Further true effects and their sizes.
-    decoy : bool
-        True if the only candidate is a random pattern.
+    flow_rates : bool or None
+        Whether the labs state flow rates; None if half of them do.
     own : mapping of str to Effect
         Effects of a user's own by name of their parameter, tried as well.
     own_file : str
@@ -119,13 +96,11 @@ class Cell:
     size: float
     known: bool
     sessions: int = _SESSIONS
-    capsules: int = _CAPSULES
-    lab: Lab = field(default_factory=Lab)
     removed: tuple[str, ...] = ()
     outline: bool = True
     clear: bool = False
     also: tuple[tuple[str, float], ...] = ()
-    decoy: bool = False
+    flow_rates: bool | None = None
     own: Mapping[str, Effect] = field(default_factory=dict)
     own_file: str = ""
 
@@ -135,62 +110,61 @@ class Cell:
         return self.effect == "none"
 
     @property
-    def sizes(self) -> dict[str, float]:
-        """Sizes of all true effects, by name."""
-        return {self.effect: self.size, **dict(self.also)}
+    def names(self) -> frozenset[str]:
+        """Names of all true effects."""
+        return frozenset((self.effect, *(name for name, _ in self.also)))
 
-    @property
-    def true_effect(self) -> TrueEffect:
-        """All true effects combined; the size is that of `effect`."""
+    def drawn(self, seed: int) -> tuple[Lab, int, int]:
+        """Draw the laboratory of a session, the number of its capsules, and their seed; other ones in each cell."""
+        rng = np.random.default_rng([seed, *self.name.encode()])
+        return *drawn_lab(rng, flow_rates=self.flow_rates), int(rng.integers(2**31))
+
+    def size_in(self, lab: Lab) -> float:
+        """Return the size of the effect in SI."""
+        return _in_si(self.effect, self.size, lab)
+
+    def true_effect(self, lab: Lab) -> TrueEffect:
+        """Return all true effects combined; the size is that of `effect`."""
         combined = true_effect_of(self.own[self.effect]) if self.effect in self.own else TRUE_EFFECTS[self.effect]
         for name, size in self.also:
-            combined = combined.combined(TRUE_EFFECTS[name], size)
+            combined = combined.combined(TRUE_EFFECTS[name], _in_si(name, size, lab))
         return combined
 
     @property
     def shapes(self) -> tuple[str, float]:
         """Pool of the shapes of its capsules."""
-        return next((pair for pair in self.sizes.items() if pair in POOLS), ("none", 0.0))
+        sizes = ((self.effect, self.size), *self.also)
+        return next((pair for pair in sizes if pair in POOLS), ("none", 0.0))
 
-    def candidates(self, seed: int) -> dict[str, Effect]:
+    def candidates(self) -> dict[str, Effect]:
         """Return the effects that the diagnosis of a session tries."""
-        if self.decoy:
-            return {Decoy.parameter.name: Decoy(seed)}
         return {name: effect for name, effect in {**catalogue(), **self.own}.items() if name not in self.removed}
+
+
+def _in_si(effect: str, size: float, lab: Lab) -> float:
+    return _IN_SI[effect](size, lab) if effect in _IN_SI else size
+
+
+def _shown(effect: str, size: float) -> str:
+    return f"{effect.replace('_', ' ')} {size:g}"
 
 
 def _cells() -> list[Cell]:
     cells = [
-        Cell(f"nothing, {name}", "none", 0.0, True, sessions, lab=Lab(noise=noise))
-        for name, (noise, sessions) in _NULLS.items()
+        Cell("nothing", "none", 0.0, True, _NULL_SESSIONS),
+        Cell("nothing, lengths alone", "none", 0.0, True, outline=False),
     ]
-    cells.append(Cell("nothing, lengths alone", "none", 0.0, True, 60, outline=False))
     simulated = [pair for pair in POOLS if pair[0] not in ("none", "hooke")]
     drawn = [(effect, size) for effect, sizes in _DRAWN.items() for size in sizes]
-    shown = {effect: effect.replace("_", " ") for effect in TRUE_EFFECTS}
-    large = [(effect, sizes[1]) for effect, sizes in _DRAWN.items()]
     cells += [
-        Cell(f"{shown[effect]} {size:g}", effect, size, True, clear=(effect, size) in large)
-        for effect, size in (*simulated, *drawn)
+        Cell(_shown(*pair), *pair, True, clear=pair[1] in _CLEAR.get(pair[0], ())) for pair in (*simulated, *drawn)
     ]
+    cells += [Cell(_shown(*pair), *pair, True, clear=True, flow_rates=True) for pair in _OF_FLOW.items()]
     cells += [
-        Cell(f"{shown[effect]} {size:g}, not in the catalogue", effect, size, False, removed=(effect,))
-        for effect, size in (("pre_inflation", 0.035), ("bending", 2e-3), ("rest_aspect", 1.075), ("exposure", 3e-4))
+        Cell(f"{_shown(*first)} with {_shown(*second)}", *first, True, also=(second,), clear=True)
+        for first, second in _PAIRS
     ]
-    cells += [
-        Cell(
-            f"{shown[effect]} {size:g} with {shown[other]} {other_size:g}",
-            effect,
-            size,
-            True,
-            also=((other, other_size),),
-        )
-        for (effect, size), (other, other_size) in _PAIRS
-    ]
-    cells += [
-        Cell(f"{shown[effect]} {size:g}, a random pattern tried", effect, size, False, decoy=True)
-        for effect, size in (("pre_inflation", 0.035), ("bending", 2e-3), ("halo", 5e-7))
-    ]
+    cells += [Cell(f"{_shown(*pair)}, not in the catalogue", *pair, False, removed=pair[:1]) for pair in _TAKEN_OUT]
     cells += [Cell(f"pattern {size:g}", "pattern", size, False) for size in (0.01, 0.02)]
     return [*cells, Cell("generalised Hooke membrane", "hooke", 0.5, False)]
 

@@ -8,11 +8,14 @@ from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
+import numpy as np
+
 from capsbayes import __version__
 from capsbayes.database import Database
-from capsbayes.evidence.blind.pools import pool_name
+from capsbayes.evidence.blind.pools import read_pool
 from capsbayes.evidence.exam.answer import Answer, answer_session
-from capsbayes.evidence.exam.cells import Cell
+from capsbayes.evidence.exam.cells import HALVES, Cell
+from capsbayes.evidence.exam.frozen import code_digest
 from capsbayes.files.output_file import make_folder
 from capsbayes.interruption import keeping
 from capsbayes.surrogate import Surrogate
@@ -21,12 +24,7 @@ from capsbayes.work import Records, Store, digest_of, only_run, run_tasks, steps
 Answers = dict[str, dict[int, Answer]]
 """Answers by name of the cell and seed."""
 
-_RENAMED = {
-    "chance": "p_value",
-    "gain": "log_likelihood_ratio",
-    "gain_error": "log_likelihood_ratio_error",
-    "told_apart": "distinguished",
-}  # keys of answers of earlier versions
+_APART = 1_000_000  # seeds between the halves
 
 
 def examine(
@@ -34,38 +32,49 @@ def examine(
     pools: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
+    half: str = "development",
     workers: int | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Answers:
-    """Diagnose every session of the cells that has no answer yet, in rounds over all cells.
+    """Diagnose every session of a half of the exam that has no answer yet, in rounds over all cells.
 
-    The answers of a cell are kept in one file in `out`, a line each, written as soon as it is known, so that the same
-    call repeated continues where it ended. A session is diagnosed anew if its cell, the shapes or the model have
-    changed since; an answer of an early version, which does not state them, counts as it is. `pools` is the folder of
-    the databases of shapes, see `build_pools`; by default there is one worker process for each core; `tell` is called
-    with a line for each round that begins.
+    The answers of a cell are kept in one file in the folder of the half in `out`, a line each, written as soon as it is
+    known, so that the same call repeated continues where it ended. A session is diagnosed anew if its cell, the shapes
+    or the model have changed since, not if the code of the diagnosis has, which each answer states. `pools` is the
+    folder of the databases of shapes, see `build_pools`; by default there is one worker process for each core; `tell`
+    is called with a line for each round that begins.
     """
-    folder = Path(out)
+    folder = Path(out) / half
+    begin = _APART * HALVES[half]
     make_folder(folder)
     with only_run(folder), keeping(folder):
         works = {cell.name: _work_of(cell, os.fspath(pools)) for cell in cells}
         known = {cell.name: _read(folder, cell, works[cell.name]) for cell in cells}
         for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
             tasks = [
-                partial(_one, cell, seed, os.fspath(pools), _records(folder, cell), works[cell.name])
+                partial(_one, cell, begin + seed, os.fspath(pools), _records(folder, cell), works[cell.name])
                 for seed in range(start, end + 1)
                 for cell in cells
-                if seed <= cell.sessions and seed not in known[cell.name]
+                if seed <= cell.sessions and begin + seed not in known[cell.name]
             ]
             if tasks:
+                order = np.random.default_rng(start).permutation(len(tasks))  # a run that is stopped is a fair sample
+                tasks = [tasks[place] for place in order]
                 tell(f"sessions {start} to {end} of each of {len(cells)} cells: {len(tasks)} to diagnose")
                 run_tasks(tasks, None, workers)
     return {cell.name: _read(folder, cell, works[cell.name]) for cell in cells}
 
 
+def stored(
+    cells: Sequence[Cell], pools: str | os.PathLike[str], out: str | os.PathLike[str], *, half: str = "development"
+) -> Answers:
+    """Return the answers that `examine` has kept."""
+    return {cell.name: _read(Path(out) / half, cell, _work_of(cell, os.fspath(pools))) for cell in cells}
+
+
 def _rounds(last: int) -> Iterator[tuple[int, int]]:
-    """Yield first and last session of each round: a few of every cell first, then twice as many each time."""
-    start, end = 1, 4
+    """Yield first and last session of each round: one of every cell first, then twice as many each time."""
+    start, end = 1, 1
     while start <= last:
         yield start, min(end, last)
         start, end = end + 1, 2 * end
@@ -75,7 +84,7 @@ def _one(cell: Cell, seed: int, pools: str, records: Records, work: str) -> None
     store = Store(records.path.parent, work)
     with steps_kept(store, f"{records.path.stem}-{seed}"):
         answer = answer_session(cell, seed, _shapes(pools, *cell.shapes), _model())
-    records.add({"seed": seed, **asdict(answer), "work": work})
+    records.add({"seed": seed, **asdict(answer), "work": work, "code": code_digest()})
 
 
 def _work_of(cell: Cell, pools: str) -> str:
@@ -86,7 +95,7 @@ def _work_of(cell: Cell, pools: str) -> str:
 
 @lru_cache(maxsize=4)
 def _shapes(pools: str, effect: str, size: float) -> Database:
-    return Database.read(Path(pools) / f"{pool_name(effect, size)}.nc")
+    return read_pool(pools, effect, size)
 
 
 @lru_cache(maxsize=1)
@@ -104,6 +113,7 @@ def _records(folder: Path, cell: Cell) -> Records:
 
 def _read(folder: Path, cell: Cell, work: str) -> dict[int, Answer]:
     """Return the answers of a cell by seed, the latest if there are several."""
-    lines = [line for line in _records(folder, cell).read() if line.pop("work", work) == work]
-    records = ({_RENAMED.get(key, key): value for key, value in line.items()} for line in lines)
-    return {record.pop("seed"): Answer(**record) for record in records}
+    lines = [line for line in _records(folder, cell).read() if line.pop("work") == work]
+    for line in lines:
+        line.pop("code")
+    return {line.pop("seed"): Answer(**line) for line in lines}
