@@ -169,7 +169,8 @@ def test_a_stated_contrast_gives_the_same_from_the_first_frames(tmp_path, monkey
     spread = Film.spread
     monkeypatch.setattr(Film, "spread", lambda film, count: asked.append(count) or spread(film, count))
     frames = film(PLACES, 1)
-    found, stated = (measured(tmp_path / "film", frames, by_hand=hand) for hand in (None, ByHand(contrast="dark")))
+    found = measured(tmp_path / "found", frames)
+    stated = measured(tmp_path / "stated", frames, by_hand=ByHand(contrast="dark"))
     assert len(asked) == 1  # the contrast is sought in frames spread over the film
     for one, other in zip(found.capsules, stated.capsules, strict=True):
         assert one.status is Status.DONE
