@@ -158,6 +158,16 @@ def test_the_tables_of_silhouettes_have_a_number_in_each_cell_and_a_place_on_the
         assert page.count(begin) == page.count(end) == 1
 
 
+def test_the_tables_of_silhouettes_are_those_of_the_last_run():
+    import silhouettes
+
+    done, page = json.loads(silhouettes.STORED.read_text()), silhouettes.PAGE.read_text()
+    assert sum(numbers["n"] + len(numbers["omitted"]) for numbers in done.values()) >= 80
+    made = silhouettes.coverage_table(done), silhouettes.width_table(done)
+    for (begin, end), table in zip(silhouettes.MARKS, made, strict=True):
+        assert begin + table + end in page
+
+
 def test_the_table_of_the_silhouettes_of_films_is_that_of_the_last_run():
     import film_silhouettes
 

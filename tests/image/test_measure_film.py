@@ -4,6 +4,8 @@ from drawn_film import HALF_WIDTH, SHAPE, bright, exposed, film, written
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.image.by_hand import ByHand
+from capsbayes.image.files.film import Film
 from capsbayes.image.measure_film import FilmMeasurement, measure_film
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
@@ -160,3 +162,16 @@ def test_tables_hold_the_capsules_and_their_frames(tmp_path):
     assert table.loc[0, "L_z_change"] == capsule.drifts["L_z"].change
     assert capsule.table()["frame"].tolist() == list(range(len(PLACES)))
     assert list(FilmMeasurement(Status.NO_WALLS).table().columns) == list(table.columns)
+
+
+def test_a_stated_contrast_gives_the_same_from_the_first_frames(tmp_path, monkeypatch):
+    asked = []
+    spread = Film.spread
+    monkeypatch.setattr(Film, "spread", lambda film, count: asked.append(count) or spread(film, count))
+    frames = film(PLACES, 1)
+    found = measured(tmp_path / "found", frames)
+    stated = measured(tmp_path / "stated", frames, by_hand=ByHand(contrast="dark"))
+    assert len(asked) == 1  # the contrast is sought in frames spread over the film
+    for one, other in zip(found.capsules, stated.capsules, strict=True):
+        assert one.status is Status.DONE
+        np.testing.assert_allclose(one.measurement.lengths, other.measurement.lengths, rtol=1e-6)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _SAMPLED = 41  # frames in the median that is the background
-_TELLING = 9  # frames that tell whether the capsules are dark or bright, where the background is given
+_TELLING = 9  # frames that tell contrast and smoothing, where the background is given
 _MARGIN = 14.0  # px beyond the walls that are read
 _NOISE_PIXELS = 40_000  # from which the noise of a frame is estimated
 _COLUMNS = {  # of the table of capsules, and the attributes of their measurements
@@ -143,7 +144,7 @@ def measure_film(
     direction, by_hand = check_flow(flow), by_hand or ByHand()
     given = background is not None
     # they tell the background, the contrast, and whether the film was smoothed
-    sampled: list[Pixels] = [packed(picture.grey) for picture in film.spread(_TELLING if given else _SAMPLED)]
+    sampled: list[Pixels] = [packed(picture.grey) for picture in _sample(film, by_hand, given=given)]
     empty = read_picture(background).grey if background is not None else _background(film, sampled)
     view = _view(film, empty, sampled, by_hand, experiment, given=given)
     if isinstance(view, Status):
@@ -205,6 +206,16 @@ def _measure_frame(
         detection = analyse_blob(light, noise, view.walls, blob, linker.direction, view.shift)
         statuses[detection.status] += 1
         records.setdefault(track, FrameRecord()).add(frame, picture, detection)
+
+
+def _sample(film: Film, by_hand: ByHand, *, given: bool) -> Iterable[Picture]:
+    """Return some frames; where background and contrast are given, the first ones: a video is decoded up to the last.
+
+    For a background they are spread over the film, and for the contrast, as capsules have to be in them.
+    """
+    if given and by_hand.contrast is not None:
+        return islice((picture for picture in film.frames() if picture is not None), _TELLING)
+    return film.spread(_TELLING if given else _SAMPLED)
 
 
 def _background(film: Film, sampled: list[Pixels]) -> Floats:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.arrays import Floats
@@ -134,17 +134,27 @@ def _coarse(strips: Floats, places: Floats) -> Floats | None:
     return np.sort([first[best], second[best]])[:, None] + _SLOPES[best] * places
 
 
-def _dark_lines(ridge: Floats, shifts: NDArray[np.int64]) -> Floats:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _dark_lines(ridge, shifts):  # type: ignore[no-untyped-def]
     """Return how dark the line is that begins at each row and is shifted from strip to strip : (s, rows) array.
 
-    The ridge is an array (strips, rows), the shifts (s, strips). A line that leaves the picture is none.
+    The ridge is an array (strips, rows), the shifts (s, strips). A line that leaves the picture is none. A capsule
+    darkens some strips only: a wall is dark in three of four.
     """
     strips, rows = ridge.shape
-    at = np.arange(rows)[:, None] + shifts[:, None]
-    values = ridge[np.arange(strips), np.clip(at, 0, rows - 1)]
-    values[(at < 0) | (at >= rows)] = -np.inf
-    values.sort(axis=2)
-    return values[..., strips // 4]  # a capsule darkens some strips only: a wall is dark in three of four
+    rank = strips // 4
+    dark, least = np.empty((len(shifts), rows)), np.empty(rank + 1)  # the least values of a line in their order
+    for s in range(len(shifts)):
+        for row in range(rows):
+            least[:] = np.inf
+            for strip in range(strips):
+                at = row + shifts[s, strip]
+                value = ridge[strip, at] if 0 <= at < rows else -np.inf
+                for place in range(rank + 1):
+                    if value < least[place]:
+                        least[place], value = value, least[place]
+            dark[s, row] = least[rank]
+    return dark
 
 
 def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallLines | None:

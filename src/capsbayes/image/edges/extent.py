@@ -49,7 +49,8 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift
         t = np.arange(-window, window + 1) / window
         design = t[:, None] ** np.arange(_ORDER + 1)
         error = trusted[index]
-        inverse = np.linalg.pinv(design / error[:, None]) / error
+        weighted = design / error[:, None]
+        inverse = np.linalg.solve(weighted.T @ weighted, weighted.T) / error
         coefficients = inverse @ reach[index]
         residual = (reach[index] - design @ coefficients) / error
         if residual @ residual < _MISFIT * (len(t) - _ORDER - 1):
@@ -85,4 +86,4 @@ def _too_far(slope_variance: float, bend: float, variance: float) -> float:
 
 
 def _moving_mean(values: Floats) -> Floats:
-    return np.asarray(sum(np.roll(values, shift) for shift in range(-2, 3)) / 5.0)
+    return np.convolve(np.concatenate([values[-2:], values, values[:2]]), np.full(5, 0.2), mode="valid")

@@ -43,9 +43,9 @@ class SilhouetteIntegrals:
 
 def centroid(points: Floats) -> Floats:
     """Return the centroid of the area within a closed outline (n, 2) : (2,) array."""
-    x, y = points.T
-    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
-    return np.array([np.sum((axis + np.roll(axis, -1)) * cross) for axis in (x, y)]) / (3.0 * np.sum(cross))
+    after = np.concatenate([points[1:], points[:1]])
+    cross = points[:, 0] * after[:, 1] - after[:, 0] * points[:, 1]
+    return np.asarray(cross @ (points + after) / (3.0 * np.sum(cross)))
 
 
 def centroid_variance(outline: EdgeOutline, direction: Floats) -> float:
