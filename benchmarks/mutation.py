@@ -114,8 +114,8 @@ EQUIVALENT = {
     ("infer/likelihood.py", "share, other = (error / centre) ** 2, a or 0.0", "0.0 -> 1.0"): _NO_LENGTH,
     (
         "image/edges/extent.py",
-        "return np.asarray(sum(np.roll(values, shift) for shift in range(-2, 3)) / 5.0)",
-        "Div -> Mult",
+        'return np.convolve(np.concatenate([values[-2:], values, values[:2]]), np.full(5, 0.2), mode="valid")',
+        "0.2 -> 0.30000000000000004",
     ): "only the place of the largest mean counts",
     (
         "image/edges/models.py",
