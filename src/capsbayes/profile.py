@@ -213,13 +213,18 @@ def _checked(points: ArrayLike, minimum: int = 4) -> Floats:
 
 def signed_area(points: Floats) -> float:
     """Return the area within a closed outline (p, 2) with columns (z, y), positive in the sense of a `Profile`."""
-    after = np.concatenate([points[1:], points[:1]])
+    after = following(points)
     return float(0.5 * np.sum(points[:, 0] * after[:, 1] - after[:, 0] * points[:, 1]))
+
+
+def following(points: Floats) -> Floats:
+    """Return the vertex that follows each of a closed outline (p, 2) : (p, 2) array."""
+    return np.concatenate([points[1:], points[:1]])
 
 
 def edge_lengths(points: Floats) -> Floats:
     """Return the length of each edge of a closed outline (p, 2), from its vertex to the next : (p,) array."""
-    return np.asarray(np.hypot(*(np.concatenate([points[1:], points[:1]]) - points).T))
+    return np.asarray(np.hypot(*(following(points) - points).T))
 
 
 def arc_length(points: Floats) -> Floats:

@@ -29,6 +29,7 @@ MEDIUM_SOURCE = "Büyükurganci et al. 2023, https://doi.org/10.1039/D2SM01515C"
 MEDIA = {"0.49%": (2.30e-6, -0.0056), "0.59%": (5.70e-6, -0.0744), "0.83%": (16.52e-6, -0.1455)}
 """Mass of methylcellulose in buffered saline, with the constants a [Pa s^n] and beta of its power law."""
 
+_HERE = "viscosity"
 _MEDIA_RANGE = 22.0, 37.0  # degrees C, to which the power law was fitted
 _WARMEST = 100.0  # degrees C, to which the formula was fitted
 
@@ -108,10 +109,9 @@ def silicone_oil(kinematic_viscosity: Given, density: Given, temperature: Given)
     >>> f"{viscosity.value:.2f} +/- {viscosity.error:.2f} {viscosity.unit}"
     '1.06 +/- 0.04 Pa s'
     """
-    where = "viscosity"
     stated = _of_unit(kinematic_viscosity, "kinematic_viscosity", "m^2/s", "1000 +/- 20 mm^2/s")
     if stated.value < 0.999e-4:
-        raise InputError(where, "kinematic_viscosity", "at least 100 mm^2/s", str(stated))
+        raise InputError(_HERE, "kinematic_viscosity", "at least 100 mm^2/s", str(stated))
     mass = _of_unit(density, "density", "kg/m^3", "970 +/- 2 kg/m^3")
     degrees = _within(temperature, "temperature", _WARMEST, "23.0 +/- 0.5")
 
@@ -160,9 +160,8 @@ def methylcellulose(medium: str, temperature: Given, flow_rate: Given, half_widt
     >>> f"{1e3 * viscosity.value:.2f} +/- {1e3 * viscosity.error:.2f} mPa s"
     '3.33 +/- 0.40 mPa s'
     """
-    where = "viscosity"
     if medium not in MEDIA:
-        raise InputError(where, "medium", f"one of {', '.join(MEDIA)}", medium)
+        raise InputError(_HERE, "medium", f"one of {', '.join(MEDIA)}", medium)
     degrees = _within(temperature, "temperature", _MEDIA_RANGE[1], "23.0 +/- 0.5", least=_MEDIA_RANGE[0])
     flow = _of_unit(flow_rate, "flow_rate", "m^3/s", "0.16 +/- 0.002 uL/s")
     width = _of_unit(half_width, "half_width", "m", "10.0 +/- 0.1 um")
@@ -206,21 +205,21 @@ def _slope(pair: Floats, step: float) -> float:
 
 def _of_unit(given: Given, key: str, unit: str, example: str) -> Quantity:
     """Return a positive number with a unit, and its error."""
-    where = "viscosity"
-    if isinstance(given, str):
-        given = Quantity.read(given, where=where, key=key, units=(unit,), example=example)
-    made = Quantity.of(given, where=where, key=key, units=(unit,))
+    made = _read(given, key, unit, example)
     if not (made.shape == "normal" and made.value > 0.0):
-        raise InputError(where, key, f'a number with its error and unit, as "{example}"', str(made))
+        raise InputError(_HERE, key, f'a number with its error and unit, as "{example}"', str(made))
     return made
 
 
 def _within(given: Given, key: str, most: float, example: str, *, least: float = 0.0) -> Quantity:
     """Return a number from `least` to `most`, with its error."""
-    where = "viscosity"
-    if isinstance(given, str):
-        given = Quantity.read(given, where=where, key=key, units=("",), example=example, signed=True)
-    made = Quantity.of(given, where=where, key=key, units=("",), signed=True)
+    made = _read(given, key, "", example, signed=True)
     if not (made.shape == "normal" and least <= made.value <= most):
-        raise InputError(where, key, f'a number from {least:g} to {most:g} with its error, as "{example}"', str(made))
+        raise InputError(_HERE, key, f'a number from {least:g} to {most:g} with its error, as "{example}"', str(made))
     return made
+
+
+def _read(given: Given, key: str, unit: str, example: str, *, signed: bool = False) -> Quantity:
+    if isinstance(given, str):
+        given = Quantity.read(given, where=_HERE, key=key, units=(unit,), example=example, signed=signed)
+    return Quantity.of(given, where=_HERE, key=key, units=(unit,), signed=signed)

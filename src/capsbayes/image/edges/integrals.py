@@ -14,7 +14,7 @@ import numpy as np
 from capsbayes.arrays import Floats
 from capsbayes.image.edges.extent import EDGE_FLOOR
 from capsbayes.image.edges.outline import EdgeOutline
-from capsbayes.profile import edge_lengths, signed_area
+from capsbayes.profile import edge_lengths, following, signed_area
 from capsbayes.quantity import Quantity
 
 _HARMONICS = 0.1  # of the number of points, in the curve whose length is taken: noise would lengthen it
@@ -43,7 +43,7 @@ class SilhouetteIntegrals:
 
 def centroid(points: Floats) -> Floats:
     """Return the centroid of the area within a closed outline (n, 2) : (2,) array."""
-    after = np.concatenate([points[1:], points[:1]])
+    after = following(points)
     cross = points[:, 0] * after[:, 1] - after[:, 0] * points[:, 1]
     return np.asarray(cross @ (points + after) / (3.0 * np.sum(cross)))
 
