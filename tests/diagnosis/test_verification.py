@@ -10,15 +10,20 @@ from capsbayes.diagnosis.verification import _in_question
 STEADY = np.array([0.9, 1.1] * 10)  # ratios of capsules that hardly scatter
 
 
-def tried(ratio, *, leaves_nothing=True, holds=None):
-    holds = leaves_nothing if holds is None else holds
-    return SimpleNamespace(log_likelihood_ratios=ratio * STEADY, leaves_nothing=leaves_nothing, holds=holds)
+def tried(ratio, *, leaves_nothing=True, clearly=True, holds=None):
+    """Verification of an effect that leaves nothing, or something: clearly or by a hair."""
+    return SimpleNamespace(
+        log_likelihood_ratios=ratio * STEADY,
+        leaves_nothing=leaves_nothing,
+        clearly_leaves_something=clearly and not leaves_nothing,
+        holds=leaves_nothing if holds is None else holds,
+    )
 
 
 def scattered(ratio, *, opposite=False, leaves_nothing=True):
-    """Ratios that scatter so much that a lead tells little."""
+    """The same, with ratios that scatter so much that a lead tells little."""
     apart = np.array([0.8, -0.8] * 10) * (-1.0 if opposite else 1.0)
-    return SimpleNamespace(log_likelihood_ratios=ratio + apart, leaves_nothing=leaves_nothing, holds=leaves_nothing)
+    return SimpleNamespace(**vars(tried(0.0, leaves_nothing=leaves_nothing)) | {"log_likelihood_ratios": ratio + apart})
 
 
 def scored(ratio):
@@ -35,6 +40,13 @@ def scored(ratio):
             {"halo": tried(1.0, leaves_nothing=False), "bending": tried(1.05)},
             ("bending",),
         ),
+        # one that leaves something by a hair is not refuted, next to one that leaves nothing; alone it explains nothing
+        (
+            {"halo": 1.0, "bending": 0.95},
+            {"halo": tried(1.0, leaves_nothing=False, clearly=False), "bending": tried(0.95)},
+            ("bending", "halo"),
+        ),
+        ({"halo": 1.0}, {"halo": tried(1.0, leaves_nothing=False, clearly=False)}, ()),
         # a little behind one that leaves something over, which may be by chance: both
         (
             {"halo": 1.1, "bending": 0.9},

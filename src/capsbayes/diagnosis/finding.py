@@ -103,9 +103,9 @@ class Finding:
         """Probability under a right model of a deviation at least as large as the largest."""
         return min((deviation.p_value for deviation in self.deviations), default=1.0)
 
-    def leaves_nothing(self, level: float) -> bool:
-        """Tell whether no deviation is significant at a level, and something else is no likelier than nothing."""
-        return self.p_value >= level and self.discrepancy.evidence <= 0.0
+    def leaves_nothing(self, level: float, at_most: float = 0.0) -> bool:
+        """Tell whether no deviation is significant at a level, and the log evidence of something else is small."""
+        return self.p_value >= level and self.discrepancy.evidence <= at_most
 
     def combined_p_value(self, other: Finding, among: float) -> float:
         """Return the p-value of the largest deviation of this and of other capsules together.

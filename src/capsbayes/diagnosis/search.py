@@ -21,7 +21,8 @@ LEFT = 0.01
 """P-value of the remaining deviations below which they are not explained."""
 
 LEAST_RATIO = 3.0
-"""Log-likelihood ratio below which an effect explains nothing, or no more than another."""
+"""Log-likelihood ratio below which an effect explains nothing, or no more than another, and log evidence of something
+else up to which an effect is not refuted."""
 
 NOTHING, UNKNOWN = "none", "unknown"
 """Names of no effect, and of an effect that is not in the catalogue, next to those of the effects."""
@@ -129,11 +130,16 @@ class Search:
     def judged(
         self, scores: Mapping[str, Scores], models: Mapping[str, ForwardModel], before: Mapping[str, Scores]
     ) -> tuple[Step, bool]:
-        """Select the effects that are not distinguished from the best; if any leave no deviation, those."""
+        """Select the effects that are not distinguished from the best, and tell whether any leaves no deviation.
+
+        If one does, those that clearly leave something are dropped.
+        """
         alike = _indistinguishable_from_best(scores)
         left = {name: find(_with(models[name], scores[name]), self.session, seed=self.seed) for name in alike}
-        explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT))
-        return Step(scores, explaining or alike, models, left, before), bool(explaining)
+        explained = any(left[name].leaves_nothing(LEFT) for name in alike)
+        if explained:
+            alike = tuple(name for name in alike if left[name].leaves_nothing(LEFT, LEAST_RATIO))
+        return Step(scores, alike, models, left, before), explained
 
     def add_second(self, first: Step, *, again: bool = True) -> tuple[tuple[Step, ...], bool]:
         """Find a second effect to add to the likeliest, and the alternatives to the first.

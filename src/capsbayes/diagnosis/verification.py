@@ -100,9 +100,17 @@ class Verification:
     @property
     def leaves_nothing(self) -> bool:
         """True if no deviation remains, neither in these capsules nor in both halves together."""
+        return self._leaves_nothing(0.0)
+
+    @property
+    def clearly_leaves_something(self) -> bool:
+        """True if a deviation remains, or something else is far likelier than nothing."""
+        return not self._leaves_nothing(LEAST_RATIO)
+
+    def _leaves_nothing(self, at_most: float) -> bool:
         both = self.left.discrepancy + self.after.discrepancy
         p_value = min(self.after.p_value, self.left.combined_p_value(self.after, _WORTH_A_LOOK))
-        return p_value >= LEFT and both.evidence <= 0.0
+        return p_value >= LEFT and both.evidence <= at_most
 
     @property
     def beats_something_else(self) -> bool:
@@ -207,8 +215,10 @@ def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ..
         best,
         *(name for name in others if indistinguishable(total[best] - total[name], ratios[best] - ratios[name])),
     ]
-    found = [name for name in alike if tries[name].leaves_nothing]
-    if found and best not in found and total[best] - total[found[0]] > LEAST_RATIO:
+    if not any(tries[name].leaves_nothing for name in alike):
+        return ()
+    found = [name for name in alike if not tries[name].clearly_leaves_something]
+    if best not in found and total[best] - total[found[0]] > LEAST_RATIO:
         found.append(best)
     return tuple(sorted(found, key=lambda name: not tries[name].holds))
 
