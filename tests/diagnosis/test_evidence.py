@@ -9,13 +9,14 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Scores
-from capsbayes.diagnosis.discrepancy import Discrepancy, _log_evidence, displacement_modes
+from capsbayes.diagnosis.discrepancy import Discrepancy, _Process, displacement_modes
 from capsbayes.diagnosis.finding import find
 from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.regions import region_displacements
 from capsbayes.diagnosis.search import evidences, probabilities
 from capsbayes.diagnosis.trend import Trend
 from capsbayes.effects import Halo, PixelScale
+from capsbayes.profile import vertex_normals
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +62,38 @@ def test_a_process_is_integrated_as_by_its_whole_covariance(compared):
     same = multivariate_normal(cov=np.eye(len(residuals)))
     due = multivariate_normal(cov=np.eye(len(residuals)) + rows.T @ rows).logpdf(residuals) - same.logpdf(residuals)
     found = Discrepancy.of(session, white, fits)
-    summed = found.information.sum(axis=0), found.shift.sum(axis=0)
-    assert _log_evidence(*summed, variances) == pytest.approx(due, rel=1e-6)
+    process = _Process.of(
+        *(found.information.sum(axis=0), found.shift.sum(axis=0)), found.response.mean(axis=0), variances
+    )
+    assert process.log_evidence == pytest.approx(due, rel=1e-6)
+    amplitudes = np.linalg.inv(found.information.sum(axis=0) + np.diag(1.0 / variances))
+    response = found.response.mean(axis=0)
+    assert process.change == pytest.approx(response @ amplitudes @ found.shift.sum(axis=0), rel=1e-6)
+    assert process.variance == pytest.approx(response @ amplitudes @ response, rel=1e-6)
+
+
+def test_something_else_takes_back_what_displaced_outlines_do_to_the_modulus(model, compared):
+    session, _, fits = compared
+    displaced = displaced_outwards(session, 0.01)
+    white = whitening(model, displaced)
+    wrong = fitted(model, displaced, white)
+    moved = float(np.mean(wrong.log_modulus - fits.log_modulus))
+    draws = Discrepancy.of(displaced, white, wrong).log_modulus_changes(np.random.default_rng(1), 4000)
+    assert abs(moved) > 0.05
+    assert np.mean(draws) * moved < 0.0
+    low, high = np.quantile(draws, (0.025, 0.975))
+    assert low < -moved < high
+    assert not Discrepancy().log_modulus_changes(np.random.default_rng(1), 3).any()
+
+
+def displaced_outwards(session, distance):
+    """The session with the edge of each capsule moved outwards by a distance [l]."""
+    measurements = []
+    for measurement in session.measurements:
+        points = measurement.outline.points
+        outline = replace(measurement.outline, points=points + distance * vertex_normals(points))
+        measurements.append(replace(measurement, outline=outline))
+    return replace(session, measurements=tuple(measurements))
 
 
 def test_something_else_pays_for_its_freedom_and_wins_where_outlines_are_displaced(compared):

@@ -5,6 +5,7 @@ import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
+from capsbayes.diagnosis.fits import fitted, whitening
 from capsbayes.diagnosis.limits import TWO_SIGMA, limit_scores, limits_table
 from capsbayes.diagnosis.scoring import Scores
 from capsbayes.diagnosis.session_modulus import session_modulus
@@ -46,7 +47,7 @@ def test_the_session_modulus_holds_size_effect_and_viscosity():
     assert (certain.low, certain.median, certain.high) == pytest.approx((0.05, 0.05, 0.05))
     viscous = session_modulus([(1.0, ())], apparent, 0.1, 1)
     assert np.log(viscous.high / viscous.low) == pytest.approx(2.0 * 1.96 * 0.1, rel=0.1)
-    scores = scores_of(np.full(20, 0.02), 0.02, modulus_slope=-20.0)
+    scores = scores_of(np.full(20, 0.02), 0.002, modulus_slope=-20.0)
     with_effect = session_modulus([(1.0, (scores,))], apparent, 0.0, 1)
     assert with_effect.median == pytest.approx(0.05 * np.exp(-20.0 * 0.02), rel=0.02)
     either = session_modulus([(1.0, (scores,)), (1.0, ())], apparent, 0.0, 1)
@@ -58,9 +59,9 @@ def test_the_session_modulus_holds_size_effect_and_viscosity():
 def test_what_could_hide_is_limited_by_the_capsules():
     model = Surrogate.open("square-neo-hookean")
     session, _ = drawn_session(model, 14, seed=4, outline=True)
-    found = limits_table(
-        limit_scores(model, {each.parameter.name: each for each in (Halo(), ViscosityError())}, session)
-    )
+    candidates = {each.parameter.name: each for each in (Halo(), ViscosityError())}
+    white = whitening(model, session)
+    found = limits_table(limit_scores(model, candidates, session, white, fitted(model, session, white)))
     assert list(found.index) == ["halo"]
     low, high = found.loc["halo", "low"], found.loc["halo", "high"]
     assert -5e-7 < low < 0.0 < high < 5e-7

@@ -25,9 +25,10 @@ from capsbayes.diagnosis.limits import limit_scores, limits_table
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
 from capsbayes.diagnosis.search import LEAST_RATIO, UNKNOWN, Search, Step, by_ratio, evidences, probabilities, searched
 from capsbayes.diagnosis.session import Session
-from capsbayes.diagnosis.session_modulus import SessionModulus, session_modulus
+from capsbayes.diagnosis.session_modulus import Explanation, SessionModulus, session_modulus
 from capsbayes.diagnosis.size_error import with_own_error
 from capsbayes.diagnosis.verification import Verification, verified
+from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.effect import Effect, Unseen
 from capsbayes.effects import catalogue
 from capsbayes.errors import NoShapeError
@@ -137,7 +138,7 @@ class Study(Readable):
         """`probabilities`; by all capsules where no effect was tried, computed when first asked for, as `limits`."""
         if self.evidence or not self._limit_scores:
             return self.probabilities
-        return probabilities(evidences(self._limit_scores, find(self.model, self.session, seed=self.seed)), self.trials)
+        return probabilities(evidences(self._limit_scores, self._whole_finding), self.trials)
 
     @cached_property
     def limits(self) -> pd.DataFrame:
@@ -151,22 +152,39 @@ class Study(Readable):
     @threadpool_limits.wrap(limits=1)
     def _limit_scores(self) -> Mapping[str, Scores]:
         none = self.verdict is Verdict.NONE
-        return limit_scores(self.model, self.candidates, self.session) if none else {}
+        return limit_scores(self.model, self.candidates, self.session, *self._whole) if none else {}
+
+    @cached_property
+    @threadpool_limits.wrap(limits=1)
+    def _whole(self) -> tuple[Whitening, Fits]:
+        """All capsules and the model without effects."""
+        white = whitening(self.tested_model, self.session)
+        return white, fitted(self.tested_model, self.session, white)
+
+    @cached_property
+    @threadpool_limits.wrap(limits=1)
+    def _whole_finding(self) -> Finding:
+        white, fits = self._whole
+        return find(self.tested_model, self.session, seed=self.seed, white=white, fits=fits)
 
     @cached_property
     def surface_shear_modulus(self) -> SessionModulus:
         """Median G_s of the session with what is not known of the effect, its size and the viscosity.
 
         With an effect that was named, or several in question, these are averaged over, as probable as their evidence;
-        otherwise no effect and every other that the capsules allow, the law of the membrane among them.
+        otherwise no effect, every other that the capsules allow, the law of the membrane among them, and something
+        else. Where no disagreement was found all capsules count, otherwise the first half.
         """
         viscosity = self.session.experiment.viscosity
         error = 0.0 if viscosity is None else viscosity.sd / viscosity.mean
-        apparent = np.empty(0) if self.first_half is None else self.first_half.modulus
+        if self.verdict is Verdict.NONE:
+            apparent = Comparison(self.session, self.model, self._whole[1]).modulus
+        else:
+            apparent = np.empty(0) if self.first_half is None else self.first_half.modulus
         return session_modulus(self._explanations, apparent, error, self.seed)
 
     @property
-    def _explanations(self) -> list[tuple[float, tuple[Scores, ...]]]:
+    def _explanations(self) -> list[tuple[float, Explanation]]:
         if self.verdict is Verdict.NAMED:
             return [(1.0, tuple(step.best for step in self.steps))]
         if self.verdict is Verdict.AMBIGUOUS:
@@ -175,12 +193,13 @@ class Study(Readable):
             most = max(last.scores[name].evidence for name in last.in_question)
             alike = [last.scores[name] for name in last.in_question]
             return [(float(np.exp(tried.evidence - most)), (*together, tried)) for tried in alike]
-        tried = self._limit_scores if self.verdict is Verdict.NONE else self.scores
-        tried = {name: scores for name, scores in tried.items() if not isinstance(scores.effect, Unseen)}
-        logs = {name: scores.evidence for name, scores in tried.items()}
-        most = max(logs.values(), default=0.0)
-        effects = [(float(np.exp(logs[name] - most)), (scores,)) for name, scores in tried.items()]
-        return [(float(np.exp(-most)), ()), *effects]
+        none = self.verdict is Verdict.NONE
+        tried, finding = (self._limit_scores, self._whole_finding) if none else (self.scores, self.finding)
+        something_else = finding.discrepancy
+        logs: list[tuple[float, Explanation]] = [(0.0, ()), (something_else.evidence, (something_else,))]
+        logs += [(scores.evidence, (scores,)) for scores in tried.values() if not isinstance(scores.effect, Unseen)]
+        most = max(log for log, _ in logs)
+        return [(float(np.exp(log - most)), changes) for log, changes in logs]
 
     @property
     def scores(self) -> Mapping[str, Scores]:

@@ -14,10 +14,13 @@ without it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 from scipy.special import logsumexp
 
 from capsbayes.arrays import Floats
@@ -76,6 +79,8 @@ class Discrepancy:
         Of the amplitudes of the `displacement_modes` [1/l^2], after Ca and a/l have absorbed what they can.
     shift : (n, q) array
         Information times the likeliest amplitudes.
+    response : (n, q) array [1/l]
+        Change of ln G_s with the amplitudes, by the Ca and a/l that make up for a displacement.
     own : (n,) array [l]
         Root mean square of the model's own error along each outline.
     trend : Trend
@@ -84,28 +89,31 @@ class Discrepancy:
     places: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     information: Floats = field(default_factory=lambda: np.zeros((0, _COUNT, _COUNT)), repr=False)
     shift: Floats = field(default_factory=lambda: np.zeros((0, _COUNT)), repr=False)
+    response: Floats = field(default_factory=lambda: np.zeros((0, _COUNT)), repr=False)
     own: Floats = field(default_factory=lambda: np.zeros(0))
     trend: Trend = field(default_factory=Trend, repr=False)
 
     @classmethod
     def of(cls, session: Session, white: Whitening, fits: Fits) -> Discrepancy:
         """Collect it from the fits of a session."""
-        rows, information, shift, own = [], [], [], []
+        rows, information, shift, response, own = [], [], [], [], []
         for row in np.flatnonzero(fits.settled):
             whitener = white.each[row]
             if isinstance(whitener, OfOutline):
                 seen = whitener.likelihood
                 whole = seen.whitened_displacement(displacement_modes(seen.pilot))
-                basis = np.linalg.qr(fits.slopes[row])[0]
-                left = whole - (whole @ basis) @ basis.T
+                basis, triangle = np.linalg.qr(fits.slopes[row])
+                along = whole @ basis
+                left = whole - along @ basis.T
                 rows.append(row)
                 information.append(left @ left.T)
                 shift.append(left @ fits.residuals[row])
+                response.append(along @ np.linalg.solve(triangle.T, fits.modulus_slopes[row]))
                 own.append(_own_error(seen))
         trend = Trend.of(session, fits)
         if not rows:
             return cls(trend=trend)
-        return cls(fits.theta[rows], np.array(information), np.array(shift), np.array(own), trend)
+        return cls(fits.theta[rows], np.array(information), np.array(shift), np.array(response), np.array(own), trend)
 
     def __add__(self, other: Discrepancy) -> Discrepancy:
         """Return that of the capsules of both."""
@@ -113,6 +121,7 @@ class Discrepancy:
             np.concatenate([self.places, other.places]),
             np.concatenate([self.information, other.information]),
             np.concatenate([self.shift, other.shift]),
+            np.concatenate([self.response, other.response]),
             np.concatenate([self.own, other.own]),
             self.trend + other.trend,
         )
@@ -131,18 +140,35 @@ class Discrepancy:
         """Log evidence of displaced outlines relative to the model's own error; zero without outlines."""
         if not len(self.places):
             return 0.0
+        without = [process.log_evidence for process in self._processes(something_else=False)]
+        with_it = [process.log_evidence for process in self._processes(something_else=True)]
+        return float(logsumexp(with_it) - np.log(len(with_it)) - logsumexp(without) + np.log(len(without)))
+
+    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw changes of the mean ln G_s if something else displaces the outlines, or makes a trend : (count,) array.
+
+        A trend alone changes nothing of it.
+        """
+        if not len(self.places):
+            return np.zeros(count)
+        outlines, trend = self.of_outlines, self.trend.evidence
+        displaced = rng.random(count) < 1.0 / (1.0 + np.exp(trend - outlines - np.logaddexp(0.0, trend)))
+        processes = list(self._processes(something_else=True))
+        logs = np.array([process.log_evidence for process in processes])
+        chosen = rng.choice(len(processes), count, p=np.exp(logs - logsumexp(logs)))
+        mean, variance = (np.array([getattr(each, name) for each in processes]) for name in ("change", "variance"))
+        return np.asarray(displaced * (mean[chosen] + np.sqrt(variance[chosen]) * rng.standard_normal(count)))
+
+    def _processes(self, *, something_else: bool) -> Iterator[_Process]:
+        """Yield the model's own error with something else, or without it."""
         own = float(np.mean(self.own**2))
-        with_it: list[float] = []
-        without: list[float] = []
+        kinds = [kind for kind in product(_AMPLITUDES, _CAMERA) if any(kind) == something_else]
         for features in self._dependences():
             information, shift = self._summed(features)
-            for length in _ARC:
-                spectrum = _spectrum(length)
-                for amplitude, camera in product(_AMPLITUDES, _CAMERA):
-                    variances = np.concatenate([(amplitude**2 + own) * spectrum, np.full(_CAMERA_MODES, camera**2)])
-                    found = _log_evidence(information, shift, np.tile(variances, features.shape[1]))
-                    (with_it if amplitude or camera else without).append(found)
-        return float(logsumexp(with_it) - np.log(len(with_it)) - logsumexp(without) + np.log(len(without)))
+            response = (features.T @ self.response).ravel() / len(features)
+            for length, (amplitude, camera) in product(_ARC, kinds):
+                each = np.concatenate([(amplitude**2 + own) * _spectrum(length), np.full(_CAMERA_MODES, camera**2)])
+                yield _Process.of(information, shift, response, np.tile(each, features.shape[1]))
 
     def _dependences(self) -> tuple[Floats, Floats]:
         """Return features (n, r) of processes over the capsules: the same in all, and depending on ln Ca and a/l."""
@@ -161,13 +187,30 @@ def _own_error(seen: OutlineLikelihood) -> float:
     return 0.0 if seen.modes is None else float(np.sqrt(np.mean(np.sum(seen.modes**2, axis=0))))
 
 
-def _log_evidence(information: Floats, shift: Floats, variances: Floats) -> float:
-    """Return the log evidence of normal amplitudes of given variances relative to none."""
-    used = variances > 0.0
-    root = np.sqrt(variances[used])
-    if not used.any():
-        return 0.0
-    together = np.eye(len(root)) + root[:, None] * information[np.ix_(used, used)] * root
-    factor = np.linalg.cholesky(together)
-    explained = np.linalg.solve(factor, root * shift[used])
-    return float(0.5 * explained @ explained - np.sum(np.log(np.diag(factor))))
+class _Process(NamedTuple):
+    """Normal amplitudes once the outlines were seen.
+
+    Parameters
+    ----------
+    log_evidence : float
+        Relative to no amplitudes.
+    change, variance : float
+        Mean and variance of the change of ln G_s.
+    """
+
+    log_evidence: float
+    change: float
+    variance: float
+
+    @classmethod
+    def of(cls, information: Floats, shift: Floats, response: Floats, variances: Floats) -> _Process:
+        """Infer amplitudes of given variances from what the outlines say, and what they change by their response."""
+        used = variances > 0.0
+        root = np.sqrt(variances[used])
+        if not used.any():
+            return cls(0.0, 0.0, 0.0)
+        factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * information[np.ix_(used, used)] * root)
+        both = np.stack([root * shift[used], root * response[used]], axis=1)
+        seen, moved = scipy.linalg.solve_triangular(factor, both, lower=True).T
+        log_evidence = float(0.5 * seen @ seen - np.sum(np.log(np.diag(factor))))
+        return cls(log_evidence, float(seen @ moved), float(moved @ moved))

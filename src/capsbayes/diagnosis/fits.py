@@ -40,6 +40,8 @@ class Fits:
         Their derivatives along log Ca and a/l.
     log_modulus, size : (n,) arrays
         ln G_s [N/m] at the mean viscosity, and a/l.
+    modulus_slopes : (n, 2) array
+        Derivatives of ln G_s along log Ca and a/l.
     covariance : (n, 2, 2) array
         Of ln G_s and a/l.
     known : (n,) bool array
@@ -57,6 +59,7 @@ class Fits:
     slopes: tuple[Floats, ...]
     log_modulus: Floats
     size: Floats
+    modulus_slopes: Floats
     covariance: Floats
     known: Booleans
     settled: Booleans
@@ -171,4 +174,6 @@ def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integ
         for of_all in (places.residuals, places.slopes)
     )
     settled = known & (places.left < _NEAR)
-    return Fits(places.points, residuals, slopes, log_modulus, size, covariance, known, settled, freedom, flow)
+    return Fits(
+        *(places.points, residuals, slopes, log_modulus, size, along[:, 0], covariance, known, settled, freedom, flow)
+    )

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import PchipInterpolator
 
-from capsbayes.diagnosis.fits import Fits, fitted, whitening
+from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.scoring import Outcome, Scores
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
@@ -24,13 +24,13 @@ _FURTHER = 2.0  # factor from one size to the next
 _ENOUGH = 8.0  # fall of the log likelihood, in that of an interval's end, beyond which no further size is tried
 
 
-def limit_scores(model: ForwardModel, candidates: Mapping[str, Effect], session: Session) -> dict[str, Scores]:
-    """Score effects on all capsules of a session at sizes from the null value on, as far as the capsules allow them.
+def limit_scores(
+    model: ForwardModel, candidates: Mapping[str, Effect], session: Session, white: Whitening, without: Fits
+) -> dict[str, Scores]:
+    """Score effects on the capsules of a session at sizes from the null value on, as far as the capsules allow them.
 
-    Effects of which nothing is seen are omitted.
+    Whitening and fits are the model's. Effects of which nothing is seen are omitted.
     """
-    white = whitening(model, session)
-    without = fitted(model, session, white)
     seen = {name: effect for name, effect in candidates.items() if not isinstance(effect, Unseen)}
     return {name: _scored(model, effect, session, white, without) for name, effect in seen.items()}
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
@@ -116,6 +117,24 @@ class Scores:
         most = float(total.max())
         mean = np.trapezoid(prior * np.exp(total - most), fine)
         return most + float(np.log(mean)) - float(self.total[self.null])
+
+    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw changes of ln G_s by the effect, of a size as probable as the data and its prior say : (count,) array.
+
+        The data tell the size no better than its interval says.
+        """
+        known = np.isfinite(self.modulus)
+        if known.sum() < 2:
+            return np.zeros(count)
+        fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
+        total = PchipInterpolator(self.sizes, self.total)(fine)
+        density = self.effect.prior.pdf(fine) * np.exp((total - total.max()) / self.sandwich)
+        below = cumulative_trapezoid(density, fine, initial=0)
+        sizes = np.interp(rng.random(count) * below[-1], below, fine) + self.own_error * rng.standard_normal(count)
+        log_modulus = PchipInterpolator(self.sizes[known], np.log(self.modulus[known]))
+        ends = self.sizes[known][[0, -1]]
+        null = float(log_modulus(np.clip(self.effect.null_value, *ends)))
+        return np.asarray(log_modulus(np.clip(sizes, *ends)) - null)
 
     def __str__(self) -> str:
         """Return the effect, its size and 68 % interval."""

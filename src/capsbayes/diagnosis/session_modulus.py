@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from capsbayes.arrays import Floats
-from capsbayes.diagnosis.scoring import Scores
 
 _DRAWS = 4000
 _OF_MEDIAN = 1.2533  # standard error of a median of normal values over that of their mean
 
-Explanation = Sequence[Scores]
-"""Scores of the effects that act together; empty for no effect."""
+
+class Change(Protocol):
+    """What changes G_s: an effect, or something else."""
+
+    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw changes of ln G_s : (count,) array."""
+        ...
+
+
+Explanation = Sequence[Change]
+"""What acts together; empty for nothing."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,7 @@ def session_modulus(
 
     Parameters
     ----------
-    explanations : sequence of (weight, scores)
+    explanations : sequence of (weight, explanation)
     without : (n,) array [N/m]
         Apparent G_s of the capsules without an effect, NaN where the model has no shape.
     viscosity_error : float
@@ -52,25 +60,12 @@ def session_modulus(
     counts = rng.multinomial(_DRAWS, weights / weights.sum())
     drawn = np.concatenate(
         [
-            np.median(logs) + sum((_changes(scores, rng, count) for scores in effects), start=np.zeros(count))
-            for count, (_, effects) in zip(counts, explanations, strict=True)
+            np.median(logs) + sum((change.log_modulus_changes(rng, count) for change in changes), start=np.zeros(count))
+            for count, (_, changes) in zip(counts, explanations, strict=True)
         ]
     )
-    drawn += _OF_MEDIAN * logs.std() / np.sqrt(len(logs)) * rng.standard_normal(_DRAWS)
+    error = _OF_MEDIAN * logs.std(ddof=1) / np.sqrt(len(logs)) if len(logs) > 1 else 0.0
+    drawn += error * rng.standard_t(max(len(logs) - 1, 1), _DRAWS)
     drawn += viscosity_error * rng.standard_normal(_DRAWS)
     low, median, high = np.exp(np.quantile(drawn, (0.025, 0.5, 0.975)))
     return SessionModulus(float(median), float(low), float(high))
-
-
-def _changes(scores: Scores, rng: np.random.Generator, count: int) -> Floats:
-    """Draw changes of ln G_s by an effect of a size drawn from its interval : (count,) array."""
-    known = np.isfinite(scores.modulus)
-    if known.sum() < 2:
-        return np.zeros(count)
-    low, high = scores.interval()
-    deviate = rng.standard_normal(count)
-    size = scores.size + deviate * np.where(deviate < 0.0, scores.size - low, high - scores.size)
-    log_modulus = PchipInterpolator(scores.sizes[known], np.log(scores.modulus[known]))
-    ends = scores.sizes[known][[0, -1]]
-    null = float(log_modulus(np.clip(scores.effect.null_value, *ends)))
-    return np.asarray(log_modulus(np.clip(size, *ends)) - null)
