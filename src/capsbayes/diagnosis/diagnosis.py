@@ -171,9 +171,11 @@ class Study(Readable):
     def surface_shear_modulus(self) -> SessionModulus:
         """Median G_s of the session with what is not known of the effect, its size and the viscosity.
 
-        With an effect that was named, or several in question, these are averaged over, as probable as their evidence;
-        otherwise no effect, every other that the capsules allow, the law of the membrane among them, and something
-        else. Where no disagreement was found all capsules count, otherwise the first half.
+        With an effect that was named, or several in question, these are averaged over, as probable as their evidence.
+        Where no disagreement was found, so are no effect, every other that the capsules allow, the law of the membrane
+        among them, and something else, and all capsules count, otherwise the first half. Where no effect explains the
+        capsules, none is the truth: something else, and all that explain a part, with half the weight each, show how
+        far G_s may be off.
         """
         viscosity = self.session.experiment.viscosity
         error = 0.0 if viscosity is None else viscosity.sd / viscosity.mean
@@ -193,13 +195,15 @@ class Study(Readable):
             most = max(last.scores[name].evidence for name in last.in_question)
             alike = [last.scores[name] for name in last.in_question]
             return [(float(np.exp(tried.evidence - most)), (*together, tried)) for tried in alike]
-        none = self.verdict is Verdict.NONE
-        tried, finding = (self._limit_scores, self._whole_finding) if none else (self.scores, self.finding)
-        something_else = finding.discrepancy
-        logs: list[tuple[float, Explanation]] = [(0.0, ()), (something_else.evidence, (something_else,))]
-        logs += [(scores.evidence, (scores,)) for scores in tried.values() if not isinstance(scores.effect, Unseen)]
-        most = max(log for log, _ in logs)
-        return [(float(np.exp(log - most)), changes) for log, changes in logs]
+        if self.verdict is Verdict.NONE:
+            something_else = self._whole_finding.discrepancy
+            seen = [each for each in self._limit_scores.values() if not isinstance(each.effect, Unseen)]
+            logs: list[tuple[float, Explanation]] = [(0.0, ()), (something_else.evidence, (something_else,))]
+            logs += [(each.evidence, (each,)) for each in seen]
+            most = max(log for log, _ in logs)
+            return [(float(np.exp(log - most)), changes) for log, changes in logs]
+        partly = [each for each in self.scores.values() if each.log_likelihood_ratio > LEAST_RATIO]
+        return [(max(len(partly), 1.0), (self.finding.discrepancy,)), *((1.0, (each,)) for each in partly)]
 
     @property
     def scores(self) -> Mapping[str, Scores]:
