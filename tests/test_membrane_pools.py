@@ -12,6 +12,7 @@ from scipy import stats
 
 from capsbayes.membrane_database import RANGES, covered
 from capsbayes.profile import Profile
+from capsbayes.show.words.posterior import BEYOND_LAWS
 
 CAPSULES = membrane_pools.stored("capsules")
 
@@ -98,6 +99,11 @@ def test_the_default_is_wrong_about_other_membranes(counts):
     for kind in membrane_coverage.KINDS:
         row = counts["capsules"][f"{kind}, neo-Hookean"]
         assert row["surface_shear_modulus 95"] < 0.6 * (row["capsules"] - row["refused"])
+
+
+def test_what_another_law_does_to_the_modulus_is_what_the_answer_says(counts):
+    bias = counts["others"]["outline, generalised Hooke"]["bias"]
+    assert round(float(np.expm1(bias)), 1) == BEYOND_LAWS
 
 
 def test_capsules_of_other_laws_have_their_moduli_and_no_hardening():

@@ -14,6 +14,7 @@ from capsbayes.infer import Posterior, Prior, identify
 from capsbayes.infer.exact import exact_engine
 from capsbayes.infer.importance import engine as importance
 from capsbayes.infer.importance.engine import ImportanceSampling
+from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
 from capsbayes.show.words.posterior import caveats
 from capsbayes.status import Status
 
@@ -166,6 +167,11 @@ def test_emcee_agrees_and_says_what_the_data_tell(identified, tmp_path):
     assert list(identified.summary()["width_over_prior"].dropna().index) == list(RANGES)
     sentences = caveats(identified)
     assert sum("kept its prior" in sentence for sentence in sentences) == len(RANGES)
+    assert not any("generalised Hooke" in sentence for sentence in sentences)
+    angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    circle = MeasuredOutline(np.stack([np.cos(angle), np.sin(angle)], axis=1), OutlineNoise(0.005, 0.2))
+    outlined = replace(identified, measurement=replace(identified.measurement, outline=circle))
+    assert any("generalised Hooke" in sentence for sentence in caveats(outlined))
     again = Posterior.read(identified.write(tmp_path / "posterior.nc"))
     assert again.widths_over_prior() == pytest.approx(widths)
     assert again.log_modulus_sd_if_known == identified.log_modulus_sd_if_known

@@ -15,6 +15,8 @@ from capsbayes.show.words.rounding import interval_words, per_cent, two_digits
 _LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
 _KEPT, _TOLD = 0.9, 0.5  # of the width of the prior, from which on a coordinate kept it, and below which it is told
 _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
+BEYOND_LAWS = 0.3
+"""Share by which G_s from an outline is too large if the membrane obeys generalised Hooke's law, read as unknown."""
 _INPUTS = {
     "outline": "measured outline",
     "surrogate": "error of the model between its simulations",
@@ -131,6 +133,11 @@ def _coordinates(posterior: Posterior) -> Iterator[str]:
         f"ln G_s has a standard deviation of {posterior.log_modulus_sd:.2g}; were the membrane known, "
         f"{posterior.log_modulus_sd_if_known:.2g}."
     )
+    if posterior.measurement.outline is not None and "strain_hardening" in posterior.widths_over_prior():
+        yield (
+            "The intervals are those of the model's laws. A membrane of another law may have the same outline: if it "
+            f"obeys generalised Hooke's, this G_s is some {per_cent(BEYOND_LAWS)} too large."
+        )
     expected = posterior.expected_log_modulus_sds
     if expected:
         best = min(expected, key=lambda name: expected[name])
