@@ -2,6 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.contour import ContourSet
 from polynomial_model import PolynomialModel
 
 from capsbayes.errors import InputError
@@ -12,6 +14,7 @@ from capsbayes.infer.outline.misfit import band
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.show import corner_plot, outline_figure, outline_plot
+from capsbayes.show.figures.corner import density_levels
 
 
 @pytest.fixture(scope="module")
@@ -34,22 +37,50 @@ def texts(ax):
 
 def test_the_corner_plot_shows_every_pair_with_units_and_intervals(posterior):
     figure = corner_plot(posterior)
-    axes = np.array(figure.axes).reshape(5, 5)
-    assert axes[-1, 0].get_xlabel() == r"$G_\mathrm{s}$ [mN/m]"
-    assert axes[1, 0].get_ylabel() == "$a$ [µm]"
+    axes = {ax.get_label(): ax for ax in figure.axes}
+    assert len(axes) == 15
+    assert axes["size_ratio surface_shear_modulus"].get_xlabel() == r"$G_\mathrm{s}$ [mN/m]"
+    assert axes["capsule_radius surface_shear_modulus"].get_ylabel() == "$a$ [µm]"
     one = posterior.marginals["capsule_radius"]
-    assert axes[1, 1].get_title().startswith(f"$a = {1e6 * one.median:.2f}_{{-")
-    assert axes[1, 1].get_title().endswith("µm")
-    low, high = axes[3, 3].get_xlim()
+    assert axes["capsule_radius"].get_title().startswith(f"$a = {1e6 * one.median:.2f}_{{-")
+    assert axes["capsule_radius"].get_title().endswith("µm")
+    (lines,) = (of for of in axes["capsule_radius"].collections if isinstance(of, LineCollection))
+    shown = [line[0, 0] for line in lines.get_segments()]
+    np.testing.assert_allclose(shown, [1e6 * one.lower_68, 1e6 * one.median, 1e6 * one.upper_68])
+    low, high = axes["capillary_number"].get_xlim()
     assert low < posterior.marginals["capillary_number"].lower_95 < high
     assert figure.legends == []
+
+
+def test_a_contour_of_the_corner_plot_holds_the_share_of_the_draws_that_it_states(posterior):
+    ax = next(of for of in corner_plot(posterior).axes if of.get_label() == "size_ratio capillary_number")
+    draws = np.stack([np.ravel(posterior.draws[name]) for name in ("capillary_number", "size_ratio")], axis=1)
+    _, outlines = (of for of in ax.collections if isinstance(of, ContourSet))
+    held = [path.contains_points(draws).mean() for path in outlines.get_paths()]
+    np.testing.assert_allclose(held, [0.95, 0.68], atol=0.02)
+
+
+@pytest.mark.parametrize("shares", [(0.68, 0.95), (0.1, 0.5)])
+def test_levels_of_a_normal_density_are_those_of_its_ellipses(shares):
+    """A share p lies where the density is above 1 - p of its maximum."""
+    x = np.linspace(-6.0, 6.0, 400)
+    density = np.exp(-0.5 * (x[:, None] ** 2 + (x - 0.3) ** 2))
+    np.testing.assert_allclose(density_levels(density, shares), 1.0 - np.array(shares[::-1]), atol=2e-3)
+
+
+def test_a_quantity_without_spread_is_drawn_too(posterior):
+    fixed = np.full_like(posterior.draws["size_ratio"], 0.9)
+    same = replace(posterior, draws=posterior.draws | {"size_ratio": fixed})
+    ax = corner_plot(same, ("capillary_number", "size_ratio")).axes[-1]
+    low, high = ax.get_xlim()
+    assert low < 0.9 < high
 
 
 def test_the_corner_plot_marks_the_deterministic_answer(posterior):
     answer = DeterministicAnswer(0.041, 24e-6, 3.88e-3, 0.081, 0.959, 1.29)
     figure = corner_plot(replace(posterior, deterministic=answer), ("surface_shear_modulus", "size_ratio"))
-    axes = np.array(figure.axes).reshape(2, 2)
-    (marker,) = (line for line in axes[1, 0].lines if line.get_marker() == "D")
+    pair = next(ax for ax in figure.axes if ax.get_label() == "size_ratio surface_shear_modulus")
+    (marker,) = (line for line in pair.lines if line.get_marker() == "D")
     np.testing.assert_allclose([marker.get_xdata()[0], marker.get_ydata()[0]], [41.0, 0.959])
     assert "deterministic" in figure.legends[0].get_texts()[0].get_text()
 
