@@ -130,10 +130,14 @@ def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyp
     edge, it is looked for as much further on.
     """
     count = len(outline)
-    round_it = 0.0
+    round_it, longest = 0.0, 0.0
     for j in range(count):
         following = j + 1 if j + 1 < count else 0
-        round_it += np.hypot(outline[following, 0] - outline[j, 0], outline[following, 1] - outline[j, 1])
+        along_z, along_y = outline[following, 0] - outline[j, 0], outline[following, 1] - outline[j, 1]
+        edge_length = np.sqrt(along_z * along_z + along_y * along_y)
+        round_it += edge_length
+        longest = max(longest, edge_length)
+    squares = np.empty(count)
     usual, best = min(count, 8 + 6 * count // len(points)), 0
     for i in range(len(points)):
         z, y = points[i]
@@ -144,22 +148,30 @@ def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyp
             step = np.hypot(z - points[i - 1, 0], y - points[i - 1, 1]) / round_it * count
             if 2.0 * step > usual - 8:
                 reach = min(count, usual + int(3.0 * step))
-        square, edge, share = np.inf, 0, 0.0
-        for k in range(-(reach // 2), reach - reach // 2):
-            j = best + k  # the modulo operator would take longer than all the rest
-            if j < 0:
-                j += count
-            elif j >= count:
-                j -= count
+        first = best - reach // 2
+        if first < 0:  # the modulo operator would take longer than all the rest
+            first += count
+        square, j = np.inf, first
+        for k in range(reach):
+            away_z, away_y = z - outline[j, 0], y - outline[j, 1]
+            squares[k] = away_z * away_z + away_y * away_y
+            square = min(square, squares[k])
+            j = j + 1 if j + 1 < count else 0
+        # an edge is nearer than its vertex by its length at most
+        farthest, edge, share, j = (np.sqrt(square) + longest) ** 2, 0, 0.0, first
+        square = np.inf
+        for k in range(reach):
             following = j + 1 if j + 1 < count else 0
-            z0, y0 = outline[j]
-            along_z, along_y = outline[following, 0] - z0, outline[following, 1] - y0
-            length = along_z * along_z + along_y * along_y
-            t = min(max(((z - z0) * along_z + (y - y0) * along_y) / max(length, 1e-300), 0.0), 1.0)
-            away_z, away_y = z - z0 - t * along_z, y - y0 - t * along_y
-            found = away_z * away_z + away_y * away_y
-            if found < square:
-                square, edge, share = found, j, t
+            if squares[k] <= farthest:
+                z0, y0 = outline[j]
+                along_z, along_y = outline[following, 0] - z0, outline[following, 1] - y0
+                length = along_z * along_z + along_y * along_y
+                t = min(max(((z - z0) * along_z + (y - y0) * along_y) / max(length, 1e-300), 0.0), 1.0)
+                away_z, away_y = z - z0 - t * along_z, y - y0 - t * along_y
+                found = away_z * away_z + away_y * away_y
+                if found < square:
+                    square, edge, share = found, j, t
+            j = following
         _normal_at(outline, edge, share, normal[i])
         foot_z = outline[edge, 0] + share * (outline[(edge + 1) % count, 0] - outline[edge, 0])
         foot_y = outline[edge, 1] + share * (outline[(edge + 1) % count, 1] - outline[edge, 1])
