@@ -4,8 +4,11 @@ from drawn import drawn
 
 from capsbayes.errors import InputError
 from capsbayes.image.background import estimate_background, temporal_median, transmission
+from capsbayes.image.files.picture import Picture
+from capsbayes.image.measure import detect
 from capsbayes.image.synthetic import Optics
-from capsbayes.image.walls import find_walls
+from capsbayes.image.walls import _dark_lines, find_walls
+from capsbayes.status import Status
 
 
 @pytest.mark.parametrize("tilt", [-0.06, 0.0, 0.02])
@@ -42,3 +45,32 @@ def test_a_background_is_guessed_from_the_picture_alone():
     light = transmission(made.background.astype(float), guessed)
     assert np.median(light) == pytest.approx(1.0, abs=0.02)
     assert np.percentile(np.abs(light - 1.0), 90) < 0.04
+
+
+def test_a_line_is_as_dark_as_three_of_four_strips_are():
+    ridge = np.random.default_rng(2).standard_normal((12, 30))
+    shifts = np.stack([np.zeros(12), np.arange(12) - 6]).astype(np.int64)
+    dark = _dark_lines(ridge, shifts)
+    for shift, found in zip(shifts, dark, strict=True):
+        for row in range(30):
+            at = row + shift
+            inside = (at >= 0) & (at < 30)
+            values = np.where(inside, ridge[np.arange(12), np.clip(at, 0, 29)], -np.inf)
+            assert found[row] == np.sort(values)[3]
+
+
+def test_a_high_picture_is_measured_as_its_channel_alone():
+    made = drawn(0.1, 0.9, tilt=0.02)
+    border = ((160, 240), (0, 0))
+    high, empty = (np.pad(each, border, mode="edge") for each in (made.picture, made.background))
+    alone, within = (
+        detect(Picture.from_array(picture), background=Picture.from_array(ground))
+        for picture, ground in ((made.picture, made.background), (high, empty))
+    )
+    assert within.status is Status.DONE
+    np.testing.assert_allclose(within.lengths, alone.lengths, atol=1e-6)
+    np.testing.assert_allclose(within.outline.points - [0.0, 160.0], alone.outline.points, atol=1e-5)
+    rows = within.walls.rows_around(high.shape)
+    assert rows.start % 16 == 0
+    assert 0 <= within.walls.centre_row - within.walls.half_width - rows.start < 48.0
+    assert len(high) > rows.stop > within.walls.centre_row + within.walls.half_width + 20.0

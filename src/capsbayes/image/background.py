@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.image.edges.robust import median
 from capsbayes.image.walls import WallLines
 
 _BRIGHT = 85.0  # percentile along the channel that is taken for the empty channel
@@ -94,4 +95,4 @@ def flatten(light: Floats, walls: WallLines) -> Floats:
 
 def transmission(grey: Floats, background: Floats) -> Floats:
     """Return the light over that of the empty channel : (rows, columns) array."""
-    return np.asarray(grey / np.maximum(background, _DARKEST * np.median(background)))
+    return np.asarray(grey / np.maximum(background, _DARKEST * median(background)))

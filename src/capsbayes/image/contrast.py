@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.image.background import estimate_background
+from capsbayes.image.edges.robust import quantile
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.walls import WallLines, find_walls
 
 CONTRASTS = ("dark", "bright")
-_ENDS = 0.1, 99.9  # percentiles of what differs from the empty channel
+_ENDS = 0.001, 0.999  # quantiles of what differs from the empty channel
 _BRIGHTER = 2.0  # of the largest darkening: a dark capsule may gather light in its middle
 _EVERY = 2  # px: neighbours in a smoothed picture are alike, and percentiles of many pixels take time
 _CLEAR = 2.0  # of the width of a wall's line: nearer to it, the line itself differs
@@ -35,13 +36,15 @@ def mirror_level(empty: Floats, frames: Sequence[NDArray[Any]]) -> float:
 def is_brighter(frames: Sequence[NDArray[Any]], empty: Floats, walls: WallLines) -> bool:
     """Return True if what differs most from the empty channel between the walls is brighter than it."""
     some = slice(None, None, _EVERY)
-    between = np.abs(walls.offset((empty.shape[0], empty.shape[1]))) < walls.half_width - _CLEAR * walls.line_width
-    between = between[some, some]
+    rows = walls.rows_around((empty.shape[0], empty.shape[1]))
+    empty = empty[rows]
+    offset = walls.moved(0, -rows.start).offset((empty.shape[0], empty.shape[1]))
+    between = np.abs(offset[some, some]) < walls.half_width - _CLEAR * walls.line_width
     darkening = brightening = 0.0
     for frame in frames:
-        change = cv2.GaussianBlur(np.subtract(frame, empty, dtype=np.float32), (0, 0), 1.0)[some, some][between]
-        least, most = np.percentile(change, _ENDS) if change.size else (0.0, 0.0)
-        darkening, brightening = max(darkening, -float(least)), max(brightening, float(most))
+        change = cv2.GaussianBlur(np.subtract(frame[rows], empty, dtype=np.float32), (0, 0), 1.0)[some, some][between]
+        least, most = (quantile(change, share) for share in _ENDS) if change.size else (0.0, 0.0)
+        darkening, brightening = max(darkening, -least), max(brightening, most)
     return brightening > _BRIGHTER * darkening
 
 

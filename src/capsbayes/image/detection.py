@@ -14,7 +14,7 @@ from capsbayes.image.edges.extent import FurthestPoint, furthest_point
 from capsbayes.image.edges.integrals import SilhouetteIntegrals, centroid, integrate_silhouette
 from capsbayes.image.edges.outline import EdgeOutline, locate_edge
 from capsbayes.image.edges.rear import RearBand, find_rear, shows_second_nose
-from capsbayes.image.edges.robust import median
+from capsbayes.image.edges.robust import median, quantile
 from capsbayes.image.walls import WallLines
 from capsbayes.status import Status
 
@@ -199,7 +199,7 @@ def _ends_located(outline: EdgeOutline, walls: WallLines) -> bool:
     """Return whether the edge is not blurred beyond what was tried, and was located along most of either end."""
     facing = outline.normals @ walls.along
     ends = [outline.located[side * facing > _FACING] for side in (1.0, -1.0)]
-    sharp = float(np.quantile(outline.edge_width, 0.75)) < _WIDEST
+    sharp = quantile(outline.edge_width, 0.75) < _WIDEST
     return sharp and all(len(end) > 0 and np.mean(end) > _FOUND for end in ends)
 
 

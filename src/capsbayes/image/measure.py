@@ -86,10 +86,17 @@ def detect(
 
 def _detect(picture: Picture, background: Picture | None, walls: WallLines, direction: int) -> Detection:
     """Find a dark capsule between the walls in the part of a picture that is analysed."""
-    between = np.abs(walls.offset(picture.shape)) < walls.half_width
-    if np.mean(picture.clipped[between]) > CLIPPED:
-        return Detection(Status.SATURATED, walls)
     empty = estimate_background(picture.grey, walls) if background is None else background.grey
+    near = walls.rows_around(picture.shape)
+    seen = picture.cut((near, slice(None)))
+    return _between(seen, empty[near], walls.moved(0, -near.start), direction).moved(0, near.start)
+
+
+def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int) -> Detection:
+    """Find a dark capsule in the rows of a picture around the walls."""
+    between = np.abs(walls.offset(picture.shape)) < walls.half_width
+    if np.count_nonzero(picture.clipped & between) > CLIPPED * np.count_nonzero(between):
+        return Detection(Status.SATURATED, walls)
     light = transmission(picture.grey, empty)
     noise = pixel_noise(light[between.any(axis=1)])
     found = find_blobs(light, walls, noise)

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
 _SAMPLED = 41  # frames in the median that is the background
 _TELLING = 9  # frames that tell contrast and smoothing, where the background is given
-_MARGIN = 14.0  # px beyond the walls that are read
-_NOISE_PIXELS = 40_000  # from which the noise of a frame is estimated
 _COLUMNS = {  # of the table of capsules, and the attributes of their measurements
     "axial_extent_over_l": "axial_extent",
     "axial_extent_error_over_l": "axial_extent_error",
@@ -197,7 +195,7 @@ def _measure_frame(
 ) -> None:
     """Find the blobs of one frame, link them and measure each."""
     light = view.contrast.shown(picture).grey * view.gain
-    noise = pixel_noise(light[:: max(1, light.size // _NOISE_PIXELS)])
+    noise = pixel_noise(light)
     blobs = find_blobs(light, view.walls, noise)
     for blob, track in zip(blobs, linker.link(frame, blobs), strict=True):
         if track is None:
@@ -248,8 +246,7 @@ def _view(
         light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
         if find_blobs(light, walls, pixel_noise(light)):
             return Status.COVERED
-    reach = walls.half_width + _MARGIN + abs(np.tan(walls.tilt)) * walls.centre_column
-    near = slice(max(0, int(walls.centre_row - reach)), min(empty.shape[0], int(walls.centre_row + reach) + 2))
+    near = walls.rows_around((empty.shape[0], empty.shape[1]))
     walls = walls.moved(0, -near.start)
     shown = empty[near]
     between = np.abs(walls.offset((len(shown), shown.shape[1]))) < walls.half_width

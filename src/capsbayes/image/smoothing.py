@@ -16,6 +16,7 @@ from capsbayes.image.walls import WallLines
 
 _LAGS = np.array([1, 2, 3, 4, 6])  # px; over the last, noise is independent in all but the widest filters
 _TILE, _FEWEST = 16, 4  # px, and tiles: the median over them is that of the noise, also where some show specks
+_ENOUGH = 400  # tiles: of a large picture, every second, third ... is taken
 _BLOCK = 8  # px
 _STEPS = 4.0  # least ratio of the steps between blocks to those within, both axes multiplied; by chance it is below 1.8
 _LOST = 0.3  # least loss of noise that is no chance
@@ -30,7 +31,7 @@ def edge_shift(light: Floats, walls: WallLines, blobs: list[Blob]) -> float:
     The light (rows, columns) is over that of the empty channel. All edges share the error, in all pictures of a camera.
     """
     free = _free(light.shape, walls, blobs)
-    sums, counts = _tile_sums(light, free, _LAGS, _TILE)
+    sums, counts = _tile_sums(light, free, _LAGS, _TILE, max(1, light.size // (_ENOUGH * _TILE**2)))
     whole = counts[:, -1] >= _TILE**2 // 2
     if np.count_nonzero(whole) < _FEWEST:
         return 0.0
@@ -54,10 +55,10 @@ def _free(shape: tuple[int, ...], walls: WallLines, blobs: list[Blob]) -> Boolea
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _tile_sums(light, free, lags, size):  # type: ignore[no-untyped-def]
+def _tile_sums(light, free, lags, size, every):  # type: ignore[no-untyped-def]
     """Return sums of squared second differences at each lag along rows and columns, and their numbers : (tiles, lags).
 
-    A slope of the light has no second difference.
+    A slope of the light has no second difference. Of the tiles, only every so many are summed.
     """
     rows, columns = light.shape
     across = (columns + size - 1) // size
@@ -65,9 +66,9 @@ def _tile_sums(light, free, lags, size):  # type: ignore[no-untyped-def]
     counts = np.zeros(sums.shape, dtype=np.int64)
     for i in range(rows):
         for j in range(columns):
-            if not free[i, j]:
-                continue
             tile = (i // size) * across + j // size
+            if tile % every or not free[i, j]:
+                continue
             for n in range(len(lags)):
                 k = lags[n]
                 if k <= i < rows - k and free[i - k, j] and free[i + k, j]:

@@ -13,8 +13,10 @@ from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.arrays import Floats
 from capsbayes.image.edges.models import Model, locate
-from capsbayes.image.edges.robust import fit_without_outliers, robust_spread
+from capsbayes.image.edges.robust import fit_without_outliers, median, robust_spread
 
+_MARGIN = 20.0  # px beyond the walls: edges next to a wall are located in what is within it
+_WHOLE = 16  # px: neighbouring pixels are compared in tiles
 _STRIPS = 12
 _SLOPES = np.linspace(-0.12, 0.12, 25)
 _SMOOTHING = 2.0  # px
@@ -82,6 +84,13 @@ class WallLines:
         """Unit vector (x, y) downwards across the centre line."""
         return np.array([-np.sin(self.tilt), np.cos(self.tilt)])
 
+    def rows_around(self, shape: tuple[int, int]) -> slice:
+        """Return the rows of a picture that show the walls and what lies between, from a multiple of 16 on."""
+        aside = max(self.centre_column, shape[1] - self.centre_column)
+        reach = self.half_width + _MARGIN + abs(np.tan(self.tilt)) * aside
+        first, last = int(self.centre_row - reach), int(self.centre_row + reach) + 2
+        return slice(max(0, first) // _WHOLE * _WHOLE, max(0, min(shape[0], last)))
+
     def offset(self, shape: tuple[int, int]) -> Floats:
         """Return the distance of each pixel of a picture from the centre line, positive below : array of `shape`."""
         rows, columns = (np.arange(count, dtype=float) for count in shape)
@@ -129,7 +138,7 @@ def _coarse(strips: Floats, places: Floats) -> Floats | None:
     fainter = dark[each, second]
     best = int(np.argmax(dark[each, first] + fainter))
     spread = robust_spread(dark[best][np.isfinite(dark[best])])
-    if not fainter[best] > max(_SIGNIFICANCE * spread, 1e-3 * np.median(strips)):
+    if not fainter[best] > max(_SIGNIFICANCE * spread, 1e-3 * median(strips)):
         return None
     return np.sort([first[best], second[best]])[:, None] + _SLOPES[best] * places
 
@@ -143,17 +152,20 @@ def _dark_lines(ridge, shifts):  # type: ignore[no-untyped-def]
     """
     strips, rows = ridge.shape
     rank = strips // 4
-    dark, least = np.empty((len(shifts), rows)), np.empty(rank + 1)  # the least values of a line in their order
+    dark, value = np.empty((len(shifts), rows)), np.empty(rows)
+    least = np.empty((rank + 1, rows))  # the least values of each line in their order
     for s in range(len(shifts)):
-        for row in range(rows):
-            least[:] = np.inf
-            for strip in range(strips):
+        least[:] = np.inf
+        for strip in range(strips):
+            for row in range(rows):
                 at = row + shifts[s, strip]
-                value = ridge[strip, at] if 0 <= at < rows else -np.inf
-                for place in range(rank + 1):
-                    if value < least[place]:
-                        least[place], value = value, least[place]
-            dark[s, row] = least[rank]
+                value[row] = ridge[strip, at] if 0 <= at < rows else -np.inf
+            for place in range(rank + 1):
+                for row in range(rows):  # a processor compares several rows at once
+                    smaller = value[row] < least[place, row]
+                    low, high = least[place, row], value[row]
+                    least[place, row], value[row] = (high, low) if smaller else (low, high)
+        dark[s] = least[rank]
     return dark
 
 
@@ -165,7 +177,7 @@ def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallL
     within = (rows >= 0) & (rows < strips.shape[1])
     profiles = np.concatenate([strips, strips])[np.arange(2 * _STRIPS)[:, None], np.clip(rows, 0, strips.shape[1] - 1)]
     lines = locate(
-        profiles / np.median(strips),
+        profiles / median(strips),
         samples.astype(float),
         Model.LINE,
         np.zeros(2 * _STRIPS),
@@ -188,7 +200,7 @@ def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallL
     covariance = fit.cofactor * fit.variance
     tilt = float(np.arctan(slope))
     half = 0.5 * np.cos(tilt)
-    width = float(np.median(lines.width[fit.kept]))
+    width = median(lines.width[fit.kept])
     variance = half**2 * (covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]) + 0.5 * (_MISFIT * width) ** 2
     return WallLines(
         centre_row=float(0.5 * (upper + lower)),

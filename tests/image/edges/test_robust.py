@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.image.edges.robust import fit_without_outliers, robust_spread
+from capsbayes.image.edges.robust import fit_without_outliers, median, quantile, robust_spread
 
 X = np.linspace(-1.0, 1.0, 41)
 DESIGN = np.stack([np.ones_like(X), X], axis=1)
@@ -66,3 +66,15 @@ def test_three_points_leave_a_line_one_degree_of_freedom():
     )
     assert fit.coefficients == pytest.approx([1.0 / 3.0, 0.0])
     assert fit.variance == pytest.approx(2.0 / 3.0)
+
+
+def test_fits_median_and_quantiles_are_those_of_numpy():
+    values = np.random.default_rng(5).standard_normal(41)
+    kept = np.abs(values) < 1.5
+    made = fit(values, kept=kept, rounds=1)
+    expected, *_ = np.linalg.lstsq(DESIGN[kept], values[kept], rcond=None)
+    np.testing.assert_allclose(made.coefficients, expected, rtol=1e-10)
+    for count in (1, 2, 40, 41):
+        assert median(values[:count]) == pytest.approx(np.median(values[:count]), abs=1e-14)
+        for share in (0.0, 0.1, 0.75, 1.0):
+            assert quantile(values[:count], share) == pytest.approx(np.quantile(values[:count], share), abs=1e-14)

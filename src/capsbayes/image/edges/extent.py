@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,7 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift
     top = int(np.argmax(_moving_mean(reach)))
     for window in _WINDOWS:
         index = np.arange(top - window, top + window + 1) % len(reach)
-        t = np.arange(-window, window + 1) / window
-        design = t[:, None] ** np.arange(_ORDER + 1)
+        t, design = _design(window)
         error = trusted[index]
         weighted = design / error[:, None]
         inverse = np.linalg.solve(weighted.T @ weighted, weighted.T) / error
@@ -67,6 +67,13 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift
     too_far = _too_far(excess * float(np.sum((slope @ inverse * error) ** 2)), -float(bend @ coefficients), variance)
     model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2 + shift**2
     return FurthestPoint(float(values[best]) - too_far, variance + model, model)
+
+
+@lru_cache
+def _design(window: int) -> tuple[Floats, Floats]:
+    """Return the places of the points of a window, over its half, and their powers."""
+    t = np.arange(-window, window + 1) / window
+    return t, t[:, None] ** np.arange(_ORDER + 1)
 
 
 def _derivatives(t: float, powers: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from capsbayes.arrays import Booleans, Floats
+from capsbayes.image.edges.small_equations import factorise, substitute
 
 _ITERATIONS = 12
 _TOLERANCE = 2e-3  # px
@@ -224,33 +225,6 @@ def _projected(  # type: ignore[no-untyped-def]
             for a in range(k):
                 jacobian[i, 0] -= functions[i, a] * sides[a, 1]
                 jacobian[i, 1] -= functions[i, a] * sides[a, 2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def factorise(matrix):  # type: ignore[no-untyped-def]
-    """Replace a positive definite matrix (k, k) by its Cholesky factor, for matrices too small for a library's call."""
-    for a in range(len(matrix)):
-        for b in range(a + 1):
-            total = matrix[a, b]
-            for c in range(b):
-                total -= matrix[a, c] * matrix[b, c]
-            if a == b:
-                matrix[a, a] = math.sqrt(max(total, 1e-15 * matrix[a, a]))
-            else:
-                matrix[a, b] = total / matrix[b, b]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def substitute(factor, side):  # type: ignore[no-untyped-def]
-    """Replace a right-hand side (k,) by the solution of the equations whose matrix has this Cholesky factor."""
-    for a in range(len(side)):
-        for b in range(a):
-            side[a] -= factor[a, b] * side[b]
-        side[a] /= factor[a, a]
-    for a in range(len(side) - 1, -1, -1):
-        for b in range(a + 1, len(side)):
-            side[a] -= factor[b, a] * side[b]
-        side[a] /= factor[a, a]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

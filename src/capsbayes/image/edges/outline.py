@@ -13,11 +13,21 @@ import numpy as np
 from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates, spline_filter
+from scipy.ndimage import spline_filter
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.image.edges.models import Model, ProfileFit, factorise, locate, substitute
-from capsbayes.image.edges.robust import median, robust_spread
+from capsbayes.image.edges.models import Model, ProfileFit, locate
+from capsbayes.image.edges.profiles import (
+    curvatures,
+    mean_squares,
+    means_of_arcs,
+    misfit_around,
+    rounded,
+    sampled,
+    tangents,
+)
+from capsbayes.image.edges.robust import median, quantile, robust_spread
+from capsbayes.image.edges.small_equations import factorise, substitute
 from capsbayes.profile import arc_length, equally_spaced
 
 _SPACING = 1.25  # px between normals
@@ -38,6 +48,7 @@ _ALONG = 2.0  # samples along a normal over which what a model leaves over is al
 _LEAST = 0.5  # of the scatter expected: less is chance
 _NOT_LOCATED = 0.3  # px: error of an arc whose edge is taken from its neighbours
 _CONTRAST = 0.03  # of the light: a fainter jump is no edge
+_NOISE_PIXELS = 40_000  # from which the noise is estimated, in every so many rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +84,7 @@ class EdgeOutline:
 
 def pixel_noise(light: Floats) -> float:
     """Return the standard deviation of one pixel's noise, by second differences, most of which hold only noise."""
+    light = light[:: max(1, light.size // _NOISE_PIXELS)]
     second = light[1:-1, 1:-1] - 0.5 * (light[1:-1, :-2] + light[1:-1, 2:])
     return max(robust_spread(second) / np.sqrt(1.5), 1e-6)
 
@@ -131,7 +143,7 @@ def scatter_left(points: Floats, normals: Floats) -> float:
         fourth = np.diff(fourth, axis=0)
     across = np.sum(fourth * normals, axis=1)
     # of the middle four fifths: the errors of a compressed picture differ from place to place
-    return float(np.quantile(np.abs(across), 0.8)) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
+    return quantile(np.abs(across), 0.8) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,30 +178,26 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) ->
     reach = float(np.floor(window.max()))
     samples = np.arange(-reach, reach + 1.0)  # positive inwards
     used = (np.abs(samples) <= window[:, None]).astype(float)
-    at = base.T[::-1, :, None] - samples * normals.T[::-1, :, None]  # rows, then columns
-    profiles = map_coordinates(spline, at, order=3, mode="nearest", prefilter=False)
+    profiles = sampled(spline, base, normals, samples)
     arc = np.arange(len(base)) * arcs // len(base)
-    first = np.searchsorted(arc, np.arange(arcs))
-    count = np.diff(first, append=len(base))
-    means = np.add.reduceat(profiles, first, axis=0) / count[:, None]
+    means, count = means_of_arcs(profiles, arc, arcs)
     if bend is None:
-        noise = median(_mean_square(profiles - means[arc], used[arc]))
+        noise = median(mean_squares(profiles, means, arc, used))
         bend = _bend_of(means, samples, width, used, count / noise)
     edge = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used, bend)
     located = _is_located(edge, window)
     if located.sum() < arcs // 2:
         return None
-    each, found = np.arange(arcs), np.flatnonzero(located)
-    place = np.interp(each, found, edge.place[found], period=arcs)
-    blur = np.interp(each, found, edge.width[found], period=arcs)[arc]
+    place, blur = (_filled(values, located) for values in (edge.place, edge.width))
+    blur = blur[arc]
     # further inside, a concave rear darkens only parts of an arc
     outer = used * (samples <= width[:, None])
     across, along = _blur_at(blur, normals)
     # the samples end nearer inside than outside: a difference in width would be taken for one in place
     wider = np.log(across)
-    wider -= (np.add.reduceat(wider, first) / count)[arc]
-    differences = _differences(profiles, arc, means, edge.slope, wider, samples, place)
-    shift, shift_variance = _shifts(differences, arc, means, edge.slope, outer)
+    wider -= (np.bincount(arc, wider) / count)[arc]
+    explained = wider[:, None] * ((samples - place[:, None]) * edge.slope)[arc]
+    shift, shift_variance = _shifts(profiles - explained, arc, means, edge.slope, outer)
     outward = 0.5 * curvature * along**2 - place[arc] - shift
     outline = EdgeOutline(
         points=base + outward[:, None] * normals,
@@ -200,12 +208,16 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) ->
         edge_width=blur,
         located=located[arc],
     )
-    return _Moved(outline, _misfit(means - edge.fitted, used, edge)[arc], bend)
+    misfit = misfit_around(means - edge.fitted, used, edge.place_variance, _FITTED, _NEIGHBOURS)
+    return _Moved(outline, misfit[arc], bend)
 
 
-def _mean_square(values: Floats, used: Floats) -> Floats:
-    """Return the mean square of each row, where it is used."""
-    return np.asarray(np.sum(used * values**2, axis=1) / np.sum(used, axis=1))
+def _filled(values: Floats, located: Booleans) -> Floats:
+    """Return the values of arcs (arcs,), interpolated around the curve where an arc was not located."""
+    if located.all():
+        return values
+    found = np.flatnonzero(located)
+    return np.interp(np.arange(len(values)), found, values[found], period=len(values))
 
 
 def _is_located(edge: ProfileFit, window: Floats) -> Booleans:
@@ -236,17 +248,6 @@ def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight
     return float(_BENDS[best] + step * np.clip(vertex, -1.0, 1.0))
 
 
-def _misfit(left: Floats, used: Floats, edge: ProfileFit) -> Floats:
-    """Return the error of the place of each arc that follows from what the model leaves over (arcs, m) : (arcs,) array.
-
-    It has few degrees of freedom: those of the neighbours are added to them.
-    """
-    free = np.maximum(used.sum(axis=1) - _FITTED, 0.0)
-    square = np.sum(used * left**2, axis=1)
-    total, degrees = (sliding_window_view(_closed(each, _NEIGHBOURS), _AROUND).sum(axis=1) for each in (square, free))
-    return np.asarray(np.sqrt(total / np.maximum(degrees, 1.0) * edge.place_variance))
-
-
 def _closed(values: Floats, count: int) -> Floats:
     """Return rows around an outline with the last of them before the first, and the first after the last."""
     return np.concatenate([values[-count:], values, values[:count]])
@@ -258,69 +259,36 @@ def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
     The curvature is that of the curve smoothed by the blur too, which averages it.
     """
     count = max(32, round(arc_length(curve)[-1] / _SPACING))
-    base = _rounded(equally_spaced(curve, count), _SMOOTHING / _SPACING)
-    closed = _closed(base, 1)
-    first = 0.5 * (closed[2:] - closed[:-2])
-    bent = _rounded(base, blur / _SPACING)
-    closed = _closed(bent, 1)
-    turn, second = 0.5 * (closed[2:] - closed[:-2]), closed[2:] - 2.0 * bent + closed[:-2]
-    curvature = (turn[:, 0] * second[:, 1] - turn[:, 1] * second[:, 0]) / np.hypot(*turn.T) ** 3
-    return base, first / np.hypot(*first.T)[:, None], np.asarray(curvature)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _rounded(curve, deviation):  # type: ignore[no-untyped-def]
-    """Return a closed curve (n, 2) smoothed by a Gaussian of a standard deviation in points, cut off at four of it."""
-    reach, count = int(4.0 * deviation + 0.5), len(curve)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
-    weights /= weights.sum()
-    smooth = np.zeros(curve.shape)
-    for n in range(count):
-        for i in range(len(weights)):
-            at = (n + i - reach) % count
-            for axis in range(2):
-                smooth[n, axis] += weights[i] * curve[at, axis]
-    return smooth
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _differences(profiles, arc, means, slopes, wider, samples, place):  # type: ignore[no-untyped-def]
-    """Return how profiles (n, m) differ from the mean of their arc, without what follows from their width."""
-    differences = np.empty(profiles.shape)
-    for n in range(len(profiles)):
-        a = arc[n]
-        for i in range(len(samples)):
-            of_width = wider[n] * (samples[i] - place[a]) * slopes[a, i]
-            differences[n, i] = profiles[n, i] - of_width - means[a, i]
-    return differences
+    base = rounded(equally_spaced(curve, count), _SMOOTHING / _SPACING)
+    return base, tangents(base), curvatures(rounded(base, blur / _SPACING))
 
 
 def _shifts(
-    differences: Floats, arc: NDArray[np.intp], means: Floats, slopes: Floats, used: Floats
+    profiles: Floats, arc: NDArray[np.intp], means: Floats, slopes: Floats, used: Floats
 ) -> tuple[Floats, Floats]:
     """Return the inward shift of each profile against the mean of its arc, and its variance for noise 1.
 
     Differences of brightness and contrast from the mean are fitted together with the shift. In a wide blur the three
     are much alike: each has a normal distribution beforehand, wide where a picture tells them.
     """
-    shift, variance = np.empty(len(differences)), np.empty(len(differences))
-    held = median(_mean_square(differences, used[arc])) / np.square(_BEFOREHAND)
-    _shifted(differences, arc, means, slopes, used, held, shift, variance)
+    shift, variance = np.empty(len(profiles)), np.empty(len(profiles))
+    held = median(mean_squares(profiles, means, arc, used)) / np.square(_BEFOREHAND)
+    _shifted(profiles, arc, means, slopes, used, held, shift, variance)
     return np.clip(shift, -1.5, 1.5), variance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shifted(differences, arc, means, slopes, used, held, shift, variance):  # type: ignore[no-untyped-def]
+def _shifted(profiles, arc, means, slopes, used, held, shift, variance):  # type: ignore[no-untyped-def]
     """Fill in the coefficient of the slope by least squares in slope, mean and 1, and its variance."""
     normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3)
-    for n in range(len(differences)):
+    for n in range(len(profiles)):
         mean, slope, share = means[arc[n]], slopes[arc[n]], used[arc[n]]
         normal[:], sides[:] = 0.0, 0.0
         sides[0, 1] = 1.0
         for i in range(len(mean)):
             row[0], row[1], row[2] = share[i] * slope[i], share[i] * mean[i], share[i]
             for a in range(3):
-                sides[a, 0] += row[a] * differences[n, i]
+                sides[a, 0] += row[a] * (profiles[n, i] - mean[i])
                 for b in range(3):
                     normal[a, b] += row[a] * row[b]
         ridge = 1e-9 * (normal[0, 0] + normal[1, 1] + normal[2, 2])

@@ -7,11 +7,12 @@ of the membrane within it is not known: its standard deviation is in the error o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.ndimage import gaussian_filter1d, map_coordinates
+from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.arrays import Floats
 from capsbayes.image.edges.models import Model, locate
@@ -109,10 +110,24 @@ def _rays(light: Floats, end: Floats, inwards: Floats, depth: float, half_height
     """Return the light along rays (r, u) from an end inwards, a pixel apart, and their distances (r,) from the axis."""
     breadth = _BREADTH * half_height
     y = np.arange(-np.floor(breadth), np.floor(breadth) + 1.0)
-    inward = np.arange(0.0, depth)
-    column = end[0] + inward * inwards[0] - (y * inwards[1])[:, None]
-    row = end[1] + inward * inwards[1] + (y * inwards[0])[:, None]
-    return map_coordinates(light, np.stack([row, column]), order=1, mode="nearest"), y
+    return _along_rays(light, end, inwards, math.ceil(depth), y), y
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _along_rays(light, end, inwards, count, y):  # type: ignore[no-untyped-def]
+    """Return the light, linear between pixels, at so many distances inwards, a pixel apart, for each y : (r, u)."""
+    rows, columns = light.shape
+    rays = np.empty((len(y), count))
+    for r in range(len(y)):
+        for u in range(count):
+            column = min(max(end[0] + u * inwards[0] - y[r] * inwards[1], 0.0), columns - 1.0)
+            row = min(max(end[1] + u * inwards[1] + y[r] * inwards[0], 0.0), rows - 1.0)
+            i, j = min(int(row), rows - 2), min(int(column), columns - 2)
+            down, right = row - i, column - j
+            upper = (1.0 - right) * light[i, j] + right * light[i, j + 1]
+            lower = (1.0 - right) * light[i + 1, j] + right * light[i + 1, j + 1]
+            rays[r, u] = (1.0 - down) * upper + down * lower
+    return rays
 
 
 def _coarse(
