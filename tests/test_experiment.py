@@ -69,7 +69,7 @@ def test_a_sheet_of_incompressible_material_bends_like_a_plate():
     ("change", "message"),
     [
         (("square", "triangular"), 'cross_section: expected "square" or "circular", got \'triangular\''),
-        (("um", "Pa"), 'half_width: expected a text in m like "25.0 +/- 0.2 um", got pascal'),
+        (("um", "Pa"), "half_width: expected a text in m like \"25.0 +/- 0.2 um\", got '25.0 +/- 0.2 Pa'"),
         (("0.85", "-0.85"), "viscosity: expected a positive finite number"),
         (("0.85", "nan"), "viscosity: expected a positive finite number"),
         (

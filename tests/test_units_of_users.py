@@ -157,10 +157,10 @@ def test_a_cell_that_cannot_be_read_refuses_its_row_alone():
 @pytest.mark.parametrize(
     ("heading", "message"),
     [
-        ("capsule_velocity [mm]", "expected a unit of capsule velocity, as m/s, got millimeter in '1 mm'"),
+        ("capsule_velocity [mm]", "expected a unit of capsule velocity, as m/s, got '1 mm'"),
         ("capsule_velocity [furlong/h]", "expected a unit of capsule velocity, as m/s, got an unknown unit"),
         ("capsule_velocity []", "expected a unit of capsule velocity, as m/s, got ''"),
-        ("axial_length [um]", "expected a unit of axial length: none, as it is over l, got micrometer"),
+        ("axial_length [um]", "expected a unit of axial length: none, as it is over l, got '1 um'"),
         ("capsule_velocity", "expected one statement of each number, got a second one of capsule_velocity_m_per_s"),
     ],
 )

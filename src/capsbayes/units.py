@@ -2,38 +2,67 @@
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Sequence
 from decimal import Decimal
-from typing import Any, NamedTuple
+from fractions import Fraction
+from typing import NamedTuple
 
 from capsbayes.errors import InputError
 
-# The whole registry of pint takes a fifth of a second more to build, and knows units that nobody means here: "a" would
-# be a year, and "l", which is the half width of the channel, a litre.
-_UNITS = """
-nano- = 1e-9 = n-
-micro- = 1e-6 = µ- = μ- = u-
-milli- = 1e-3 = m-
-centi- = 1e-2 = c-
-deci- = 1e-1 = d-
-kilo- = 1e3 = k-
-mega- = 1e6 = M-
-meter = [length] = m = metre
-micron = micrometer
-liter = 1e-3 * meter ** 3 = L = litre
-gram = [mass] = g
-second = [time] = s = sec
-minute = 60 * second = min
-hour = 60 * minute = h
-hertz = 1 / second = Hz
-newton = kilogram * meter / second ** 2 = N
-dyne = 1e-5 * newton = dyn
-pascal = newton / meter ** 2 = Pa
-poise = 0.1 * pascal * second = P
-percent = 0.01 = %
-"""
+# A table of its own, as a library of all units takes half a second to import, and knows some that nobody means here:
+# "a" would be a year, and "l", which is the half width of the channel, a litre.
+_PREFIXES = {
+    **dict.fromkeys(("nano", "n"), Fraction(1, 10**9)),
+    **dict.fromkeys(("micro", "µ", "μ", "u"), Fraction(1, 10**6)),
+    **dict.fromkeys(("milli", "m"), Fraction(1, 10**3)),
+    **dict.fromkeys(("centi", "c"), Fraction(1, 100)),
+    **dict.fromkeys(("deci", "d"), Fraction(1, 10)),
+    **dict.fromkeys(("kilo", "k"), Fraction(10**3)),
+    **dict.fromkeys(("mega", "M"), Fraction(10**6)),
+}
+
+
+class Unit(NamedTuple):
+    """Unit over that of SI.
+
+    Parameters
+    ----------
+    size : Fraction
+    length, mass, time : int
+        Powers.
+    """
+
+    size: Fraction
+    length: int = 0
+    mass: int = 0
+    time: int = 0
+
+    def times(self, other: Unit, power: int) -> Unit:
+        """Return the product with a power of another unit."""
+        powers = (mine + power * its for mine, its in zip(self[1:], other[1:], strict=True))
+        return Unit(self.size * other.size**power, *powers)
+
+    def measured(self, number: float) -> float:
+        """Return a number of this unit in SI; rounded once where the size or its inverse is whole."""
+        return number * self.size.numerator / self.size.denominator
+
+
+_UNITS = {
+    **dict.fromkeys(("m", "meter", "metre"), Unit(Fraction(1), 1)),
+    **dict.fromkeys(("micron", "microns"), Unit(Fraction(1, 10**6), 1)),
+    **dict.fromkeys(("L", "liter", "litre"), Unit(Fraction(1, 10**3), 3)),
+    **dict.fromkeys(("g", "gram"), Unit(Fraction(1, 10**3), 0, 1)),
+    **dict.fromkeys(("s", "sec", "secs", "second"), Unit(Fraction(1), 0, 0, 1)),
+    **dict.fromkeys(("min", "mins", "minute"), Unit(Fraction(60), 0, 0, 1)),
+    **dict.fromkeys(("h", "hour"), Unit(Fraction(3600), 0, 0, 1)),
+    **dict.fromkeys(("Hz", "hertz"), Unit(Fraction(1), 0, 0, -1)),
+    **dict.fromkeys(("N", "newton"), Unit(Fraction(1), 1, 1, -2)),
+    **dict.fromkeys(("dyn", "dyne"), Unit(Fraction(1, 10**5), 1, 1, -2)),
+    **dict.fromkeys(("Pa", "pascal"), Unit(Fraction(1), -1, 1, -2)),
+    **dict.fromkeys(("P", "poise"), Unit(Fraction(1, 10), -1, 1, -1)),
+    **dict.fromkeys(("%", "percent"), Unit(Fraction(1, 100))),
+}
 
 # Nothing of a text is evaluated: numbers are matched by these patterns, and a unit is names with one-digit powers.
 _NUMBER = r"[-+]?(?:(?:\d+(?:\.(?!\.)\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
@@ -94,26 +123,33 @@ def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str
     return ParsedText(*numbers, unit, found["between"] == "..", found["shape"] or "")
 
 
-@functools.cache
-def _registry() -> Any:
-    """Return the registry of the units an experiment needs, built when a unit is first read."""
-    import pint
+def _named(name: str) -> Unit | None:
+    """Return the unit of a name, which may have a prefix and, if it is spelled out, an s; None if it is unknown."""
+    for tried in (name, name.removesuffix("s")) if len(name) > 4 else (name,):
+        if tried in _UNITS:
+            return _UNITS[tried]
+        for prefix, size in _PREFIXES.items():
+            unit = _UNITS.get(tried.removeprefix(prefix)) if tried.startswith(prefix) else None
+            if unit is not None:
+                return unit._replace(size=size * unit.size)
+    return None
 
-    registry: Any = pint.UnitRegistry(None)
-    registry.load_definitions(_UNITS.splitlines())
-    return registry
 
+def _unit(text: str) -> Unit | str | None:
+    """Return the unit of a text: names with powers, multiplied or divided.
 
-def _unit(text: str) -> Any:
-    """Return the pint unit of a text: names with powers, multiplied or divided; None if the text cannot be parsed."""
+    A name that is unknown is returned itself; None if the text cannot be parsed.
+    """
     rest, inverse = re.subn(r"^1\s*(?=/)", "", text.strip())
-    unit, place, allowed = _registry().dimensionless, 0, "/" if inverse else ""
+    unit, place, allowed = Unit(Fraction(1)), 0, "/" if inverse else ""
     while place < len(rest):
         found = _FACTOR.match(rest, place)
         if found is None or (place == 0 and found["sign"] != allowed):
             return None
-        power = int(found["power"] or 1)
-        unit = unit * _registry().Unit(found["name"]) ** (-power if found["sign"] == "/" else power)
+        power, factor = int(found["power"] or 1), _named(found["name"])
+        if factor is None:
+            return found["name"]
+        unit = unit.times(factor, -power if found["sign"] == "/" else power)
         place = found.end()
     return unit
 
@@ -126,16 +162,12 @@ def _converted(
         if "" not in units:
             raise InputError(where, key, wanted, f"no unit in {text!r}")
         return "", numbers
-    import pint
-
-    try:
-        stated = _unit(unit)
-    except pint.UndefinedUnitError:
-        raise InputError(where, key, wanted, f"an unknown unit in {text!r}") from None
-    if stated is None:
-        raise InputError(where, key, wanted, repr(text))
-    for target in units:
-        if target and stated.dimensionality == _registry().Unit(target).dimensionality:
-            first, second = (float(_registry().Quantity(number, stated).to(target).magnitude) for number in numbers)
-            return target, (first, second)
-    raise InputError(where, key, wanted, f"{stated} in {text!r}")
+    stated = _unit(unit)
+    if isinstance(stated, str):
+        raise InputError(where, key, wanted, f"an unknown unit in {text!r}")
+    for target in filter(None, units):
+        into = _unit(target)
+        if isinstance(stated, Unit) and isinstance(into, Unit) and stated[1:] == into[1:]:
+            into_target = stated.times(into, -1)
+            return target, (into_target.measured(numbers[0]), into_target.measured(numbers[1]))
+    raise InputError(where, key, wanted, repr(text))

@@ -1,5 +1,6 @@
 """Tasks give the same results wherever they are computed."""
 
+import os
 import subprocess
 import sys
 from functools import partial
@@ -7,7 +8,7 @@ from functools import partial
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.work import run_tasks
+from capsbayes.work import run_tasks, workers
 
 TASKS = [partial(divmod, number) for number in (7, 8, 9)]
 
@@ -24,6 +25,22 @@ def test_a_cluster_gives_the_same(tmp_path):
         assert run_tasks(TASKS, cluster.scheduler_address, None, 4) == [(1, 3), (2, 0), (2, 1)]
     with pytest.raises(InputError, match=r"scheduler: expected address of a running dask scheduler, got 'nowhere://x'"):
         run_tasks(TASKS, "nowhere://x", None, 4)
+
+
+def test_without_dask_a_cluster_is_refused_with_the_command_that_installs_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r'scheduler: .* install it with pip install "capsbayes\[cluster\]"'):
+        run_tasks(TASKS, "tcp://127.0.0.1:8786", None, 4)
+
+
+@pytest.mark.parametrize(("limit", "cores"), [("max 100000", 8), ("250000 100000", 3), ("50000 100000", 1), (None, 8)])
+def test_the_share_of_a_container_counts_as_cores(limit, cores, tmp_path, monkeypatch):
+    share = tmp_path / "cpu.max"
+    if limit is not None:
+        share.write_text(limit)
+    monkeypatch.setattr(workers, "_SHARE_OF_TIME", share)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)), raising=False)
+    assert workers.usable_cores() == cores
 
 
 SCRIPT = """

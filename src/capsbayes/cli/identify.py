@@ -81,6 +81,7 @@ def identify(
     from capsbayes.files.input_file import PICTURES
     from capsbayes.infer import Membrane, Prior
     from capsbayes.infer import identify as identified
+    from capsbayes.infer.other_laws import prepare, with_other_laws
     from capsbayes.measurement import Measurement
     from capsbayes.show.terminal.posterior import posterior_parts
     from capsbayes.show.words.posterior import status_words
@@ -107,11 +108,9 @@ def identify(
     known = named_experiment(measurement, experiment)
     view = None if measurement.outline is None else measurement.outline.view
     sheet = membrane_of(stated, membrane)
-    model = capsule_model(database, sheet, known.cross_section, view)
-    if not model.coordinates:
-        from capsbayes.infer.other_laws import prepare, with_other_laws  # slow; bad input is refused before
-
+    if sheet is None:
         prepare(known.cross_section)
+    model = capsule_model(database, sheet, known.cross_section, view)
     with resumable(out):
         how = {"engine": engine, "effort": effort, "prior": believed, "membrane": sheet}
         posterior = identified(measurement, model, known, seed=seed, **how)

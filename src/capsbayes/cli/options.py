@@ -151,7 +151,10 @@ Priors = Annotated[
 # long work
 Scheduler = Annotated[
     str | None,
-    typer.Option(help="Address of a dask cluster that sees the same files, as tcp://host:port; default: this machine."),
+    typer.Option(
+        help="Address of a dask cluster that sees the same files, as tcp://host:port; default: this machine. It needs "
+        "the extra cluster."
+    ),
 ]
 Workers = Annotated[
     int | None, typer.Option(min=1, max=1024, help="Worker processes on this machine; default: one per core.")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,8 +21,9 @@ from capsbayes.measured_outline import MID_PLANE, check_view
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.branch_surrogate import CELLS, COLUMNS, BranchSurrogate, approximation_of
-from capsbayes.surrogate.branches import branches_of
+from capsbayes.surrogate.branches import Branch, branches_of
 from capsbayes.surrogate.caveats import Caveats, with_unsure_shapes
+from capsbayes.surrogate.diffuse import DiffuseApproximation
 from capsbayes.surrogate.domain import DomainOfExistence
 from capsbayes.surrogate.scaling import PlaneScaling
 
@@ -45,16 +47,19 @@ class PlaneSurrogate(ForwardModel):
         smooth = [approximation_of(cases, branch, scaling) for branch in branches]
         rivals = smooth[::-1] if len(branches) == 2 else [None]
         name = re.sub(r"[^a-z0-9]+", "-", f"{attributes['cross_section']}-{attributes['law']}".lower())
+
+        def smoothed(branch: Branch, rival: DiffuseApproximation | None) -> BranchSurrogate:
+            return BranchSurrogate(cases, branch, scaling, rival, self.cells, view)
+
+        with ThreadPoolExecutor() as pool:  # most of it is compiled, and runs on one core for each branch
+            parts = tuple(pool.map(smoothed, branches, rivals))
         made = {
             "name": name if view == MID_PLANE else f"{name} ({view}s)",
             "sha256": self.database.sha256,
             "cross_section": attributes["cross_section"],
             "view": view,
             "domain": DomainOfExistence(tuple(branch.region for branch in branches)),
-            "branches": tuple(
-                BranchSurrogate(cases, branch, scaling, rival, self.cells, view)
-                for branch, rival in zip(branches, rivals, strict=True)
-            ),
+            "branches": parts,
             "case_caveats": Caveats.of(cases, scaling),
         }
         for key, value in made.items():

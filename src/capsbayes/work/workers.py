@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import multiprocessing
 import os
 import signal
@@ -12,6 +13,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from multiprocessing import resource_tracker
+from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
@@ -20,6 +22,7 @@ from capsbayes.errors import InputError
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)
 _PR_SET_PDEATHSIG = 1  # prctl(2)
+_SHARE_OF_TIME = Path("/sys/fs/cgroup/cpu.max")  # of a container on Linux: microseconds in each period, or max
 
 T = TypeVar("T")
 
@@ -44,7 +47,7 @@ def run_tasks(tasks: Sequence[Callable[..., T]], scheduler: str | None, workers:
     Raises
     ------
     InputError
-        If no cluster answers.
+        If no cluster answers, or dask is not installed.
     BrokenProcessPool
         If a worker process was killed.
     """
@@ -57,14 +60,23 @@ def run_tasks(tasks: Sequence[Callable[..., T]], scheduler: str | None, workers:
     return _in_processes(tasks, workers, shared) if tasks else []
 
 
+def usable_cores() -> int:
+    """Return how many cores this process may use, a container's share of time counted as cores."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    try:
+        allowed, period = _SHARE_OF_TIME.read_text().split()
+        return max(1, min(cores, math.ceil(int(allowed) / int(period))))
+    except (OSError, ValueError):  # no such file, or no limit
+        return cores
+
+
 def _in_processes(tasks: Sequence[Callable[..., T]], workers: int | None, shared: tuple[Any, ...]) -> list[T]:
     import cloudpickle
-    from dask.system import CPU_COUNT
 
     others = set(multiprocessing.active_children())
     start = (_start_worker, (os.getpid(), cloudpickle.dumps(shared)))
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers or CPU_COUNT, len(tasks)), spawn, *start) as pool:
+    with ProcessPoolExecutor(min(workers or usable_cores(), len(tasks)), spawn, *start) as pool:
         try:
             futures: list[Future[bytes]] = []
             for sent in map(cloudpickle.dumps, tasks):
@@ -118,8 +130,11 @@ def _end_with(parent: int) -> None:
 
 
 def _cluster(address: str) -> Any:
-    from distributed import Client
-
+    try:
+        from distributed import Client
+    except ModuleNotFoundError:
+        advice = 'install it with pip install "capsbayes[cluster]"'
+        raise InputError("scheduler", "", "the package distributed, of dask", "none installed", advice) from None
     try:
         # not the process's default: xarray would ask a client that never connected for its locks
         return Client(address, timeout=10.0, set_as_default=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from scipy.stats import qmc
 
 from capsbayes.arrays import Floats, Integers
 
@@ -45,6 +44,8 @@ def rows_by_weight(weights: Floats, rng: np.random.Generator, count: int) -> Int
 
 def quasi_random(dimensions: int, count: int, seed: int, after: int = 0) -> Floats:
     """Return a part of a quasi-random sequence in the unit cube : (count, dimensions) array."""
+    from scipy.stats import qmc  # half a second to import
+
     sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(abs(2 * seed + (seed < 0))))
     if after:
         sequence.fast_forward(after)
