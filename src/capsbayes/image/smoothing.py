@@ -21,7 +21,7 @@ _BLOCK = 8  # px
 _STEPS = 4.0  # least ratio of the steps between blocks to those within, both axes multiplied; by chance it is below 1.8
 _LOST = 0.3  # least loss of noise that is no chance
 _ALL = 2.0  # loss of a picture whose noise is lost altogether, and the largest one of a compressed picture
-_FILTERED, _COMPRESSED = 0.10, 0.04  # px: error of an edge over the square of the loss; over the loss
+_FILTERED, _COMPRESSED = 0.10, 0.05  # px: error of an edge over the square of the loss; over the loss
 _AROUND, _CLEAR = 12.0, 3.0  # px around a blob, and widths of a wall's line, that are left out
 
 

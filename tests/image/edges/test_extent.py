@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 from known_outlines import ellipse, noisy
 from scipy.signal import savgol_coeffs
 
@@ -84,7 +85,8 @@ def test_a_neighbourhood_is_used_if_the_quartic_agrees_with_its_points_to_within
     turn *= error * np.sqrt(misfit * 26.0) / np.sqrt(left @ left)
     outline = replace(outline, points=outline.points + turn[:, None] * np.array([1.0, 0.0]))
     found = furthest_point(outline, np.array([1.0, 0.0]), 0.0)
-    own = error**2 * np.sum(savgol_coeffs(2 * kept + 1, 4) ** 2) * (misfit if kept == 15 else 1.0)
+    student = scipy.stats.t.ppf(0.975, 26) / scipy.stats.norm.ppf(0.975)
+    own = error**2 * np.sum(savgol_coeffs(2 * kept + 1, 4) ** 2) * (misfit * student**2 if kept == 15 else 1.0)
     assert found.variance - found.systematic == pytest.approx(own, rel=0.05)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from capsbayes.image.edges.rear import _CURVATURES, _along_rays, _coarse, find_rear
 
@@ -145,3 +145,18 @@ def test_rays_show_the_light_as_scipy_interpolates_it_also_beyond_the_border():
     assert column.max() > 30.0
     expected = map_coordinates(light, np.stack([row, column]), order=1, mode="nearest")
     np.testing.assert_allclose(_along_rays(light, end, inwards, 12, y), expected, atol=1e-12)
+
+
+def test_intervals_of_a_rear_seen_in_few_strips_hold_it_as_often_as_they_say():
+    """The noise is alike along the channel, and larger than the one stated."""
+    half_height, depths, errors = 24.0, [], []
+    for seed in range(300):
+        light = picture() + 0.02 * gaussian_filter1d(
+            np.random.default_rng(seed).standard_normal((80, 140)), 1.0, axis=1
+        )
+        found = find_rear(light, END, np.array([1.0, 0.0]), LENGTH, half_height, 1.0, 1e-6)
+        depths.append(found.depth)
+        errors.append(np.sqrt(found.depth_error**2 - found.systematic))
+    off = np.abs(np.array(depths) - np.mean(depths)) / errors
+    assert np.mean(off < 1.96) > 0.93
+    assert np.mean(off < 1.0) > 0.66

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.image.edges.robust import fit_without_outliers, median, quantile, robust_spread
+from capsbayes.image.edges.robust import fit_without_outliers, median, quantile, robust_spread, wider_by_few
 
 X = np.linspace(-1.0, 1.0, 41)
 DESIGN = np.stack([np.ones_like(X), X], axis=1)
@@ -78,3 +78,8 @@ def test_fits_median_and_quantiles_are_those_of_numpy():
         assert median(values[:count]) == pytest.approx(np.median(values[:count]), abs=1e-14)
         for share in (0.0, 0.1, 0.75, 1.0):
             assert quantile(values[:count], share) == pytest.approx(np.quantile(values[:count], share), abs=1e-14)
+
+
+def test_errors_from_few_values_are_as_wide_as_students_interval():
+    factors = [wider_by_few(free) for free in (0, 1, 4, 10, 10_000)]
+    np.testing.assert_allclose(1.96 * np.array(factors), [12.706, 12.706, 2.776, 2.228, 1.960], rtol=1e-3)

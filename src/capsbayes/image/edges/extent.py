@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.image.edges.outline import EdgeOutline
+from capsbayes.image.edges.robust import wider_by_few
 
 _WINDOWS = (15, 10, 7, 5)  # points to either side, widest first
 _ORDER = 4
@@ -59,7 +60,8 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift
     fine = np.linspace(-0.5, 0.5, 101)
     values = (fine[:, None] ** powers) @ coefficients
     best = int(np.argmax(values))
-    excess = max(1.0, float(residual @ residual) / (len(t) - _ORDER - 1))
+    free = len(t) - _ORDER - 1
+    excess = max(1.0, wider_by_few(free) ** 2 * float(residual @ residual) / free)
     value, slope, bend = _derivatives(fine[best], powers)
     weights = value @ inverse
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.arrays import Floats
 from capsbayes.image.edges.models import Model, locate
-from capsbayes.image.edges.robust import fit_without_outliers, median
+from capsbayes.image.edges.robust import fit_without_outliers, median, wider_by_few
 
 _BREADTH = 0.3  # of half the capsule's height: largest distance from the axis at which the band is followed
 _DEPTH = 0.45  # of the capsule's length: largest distance from the rear end at which it is sought
@@ -212,7 +212,8 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     if fit is None or fit.kept.sum() < _FEWEST or fit.spread > _SCATTER:
         return None
     expected = noise**2 * median(bands.place_variance[fit.kept] / count[fit.kept])
-    variance = fit.cofactor[0, 0] * max(expected, fit.variance)
+    free = int(fit.kept.sum()) - fit.design.shape[1]
+    variance = fit.cofactor[0, 0] * max(expected, wider_by_few(free) ** 2 * fit.variance)
     depth = float(fit.coefficients[0] - 0.5 * fit.coefficients[2] * blur**2)
     if depth < _CLEAR * deviation:
         return None

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
+from scipy.special import ndtri, stdtrit
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.image.edges.small_equations import factorise, substitute
@@ -60,6 +62,15 @@ def quantile(values: Floats, share: float) -> float:
     above = min(below + 1, len(values) - 1)
     ordered = np.partition(values, (below, above))
     return float(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
+
+
+@lru_cache
+def wider_by_few(free: int) -> float:
+    """Return Student's interval of 95 % with so many degrees of freedom, one at least, over that of a known variance.
+
+    A scatter seen in few values tells their error only roughly.
+    """
+    return float(stdtrit(max(free, 1), 0.975) / ndtri(0.975))
 
 
 def robust_spread(residuals: Floats) -> float:
