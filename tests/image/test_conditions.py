@@ -1,5 +1,6 @@
 """Faults of a recording, drawn by a renderer of its own: few pictures each, limits far from what was counted."""
 
+from dataclasses import replace
 from functools import cache
 
 import conditions
@@ -79,3 +80,19 @@ def test_the_table_has_a_row_for_each_condition_and_counts_all_pictures():
     assert [len(line.split("|")) for line in lines] == [len(conditions.HEAD) + 2] * 4
     assert lines[2].startswith(f"| none | {CAPSULES} |")
     assert sum(made["two capsules overlap"]["statuses"].values()) == CAPSULES
+
+
+@pytest.mark.parametrize("rank", [1, 4, 9])
+def test_a_filtered_outline_close_to_a_wall_has_no_loop_and_stays_within_the_channel(rank):
+    case = int(np.argsort(np.max(np.abs(CASES["silhouette"][:, :, 1]), axis=1))[-1 - rank])
+    view, plain = conditions.scenery(CASES, np.random.default_rng(1000 + rank))
+    shape = conditions.Capsule(CASES["profile"][case], CASES["silhouette"][case], view.capsules[0].centre)
+    view = replace(view, capsules=(shape,), shape=(200, 360))
+    shot = conditions.Taken(view, *conditions.photograph(view, replace(plain, median=5), seed=rank))
+    seen = conditions.measured(shot)
+    assert seen.status is Status.DONE
+    clearance = seen.walls.clearance(seen.outline.points)
+    assert -1e-9 < clearance.min() < 2.0 * seen.walls.line_width
+    around = np.stack([-seen.outline.normals[:, 1], seen.outline.normals[:, 0]], axis=1)
+    steps = np.roll(seen.outline.points, -1, axis=0) - seen.outline.points
+    assert np.min(np.sum(steps * around, axis=1)) > 0.4

@@ -13,6 +13,7 @@ from capsbayes.image.blobs import Blob
 from capsbayes.image.edges.extent import FurthestPoint, furthest_point
 from capsbayes.image.edges.integrals import SilhouetteIntegrals, centroid, integrate_silhouette
 from capsbayes.image.edges.outline import EdgeOutline, locate_edge
+from capsbayes.image.edges.profiles import rounded
 from capsbayes.image.edges.rear import RearBand, find_rear, shows_second_nose
 from capsbayes.image.edges.robust import median, quantile
 from capsbayes.image.walls import WallLines
@@ -28,6 +29,7 @@ _FACING, _BESIDE = 0.8, 0.6  # cosines of a normal's angle to the channel: least
 _FOUND = 0.5  # of an end: part along which the edge must be located
 _WIDEST = 3.3  # px: a blur of 3 px, up to which intervals were counted, leaves 2.8 to 3.2 in the upper quartile
 _SMEARED = 4.0  # px of motion during the exposure; where 3 px are seen as 2.7 to 3.5, intervals are right
+_BY_WALL = 4.0  # points of an outline: standard deviation of the Gaussian that smooths it
 _CLEAR_OF_WALL = 3.0  # of the width of a wall's line
 # 1/px: error of the located edge over its width squared; at the rear end it is larger, as a concave rear darkens what
 # lies behind it. Both were set on drawn pictures, other ones than those whose coverage is counted.
@@ -184,6 +186,7 @@ def analyse_blob(
     outline = locate_edge(light, blob.polygon, noise)
     if outline is None or not _ends_located(outline, walls):
         return Detection(Status.NO_EDGE, walls, blob=blob)
+    outline = _smoothed_by_walls(outline, walls)
     if smear(outline, walls) > _SMEARED:
         return Detection(Status.SMEARED, walls, outline, blob=blob)
     if _asymmetry(outline, walls) > _LOPSIDED:
@@ -193,6 +196,20 @@ def analyse_blob(
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
     found = Detection(Status.DONE, walls, outline, flow or of_shape, blob=blob, shift=shift)
     return _with_ends(light, noise, walls, outline, found)
+
+
+def _smoothed_by_walls(outline: EdgeOutline, walls: WallLines) -> EdgeOutline:
+    """Return the outline smoothed where it is close to a wall, and nowhere beyond one.
+
+    The wall's line and what a filter made of it disturb the edge there, point by point: the curve would have loops.
+    """
+    clearance = walls.clearance(outline.points)
+    if walls.is_clear(clearance).all():
+        return outline
+    smooth = np.where(walls.is_clear(clearance)[:, None], outline.points, rounded(outline.points, _BY_WALL))
+    beyond = np.minimum(walls.clearance(smooth), 0.0)
+    upwards = np.sign((smooth - walls.middle) @ walls.across)
+    return replace(outline, points=smooth + (beyond * upwards)[:, None] * walls.across)
 
 
 def _ends_located(outline: EdgeOutline, walls: WallLines) -> bool:

@@ -18,7 +18,7 @@ from capsbayes.image.detection import Detection
 from capsbayes.image.edges.integrals import centroid
 from capsbayes.image.edges.outline import ARC, AVERAGED, scatter_left
 from capsbayes.image.edges.robust import robust_spread
-from capsbayes.image.silhouette import EdgeErrors, is_clear, over_l
+from capsbayes.image.silhouette import EdgeErrors, over_l
 from capsbayes.image.walls import WallLines
 from capsbayes.measured_outline import MeasuredOutline
 from capsbayes.profile import arc_length, signed_area, vertex_normals
@@ -135,7 +135,7 @@ class AlignedOutlines:
         and a part of the errors of arcs.
         """
         mean = self.radii.mean(axis=0)[:, None] * self.directions
-        clear = is_clear(walls.half_width - _thinned(self.farthest), walls)
+        clear = walls.is_clear(walls.half_width - _thinned(self.farthest))
         return over_l(_thinned(mean)[clear] * [flow, 1.0], self._errors(mean, change), walls)
 
     def _errors(self, mean: Floats, change: float) -> EdgeErrors:

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.extent import EDGE_FLOOR
 from capsbayes.image.edges.outline import ARC, averaged, scatter_expected
 from capsbayes.image.walls import WallLines
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 
-_WALL = 2.0  # of the width of a wall's dark line: nearer to it, blur mixes the two, and an edge is found too far out
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
 _MISFIT = 0.024  # 1/px: error along the edge over the square of its width
 _OF_SHIFT = 0.5  # of the error of a smoothed picture's edges, which differ as their dark lines do
@@ -79,18 +78,13 @@ def silhouette_of(detection: Detection) -> MeasuredOutline | None:
         return None
     walls = detection.walls
     points = averaged(detection.outline.points)
-    clear = is_clear(walls.clearance(points), walls)
+    clear = walls.is_clear(walls.clearance(points))
     points = points[clear] - detection.axis
     return over_l(
         np.stack([detection.flow * (points @ walls.along), points @ walls.across], axis=1),
         EdgeErrors.of(detection),
         walls,
     )
-
-
-def is_clear(clearance: Floats, walls: WallLines) -> Booleans:
-    """Return which points are far enough from the walls, by their distances from the nearer one [px]."""
-    return np.asarray(clearance > _WALL * walls.line_width)
 
 
 def over_l(points: Floats, errors: EdgeErrors, walls: WallLines) -> MeasuredOutline | None:

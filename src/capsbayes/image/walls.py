@@ -11,12 +11,13 @@ import numpy as np
 from numba import njit
 from scipy.ndimage import gaussian_filter1d
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.image.edges.models import Model, locate
 from capsbayes.image.edges.robust import fit_without_outliers, median, robust_spread
 
 _MARGIN = 20.0  # px beyond the walls: edges next to a wall are located in what is within it
 _WHOLE = 16  # px: neighbouring pixels are compared in tiles
+_CLEAR = 2.0  # of the width of a wall's dark line: nearer to it, blur mixes the two, and an edge is found too far out
 _STRIPS = 12
 _SLOPES = np.linspace(-0.12, 0.12, 25)
 _SMOOTHING = 2.0  # px
@@ -75,6 +76,11 @@ class WallLines:
         )
 
     @property
+    def middle(self) -> Floats:
+        """Point (x, y) of the centre line, in the middle column."""
+        return np.array([self.centre_column, self.centre_row])
+
+    @property
     def along(self) -> Floats:
         """Unit vector (x, y) to the right along the centre line."""
         return np.array([np.cos(self.tilt), np.sin(self.tilt)])
@@ -109,8 +115,11 @@ class WallLines:
 
     def clearance(self, points: Floats) -> Floats:
         """Return the distance of points (n, 2) from the nearer wall, negative beyond it : (n,) array [px]."""
-        off = (points - [self.centre_column, self.centre_row]) @ self.across
-        return np.asarray(self.half_width - np.abs(off))
+        return np.asarray(self.half_width - np.abs((points - self.middle) @ self.across))
+
+    def is_clear(self, clearance: Floats) -> Booleans:
+        """Return which points are far enough from the walls for their edge, by their distances from the nearer one."""
+        return np.asarray(clearance > _CLEAR * self.line_width)
 
 
 def find_walls(grey: Floats) -> WallLines | None:
