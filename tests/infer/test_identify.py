@@ -8,9 +8,10 @@ from scipy.stats import uniform
 
 from capsbayes.effects import Halo
 from capsbayes.errors import InputError
-from capsbayes.infer import Prior, identify
+from capsbayes.infer import Posterior, Prior, identify
 from capsbayes.infer.sampling.ensembles import Effort
 from capsbayes.quantity import Quantity
+from capsbayes.show.words.posterior import budget_sentence
 from capsbayes.status import Status
 
 
@@ -30,6 +31,16 @@ def test_the_default_engine_finds_the_capsule_and_agrees_with_quadrature(posteri
     modulus = 0.85 * 5e-3 / 1.29 / 0.082
     assert posterior.marginals["surface_shear_modulus"].contains(modulus, level=68)
     assert posterior.marginals["capsule_radius"].contains(24e-6, level=68)
+
+
+def test_an_answer_without_error_budget_is_the_same_else(posterior, model, experiment, capsule, tmp_path):
+    found = identify(capsule, model, experiment, seed=1, error_budget=False)
+    assert not found.shares
+    assert found.marginals == posterior.marginals
+    assert "was not computed" in budget_sentence(found)
+    found.write(tmp_path / "posterior.nc")
+    assert not Posterior.read(tmp_path / "posterior.nc").shares
+    assert not found.summary().empty
 
 
 def test_draws_are_labelled_by_walker_and_ensemble(posterior):

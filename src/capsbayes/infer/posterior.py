@@ -75,7 +75,7 @@ class Posterior:
     agreement : Agreement or None
         Of the engine with quadrature.
     shares : mapping of float
-        Share of the variance of log G_s due to each input.
+        Share of the variance of log G_s due to each input; empty where it was not asked for.
     deterministic : DeterministicAnswer or None
         The paper's answer.
     leaning : mapping of float

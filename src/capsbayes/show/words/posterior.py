@@ -73,6 +73,8 @@ def later_words(name: str) -> str:
 
 def budget_sentence(posterior: Posterior) -> str:
     """Say which input to measure better first."""
+    if not posterior.shares:
+        return "What each input contributes to the uncertainty of G_s was not computed."
     name, share = max(posterior.shares.items(), key=lambda item: item[1])
     return f"Most of the uncertainty of G_s, {per_cent(share)} of the variance of its logarithm: {input_words(name)}."
 
