@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "speed.json", ROOT / "docs" / "evidence.md"
 BEGIN, END = "<!-- speed -->\n", "<!-- end of speed -->"
 CAPSULE = ROOT / "examples" / "ovalbumin" / "capsule.toml"
+BATCH = ROOT / "examples" / "shared_membrane"
 SESSION = ROOT / "examples" / "drifting_modulus" / "capsules"
 SCRIPT = Path(sys.executable).with_name("capsbayes")
 RUNS = 5
@@ -117,6 +118,37 @@ def identified() -> Row:
 def diagnosed() -> Row:
     with tempfile.TemporaryDirectory() as folder:
         return command(SCRIPT, "diagnose", SESSION, "--out", Path(folder) / "study", runs=1)
+
+
+def shared() -> Row:
+    with tempfile.TemporaryDirectory() as folder:
+        words = BATCH / "outlines.nc", "--experiment", BATCH / "experiment.toml", "--out", folder
+        return command(SCRIPT, "membrane", *words, runs=1)
+
+
+def many_shared(number: int) -> Callable[[], Row]:
+    """Return what times a batch whose outlines are drawn from the model itself: only its time counts."""
+
+    def run() -> Row:
+        import membrane_coverage as coverage
+
+        from capsbayes import identify_membrane
+        from capsbayes.membrane_database import FREE_PARAMETERS
+
+        model, rng = coverage.model("unknown"), np.random.default_rng(1)
+        ca, size = 0.07 * np.exp(0.15 * rng.standard_normal(number)), rng.uniform(0.82, 0.98, number)
+        values = np.column_stack([ca, size, np.broadcast_to([0.03, 2.0, 0.3, 2e-4], (number, 4))])
+        seen = model(dict(zip(FREE_PARAMETERS, values.T, strict=True)), outline=True)
+        numbers = np.column_stack([seen.axial_extent, seen.axial_length, seen.velocity_ratio])
+        drawn = zip(values, numbers, seen.outline, strict=True)
+        measurements = [coverage.measured("outline", *capsule, rng)[0] for capsule in drawn]
+        answers: list[Any] = []
+        found = clocked(
+            lambda: answers.append(identify_membrane(measurements, coverage.experiment(), seed=1, laws=False)), 1
+        )
+        return found | {"remark": f"without the odds of laws; {answers[0].status.name}"}
+
+    return run
 
 
 def opened() -> tuple[Any, Any, Any]:
@@ -255,6 +287,8 @@ ROWS = {
     "100000": Timed("a batch of 100 000 capsules", 30.0, batch(100_000)),
     "1000000": Timed("a batch of 1 000 000 capsules", 300.0, batch(1_000_000)),
     "dclab": Timed("100 000 point estimates of dclab", None, peer),
+    "membrane": Timed("`capsbayes membrane`, 40 capsules with outlines", 300.0, shared),
+    "membrane 1000": Timed("the membrane of 1,000 capsules with outlines", 3600.0, many_shared(1000)),
     "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, diagnosed),
 }
 
