@@ -177,12 +177,20 @@ class View:
 def photograph(view: View, camera: Camera, *, seed: int) -> tuple[Grey, Grey]:
     """Return the picture of a view, and that of its channel empty : (rows, columns) arrays."""
     random = np.random.default_rng(seed)
-    channel, capsules = _light_of(view)
-    moved = seen_through(capsules, _motion(camera.motion, view.along)) if camera.motion else capsules
+    lens = camera.blur, camera.defocus
     return (
-        exposed(channel * moved, view, camera, 1, random),
-        exposed(channel, view, camera, camera.empty_frames, random),
+        recorded(_seen(view, *lens, camera.motion), camera, 1, random),
+        recorded(_seen(view, *lens, None), camera, camera.empty_frames, random),
     )
+
+
+@lru_cache(maxsize=16)  # cameras that differ in noise or software alone
+def _seen(view: View, blur: float, defocus: float, motion: float | None) -> Floats:
+    """Return the light on the pixels, through a lens; that of the empty channel where the motion is None."""
+    light, capsules = _light_of(view)
+    if motion is not None:
+        light = light * (seen_through(capsules, _motion(motion, view.along)) if motion else capsules)
+    return on_pixels(light, view, Camera(blur=blur, defocus=defocus))
 
 
 def film(view: View, camera: Camera, steps: Floats, *, seed: int) -> tuple[list[Grey], Grey]:
@@ -193,8 +201,9 @@ def film(view: View, camera: Camera, steps: Floats, *, seed: int) -> tuple[list[
     for step in steps:
         transfer = _shift(step, view.along)
         blurred = _product(transfer, _motion(camera.motion, view.along)) if camera.motion else transfer
-        frames.append(exposed(channel * seen_through(capsules, blurred), view, camera, 1, random))
-    return frames, exposed(channel, view, camera, camera.empty_frames, random)
+        light = on_pixels(channel * seen_through(capsules, blurred), view, camera)
+        frames.append(recorded(light, camera, 1, random))
+    return frames, recorded(on_pixels(channel, view, camera), camera, camera.empty_frames, random)
 
 
 @lru_cache(maxsize=1)  # of several cameras before one view
@@ -325,11 +334,15 @@ def _lens(camera: Camera) -> Transfer:
     return transfer
 
 
-def exposed(light: Floats, view: View, camera: Camera, frames: int, random: np.random.Generator) -> Grey:
-    """Return the grey levels of the mean of some frames: lens, pixels, noise, rounding, then what software does."""
+def on_pixels(light: Floats, view: View, camera: Camera) -> Floats:
+    """Return the light on each pixel, behind the lens : (rows, columns) array."""
     rows, columns = view.shape
-    on_pixels = seen_through(light, _lens(camera)).reshape(rows, FINE, columns, FINE).mean(axis=(1, 3))
-    counted = random.poisson(np.maximum(on_pixels, 0.0) * camera.photons * frames) / (camera.photons * frames)
+    return np.asarray(seen_through(light, _lens(camera)).reshape(rows, FINE, columns, FINE).mean(axis=(1, 3)))
+
+
+def recorded(light: Floats, camera: Camera, frames: int, random: np.random.Generator) -> Grey:
+    """Return the grey levels of the mean of some frames: noise, rounding, then what software does."""
+    counted = random.poisson(np.maximum(light, 0.0) * camera.photons * frames) / (camera.photons * frames)
     counted = counted + camera.constant_noise / np.sqrt(frames) * random.standard_normal(counted.shape)
     levels = np.clip(np.rint(camera.full_light * counted), 0, 255).astype(np.uint8)
     if camera.inverted:
