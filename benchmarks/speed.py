@@ -28,6 +28,7 @@ STORED, PAGE = ROOT / "docs" / "data" / "speed.json", ROOT / "docs" / "evidence.
 BEGIN, END = "<!-- speed -->\n", "<!-- end of speed -->"
 CAPSULE = ROOT / "examples" / "ovalbumin" / "capsule.toml"
 BATCH = ROOT / "examples" / "shared_membrane"
+FILM = ROOT / "examples" / "pictures" / "film.avi"
 SESSION = ROOT / "examples" / "drifting_modulus" / "capsules"
 SCRIPT = Path(sys.executable).with_name("capsbayes")
 RUNS = 5
@@ -184,6 +185,28 @@ def sampled() -> Row:
     return found | {"remark": f"{passed} of {RUNS} runs passed all gates; checked on a grid"}
 
 
+def seen_in_film(database: str) -> Callable[[], Row]:
+    """Return what times the identification of a capsule by the silhouette that the frames of a film show together."""
+
+    def run() -> Row:
+        from capsbayes import Experiment, identify, measure_film
+        from capsbayes.surrogate import Surrogate
+
+        experiment = Experiment.read(FILM.with_name("experiment.toml"))
+        (capsule,) = measure_film(FILM, experiment, frame_rate="400 Hz").capsules
+        model = Surrogate.open(database, view="silhouette")
+        posteriors: list[Any] = []
+
+        def work() -> None:
+            posteriors.append(identify(capsule.measurement, model, experiment, seed=len(posteriors)))
+
+        found = clocked(work)
+        passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
+        return found | {"remark": f"{passed} of {RUNS} runs passed all gates"}
+
+    return run
+
+
 def plainly_sampled() -> Row:
     """Sample all inputs by emcee with its own default moves until the chain has 50 autocorrelation times."""
     import emcee
@@ -280,6 +303,8 @@ ROWS = {
     "identify": Timed("`capsbayes identify`, the whole command", 4.0, identified),
     "quadrature": Timed("one capsule on a grid", 1e-3, on_grid),
     "emcee": Timed("one capsule by emcee with its gates", 0.8, sampled),
+    "film": Timed("one capsule by its silhouette in a film", 2.0, seen_in_film("square-neo-hookean")),
+    "film, inflated": Timed("the same with its pre-inflation unknown", 10.0, seen_in_film("square-pre-inflation")),
     "plain emcee": Timed("the same posterior by plain emcee, all five unknowns sampled", None, plainly_sampled),
     "surrogate": Timed("the model, a point of a batch", None, predicted("ours")),
     "radial": Timed("scipy's RBFInterpolator, thin plates, a point", None, predicted("radial")),
