@@ -32,7 +32,7 @@ class Status(enum.Enum):
     NO_CAPSULE = "No capsule was found between the walls."
     SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them (--crop)."
     DEBRIS = "The object found is too small for a capsule."
-    DOUBLET = "The outline is notched: two capsules touch or overlap, or something sticks to one."
+    DOUBLET = "The outline is notched: two capsules touch or overlap, or something sticks to one (erase it: --erase)."
     LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."
     OVERLAP = "A second nose is seen inside the capsule: two capsules overlap."
     SMEARED = "The capsule moved by more than three pixels during the exposure; expose it for a shorter time."

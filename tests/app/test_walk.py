@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 from browser import CHROMIUM, needs_browser
-from drawn import drawn, shapes
+from drawn import dirty, drawn, shapes
 
 from capsbayes.infer import Posterior
 
@@ -148,6 +148,35 @@ def test_a_wall_is_moved_by_keys_and_another_tab_knows_nothing_of_it(bench, brow
     assert said == []
     page.close()
     other.close()
+
+
+def test_dirt_on_the_outline_is_erased_by_a_box_that_is_drawn(bench, browser, tmp_path):
+    made = drawn(CA, SIZE, half_width=55.0)
+    columns = made.picture.shape[1]
+    x, y = 0.5 * columns + 20.0, float(made.scene.middle[1]) + 50.0
+    cv2.imwrite(str(tmp_path / "dirty.png"), dirty(made, (x, y)))
+    page, said = opened(browser, bench[1])
+    page.locator("input[type=file]").first.set_input_files(tmp_path / "dirty.png")
+    page.get_by_text("--erase").first.wait_for()
+    page.get_by_text("Put something right by hand").click()
+    page.get_by_text("erase in the picture").click()
+    shown = page.locator(".bench-overlay")
+    shown.scroll_into_view_if_needed()
+    place = shown.bounding_box()
+    scale = place["width"] / columns
+    page.mouse.move(place["x"] + scale * (x - 13.0), place["y"] + scale * (y - 13.0))
+    page.mouse.down()
+    page.mouse.move(place["x"] + scale * (x + 13.0), place["y"] + scale * (y + 13.0), steps=3)
+    page.mouse.up()
+    page.get_by_text("The capsule was measured").wait_for()
+    page.locator(".bench-overlay rect.erased").wait_for()
+    left, top, width, height = map(float, page.get_by_label("Wrong outline").input_value().split(","))
+    assert (left, top, width, height) == pytest.approx((x - 13.0, y - 13.0, 27.0, 27.0), abs=1.6)
+    kept(page, "bench-erased", tmp_path, ".bench-columns > div >> nth=0")
+    page.get_by_role("button", name="Find everything again").click()
+    page.locator(".bench-overlay rect.erased").wait_for(state="detached")
+    assert said == []
+    page.close()
 
 
 def test_a_file_that_is_no_picture_is_refused_in_one_line_and_leaves_nothing(bench, browser, tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drawn import drawn
+from drawn import dirty, drawn
 from drawn_film import bright, film, written
 
 from capsbayes.errors import InputError
@@ -10,6 +10,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.image import ByHand, Picture, detect, measure
 from capsbayes.image.measure_film import measure_film
 from capsbayes.image.overlay import overlay
+from capsbayes.image.silhouette import silhouette_of
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
@@ -168,3 +169,87 @@ def test_a_pixel_size_needs_the_half_width():
     blank = Picture.from_array(np.full((200, 200), 100, dtype=np.uint8))
     with pytest.raises(InputError, match="half width: expected that of the channel"):
         detect(blank, by_hand=ByHand(pixel_size="0.3 +/- 0.01 um"))
+
+
+CAPSULE = drawn(0.08, 1.05, half_width=55.0)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.25, 0.5, 0.8])
+def test_dirt_on_the_outline_is_erased_and_the_lengths_are_those_without_it(place):
+    clean = seen(CAPSULE)
+    k = int(place * len(clean.outline.points))
+    at = clean.outline.points[k] + 3.0 * clean.outline.normals[k]
+    picture, background = Picture.from_array(dirty(CAPSULE, at)), Picture.from_array(CAPSULE.background)
+    assert detect(picture, background=background).status is Status.DOUBLET
+    found = detect(picture, background=background, by_hand=ByHand(erase=(*(at - 13.0), 26.0, 26.0)))
+    assert found.status is Status.DONE
+    off = (found.lengths - clean.lengths) / np.sqrt(np.diag(found.covariance))
+    assert np.abs(off).max() < 1.0
+    erased = found.outline.erased
+    assert 10 < erased.sum() < 40
+    assert np.abs(found.outline.points[erased] - at).max() < 20.0
+    apart = np.hypot(*(found.outline.points[:, None] - clean.outline.points).T).min(axis=0)
+    assert apart[~erased].max() < 0.75  # of points 1.25 px apart
+    assert np.all(apart[erased] < 0.75 + 2.0 * found.outline.point_error[erased])
+
+
+def test_erased_stretches_are_no_part_of_the_silhouette_and_are_dotted_in_the_overlay():
+    clean = seen(CAPSULE)
+    at = clean.outline.points[len(clean.outline.points) // 4]
+    found = seen(CAPSULE, erase=f"{at[0] - 10:.0f}, {at[1] - 10:.0f}, 20, 20 px")
+    whole, rest = silhouette_of(clean), silhouette_of(found)
+    assert len(whole.points) - 9 <= len(rest.points) <= len(whole.points) - 4
+    assert rest.noise.scale == pytest.approx(whole.noise.scale, rel=0.2)
+    picture = Picture.from_array(CAPSULE.picture)
+    drawings = [overlay(picture, one).astype(int) for one in (clean, found)]
+    (left, top), size = np.rint(4.0 * (at - 10.0)).astype(int), 80
+    red = [one[:, :, 2] - one[:, :, 1] > 90 for one in drawings]
+    whole, rest = (np.count_nonzero(one[top : top + size, left : left + size]) for one in red)
+    assert 0.1 * whole < rest < 0.6 * whole
+    assert np.count_nonzero(red[1]) > 0.8 * np.count_nonzero(red[0])
+
+
+def test_a_part_and_what_is_erased_in_it_are_in_pixels_of_the_whole_picture():
+    clean = seen(CAPSULE)
+    at = clean.outline.points[len(clean.outline.points) // 4]
+    boxes = [(*(at - 10.0), 20.0, 20.0)]
+    whole, part = (seen(CAPSULE, erase=boxes, **how) for how in ({}, {"crop": (10, 8, 180, 180)}))
+    assert whole.outline.erased.sum() == pytest.approx(part.outline.erased.sum(), abs=2)
+    np.testing.assert_allclose(part.lengths, whole.lengths, atol=0.1)
+
+
+def test_a_speck_of_its_own_is_erased_as_a_whole():
+    beside = seen(CAPSULE).outline.points.max(axis=0) + np.array([16.0, -40.0])
+    picture = Picture.from_array(dirty(CAPSULE, beside, radius=6.0))
+    background = Picture.from_array(CAPSULE.background)
+    assert not detect(picture, background=background).status.ok
+    found = detect(picture, background=background, by_hand=ByHand(erase=(*(beside - 9.0), 18.0, 18.0)))
+    assert found.status is Status.DONE
+
+
+def test_nothing_is_measured_where_most_of_the_outline_or_an_end_is_erased():
+    points = seen(CAPSULE).outline.points
+    right, middle = points[:, 0].max(), points.mean(axis=0)
+    for box in ((right - 30.0, 5.0, 60.0, 190.0), (*(middle - 90.0), 180.0, 180.0)):
+        assert not seen(CAPSULE, erase=box).status.ok
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ("1, 2, 3", "erase: expected left column, upper row, width and height of each box"),
+        ("1, 2, 3, 0", "width and height of each box in px"),
+        ("", "width and height of each box in px"),
+        ("1 2 3 4; 5 6 seven 8", "width and height of each box in px"),
+        ("500, 0, 20, 20", "erase: expected a box within the picture of"),
+    ],
+)
+def test_boxes_to_erase_that_cannot_be_are_refused(stated, expected):
+    with pytest.raises(InputError, match=expected):
+        seen(CAPSULE, erase=stated)
+
+
+def test_a_film_has_nothing_to_erase(tmp_path):
+    path = written(tmp_path / "film", film([60.0, 80.0, 100.0]))
+    with pytest.raises(InputError, match="erase: expected nothing for a film"):
+        measure_film(path, EXPERIMENT, frame_rate="1000 Hz", by_hand=ByHand(erase=(0, 0, 9, 9)))

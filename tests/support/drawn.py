@@ -27,6 +27,13 @@ def drawn(capillary_number, size_ratio, *, optics=PLAIN, seed=1, **scene):
     return draw(Scene(cases["profile"][row], cases["silhouette"][row], **placed), optics, seed=seed)
 
 
+def dirty(made, at, radius=8.0):
+    """The picture of a drawing with a dark speck at a place (x, y)."""
+    y, x = np.mgrid[: made.picture.shape[0], : made.picture.shape[1]]
+    speck = 1.0 / (1.0 + np.exp((np.hypot(x - at[0], y - at[1]) - radius) / 0.7))
+    return np.clip(np.rint(made.picture * (1.0 - 0.5 * speck)), 0, 255).astype(made.picture.dtype)
+
+
 def circle(radius):
     angle = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

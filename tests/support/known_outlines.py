@@ -20,6 +20,7 @@ def ellipse(a, b, *, centre=(40.0, 30.0), tilt=0.0, count=240, arcs=12, point=0.
         np.arange(count) * arcs // count,
         np.full(count, width),
         np.ones(count, dtype=bool),
+        np.zeros(count, dtype=bool),
     )
 
 

@@ -55,7 +55,10 @@ def measured(folder: str, stated: Stated) -> dict[str, Any]:
     with contextlib.chdir(folder):
         experiment = Experiment.read(EXPERIMENT) if Path(EXPERIMENT).exists() else None
         seen, detection = detected(stated, experiment)
+    boxes = ByHand(**stated.by_hand())
     return _drawn(detection, seen.shape[1]) | {
+        "crop": boxes.crop,
+        "erased": boxes.erase,
         "ok": detection.status.ok,
         "status": str(detection.status),
         "rows": _rows(detection),

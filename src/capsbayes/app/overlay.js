@@ -5,7 +5,8 @@ export default {
          aria-label="Picture of the capsule with what was found in it" @pointerdown="begin" @pointermove="move"
          @pointerup="end" @pointercancel="end">
       <image :href="src" x="-0.5" y="-0.5" :width="columns" :height="rows" preserveAspectRatio="none"/>
-      <rect v-if="box" class="crop" :x="box[0] - 0.5" :y="box[1] - 0.5" :width="box[2]" :height="box[3]"/>
+      <rect v-for="([name, box], k) in boxes" :key="k" :class="name" :x="box[0] - 0.5" :y="box[1] - 0.5" :width="box[2]"
+            :height="box[3]"/>
       <polygon v-if="predicted" class="predicted" :points="points(predicted)"/>
       <polygon v-if="outline" class="edge" :points="points(outline)"/>
       <polyline v-if="rear" class="rear" :points="points(rear)"/>
@@ -29,15 +30,23 @@ export default {
     rear: Array,
     predicted: Array,
     crop: Array,
+    erased: Array,
     byHand: Boolean,
     drawing: Boolean,
   },
   data() {
-    return { placed: this.walls, box: this.crop, held: null, start: null, timer: null };
+    return { placed: this.walls, box: null, held: null, start: null, timer: null };
   },
   watch: {
     walls(now) { if (this.held === null && this.timer === null) this.placed = now; },
-    crop(now) { this.box = now; },
+    crop() { this.box = null; },
+    erased() { this.box = null; },
+  },
+  computed: {
+    boxes() {
+      const stated = [...(this.crop ? [["crop", this.crop]] : []), ...(this.erased || []).map((box) => ["erased", box])];
+      return this.box ? [...stated, ["drawn", this.box]] : stated;
+    },
   },
   methods: {
     points(list) { return list.map((point) => point.join(",")).join(" "); },
@@ -52,12 +61,12 @@ export default {
       if (wall === undefined && !this.drawing) return;
       this.$refs.svg.setPointerCapture(event.pointerId);
       this.start = this.place(event);
-      this.held = wall === undefined || this.drawing ? "crop" : Number(wall);
+      this.held = wall === undefined || this.drawing ? "box" : Number(wall);
     },
     move(event) {
       if (this.held === null) return;
       const [x, y] = this.place(event);
-      if (this.held === "crop") {
+      if (this.held === "box") {
         const [x0, y0] = this.start;
         const left = Math.round(Math.min(x, x0)), top = Math.round(Math.min(y, y0));
         this.box = [left, top, Math.round(Math.abs(x - x0)) + 1, Math.round(Math.abs(y - y0)) + 1];
@@ -67,7 +76,7 @@ export default {
       }
     },
     end() {
-      if (this.held === "crop") this.$emit("crop", this.box);
+      if (this.held === "box" && this.box) this.$emit("box", this.box);
       else if (this.held !== null) this.$emit("walls", this.placed);
       this.held = null;
     },

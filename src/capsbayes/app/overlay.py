@@ -1,4 +1,4 @@
-"""The picture on the page, with walls that can be dragged and a part of it that can be drawn."""
+"""The picture on the page, with walls that can be dragged, and boxes that can be drawn."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui.element import Element
 
-_LINES = ("walls", "outline", "rear", "predicted", "crop")
+_LINES = ("walls", "outline", "rear", "predicted", "crop", "erased")
 
 
 class Overlay(Element, component="overlay.js"):
@@ -17,15 +17,15 @@ class Overlay(Element, component="overlay.js"):
     ----------
     on_walls : function of four rows
         Called with the rows of the upper and the lower wall at both borders once a wall was moved.
-    on_crop : function of four numbers
-        Called with left column, upper row, width and height of the part that was drawn.
+    on_box : function of four numbers
+        Called with left column, upper row, width and height of the box that was drawn.
     """
 
-    def __init__(self, on_walls: Callable[[list[float]], Any], on_crop: Callable[[list[float]], Any]) -> None:
+    def __init__(self, on_walls: Callable[[list[float]], Any], on_box: Callable[[list[float]], Any]) -> None:
         super().__init__()
         self._props.update(rows=1, columns=1)  # until there is a picture
         self.on("walls", lambda event: on_walls(event.args))
-        self.on("crop", lambda event: on_crop(event.args))
+        self.on("box", lambda event: on_box(event.args))
 
     def show(self, picture: dict[str, Any]) -> None:
         """Show another picture, without lines."""
@@ -44,6 +44,6 @@ class Overlay(Element, component="overlay.js"):
         self.update()
 
     def let_draw(self, drawing: bool) -> None:
-        """Let the pointer draw a part of the picture, or not."""
+        """Let the pointer draw a box, or not."""
         self._props["drawing"] = drawing
         self.update()

@@ -27,7 +27,7 @@ class Stated:
     ----------
     picture, background : str
         Names of files in the capsule's folder.
-    velocity, walls, wall_error, crop, flow, contrast
+    velocity, walls, wall_error, pixel_size, crop, erase, flow, contrast
         As the options of ``capsbayes identify``.
     membrane : str
         ``"unknown"``, a law, or empty for the default, neo-Hookean.
@@ -42,6 +42,7 @@ class Stated:
     wall_error: str = ""
     pixel_size: str = ""
     crop: str = ""
+    erase: str = ""
     flow: str = ""
     contrast: str = ""
     membrane: str = ""
@@ -49,7 +50,7 @@ class Stated:
 
     def by_hand(self) -> dict[str, str]:
         """What `capsbayes.image.ByHand` takes, as far as it is stated."""
-        names = ("walls", "wall_error", "pixel_size", "crop", "contrast")
+        names = ("walls", "wall_error", "pixel_size", "crop", "erase", "contrast")
         return {name: getattr(self, name) for name in names if getattr(self, name)}
 
     def commands(self, folder: Path) -> list[str]:

@@ -50,7 +50,7 @@ Flow = Annotated[
 ]
 
 
-_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "contrast")
+_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "erase", "contrast")
 BY_HAND = {name: f"--{name.replace('_', '-')}" for name in _BY_HAND}
 """Options of `by_hand_of` by the names of the fields of `ByHand`."""
 
@@ -84,6 +84,13 @@ def by_hand_of(
         str | None,
         typer.Option(help='Part to analyse: left column, upper row, width and height in px, as "40, 0, 220, 200".'),
     ] = None,
+    erase: Annotated[
+        str | None,
+        typer.Option(
+            help="Boxes within which the outline of the capsule is wrong, as where dirt touches it: left column, upper "
+            'row, width and height in px of each, as "40, 0, 22, 20; 90, 60, 12, 9". The rest of it is used.'
+        ),
+    ] = None,
     contrast: Annotated[
         str | None,
         typer.Option(help="Capsule and walls compared with the liquid, dark or bright; default: found in the picture."),
@@ -96,7 +103,7 @@ def by_hand_of(
     InputError
         Naming what is wrong.
     """
-    stated = (walls, wall_error, pixel_size, axis, crop, contrast)
+    stated = (walls, wall_error, pixel_size, axis, crop, erase, contrast)
     if all(text is None for text in stated):
         return None
     from capsbayes.image.by_hand import ByHand  # slow to import

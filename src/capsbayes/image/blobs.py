@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans, Floats
+from capsbayes.image.edges.bridging import bridged, within
 from capsbayes.image.walls import WallLines
 from capsbayes.profile import signed_area
 from capsbayes.status import Status
@@ -36,11 +37,14 @@ class Blob:
     area : float [px^2]
     status : Status
         ``DONE`` if it can be a capsule to measure.
+    erased : (p,) array of bool, optional
+        Where the outline was erased, and is a bridge.
     """
 
     polygon: Floats = field(repr=False)
     area: float
     status: Status = Status.DONE
+    erased: Booleans | None = field(default=None, repr=False)
 
     @property
     def middle(self) -> Floats:
@@ -48,10 +52,11 @@ class Blob:
         return np.asarray(0.5 * (self.polygon.min(axis=0) + self.polygon.max(axis=0)))
 
 
-def find_blobs(light: Floats, walls: WallLines, noise: float) -> list[Blob]:
+def find_blobs(light: Floats, walls: WallLines, noise: float, erased: Floats | None = None) -> list[Blob]:
     """Find the dark blobs between the walls, from left to right.
 
     The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it.
+    Outlines are erased within boxes (k, 4) of left, upper, right and lower limit [px]; what lies there is no blob.
     """
     dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
     between = _between(walls, (light.shape[0], light.shape[1]))
@@ -66,8 +71,16 @@ def find_blobs(light: Floats, walls: WallLines, noise: float) -> list[Blob]:
     mask = ((dark > level) & between).astype(np.uint8)
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), dtype=np.uint8))
     blobs = [blob for blob in _pieces(np.asarray(closed, dtype=np.uint8)) if blob.area > _SPECK * walls.half_width**2]
+    if erased is not None:
+        blobs = [left for blob in blobs if (left := _erased(blob, erased)) is not None]
     blobs.sort(key=lambda blob: float(blob.middle[0]))
     return [replace(blob, status=_status(blob, blobs, dark.shape, walls.half_width)) for blob in blobs]
+
+
+def _erased(blob: Blob, boxes: Floats) -> Blob | None:
+    """Return a blob without what lies within boxes, None if that is all of it."""
+    found = bridged(blob.polygon, within(blob.polygon, boxes))
+    return None if found is None else replace(blob, polygon=found[0], erased=found[1])
 
 
 def blob_of_mask(mask: Booleans, walls: WallLines) -> Blob:

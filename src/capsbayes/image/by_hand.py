@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.image.contrast import CONTRASTS
 from capsbayes.image.files.picture import SMALLEST_SIDE
@@ -37,6 +38,8 @@ _FORMS: tuple[tuple[str, tuple[int, ...], str], ...] = (
     ("crop", (4,), 'left column, upper row, width and height in px, as "40, 0, 220, 200"'),
     ("wall_error", (1,), 'one number of px, as "1.0"'),
 )
+_BOXES = 'left column, upper row, width and height of each box in px, as "40, 0, 22, 20; 90, 60, 12, 9"'
+
 _LINES = ("walls", "axis")
 
 
@@ -58,6 +61,9 @@ class ByHand:
         axis is the middle row of the picture, or of the part of it that is cut out.
     crop : text or sequence of float, optional [px]
         Left column, upper row, width and height of the part of the picture that is analysed.
+    erase : text or sequence of float, optional [px]
+        Left column, upper row, width and height of boxes within which the outline is wrong, as ``"40, 0, 22, 20"``;
+        further boxes follow after a semicolon. There the outline is a smooth curve between what is left of it.
     contrast : str, optional
         ``"dark"`` or ``"bright"``, as capsule and walls are compared with the liquid; by default the picture tells it.
 
@@ -79,6 +85,7 @@ class ByHand:
     pixel_size: Given | None = None
     axis: Any = None
     crop: Any = None
+    erase: Any = None
     contrast: str | None = None
 
     def __post_init__(self) -> None:
@@ -87,6 +94,7 @@ class ByHand:
             if numbers is not None and name in _LINES and len(numbers) == counts[0]:
                 numbers = tuple(np.repeat(numbers, 2).tolist())  # along the rows: at both borders the same
             object.__setattr__(self, name, numbers)
+        object.__setattr__(self, "erase", _boxes(self.erase))
         if self.contrast is not None and self.contrast not in CONTRASTS:
             raise InputError("contrast", "", " or ".join(f'"{name}"' for name in CONTRASTS), repr(self.contrast))
         if self.pixel_size is not None:
@@ -121,6 +129,26 @@ class ByHand:
         if min(width, height) < SMALLEST_SIDE:
             raise InputError("crop", "", f"at least {SMALLEST_SIDE} x {SMALLEST_SIDE} px", f"{width} x {height} px")
         return slice(top, bottom), slice(left, right)
+
+    def erased_in_part(self, shape: tuple[int, int]) -> Floats | None:
+        """Return left, upper, right and lower limit of the boxes to erase, in coordinates of the part : (k, 4) array.
+
+        Raises
+        ------
+        InputError
+            If one of them is not within the picture.
+        """
+        if self.erase is None:
+            return None
+        rows, columns = self.part(shape)
+        boxes = np.array(self.erase, dtype=float)
+        first, size = boxes[:, :2] - 0.5, boxes[:, 2:]
+        for box in boxes[
+            np.any(first >= [shape[1] - 0.5, shape[0] - 0.5], axis=1) | np.any(first + size <= -0.5, axis=1)
+        ]:
+            expected = f"a box within the picture of {shape[1]} x {shape[0]} px"
+            raise InputError("erase", "", expected, _listed(tuple(box)))
+        return np.hstack([first, first + size]) - np.array(2 * [columns.start, rows.start])
 
     def lines_in_part(self, shape: tuple[int, int], half_width: Quantity | None) -> WallLines | None:
         """Return the walls, as `lines` does, in the coordinates of the part that is analysed."""
@@ -215,6 +243,20 @@ def _numbers(given: Any, name: str, counts: tuple[int, ...], expected: str) -> t
     if not good or len(found) not in counts or not np.all(np.isfinite(found)):
         raise InputError(name, "", expected, repr(given))
     return tuple(found)
+
+
+def _boxes(given: Any) -> tuple[tuple[float, ...], ...] | None:
+    """Return the numbers of boxes, in a text or in one or several sequences of four."""
+    if given is None:
+        return None
+    if isinstance(given, str):
+        parts: list[Any] = [part for part in given.split(";") if part.strip()]
+    else:
+        parts = [given] if len(given) == 4 and np.ndim(given) == 1 else list(given)
+    boxes = [_numbers(part, "erase", (4,), _BOXES) for part in parts]
+    if not boxes or any(box is None or min(box[2:]) <= 0.0 for box in boxes):
+        raise InputError("erase", "", _BOXES, repr(given))
+    return tuple(box for box in boxes if box is not None)
 
 
 def _check_row(row: float, rows: int, name: str) -> None:

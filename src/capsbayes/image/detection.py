@@ -183,7 +183,7 @@ def analyse_blob(
     """
     if not blob.status.ok:
         return Detection(blob.status, walls, blob=blob)
-    outline = locate_edge(light, blob.polygon, noise)
+    outline = locate_edge(light, blob.polygon, noise, blob.erased)
     if outline is None or not _ends_located(outline, walls):
         return Detection(Status.NO_EDGE, walls, blob=blob)
     outline = _smoothed_by_walls(outline, walls)

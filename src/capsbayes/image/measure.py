@@ -80,26 +80,30 @@ def detect(
     shown, ground = contrast.shown(seen), empty and contrast.shown(empty)
     if stated is not None:
         walls = compared_with_bands(walls, (ground or shown).grey)
-    found = _detect(shown, ground, walls, direction)
+    found = _detect(shown, ground, walls, direction, by_hand.erased_in_part(picture.shape))
     return found.moved(columns.start, rows.start)
 
 
-def _detect(picture: Picture, background: Picture | None, walls: WallLines, direction: int) -> Detection:
+def _detect(
+    picture: Picture, background: Picture | None, walls: WallLines, direction: int, erased: Floats | None
+) -> Detection:
     """Find a dark capsule between the walls in the part of a picture that is analysed."""
     empty = estimate_background(picture.grey, walls) if background is None else background.grey
     near = walls.rows_around(picture.shape)
     seen = picture.cut((near, slice(None)))
-    return _between(seen, empty[near], walls.moved(0, -near.start), direction).moved(0, near.start)
+    if erased is not None:
+        erased = erased - np.array([0, near.start, 0, near.start])
+    return _between(seen, empty[near], walls.moved(0, -near.start), direction, erased).moved(0, near.start)
 
 
-def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int) -> Detection:
+def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int, erased: Floats | None) -> Detection:
     """Find a dark capsule in the rows of a picture around the walls."""
     between = np.abs(walls.offset(picture.shape)) < walls.half_width
     if np.count_nonzero(picture.clipped & between) > CLIPPED * np.count_nonzero(between):
         return Detection(Status.SATURATED, walls)
     light = transmission(picture.grey, empty)
     noise = pixel_noise(light[between.any(axis=1)])
-    found = find_blobs(light, walls, noise)
+    found = find_blobs(light, walls, noise, erased)
     blobs = [blob for blob in found if blob.status is not Status.DEBRIS]
     if len(blobs) != 1:
         return Detection(Status.SEVERAL_CAPSULES if blobs else Status.NO_CAPSULE, walls)
@@ -130,8 +134,8 @@ def measure(
     flow : str, optional
         ``"right"`` or ``"left"``; by default it follows from the shape.
     by_hand : ByHand, optional
-        What is stated of walls, scale and the part to analyse, as `capsbayes.image.ByHand`; by default they are found
-        in the picture.
+        What is stated of walls, scale, the part to analyse and what is wrong in it, as `capsbayes.image.ByHand`; by
+        default they are found in the picture.
 
     Returns
     -------

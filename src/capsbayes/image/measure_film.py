@@ -140,6 +140,8 @@ def measure_film(
     rate = Quantity.of(given, "frame_rate", where=experiment.source or "measure_film")
     film = film if isinstance(film, Film) else Film.open(film)
     direction, by_hand = check_flow(flow), by_hand or ByHand()
+    if by_hand.erase is not None:
+        raise InputError("erase", "", "nothing for a film: its capsules move past what is wrong", "boxes")
     given = background is not None
     # they tell the background, the contrast, and whether the film was smoothed
     sampled: list[Pixels] = [packed(picture.grey) for picture in _sample(film, by_hand, given=given)]

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from capsbayes.arrays import Floats
 from capsbayes.files.output_file import write_file
 from capsbayes.image.detection import Detection
+from capsbayes.image.edges.bridging import runs
+from capsbayes.image.edges.outline import EdgeOutline
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.walls import WallLines
 
@@ -21,6 +23,7 @@ Colour = tuple[int, int, int]
 _LARGEST_SCALE = 4  # drawn pixels per pixel of the picture
 _MOST_DRAWN = 2**23  # pixels to which a picture is enlarged
 _SHIFT = 4  # binary digits of a drawn pixel's fractions
+_EVERY = 3  # pieces of an erased stretch: one is drawn
 _DASHES, _DOTS = (6.0, 4.0), (0.5, 5.0)  # px: drawn and left out
 WALL, OUTLINE, REAR, EXTENT, LENGTH = (200, 120, 0), (0, 0, 220), (0, 150, 255), (180, 0, 140), (0, 140, 0)
 
@@ -32,7 +35,8 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
 
     Walls are blue, the outline red, the rear band orange, L_z violet above the axis, L_a green below. Walls that were
     stated by hand are dashed, and the axis between them is dotted; a dark line that such a wall lies off is dashed
-    orange. The dark blob of a refused capsule is outlined in orange. What is missing in the detection is not drawn.
+    orange. Erased stretches of the outline are dotted. The dark blob of a refused capsule is outlined in orange. What
+    is missing in the detection is not drawn.
     """
     grey = _stretched(picture)
     scale = int(np.clip(math.isqrt(_MOST_DRAWN // grey.size), 1, _LARGEST_SCALE))
@@ -41,7 +45,7 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
     if detection.walls is not None:
         _walls(canvas, detection.walls, picture.shape[1])
     if detection.outline is not None:
-        canvas.line(list(detection.outline.points), OUTLINE, closed=True)
+        _outline(canvas, detection.outline)
     elif detection.blob is not None:
         canvas.line(list(detection.blob.polygon), REAR, closed=True)
     if detection.nose is not None and detection.end is not None:
@@ -103,6 +107,17 @@ def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
         start = middle + place * walls.across
         for first in np.arange(-reach, reach, drawn + skipped):
             canvas.line([start + end * walls.along for end in (first, first + drawn)], colour)
+
+
+def _outline(canvas: _Canvas, outline: EdgeOutline) -> None:
+    points, erased = outline.points, outline.erased
+    if not erased.any():
+        canvas.line(list(points), OUTLINE, closed=True)
+        return
+    for run in runs(erased):
+        parts = [run] if not erased[run[0]] else [run[k : k + 2] for k in range(1, len(run), _EVERY)]
+        for part in parts:
+            canvas.line(list(points[part]), OUTLINE)
 
 
 def _lengths(canvas: _Canvas, detection: Detection) -> None:

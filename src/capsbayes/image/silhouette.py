@@ -16,7 +16,7 @@ import numpy as np
 from capsbayes.arrays import Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.extent import EDGE_FLOOR
-from capsbayes.image.edges.outline import ARC, averaged, scatter_expected
+from capsbayes.image.edges.outline import ARC, averaged, scatter_expected, without_erased
 from capsbayes.image.walls import WallLines
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 
@@ -58,11 +58,12 @@ class EdgeErrors:
         outline, walls = detection.outline, detection.walls
         assert outline is not None
         assert walls is not None
-        width = np.square(outline.edge_width)
-        arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error)))
+        kept = ~outline.erased
+        width = np.square(outline.edge_width[kept])
+        arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error[kept])))
         misfit = np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), _OF_SHIFT * detection.shift)
         offset = np.sqrt(EDGE_FLOOR**2 + detection.shift**2 + _OFFSET**2 * np.mean(np.square(width)))
-        facing = detection.flow * (outline.normals @ walls.along)
+        facing = detection.flow * (outline.normals[kept] @ walls.along)
         nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
         band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
         return cls(scatter_expected(outline), float(arc), float(misfit), float(offset), band)
@@ -71,14 +72,14 @@ class EdgeErrors:
 def silhouette_of(detection: Detection) -> MeasuredOutline | None:
     """Return the silhouette of a detection, as `identify` compares it with those of a model.
 
-    Points next to a wall, which lie up to 0.4 of the edge's width too far out, are omitted. Returns None where nothing
-    was measured, too few points are clear of the walls, or the shape does not distinguish front from rear.
+    Points next to a wall, which lie up to 0.4 of the edge's width too far out, and erased ones are omitted. Returns
+    None where nothing was measured, too few points are left, or the shape does not distinguish front from rear.
     """
     if not detection.status.ok or detection.outline is None or detection.walls is None or detection.flow == 0:
         return None
     walls = detection.walls
     points = averaged(detection.outline.points)
-    clear = walls.is_clear(walls.clearance(points))
+    clear = walls.is_clear(walls.clearance(points)) & without_erased(detection.outline)
     points = points[clear] - detection.axis
     return over_l(
         np.stack([detection.flow * (points @ walls.along), points @ walls.across], axis=1),

@@ -31,6 +31,8 @@ class PictureStep:
     def __init__(self, desk: Desk, changed: Callable[[bool], object]) -> None:
         self.desk, self._changed = desk, changed
         self._silent = False
+        self._drawing: ui.switch
+        self._erasing: ui.switch
         with ui.card().classes("bench-step"):
             ui.html("<h2>1. The picture</h2>", sanitize=False)
             ui.label(
@@ -49,7 +51,7 @@ class PictureStep:
             self._message = ui.label().classes("bench-told").props('role="status"')
         with ui.card().classes("bench-step") as self._card:
             ui.html("<h2>2. What is found in it</h2>", sanitize=False)
-            self.overlay = Overlay(self._walls_moved, self._crop_drawn)
+            self.overlay = Overlay(self._walls_moved, self._box_drawn)
             legend = "".join(f'<span class="{name}">{text}</span>' for name, text in _COLOURS)
             ui.html(f'<p class="bench-legend">{legend}</p>', sanitize=False)
             self._status = ui.label().classes("bench-status").props('role="status"')
@@ -68,7 +70,10 @@ class PictureStep:
                 self._wall_error = self._field("Error of either wall in px", "wall_error")
             with ui.row():
                 self._crop = self._field("Part: left, top, width, height", "crop")
-                self._drawing = ui.switch("draw it in the picture", on_change=self._let_draw)
+                self._drawing = ui.switch("draw it in the picture", on_change=lambda: self._let_draw(self._drawing))
+            with ui.row():
+                self._erase = self._field("Wrong outline: left, top, width, height; ...", "erase")
+                self._erasing = ui.switch("erase in the picture", on_change=lambda: self._let_draw(self._erasing))
             with ui.row():
                 self._flow = self._choice("Flow", "flow", _FLOWS)
                 self._contrast = self._choice("Capsule and walls", "contrast", _CONTRASTS)
@@ -140,9 +145,8 @@ class PictureStep:
             self._changed(False)
             return
         self._found = found
-        crop = [float(text) for text in self.desk.stated.crop.replace(",", " ").split()] or None
-        lines = {name: found[name] for name in ("walls", "outline", "rear")}
-        self.overlay.draw(**lines, crop=crop, by_hand=bool(self.desk.stated.walls))
+        lines = {name: found[name] for name in ("walls", "outline", "rear", "crop", "erased")}
+        self.overlay.draw(**lines, by_hand=bool(self.desk.stated.walls))
         flow = {1: ", the flow is to the right", -1: ", the flow is to the left"}.get(found["flow"], "")
         self._status.text = f"{found['status']}{flow}" if not found["ok"] else f"The capsule was measured{flow}."
         rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in found["rows"])
@@ -164,12 +168,20 @@ class PictureStep:
         text = f"{upper[0]}, {lower[0]}" if level else f"{' '.join(upper)}, {' '.join(lower)}"
         self._walls.value = text  # which states it, and measures again
 
-    async def _crop_drawn(self, numbers: list[float]) -> None:
-        self._drawing.value = False
-        self._crop.value = ", ".join(f"{number:g}" for number in numbers)
+    async def _box_drawn(self, numbers: list[float]) -> None:
+        text = ", ".join(f"{number:g}" for number in numbers)
+        if self._erasing.value:
+            self._erase.value = "; ".join(filter(None, (self._erase.value, text)))
+        else:
+            self._drawing.value = False
+            self._crop.value = text
 
-    def _let_draw(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        self.overlay.let_draw(bool(event.value))
+    def _let_draw(self, switch: Any) -> None:
+        """Let a box be drawn for one of the two switches, and turn the other off."""
+        other = self._drawing if switch is self._erasing else self._erasing
+        if switch.value:
+            other.value = False
+        self.overlay.let_draw(self._drawing.value or self._erasing.value)
 
     def _turn(self) -> None:
         now = self.desk.stated.flow or {1: "right", -1: "left"}.get(self._found["flow"], "left")
@@ -184,6 +196,6 @@ class PictureStep:
     def _show_stated(self) -> None:
         """Show in the fields what is stated, without measuring for each."""
         self._silent = True
-        for name in ("walls", "wall_error", "crop", "flow", "contrast"):
+        for name in ("walls", "wall_error", "crop", "erase", "flow", "contrast"):
             getattr(self, f"_{name}").value = getattr(self.desk.stated, name)
         self._silent = False

@@ -24,7 +24,7 @@ _CONTOURS = (".csv", ".txt", ".roi", ".json")  # as `capsbayes.image.files.conto
 # which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
     "picture": ("--velocity", "--background", *BY_HAND.values()),
-    "film": ("--frame-rate", "--background", *BY_HAND.values()),
+    "film": ("--frame-rate", "--background", *(option for option in BY_HAND.values() if option != "--erase")),
     "contour": (
         "--velocity",
         "--walls",

@@ -14,8 +14,10 @@ from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import spline_filter
+from scipy.spatial import KDTree
 
 from capsbayes.arrays import Booleans, Floats
+from capsbayes.image.edges.bridging import bridge_errors, bridged
 from capsbayes.image.edges.models import Model, ProfileFit, locate
 from capsbayes.image.edges.profiles import (
     curvatures,
@@ -47,6 +49,7 @@ _FITTED = 6.0  # parameters of an edge
 _ALONG = 2.0  # samples along a normal over which what a model leaves over is alike
 _LEAST = 0.5  # of the scatter expected: less is chance
 _NOT_LOCATED = 0.3  # px: error of an arc whose edge is taken from its neighbours
+_FEWEST = 4  # normals that are left of an arc, of which some were erased
 _CONTRAST = 0.03  # of the light: a fainter jump is no edge
 _NOISE_PIXELS = 40_000  # from which the noise is estimated, in every so many rows
 
@@ -71,6 +74,8 @@ class EdgeOutline:
         Standard deviation of the blur at each point.
     located : (n,) array of bool
         False where the edge of an arc was not found, and is taken from its neighbours.
+    erased : (n,) array of bool
+        True where a person erased the edge: the points there are a bridge between those beside.
     """
 
     points: Floats = field(repr=False)
@@ -80,6 +85,7 @@ class EdgeOutline:
     arc: NDArray[np.intp] = field(repr=False)
     edge_width: Floats = field(repr=False)
     located: Booleans = field(repr=False)
+    erased: Booleans = field(repr=False)
 
 
 def pixel_noise(light: Floats) -> float:
@@ -89,32 +95,36 @@ def pixel_noise(light: Floats) -> float:
     return max(robust_spread(second) / np.sqrt(1.5), 1e-6)
 
 
-def locate_edge(light: Floats, polygon: Floats, noise: float) -> EdgeOutline | None:
+def locate_edge(light: Floats, polygon: Floats, noise: float, erased: Booleans | None = None) -> EdgeOutline | None:
     """Locate the edge of a capsule, starting from an outline of a pixel's accuracy; None where there is none.
 
     The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it;
-    the polygon (p, 2) [px] has columns (x, y) and is clockwise as seen in the picture.
+    the polygon (p, 2) [px] has columns (x, y) and is clockwise as seen in the picture. No edge is looked for where its
+    points (p,) are erased.
     """
+    erased = np.zeros(len(polygon), dtype=bool) if erased is None else erased
     first = np.maximum(np.floor(polygon.min(axis=0)).astype(int) - 2 * _REACH, 0)
     last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH
     spline = spline_filter(light[first[1] : last[1], first[0] : last[0]], order=3, mode="mirror")
-    moved = _moved(spline, polygon - first, np.array([_START_WIDTH]), 0.0)
+    moved = _moved(spline, polygon - first, erased, np.array([_START_WIDTH]), 0.0)
     for estimated in (True, False):  # where the curve lies on the edge to a fraction of a pixel, then kept
         if moved is None:
             return None
         bend = None if estimated else moved.bend
-        moved = _moved(spline, moved.outline.points, moved.outline.edge_width, bend)
+        moved = _moved(spline, moved.outline.points, moved.outline.erased, moved.outline.edge_width, bend)
     if moved is None:
         return None
     outline = moved.outline
-    raised = scatter_left(averaged(outline.points), averaged(outline.normals)) / (noise * scatter_expected(outline))
+    left = scatter_left(averaged(outline.points), averaged(outline.normals), without_erased(outline))
+    raised = left / (noise * scatter_expected(outline))
     of_noise = np.square(noise * max(1.0, raised) * outline.arc_error)
     arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(moved.arc_misfit) - of_noise, 0.0))
+    of_bridges = bridge_errors(outline.points, outline.erased)
     return replace(
         outline,
         points=outline.points + first,
-        point_error=noise * max(_LEAST, raised) * outline.point_error,
-        arc_error=np.where(outline.located, arc_error, _NOT_LOCATED),
+        point_error=np.hypot(noise * max(_LEAST, raised) * outline.point_error, of_bridges),
+        arc_error=np.hypot(np.where(outline.located, arc_error, _NOT_LOCATED), of_bridges),
     )
 
 
@@ -124,15 +134,22 @@ def averaged(values: Floats) -> Floats:
     return np.asarray(values[: count * AVERAGED].reshape(count, AVERAGED, -1).mean(axis=1))
 
 
+def without_erased(outline: EdgeOutline) -> Booleans:
+    """Return which of the means of three consecutive points hold no erased one : (m,) array."""
+    return np.asarray(averaged(outline.erased.astype(float))[:, 0] == 0.0)
+
+
 def scatter_expected(outline: EdgeOutline) -> float:
     """Return the standard deviation [px] of means of three points that follows from the errors of the points."""
     least, more = _SCATTER
-    variance = np.square(outline.point_error) * (least + more * np.square(outline.edge_width))
+    variance = (np.square(outline.point_error) * (least + more * np.square(outline.edge_width)))[~outline.erased]
     return float(np.sqrt(np.mean(variance) / AVERAGED))
 
 
-def scatter_left(points: Floats, normals: Floats) -> float:
+def scatter_left(points: Floats, normals: Floats, kept: Booleans | None = None) -> float:
     """Return the standard deviation of points (n, 2) of an outline that is seen in themselves, in their unit.
+
+    Only those that are kept (n,) count, by default all.
 
     The points are so far apart that their errors are almost independent. A curve that is smooth over five of them has
     no fourth difference; tight corners are outliers. The noise of a pixel tells less where a picture was compressed or
@@ -141,7 +158,7 @@ def scatter_left(points: Floats, normals: Floats) -> float:
     fourth = _closed(points, 2)
     for _ in range(4):
         fourth = np.diff(fourth, axis=0)
-    across = np.sum(fourth * normals, axis=1)
+    across = np.sum(fourth * normals, axis=1)[... if kept is None else kept]
     # of the middle four fifths: the errors of a compressed picture differ from place to place
     return quantile(np.abs(across), 0.8) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
 
@@ -164,14 +181,20 @@ class _Moved:
     bend: float
 
 
-def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) -> _Moved | None:
+def _moved(spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend: float | None) -> _Moved | None:
     """Locate the edge in the mean of each arc, along normals on the smoothed curve, and the shift of each normal.
 
     The windows along the normals follow the widths of the last round, given at equal distances along the curve. The
-    bend is estimated if it is None.
+    bend is estimated if it is None. Erased stretches of the curve are bridged first, and their normals are not used.
     """
+    whole = bridged(curve, erased)
+    if whole is None:
+        return None
+    curve, erased = whole
     base, tangent, curvature = _smoothed(curve, median(widths))
     normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    erased = erased[KDTree(curve).query(base)[1]] if erased.any() else np.zeros(len(base), dtype=bool)
+    kept = ~erased
     arcs = max(8, round(_SPACING * len(base) / ARC))
     width = np.interp((np.arange(arcs) + 0.5) / arcs, (np.arange(len(widths)) + 0.5) / len(widths), widths)
     window = np.clip(2.0 * width + 1.5, 3.0, _REACH)
@@ -180,12 +203,16 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) ->
     used = (np.abs(samples) <= window[:, None]).astype(float)
     profiles = sampled(spline, base, normals, samples)
     arc = np.arange(len(base)) * arcs // len(base)
-    means, count = means_of_arcs(profiles, arc, arcs)
+    means, count = means_of_arcs(profiles[kept], arc[kept], arcs)
+    some = count >= _FEWEST
+    if not some.any():
+        return None
+    means[~some], count = means[some].mean(axis=0), np.maximum(count, 1.0)
     if bend is None:
-        noise = median(mean_squares(profiles, means, arc, used))
-        bend = _bend_of(means, samples, width, used, count / noise)
+        noise = median(mean_squares(profiles[kept], means, arc[kept], used))
+        bend = _bend_of(means, samples, width, used, some * count / noise)
     edge = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used, bend)
-    located = _is_located(edge, window)
+    located = _is_located(edge, window) & some
     if located.sum() < arcs // 2:
         return None
     place, blur = (_filled(values, located) for values in (edge.place, edge.width))
@@ -195,10 +222,10 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) ->
     across, along = _blur_at(blur, normals)
     # the samples end nearer inside than outside: a difference in width would be taken for one in place
     wider = np.log(across)
-    wider -= (np.bincount(arc, wider) / count)[arc]
+    wider -= (np.bincount(arc, kept * wider) / count)[arc]
     explained = wider[:, None] * ((samples - place[:, None]) * edge.slope)[arc]
     shift, shift_variance = _shifts(profiles - explained, arc, means, edge.slope, outer)
-    outward = 0.5 * curvature * along**2 - place[arc] - shift
+    outward = 0.5 * curvature * along**2 - place[arc] - kept * shift
     outline = EdgeOutline(
         points=base + outward[:, None] * normals,
         normals=normals,
@@ -206,7 +233,8 @@ def _moved(spline: Floats, curve: Floats, widths: Floats, bend: float | None) ->
         arc_error=np.sqrt((edge.place_variance / count)[arc]),
         arc=arc,
         edge_width=blur,
-        located=located[arc],
+        located=located[arc] & kept,
+        erased=erased,
     )
     misfit = misfit_around(means - edge.fitted, used, edge.place_variance, _FITTED, _NEIGHBOURS)
     return _Moved(outline, misfit[arc], bend)
