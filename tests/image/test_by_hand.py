@@ -253,3 +253,12 @@ def test_a_film_has_nothing_to_erase(tmp_path):
     path = written(tmp_path / "film", film([60.0, 80.0, 100.0]))
     with pytest.raises(InputError, match="erase: expected nothing for a film"):
         measure_film(path, EXPERIMENT, frame_rate="1000 Hz", by_hand=ByHand(erase=(0, 0, 9, 9)))
+
+
+@pytest.mark.parametrize(("walls", "crop"), [((150.0, 190.0), (0, 0, 200, 100)), ((10.0, 50.0), (0, 100, 200, 100))])
+@pytest.mark.parametrize("contrast", ["dark", None])
+def test_a_part_that_does_not_show_the_channel_shows_no_capsule(walls, crop, contrast):
+    made = drawn(0.1, 0.9)
+    by_hand = ByHand(walls=walls, crop=crop, contrast=contrast)
+    seen = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background), by_hand=by_hand)
+    assert seen.status is Status.NO_CAPSULE

@@ -91,11 +91,14 @@ class WallLines:
         return np.array([-np.sin(self.tilt), np.cos(self.tilt)])
 
     def rows_around(self, shape: tuple[int, int]) -> slice:
-        """Return the rows of a picture that show the walls and what lies between, from a multiple of 16 on."""
+        """Return the rows of a picture that show the walls and what lies between, from a multiple of 16 on.
+
+        Some rows are returned too where the walls lie outside the picture.
+        """
         aside = max(self.centre_column, shape[1] - self.centre_column)
         reach = self.half_width + _MARGIN + abs(np.tan(self.tilt)) * aside
-        first, last = int(self.centre_row - reach), int(self.centre_row + reach) + 2
-        return slice(max(0, first) // _WHOLE * _WHOLE, max(0, min(shape[0], last)))
+        first = max(0, min(int(self.centre_row - reach), shape[0] - _WHOLE)) // _WHOLE * _WHOLE
+        return slice(first, min(shape[0], max(int(self.centre_row + reach) + 2, first + _WHOLE)))
 
     def offset(self, shape: tuple[int, int]) -> Floats:
         """Return the distance of each pixel of a picture from the centre line, positive below : array of `shape`."""
