@@ -15,7 +15,7 @@ def outline(outwards):
     """A circle 1.5 px from the lower wall, its points displaced outwards."""
     points = np.array([80.0, 75.0]) + (53.5 + outwards)[:, None] * NORMALS
     ones = np.ones(300)
-    return EdgeOutline(points, NORMALS, ones, ones, np.zeros(300, dtype=np.intp), ones, ones > 0.0)
+    return EdgeOutline(points, NORMALS, ones, ones, np.zeros(300, dtype=np.intp), ones, ones > 0.0, ones < 0.0)
 
 
 def test_an_outline_is_smoothed_where_it_is_close_to_a_wall_alone():
