@@ -3,8 +3,9 @@
 Run ``python benchmarks/speed.py [NAME ...]``; without names every row that is not in ``docs/data/speed.json`` yet is
 measured, ``--again`` measures all. ``--write`` renews the table in ``docs/evidence.md``. Each row is measured in a
 process of its own, one after the other, with one thread of BLAS: compiled and read once, then the median of five times
-(of commands: after one that is not counted; silhouettes of films: of two; batches and the diagnosis: one time). Wall time depends
-on what else the machine does; processor time of all processes together does so less. ``dclab`` is `pip install dclab`.
+(of commands: after one that is not counted; silhouettes of films: of two; batches and the diagnosis: one time). Wall
+time depends on what else the machine does; processor time of all processes together does so less. ``dclab`` is
+`pip install dclab`.
 """
 
 from __future__ import annotations
