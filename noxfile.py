@@ -1,13 +1,16 @@
 """The tests on other versions of Python, and with the lowest versions of what the package needs.
 
 ``nox`` runs the whole suite on every version of Python that is installed, and with the lowest versions that
-``pyproject.toml`` allows. ``nox -s smoke smoke_lowest`` runs the tests of the basic types there.
+``pyproject.toml`` allows. ``nox -s smoke smoke_lowest`` runs the tests of the basic types there. ``nox -s wheel`` runs
+the first command of the README with the built wheel alone.
 What follows ``--`` goes to pytest.
 """
 
 from __future__ import annotations
 
 import os
+import re
+import shlex
 from pathlib import Path
 
 import nox
@@ -59,3 +62,20 @@ def smoke(session: nox.Session) -> None:
 def smoke_lowest(session: nox.Session) -> None:
     """Run the same with the lowest versions."""
     _tested(session, LOWEST, tests=SMOKE)
+
+
+@nox.session(python=PYTHONS, venv_backend="uv|virtualenv")
+def wheel(session: nox.Session) -> None:
+    """Build wheel and archive, install the wheel with what it needs alone, and run the first command of the README."""
+    built = Path(session.create_tmp()).resolve()
+    session.run("uv", "build", "--quiet", "--out-dir", str(built), external=True)
+    try:
+        session.install(*map(str, built.glob("*.whl")))
+    except CommandFailed:
+        session.skip("what the package needs cannot be installed there")
+    size = sum(path.stat().st_size for path in Path(session.virtualenv.location).rglob("*") if path.is_file())
+    session.log(f"installed: {size / 1e6:.0f} MB")
+    first = re.search(r"\.venv/bin/(capsbayes identify .*?)\n```", Path("README.md").read_text(), re.DOTALL)
+    assert first is not None, "the README begins with a command"
+    words = shlex.split(first[1].replace("\\\n", " ").replace("result/", str(built / "result")))
+    session.run(*words)

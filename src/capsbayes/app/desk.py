@@ -91,7 +91,8 @@ class Desk:
 
     def keep_experiment(self, folder: Path | None = None) -> str:
         """Write the experiment into a folder, by default the capsule's; return what is missing or wrong, or nothing."""
-        folder = folder or self.folder
+        if not self.stated.measured:  # else the experiment is that of the measurement
+            folder = folder or self.folder
         stated = {key: text for key, text in self.experiment.items() if text}
         camera = {key: text for key, text in stated.pop("camera", {}).items() if text}
         for key in ("half_width", "viscosity"):

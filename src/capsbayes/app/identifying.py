@@ -41,15 +41,18 @@ from capsbayes.show.words.rounding import value_words
 from capsbayes.show.writers import posterior_files
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
-_KEPT: dict[str, tuple[Stated, Picture, Detection, Measurement, Posterior]] = {}  # the last answer of each folder
+_Seen = tuple[Picture, Detection]
+_KEPT: dict[str, tuple[Stated, _Seen | None, Measurement, Posterior]] = {}  # the last answer of each folder
 _MOST_KEPT = 4
 
 
 def identified(folder: str, stated: Stated) -> dict[str, Any]:
     """Measure and identify; return the headlines, the tables as HTML, and the predicted outline on the picture."""
     with contextlib.chdir(folder):
-        posterior, detection = _identified(folder, stated)
-    predicted = None if posterior.outlines is None else on_picture(band(posterior.outlines)[0], detection).tolist()
+        posterior, seen = _identified(folder, stated)
+    predicted = None
+    if seen is not None and posterior.outlines is not None:
+        predicted = on_picture(band(posterior.outlines)[0], seen[1]).tolist()
     return {
         "headlines": [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN[:2]],
         "ok": posterior.status.ok,
@@ -79,11 +82,12 @@ def corner(folder: str, stated: Stated) -> str:
 def saved(folder: str, stated: Stated) -> list[str]:
     """Write what ``capsbayes identify --out .`` and ``capsbayes report .`` write; return the names of the files."""
     with contextlib.chdir(folder), guarded():
-        posterior, detection = _identified(folder, stated)
-        _, seen, _, measurement, _ = _KEPT[folder]
+        posterior, seen = _identified(folder, stated)
+        measurement = _KEPT[folder][2]
         here = Path()
         with together():
-            write_detection(here, seen, detection, measurement)
+            if seen is not None:
+                write_detection(here, *seen, measurement)
             for name, write in posterior_files(posterior).items():
                 write(here / name)
         found, source = opened(here)
@@ -91,14 +95,21 @@ def saved(folder: str, stated: Stated) -> list[str]:
         return sorted(path.name for path in here.iterdir() if not path.name.startswith("."))
 
 
-def _identified(folder: str, stated: Stated) -> tuple[Posterior, Detection]:
-    """Return the posterior of a capsule; that of the last call if nothing was stated otherwise since."""
-    experiment = Experiment.read(EXPERIMENT)
+def _identified(folder: str, stated: Stated) -> tuple[Posterior, _Seen | None]:
+    """Return the posterior of a capsule, and picture and detection if it was measured in a picture.
+
+    They are those of the last call if nothing was stated otherwise since.
+    """
+    known = Measurement.read(stated.measured) if stated.measured else None
+    experiment = Experiment.read((known and known.experiment_file) or EXPERIMENT)
     kept = _KEPT.get(folder)
-    if kept is not None and kept[0] == stated and kept[4].experiment.sha256 == experiment.sha256:
-        return kept[4], kept[2]
-    seen, detection = detected(stated, experiment)
-    measurement = measurement_of(detection, seen, experiment, _speed(stated, experiment))
+    if kept is not None and kept[0] == stated and kept[3].experiment.sha256 == experiment.sha256:
+        return kept[3], kept[1]
+    found = None if known is not None else detected(stated, experiment)
+    if found is not None:
+        known = measurement_of(found[1], found[0], experiment, _speed(stated, experiment))
+    assert known is not None, "read or measured"
+    measurement = known
     if not measurement.status.ok:
         raise InputError(stated.picture, "", "a capsule that can be measured", str(measurement.status))
     view = MID_PLANE if measurement.outline is None else measurement.outline.view
@@ -111,8 +122,8 @@ def _identified(folder: str, stated: Stated) -> tuple[Posterior, Detection]:
         posterior = with_other_laws(posterior)
     while len(_KEPT) >= _MOST_KEPT:
         _KEPT.pop(next(iter(_KEPT)))
-    _KEPT[folder] = stated, seen, detection, measurement, posterior
-    return posterior, detection
+    _KEPT[folder] = stated, found, measurement, posterior
+    return posterior, found
 
 
 @functools.lru_cache(maxsize=4)

@@ -33,7 +33,7 @@ def bench_page(bench: Bench) -> None:
         elif not measured:
             missing = "The capsule has to be measured first: see step 2."
         else:
-            missing = "" if channel.complete else "Fill in step 3 first."
+            missing = "" if desk.stated.measured or channel.complete else "Fill in step 3 first."
         answer.allow(missing)
 
     with ui.column().classes("bench"):
@@ -45,6 +45,6 @@ def bench_page(bench: Bench) -> None:
             with ui.element("div"):
                 channel = ChannelStep(desk, changed)
                 answer = AnswerStep(desk, picture.overlay, lambda summary: population.grown(summary))
-        ManyStep(desk, lambda: population.grown())
+        ManyStep(desk, lambda: population.grown(), picture.show_measured)
         population = PopulationStep(desk)
         ui.label(f"capsbayes {__version__}. Nothing leaves this computer.").classes("bench-foot")

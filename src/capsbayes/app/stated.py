@@ -9,7 +9,7 @@ from pathlib import Path
 
 from capsbayes.files.input_file import PICTURES, VIDEOS
 
-EXPERIMENT = "experiment.toml"
+EXPERIMENT, MEASUREMENT, OVERLAY = "experiment.toml", "measurement.toml", "overlay.png"
 EVENTS = (".rtdc",)
 KINDS = (*PICTURES, *VIDEOS, *EVENTS)
 """Endings of the files that the page takes."""
@@ -21,12 +21,14 @@ _LONGEST = 60  # letters of a name
 
 @dataclass
 class Stated:
-    """What is stated of one picture; a text that is empty is not stated.
+    """What is stated of one capsule; a text that is empty is not stated.
 
     Parameters
     ----------
     picture, background : str
         Names of files in the capsule's folder.
+    measured : str
+        Name of the file of a measurement, in place of a picture that is to be measured.
     velocity, walls, wall_error, pixel_size, crop, erase, flow, contrast
         As the options of ``capsbayes identify``.
     membrane : str
@@ -38,6 +40,7 @@ class Stated:
     picture: str = ""
     background: str = ""
     velocity: str = ""
+    measured: str = ""
     walls: str = ""
     wall_error: str = ""
     pixel_size: str = ""
@@ -55,8 +58,11 @@ class Stated:
 
     def commands(self, folder: Path) -> list[str]:
         """Return the lines of a terminal that make the same files in the capsule's folder."""
-        words = ["capsbayes", "identify", self.picture, "--experiment", EXPERIMENT]
-        options = {"velocity": self.velocity, "background": self.background, "flow": self.flow, **self.by_hand()}
+        words = ["capsbayes", "identify", self.measured or self.picture]
+        options: dict[str, str] = {}
+        if not self.measured:
+            options = {"experiment": EXPERIMENT, "velocity": self.velocity, "background": self.background}
+            options |= {"flow": self.flow, **self.by_hand()}
         options |= {"membrane": self.membrane, "engine": self.engine, "seed": str(SEED), "out": "."}
         for name, text in options.items():
             if text:

@@ -6,8 +6,9 @@ import asyncio
 import html
 import shlex
 import shutil
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from nicegui import events, ui
@@ -16,7 +17,7 @@ from capsbayes.app.bar import Progress
 from capsbayes.app.command import printed_by
 from capsbayes.app.desk import MOST_BYTES, Desk
 from capsbayes.app.fields import QuantityField
-from capsbayes.app.stated import EVENTS, KINDS, OfMany, new_folder, safe_name
+from capsbayes.app.stated import EVENTS, KINDS, OVERLAY, OfMany, new_folder, safe_name
 from capsbayes.app.worker import WorkFailedError
 
 _FLOWS = {"": "found from the shape", "right": "to the right", "left": "to the left"}
@@ -42,10 +43,12 @@ class ManyStep:
     desk : Desk
     grown : function
         Called after each file that was measured.
+    chosen : function
+        Called with the folder of a capsule that shall be identified.
     """
 
-    def __init__(self, desk: Desk, grown: Callable[[], object]) -> None:
-        self.desk, self._grown = desk, grown
+    def __init__(self, desk: Desk, grown: Callable[[], object], chosen: Callable[[Path], Awaitable[None]]) -> None:
+        self.desk, self._grown, self._chosen = desk, grown, chosen
         self._files: list[_File] = []
         self._running: asyncio.Task[None] | None = None
         with ui.card().classes("bench-step bench-many"):
@@ -153,13 +156,17 @@ class ManyStep:
         return False
 
     def _show(self, file: _File, measured: list[Path]) -> None:
-        """Link to the overlays of what was measured, so that a person can look."""
+        """Link to the overlays of what was measured, so that a person can look, and choose one to be identified."""
         with file.row, ui.element("div"):
             for path in measured[:_MOST_SHOWN]:
-                overlay = path.with_name("overlay.png")
+                overlay = path.with_name(OVERLAY)
                 if overlay.is_file():
                     words = path.parent.name if path.parent != file.folder else "overlay"
                     ui.link(words, self.desk.bench.offer(overlay), new_tab=True)
+                    choose = ui.button("Identify", on_click=partial(self._chosen, path.parent)).props(
+                        "flat dense no-caps"
+                    )
+                    choose.props(f'aria-label="Identify {words} of {file.name}"')
 
 
 _MOST_SHOWN = 12

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from nicegui import events, ui
 
 from capsbayes.app.desk import MOST_BYTES, Desk
 from capsbayes.app.overlay import Overlay
-from capsbayes.app.stated import EXPERIMENT, Stated, new_folder, safe_name
+from capsbayes.app.stated import EXPERIMENT, MEASUREMENT, OVERLAY, Stated, new_folder, safe_name
 from capsbayes.app.worker import WorkFailedError
 from capsbayes.files.input_file import PICTURES
 
@@ -61,7 +62,7 @@ class PictureStep:
 
     def _by_hand(self) -> None:
         """Fields of what may be stated by hand."""
-        with ui.expansion("Put something right by hand").classes("bench-by-hand"):
+        with ui.expansion("Put something right by hand").classes("bench-by-hand") as self._put_right:
             ui.label(
                 "Drag a wall in the picture, move it with the arrow keys, or give numbers in px from the upper left."
             )
@@ -119,6 +120,16 @@ class PictureStep:
         self.overlay.show(picture)
         await self.measure()
 
+    async def show_measured(self, folder: Path) -> None:
+        """Show a capsule that was measured in a film or in an event, by the overlay that is kept in its folder."""
+        self.desk.folder, self.desk.stated = folder, Stated(measured=MEASUREMENT, velocity=self.desk.stated.velocity)
+        self._show_stated()
+        self._tell(f"{folder.name} of {folder.parent.name} was chosen.")
+        self._card.visible = True
+        self.overlay.show(await self.desk.measured("shown", name=OVERLAY))
+        self._status.text, self._numbers.content = "The capsule was measured, as its overlay shows.", ""
+        self._changed(True)
+
     def _tell(self, text: str, *, bad: bool = False) -> None:
         self._message.text = text
         self._message.classes(replace="bench-message" if bad else "bench-told")
@@ -133,7 +144,7 @@ class PictureStep:
 
     async def measure(self) -> None:
         """Measure the picture as it is stated now, and draw what is found."""
-        if self.desk.folder is None:
+        if self.desk.folder is None or self.desk.stated.measured:
             return
         experiment = self.desk.folder / EXPERIMENT
         if not experiment.exists() and self.desk.experiment:
@@ -196,6 +207,7 @@ class PictureStep:
     def _show_stated(self) -> None:
         """Show in the fields what is stated, without measuring for each."""
         self._silent = True
+        self._put_right.visible = not self.desk.stated.measured
         for name in ("walls", "wall_error", "crop", "erase", "flow", "contrast"):
             getattr(self, f"_{name}").value = getattr(self.desk.stated, name)
         self._silent = False
