@@ -36,13 +36,16 @@ from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
 from capsbayes.quantity import Quantity
 
 LARGE, LONG = (1024, 1280), 82  # rows and columns, frames
-PASSAGE, PASSAGES = 20, 100  # frames of a capsule, capsules one after the other
+PASSAGE, PASSAGES = 16, 125  # frames of a capsule, capsules one after the other
 MEASURED = """
-import resource, sys
+import sys
+from pathlib import Path
 from capsbayes import Experiment, measure_film
 experiment = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
 film = measure_film(sys.argv[1], experiment, frame_rate="1000 Hz")
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+# of this process alone: what getrusage tells begins with the memory of the process that started it
+kept = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+peak = int(kept["VmHWM"].split()[0]) / 1024
 print(f"{film.frames} frames, {sum(one.status.ok for one in film.capsules)} capsules: {peak:.0f} MB at most")
 """
 FRAMES, RATE = 8, Quantity(1000.0, 0.0, "1/s")
