@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ _OFF_MIDDLE = 0.015  # of the length, by which the centre of the convex hull is 
 _OFF_AXIS = 0.02  # of the breadth, by which it is beside the middle in no capsule that is usable
 _LONGER = 1.5  # than L_z, or shorter, is no outline over the same l
 _COLUMNS = ("z_over_l", "y_over_l")
+_OF_MICROSCOPE = ("offset", "rear", "pixel_aspect", "distortion", "taper")
 
 
 @dataclass(frozen=True)
@@ -76,10 +77,12 @@ class OutlineNoise:
 
     def drawn(self, rng: np.random.Generator, points: Floats, count: int) -> Floats:
         """Draw errors for the vertices (m, 2) of a closed outline : (count, m) array."""
-        factor = scipy.linalg.cholesky(
-            self.covariance(points) + 1e-12 * self.scale**2 * np.eye(len(points)), lower=True
-        )
-        return np.asarray(rng.standard_normal((count, len(points))) @ factor.T)
+        return np.asarray(rng.standard_normal((count, len(points))) @ self.factor(points).T)
+
+    def factor(self, points: Floats) -> Floats:
+        """Return the Cholesky factor (m, m) of the covariance of the errors at the vertices (m, 2)."""
+        least = 1e-12 * self.scale**2 * np.eye(len(points))
+        return np.asarray(scipy.linalg.cholesky(self.covariance(points) + least, lower=True))
 
 
 @dataclass(frozen=True)
@@ -210,6 +213,47 @@ class MeasuredOutline:
             *(posed if self.pose != Pose() else []),
             *([f"view = {json.dumps(self.view)}"] if self.view != MID_PLANE else []),
         ]
+
+    def shared_by(self, count: int) -> MeasuredOutline:
+        """Return the outline of one of so many capsules with wider errors where all of them have the same error.
+
+        The variance of what `shared` says, and of the rear, grows by the number of capsules: so that their mean has
+        what one of them has, as if they were independent.
+        """
+        pose, noise = self.pose, self.noise
+        scale = float(np.hypot(noise.scale, np.sqrt(count - 1.0) * self._along_arcs))
+        wider = {name: float(np.sqrt(count)) * getattr(pose, name) for name in _OF_MICROSCOPE}
+        return replace(
+            self,
+            noise=replace(noise, scale=scale, white=noise.white * (noise.scale / scale) ** 2),
+            pose=replace(pose, **wider),
+        )
+
+    def shared(self, points: Floats, normal: Floats) -> Floats:
+        """Return what one microscope does to the edges of all capsules alike.
+
+        It shifts them all around by `Pose.offset`, along arcs by about as much, and by the geometry of the camera.
+
+        Parameters
+        ----------
+        points, normal : (m, 2) array
+            Of an outline, with its outward unit normals.
+
+        Returns
+        -------
+        (k, m) array [l]
+            Changes of the normal distances by one standard deviation each.
+        """
+        of_microscope = self.pose.directions(points, normal)[:, 3:]  # place and tilt are each capsule's own
+        if not self._along_arcs:
+            return np.asarray(of_microscope.T)
+        arcs = replace(self.noise, scale=self._along_arcs, white=0.0).factor(points)
+        return np.concatenate([of_microscope, arcs], axis=1).T
+
+    @property
+    def _along_arcs(self) -> float:
+        """Standard deviation of what all capsules share along arcs, over l."""
+        return self.pose.offset if self.noise.correlation_length else 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "view", check_view(self.view, "measurement", "outline.view"))

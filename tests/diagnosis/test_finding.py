@@ -13,6 +13,7 @@ from capsbayes.diagnosis.regions import REGIONS, region_displacements
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, MotionBlur, catalogue
 from capsbayes.measured_outline import MeasuredOutline
+from capsbayes.profile import vertex_normals
 
 CAPSULES = 40
 
@@ -55,6 +56,27 @@ def _with_noise(measurement, factor):
     edge = measurement.outline
     noise = replace(edge.noise, scale=edge.noise.scale * factor)
     return replace(measurement, outline=MeasuredOutline(edge.points, noise, edge.pose))
+
+
+@pytest.mark.parametrize(("stated", "most"), [(0.002, 1), (0.0, 4)])
+def test_an_error_that_a_microscope_gives_all_capsules_is_no_disagreement(model, stated, most):
+    """It is no more than the offset that is stated; where none is stated, it cannot be told from physics."""
+    accused = 0
+    for seed in range(4):
+        session = drawn_session(model, CAPSULES, seed=3000 + seed, outline=True, noise=0.003)[0]
+        shifted = [_shifted(one, 0.002, stated) for one in session.measurements]
+        accused += find(model, Session(shifted, session.experiment), seed=1).p_value < 0.05
+    assert accused <= most
+    assert stated or accused == most
+
+
+def _shifted(measurement, size, stated):
+    """Move the edge by the same wave around every capsule, of root mean square `size`, and state an offset."""
+    edge = measurement.outline
+    around = np.arange(len(edge.points)) / len(edge.points)
+    wave = np.sqrt(2.0) * size * np.cos(6.0 * np.pi * around)
+    points = edge.points + wave[:, None] * vertex_normals(edge.points)
+    return replace(measurement, outline=MeasuredOutline(points, edge.noise, replace(edge.pose, offset=stated)))
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,6 @@ from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.smooth_features import smooth_features
 from capsbayes.diagnosis.trend import Trend
 from capsbayes.diagnosis.whitening import OfOutline, Whitening
-from capsbayes.infer.outline.likelihood import OutlineLikelihood
 from capsbayes.profile import edge_lengths, vertex_normals
 
 _EVEN, _ODD = 8, 3  # Fourier modes of the arc that are alike above and below the axis, and that are opposite
@@ -109,7 +108,7 @@ class Discrepancy:
                 information.append(left @ left.T)
                 shift.append(left @ fits.residuals[row])
                 response.append(along @ np.linalg.solve(triangle.T, fits.modulus_slopes[row]))
-                own.append(_own_error(seen))
+                own.append(_own_error(whitener))
         trend = Trend.of(session, fits)
         if not rows:
             return cls(trend=trend)
@@ -183,8 +182,11 @@ class Discrepancy:
         return information.reshape(size, size), (features.T @ self.shift).reshape(size)
 
 
-def _own_error(seen: OutlineLikelihood) -> float:
-    return 0.0 if seen.modes is None else float(np.sqrt(np.mean(np.sum(seen.modes**2, axis=0))))
+def _own_error(seen: OfOutline) -> float:
+    """Return the error of the model and of the edge that all capsules share, over l."""
+    modes = seen.likelihood.modes
+    of_model = 0.0 if modes is None else np.sqrt(np.mean(np.sum(modes**2, axis=0)))
+    return float(np.hypot(of_model, seen.measured.pose.offset))
 
 
 class _Process(NamedTuple):

@@ -266,8 +266,7 @@ def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> lis
     """Return the tests for a common displacement of each region."""
     rows: list[tuple[Floats, Floats, Floats]] = []
     for i, seen, pattern in displaced:
-        modes = np.zeros((1, len(seen.pilot))) if seen.modes is None else seen.modes
-        own = np.linalg.norm(pattern @ seen.whitened_displacement(modes).T, axis=1)
+        own = np.linalg.norm(pattern @ seen.common_errors().T, axis=1)
         rows.append((pattern @ fits.residuals[i], np.sum(pattern**2, axis=1), own))
     if not rows:
         return []

@@ -9,7 +9,6 @@ import numpy as np
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.diagnosis.fits import Fits
 from capsbayes.diagnosis.whitening import OfOutline, Whitening
-from capsbayes.infer.outline.likelihood import OutlineLikelihood
 from capsbayes.profile import edge_lengths, vertex_normals
 
 REGIONS = ("nose", "flanks", "rear rim", "rear on the axis", "top against bottom")
@@ -48,11 +47,11 @@ def _on_axis(outline: Floats, arc: Floats) -> float:
 class Displaced(NamedTuple):
     """Whitened residuals (5, m) of one capsule due to displacements of the regions by l.
 
-    Log Ca and a/l have absorbed what they can. `row` is the capsule's, `likelihood` that of its outline.
+    Log Ca and a/l have absorbed what they can. `row` is the capsule's, `seen` its outline.
     """
 
     row: int
-    likelihood: OutlineLikelihood
+    seen: OfOutline
     pattern: Floats
 
 
@@ -62,8 +61,8 @@ def displaced_regions(white: Whitening, fits: Fits) -> list[Displaced]:
     for row in np.flatnonzero(fits.settled):
         whitener = white.each[row]
         if isinstance(whitener, OfOutline):
-            seen = whitener.likelihood
-            whole = seen.whitened_displacement(region_displacements(seen.pilot))
+            likelihood = whitener.likelihood
+            whole = likelihood.whitened_displacement(region_displacements(likelihood.pilot))
             basis = np.linalg.qr(fits.slopes[row])[0]
-            found.append(Displaced(int(row), seen, whole - (whole @ basis) @ basis.T))
+            found.append(Displaced(int(row), whitener, whole - (whole @ basis) @ basis.T))
     return found

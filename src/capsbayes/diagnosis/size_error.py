@@ -1,4 +1,4 @@
-"""Error of an effect's size due to the model's own error of outlines, which all capsules of a session share."""
+"""Error of an effect's size by the errors of outlines that all capsules of a session share: the model's, the edge's."""
 
 from __future__ import annotations
 
@@ -38,10 +38,9 @@ def own_size_error(model: ForwardModel, scores: Scores, session: Session) -> flo
     seen_change = 0.0
     for row in np.flatnonzero(here.settled & there.settled):
         seen = white.each[row]
-        if isinstance(seen, OfOutline) and seen.likelihood.modes is not None:
+        if isinstance(seen, OfOutline):
             change = (there.residuals[row] - here.residuals[row]) / step
-            modes = seen.likelihood.whitened_displacement(seen.likelihood.modes)
-            moved += float(np.linalg.norm(modes @ change))
+            moved += float(np.linalg.norm(seen.common_errors() @ change))
             seen_change += float(change @ change)
     weight = max(weight, seen_change)  # the former counts the scatter of G_s too
     return moved / weight if weight > 0.0 else 0.0

@@ -14,9 +14,14 @@ from capsbayes.arrays import Floats
 from capsbayes.diagnosis.session import Session
 from capsbayes.infer.kernel import length_given_extent
 from capsbayes.infer.outline.likelihood import OutlineLikelihood, outline_likelihood
+from capsbayes.measured_outline import MeasuredOutline
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
+
+_HALVES = (
+    2  # of the capsules of a session: its first half finds what the second verifies, and both have the same errors
+)
 
 
 class Whitener(Protocol):
@@ -69,9 +74,10 @@ class OfLengths:
 
 @dataclass(frozen=True, eq=False)
 class OfOutline:
-    """Measured outline; its likelihood holds the covariance."""
+    """Measured outline; its likelihood holds the covariance, in which errors shared by all capsules are wider."""
 
     likelihood: OutlineLikelihood
+    measured: MeasuredOutline
     placed: ClassVar[int] = 3  # shifts and tilt
 
     @property
@@ -84,6 +90,12 @@ class OfOutline:
         assert prediction.outline is not None, "asked for"
         outlines = np.where(prediction.inside[:, None, None], prediction.outline, np.nan)
         return self.likelihood.whitened(outlines, prediction.axial_length, posed=True)
+
+    def common_errors(self) -> Floats:
+        """Return the changes (k, m) of the residuals by errors that all capsules share: the model's and the edge's."""
+        seen = self.likelihood
+        of_edge = seen.whitened_shared(self.measured)
+        return of_edge if seen.modes is None else np.concatenate([seen.whitened_displacement(seen.modes), of_edge])
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +126,8 @@ def whitened_at(model: ForwardModel, session: Session, pilots: Floats) -> Whiten
             each.append(OfLengths.of(measurement, own[i]))
         else:
             place = {name: float(values[i]) for name, values in places.items()}
-            each.append(
-                OfOutline(outline_likelihood(model, measurement.outline, place, length=measurement.length_with_outline))
-            )
+            seen = measurement.outline.shared_by(_HALVES * len(session))
+            likelihood = outline_likelihood(model, seen, place, length=measurement.length_with_outline)
+            each.append(OfOutline(likelihood, measurement.outline))
     outline = any(measurement.outline is not None for measurement in session.measurements)
     return Whitening(tuple(each), pilots, outline)

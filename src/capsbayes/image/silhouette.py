@@ -16,7 +16,7 @@ import numpy as np
 from capsbayes.arrays import Floats
 from capsbayes.image.detection import Detection
 from capsbayes.image.edges.extent import EDGE_FLOOR
-from capsbayes.image.edges.outline import ARC, averaged, scatter_expected, without_erased
+from capsbayes.image.edges.outline import ARC, scatter_expected, thinned, without_erased
 from capsbayes.image.walls import WallLines
 from capsbayes.measured_outline import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 
@@ -78,7 +78,7 @@ def silhouette_of(detection: Detection) -> MeasuredOutline | None:
     if not detection.status.ok or detection.outline is None or detection.walls is None or detection.flow == 0:
         return None
     walls = detection.walls
-    points = averaged(detection.outline.points)
+    points = thinned(detection.outline.points)
     clear = walls.is_clear(walls.clearance(points)) & without_erased(detection.outline)
     points = points[clear] - detection.axis
     return over_l(

@@ -13,11 +13,11 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.image.edges.extent import EDGE_FLOOR
+from capsbayes.image.edges.fourier import low_harmonics, waves
 from capsbayes.image.edges.outline import EdgeOutline
 from capsbayes.profile import edge_lengths, following, signed_area
 from capsbayes.quantity import Quantity
 
-_HARMONICS = 0.1  # of the number of points, in the curve whose length is taken: noise would lengthen it
 _DENSE = 1024
 
 
@@ -109,15 +109,10 @@ def _volume(z: Floats, y: Floats) -> float:
 
 def _smooth(points: Floats) -> tuple[Floats, float, Floats]:
     """Return dense points (d, 2) of the smooth curve through the points, its length, and its curvature at these."""
-    count = len(points)
-    coefficients = np.fft.fft(points @ np.array([1.0, 1j])) / count
-    order = np.fft.fftfreq(count, 1.0 / count)
-    kept = np.abs(order) <= _HARMONICS * count
-    order, coefficients = order[kept], coefficients[kept]
-    wave = np.exp(2j * np.pi * np.arange(_DENSE)[:, None] / _DENSE * order)
+    order, coefficients = low_harmonics(points)
+    wave, at_points = waves(order, _DENSE), waves(order, len(points))
     dense = wave @ coefficients
     speed = np.abs(wave @ (1j * order * coefficients))
-    at_points = np.exp(2j * np.pi * np.arange(count)[:, None] / count * order)
     first, second = at_points @ (1j * order * coefficients), at_points @ (-(order**2) * coefficients)
     curvature = np.imag(np.conj(first) * second) / np.abs(first) ** 3
     return np.stack([dense.real, dense.imag], axis=1), float(2.0 * np.pi * speed.mean()), np.asarray(curvature)

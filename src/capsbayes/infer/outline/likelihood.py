@@ -82,7 +82,7 @@ class OutlineLikelihood:
     modes: Floats | None = None
     length: SilhouetteLength | None = None
     _aligned: Floats = field(init=False, repr=False)
-    _place: Floats = field(init=False, repr=False)
+    _feet: Footing = field(init=False, repr=False)
     _factor: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -98,7 +98,7 @@ class OutlineLikelihood:
         if self.length is not None:
             covariance = self._bordered(covariance, self.length, int(np.argmax(aligned[:, 0])))
         object.__setattr__(self, "_aligned", aligned)
-        object.__setattr__(self, "_place", feet.place)
+        object.__setattr__(self, "_feet", feet)
         object.__setattr__(self, "_factor", scipy.linalg.cholesky(covariance, lower=True))
 
     def _of_rear_and_askew(self, feet: Footing) -> Floats:
@@ -164,7 +164,7 @@ class OutlineLikelihood:
         -------
         (k, m) array, or (k, m + 1) with L_a, which ends at the displaced nose
         """
-        at_points = _at_places(displacement, self._place)
+        at_points = _at_places(displacement, self._feet.place)
         if self.length is not None:
             at_points = np.column_stack([at_points, at_points[:, np.argmax(self._aligned[:, 0])]])
         return self._independent(at_points)
@@ -177,10 +177,30 @@ class OutlineLikelihood:
         (k, m) array, or (k, m + 1) with L_a, which is predicted apart
         """
         along = np.einsum("kpi,pi->kp", displacements, vertex_normals(self.pilot))
-        at_points = _at_places(along, self._place)
+        at_points = _at_places(along, self._feet.place)
         if self.length is not None:
             at_points = np.column_stack([at_points, np.zeros(len(at_points))])
         return self._independent(at_points)
+
+    def whitened_shared(self, outline: MeasuredOutline) -> Floats:
+        """Return the changes of `whitened` by the errors that one microscope gives the outlines of all capsules.
+
+        Parameters
+        ----------
+        outline : MeasuredOutline
+            As it was measured: `MeasuredOutline.shared` of its points and their normals.
+
+        Returns
+        -------
+        (k, m) array, or (k, m + 1) with L_a
+        """
+        feet = self._feet
+        each = outline.shared(self._aligned, feet.normal)
+        back = outline.pose.rear * rear_direction(self.pilot, feet.place, feet.normal)
+        each = np.concatenate([each, back[None]])
+        if self.length is not None:
+            each = np.column_stack([each, each[:, np.argmax(self._aligned[:, 0])]])
+        return self._independent(each)
 
     def whitened_length(self) -> Floats:
         """Return what `whitened` loses if L_a is predicted one half width longer : (m + 1,) array."""
