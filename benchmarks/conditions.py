@@ -132,7 +132,21 @@ def scenery(cases: Database, random: np.random.Generator) -> tuple[View, Camera]
     columns = int(HALF_WIDTH * np.ptp(silhouette[:, 0]) + 2.0 * MARGIN + random.integers(8, 40))
     columns = max(columns, 200)
     centre = 0.5 * columns + random.uniform(-4.0, 4.0), 99.5 + random.uniform(-4.0, 4.0)
-    drawn = Looks(
+    drawn = some_looks(random)
+    view = View(
+        (Capsule(cases["profile"][case], silhouette, centre),),
+        HALF_WIDTH,
+        (200, columns),
+        tilt=random.uniform(-0.03, 0.03),
+        flow=int(random.choice([-1, 1])),
+        looks=drawn,
+    )
+    return view, some_camera(random)
+
+
+def some_looks(random: np.random.Generator) -> Looks:
+    """Return the looks of capsule and channel in one microscope, at random."""
+    return Looks(
         interior=random.uniform(0.1, 0.3),
         membrane=random.uniform(0.25, 0.5),
         membrane_width=random.uniform(3.0, 6.0),
@@ -145,15 +159,11 @@ def scenery(cases: Database, random: np.random.Generator) -> tuple[View, Camera]
         beyond=random.uniform(0.85, 1.0),
         unevenness=random.uniform(-0.1, 0.1),
     )
-    view = View(
-        (Capsule(cases["profile"][case], silhouette, centre),),
-        HALF_WIDTH,
-        (200, columns),
-        tilt=random.uniform(-0.03, 0.03),
-        flow=int(random.choice([-1, 1])),
-        looks=drawn,
-    )
-    return view, Camera(blur=random.uniform(0.5, 1.0), photons=10.0 ** random.uniform(3.7, 4.5))
+
+
+def some_camera(random: np.random.Generator) -> Camera:
+    """Return a good camera at random."""
+    return Camera(blur=random.uniform(0.5, 1.0), photons=10.0 ** random.uniform(3.7, 4.5))
 
 
 def measured(shot: Taken) -> Detection:

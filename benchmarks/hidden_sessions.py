@@ -13,20 +13,21 @@ import argparse
 import json
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Surrogate, diagnose
 from capsbayes.database import Database
-from capsbayes.diagnosis import UNKNOWN, Verdict
+from capsbayes.diagnosis import UNKNOWN, Study, Verdict
 from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
 from capsbayes.evidence.markdown import table_lines
 
 ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "hidden-sessions.json", ROOT / "docs" / "diagnosing.md"
-BEGIN, END = "<!-- hidden sessions -->\n", "<!-- end of hidden sessions -->"
+MARKS = "<!-- hidden sessions -->\n", "<!-- end of hidden sessions -->"
 
 
 class Row(NamedTuple):
@@ -65,23 +66,37 @@ def answered(row: Row, seed: int, model: Surrogate) -> dict[str, Any]:
     blind = draw_session(shapes, row.effect, row.size, lab=row.lab, capsules=row.capsules, seed=seed)
     begin = time.process_time()
     study = diagnose(blind.session, model, seed=seed)
+    return answer_of(study, row.hidden, seed, row.lab.surface_shear_modulus, begin) | {"capsules": row.capsules}
+
+
+def answer_of(study: Study, hidden: str, seed: int, true_modulus: float, begin: float) -> dict[str, Any]:
+    """Return what a diagnosis begun at a processor time [s] says, next to what was hidden and the true G_s [N/m]."""
     modulus = study.surface_shear_modulus
     return {
-        "hidden": row.hidden,
+        "hidden": hidden,
         "seed": seed,
-        "capsules": row.capsules,
         "verdict": study.verdict.name,
         "names": [list(step.in_question) for step in study.steps],
         "intervals_95": {name: step.scores[name].interval(1.92) for step in study.steps for name in step.in_question},
         "sizes": {name: study.scores[name].size for name in study.names},
         "something_else": study.probabilities.get(UNKNOWN),
-        "true_modulus": row.lab.surface_shear_modulus,
+        "true_modulus": true_modulus,
         "modulus": [modulus.low, modulus.median, modulus.high],
         "seconds": time.process_time() - begin,
     }
 
 
-def outcome(row: Row, answer: dict[str, Any]) -> str:
+class Hidden(Protocol):
+    """What is hidden in the sessions of a row, and the names that the catalogue has for it."""
+
+    @property
+    def hidden(self) -> str: ...
+
+    @property
+    def truth(self) -> tuple[str, ...]: ...
+
+
+def outcome(row: Hidden, answer: dict[str, Any]) -> str:
     """Return the outcome of a verdict: a name is wrong if it is not the truth, an ambiguous set if it lacks it."""
     verdict = Verdict[answer["verdict"]]
     if verdict in (Verdict.NONE, Verdict.NOT_TESTABLE):
@@ -96,19 +111,27 @@ def outcome(row: Row, answer: dict[str, Any]) -> str:
     return "ambiguous" if right else "ambiguous without it"
 
 
-def table(answers: list[dict[str, Any]]) -> list[str]:
+def table(rows: Sequence[Hidden], answers: list[dict[str, Any]]) -> list[str]:
     """Return the lines of the table: outcomes, and how often the intervals of G_s hold the truth."""
     lines = []
-    for row in ROWS:
+    for row in rows:
         mine = [answer for answer in answers if answer["hidden"] == row.hidden]
         if not mine:
-            lines.append((row.hidden, str(row.capsules), "0", "none was finished", ""))
+            lines.append((row.hidden, "", "0", "none was finished", ""))
         else:
             counted = Counter(outcome(row, answer) for answer in mine)
             held = sum(answer["modulus"][0] <= answer["true_modulus"] <= answer["modulus"][2] for answer in mine)
             words = ", ".join(f"{words} {count}" for words, count in sorted(counted.items()))
-            lines.append((row.hidden, str(row.capsules), str(len(mine)), words, f"{held} of {len(mine)}"))
+            lines.append((row.hidden, _capsules(mine), str(len(mine)), words, f"{held} of {len(mine)}"))
     return list(table_lines(("hidden", "capsules", "sessions", "answers", "95 % of G_s hold the truth"), lines))
+
+
+def _capsules(answers: list[dict[str, Any]]) -> str:
+    """Return the numbers of capsules in words, and of those that were measured if not all were."""
+    drawn = [answer["capsules"] for answer in answers]
+    words = f"{min(drawn)} to {max(drawn)}" if len({*drawn}) > 1 else str(drawn[0])
+    measured = sum(answer.get("measured", answer["capsules"]) for answer in answers)
+    return words if measured == sum(drawn) else f"{words}, {measured / sum(drawn):.0%} of them measured"
 
 
 def stored() -> list[dict[str, Any]]:
@@ -116,11 +139,12 @@ def stored() -> list[dict[str, Any]]:
     return json.loads(STORED.read_text()) if STORED.exists() else []
 
 
-def write() -> None:
-    """Write the table into the page."""
-    before, _, rest = PAGE.read_text().partition(BEGIN)
-    lines = "\n".join(table(stored()))
-    PAGE.write_text(f"{before}{BEGIN}{lines}\n{END}{rest.partition(END)[2]}")
+def write(marks: tuple[str, str], lines: list[str]) -> None:
+    """Write a table into the page, between its marks."""
+    begin, end = marks
+    text = "\n".join(lines)
+    before, _, rest = PAGE.read_text().partition(begin)
+    PAGE.write_text(f"{before}{begin}{text}\n{end}{rest.partition(end)[2]}")
 
 
 def main() -> None:
@@ -138,9 +162,9 @@ def main() -> None:
                 with threadpool_limits(1):
                     answers.append(answered(row, seed, model))
                 STORED.write_text(json.dumps(answers, indent=1) + "\n")
-    print("\n".join(table(stored())))
+    print("\n".join(table(ROWS, stored())))
     if given.write:
-        write()
+        write(MARKS, table(ROWS, stored()))
 
 
 if __name__ == "__main__":

@@ -1,16 +1,23 @@
-"""The table of sessions that look alike is that of the stored answers, and no name in it is wrong."""
+"""The tables of sessions that are hard to diagnose are those of the stored answers, and no name in them is wrong."""
 
 import hidden_sessions
+import picture_sessions
+import pytest
+
+BENCHMARKS = (hidden_sessions, picture_sessions)
 
 
-def test_the_page_shows_the_stored_table():
-    shown = hidden_sessions.PAGE.read_text().partition(hidden_sessions.BEGIN)[2].partition(hidden_sessions.END)[0]
-    assert shown == "\n".join(hidden_sessions.table(hidden_sessions.stored())) + "\n"
-    assert all(row.hidden in shown for row in hidden_sessions.ROWS)
+@pytest.mark.parametrize("benchmark", BENCHMARKS)
+def test_the_page_shows_the_stored_table(benchmark):
+    begin, end = benchmark.MARKS
+    shown = hidden_sessions.PAGE.read_text().partition(begin)[2].partition(end)[0]
+    assert shown == "\n".join(hidden_sessions.table(benchmark.ROWS, benchmark.stored())) + "\n"
+    assert all(row.hidden in shown for row in benchmark.ROWS)
 
 
-def test_no_name_is_wrong():
-    rows = {row.hidden: row for row in hidden_sessions.ROWS}
-    outcomes = [hidden_sessions.outcome(rows[answer["hidden"]], answer) for answer in hidden_sessions.stored()]
+@pytest.mark.parametrize("benchmark", BENCHMARKS)
+def test_no_name_is_wrong(benchmark):
+    rows = {row.hidden: row for row in benchmark.ROWS}
+    outcomes = [hidden_sessions.outcome(rows[answer["hidden"]], answer) for answer in benchmark.stored()]
     assert outcomes
     assert not {"**wrong name**", "ambiguous without it"} & {*outcomes}

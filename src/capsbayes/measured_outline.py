@@ -29,6 +29,7 @@ _OFF_MIDDLE = 0.015  # of the length, by which the centre of the convex hull is 
 _OFF_AXIS = 0.02  # of the breadth, by which it is beside the middle in no capsule that is usable
 _LONGER = 1.5  # than L_z, or shorter, is no outline over the same l
 _COLUMNS = ("z_over_l", "y_over_l")
+_ALONG_ARCS = 1.5  # of the offset: what all edges share along arcs, as at corners where the blur is not Gaussian
 _OF_MICROSCOPE = ("offset", "rear", "pixel_aspect", "distortion", "taper")
 
 
@@ -232,7 +233,7 @@ class MeasuredOutline:
     def shared(self, points: Floats, normal: Floats) -> Floats:
         """Return what one microscope does to the edges of all capsules alike.
 
-        It shifts them all around by `Pose.offset`, along arcs by about as much, and by the geometry of the camera.
+        It shifts them all around by `Pose.offset`, along arcs by half as much again, and by the geometry of the camera.
 
         Parameters
         ----------
@@ -253,7 +254,7 @@ class MeasuredOutline:
     @property
     def _along_arcs(self) -> float:
         """Standard deviation of what all capsules share along arcs, over l."""
-        return self.pose.offset if self.noise.correlation_length else 0.0
+        return _ALONG_ARCS * self.pose.offset if self.noise.correlation_length else 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "view", check_view(self.view, "measurement", "outline.view"))
