@@ -71,9 +71,10 @@ def test_the_page_shows_what_batches_are_expected_to_tell_and_what_they_tell():
     assert before + membrane_sensitivity.table(stored) + after in page
     before, after = membrane_sensitivity.MAP_MARKS
     assert before + membrane_sensitivity.map_table(json.loads(membrane_sensitivity.MAP.read_text())) + after in page
-    for kind, row in stored.items():
-        expected, found = row["surface_shear_modulus"][:2]
-        assert found == pytest.approx(expected, rel=0.25), kind  # the goal is a tenth; there are few batches yet
+    expected, found = stored["lengths"]["surface_shear_modulus"][:2]
+    assert found == pytest.approx(expected, rel=0.1)
+    expected, found = stored["outline"]["surface_shear_modulus"][:2]
+    assert expected < found < 1.6 * expected  # the goal of a tenth is missed, as the page says
 
 
 def test_the_page_shows_what_batches_tell():
