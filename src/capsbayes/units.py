@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from decimal import Decimal
@@ -44,8 +45,8 @@ class Unit(NamedTuple):
         return Unit(self.size * other.size**power, *powers)
 
     def measured(self, number: float) -> float:
-        """Return a number of this unit in SI; rounded once where the size or its inverse is whole."""
-        return number * self.size.numerator / self.size.denominator
+        """Return a number of this unit in SI, the nearest one to what its shortest decimal says."""
+        return float(Fraction(repr(number)) * self.size) if math.isfinite(number) else number
 
 
 _UNITS = {

@@ -415,5 +415,6 @@ def _within(limits: Quantity, factor: LogGrid, logs: Floats) -> Floats | float:
     first, last = factor.start - factor.step, factor.end + factor.step
     if np.fmin.reduce(logs, axis=None) + first > low and np.fmax.reduce(logs, axis=None) + last < high:
         return 0.0
+    inside = np.maximum(factor.below(high - logs) - factor.below(low - logs), 0.0)  # rounding may say less
     with np.errstate(divide="ignore"):
-        return np.log(factor.below(high - logs) - factor.below(low - logs))
+        return np.log(inside)
