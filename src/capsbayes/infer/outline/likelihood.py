@@ -189,7 +189,7 @@ class OutlineLikelihood:
         Parameters
         ----------
         outline : MeasuredOutline
-            As it was measured: `MeasuredOutline.shared` of its points and their normals.
+            As it was measured, with the errors of one capsule; see `MeasuredOutline.shared`.
 
         Returns
         -------
