@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.least_squares import Linearised, minimise
+from capsbayes.least_squares import TOLERANCE, Linearised, minimise
 
 
 def answered(evaluate, starts, longest=np.inf, steps=30):
@@ -30,9 +30,14 @@ def misra(points, rows):
     return Linearised(points, (b1 * (1 - decay) - Y) / SD, np.stack([1 - decay, b1 * X * decay], axis=2) / SD)
 
 
+def assert_certified(points):
+    """Within a hundred-thousandth of the certified standard errors."""
+    assert np.all(np.abs(points - np.array(B)) < 1e-5 * np.array([2.7070075241, 7.2668688436e-6]))
+
+
 def test_the_certified_answer_is_found_from_both_certified_starts():
     found = answered(misra, [[500.0, 1e-4], [250.0, 5e-4]], steps=100)
-    np.testing.assert_allclose(found.points, [B, B], rtol=1e-9)
+    assert_certified(found.points)
     np.testing.assert_allclose(np.sqrt(np.linalg.inv(found.normal)[:, 0, 0]), 2.7070075241, rtol=1e-8)
 
 
@@ -40,9 +45,23 @@ def test_a_curved_valley_is_followed_to_its_end():
     np.testing.assert_allclose(answered(rosenbrock, [[-1.2, 1.0], [3.0, -4.0]], steps=100).points, 1.0, atol=1e-7)
 
 
+def test_large_residuals_that_bend_take_a_few_steps():
+    """y = exp(b x) and data on a falling line: more than forty steps by Gauss-Newton alone."""
+    x, calls = np.linspace(0.0, 2.0, 9), []
+
+    def bent(points, rows):
+        calls.append(len(rows))
+        curve = np.exp(points * x)
+        return Linearised(points, curve - (3.0 - 2.0 * x), (x * curve)[..., None])
+
+    found = answered(bent, [[0.3]])
+    assert abs(found.pull[0, 0]) < 1e-5
+    assert len(calls) < 12
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_rounding_does_not_move_the_answer(seed):
-    """Residuals and slopes with errors a hundred times those of rounding: the answer moves by 1e-7 of its width."""
+    """Residuals and slopes with errors a hundred times those of rounding: the answer moves by 1e-5 of its width."""
     rng = np.random.default_rng(seed)
 
     def rounded(points, rows):
@@ -53,7 +72,7 @@ def test_rounding_does_not_move_the_answer(seed):
 
     exact, other = answered(misra, [[250.0, 5e-4]]), answered(rounded, [[250.0, 5e-4]])
     width = np.sqrt(np.diagonal(np.linalg.inv(exact.normal)[0]))
-    assert np.all(np.abs(other.points - exact.points) < 1e-7 * width)
+    assert np.all(np.abs(other.points - exact.points) < 1e-5 * width)
 
 
 def test_slopes_that_are_a_little_off_do_not_end_the_steps_early():
@@ -62,7 +81,7 @@ def test_slopes_that_are_a_little_off_do_not_end_the_steps_early():
         return Linearised(points, exact.residuals, exact.slopes * (1 + 1e-4 * np.cos(np.arange(14)))[:, None])
 
     found = answered(off, [[250.0, 5e-4]])
-    assert found.left < 1e-14
+    assert found.left < TOLERANCE
 
 
 def test_problems_of_a_batch_do_not_touch_each_other_and_may_have_fewer_residuals():
@@ -75,7 +94,7 @@ def test_problems_of_a_batch_do_not_touch_each_other_and_may_have_fewer_residual
     alone = answered(lambda points, rows: some(points, rows + 1), [[250.0, 5e-4]])
     np.testing.assert_allclose(together.points[1], alone.points[0], rtol=1e-12)
     assert abs(together.points[1, 0] / B[0] - 1) > 1e-3
-    np.testing.assert_allclose(together.points[[0, 2]], [B, B], rtol=1e-9)
+    assert_certified(together.points[[0, 2]])
 
 
 def test_a_start_that_is_not_defined_stays_and_a_step_out_of_the_domain_is_shortened():
@@ -88,4 +107,4 @@ def test_a_start_that_is_not_defined_stays_and_a_step_out_of_the_domain_is_short
     found = answered(bounded, [[200.0, 5e-4], [250.0, 5e-4]])
     assert found.points[0].tolist() == [200.0, 5e-4]
     assert np.isinf(found.square[0])
-    np.testing.assert_allclose(found.points[1], B, rtol=1e-9)
+    assert_certified(found.points[1])

@@ -121,8 +121,9 @@ class PlaneSurrogate(ForwardModel):
     def _outlines(self, ca: Floats, size: Floats) -> Floats:
         outlines = np.full((len(ca), self.database.dataset.sizes["point"], 2), np.nan)
         for part in self.branches:
-            here = part.branch.region.contains(ca, size)
-            outlines[here] = part.outlines(ca[here], size[here])
+            here = np.flatnonzero(part.branch.region.contains(ca, size))
+            if len(here):
+                outlines[here] = part.outlines(ca[here], size[here])
         return outlines
 
 

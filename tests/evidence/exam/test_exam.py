@@ -22,9 +22,9 @@ from capsbayes.evidence.exam.frozen import check_frozen, code_digest, freeze, fr
 from capsbayes.evidence.exam.page import exam_page
 from capsbayes.surrogate import Surrogate
 
-HALO = Cell("halo", "halo", 0.02, known=True, clear=True)
-PATTERN = Cell("pattern", "pattern", 0.02, known=False)
-NOTHING_HIDDEN = Cell("nothing", "none", 0.0, known=True)
+HALO = Cell("halo", "halo", 0.02, known=True, sessions=10, clear=True)
+PATTERN = Cell("pattern", "pattern", 0.02, known=False, sessions=10)
+NOTHING_HIDDEN = Cell("nothing", "none", 0.0, known=True, sessions=10)
 BOTH = Cell("halo with bending", "halo", 0.02, known=True, also=(("bending", 2e-3),))
 ANSWER = Answer(
     outcome="right",

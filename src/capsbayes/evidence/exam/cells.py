@@ -18,7 +18,7 @@ from capsbayes.evidence.exam.labs import drawn_lab
 HALVES = {"development": 0, "locked": 1}
 """Halves of the exam, which differ in their seeds."""
 
-_NULL_SESSIONS, _SESSIONS = 60, 10
+_SESSIONS, _NULL_SESSIONS, _UNKNOWN_SESSIONS = 5, 60, 22  # those with a bound of their own in sufficient number
 _DRAWN = {  # a small and a clear size of faults that are not simulated; see `_IN_SI`
     "halo": (0.008, 0.02),
     "exposure": (0.02, 0.05),
@@ -164,9 +164,12 @@ def _cells() -> list[Cell]:
         Cell(f"{_shown(*first)} with {_shown(*second)}", *first, True, also=(second,), clear=True)
         for first, second in _PAIRS
     ]
-    cells += [Cell(f"{_shown(*pair)}, not in the catalogue", *pair, False, removed=pair[:1]) for pair in _TAKEN_OUT]
-    cells += [Cell(f"pattern {size:g}", "pattern", size, False) for size in (0.01, 0.02)]
-    return [*cells, Cell("generalised Hooke membrane", "hooke", 0.5, False)]
+    cells += [
+        Cell(f"{_shown(*pair)}, not in the catalogue", *pair, False, _UNKNOWN_SESSIONS, removed=pair[:1])
+        for pair in _TAKEN_OUT
+    ]
+    cells += [Cell(f"pattern {size:g}", "pattern", size, False, _UNKNOWN_SESSIONS) for size in (0.01, 0.02)]
+    return [*cells, Cell("generalised Hooke membrane", "hooke", 0.5, False, _UNKNOWN_SESSIONS)]
 
 
 CELLS = tuple(_cells())

@@ -14,16 +14,17 @@ from capsbayes.errors import InputError
 from capsbayes.files.output_file import make_folder, write_file
 
 _ROOMS = ("diagnosis", "effects", "infer/outline", "surrogate")
+_FILES = ("infer/kernel.py", "least_squares.py", "measured_outline.py", "prediction.py", "profile.py")
 _RECORD = "frozen.json"
 
 
 @lru_cache(maxsize=1)
 def code_digest() -> str:
-    """Return a hash of the code that decides an answer, its thresholds among it: of every file of these rooms."""
-    digest = hashlib.sha256()
-    for room in _ROOMS:
-        for file in sorted(Path(str(files(capsbayes))).joinpath(room).rglob("*.py")):
-            digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    """Return a hash of the code that decides an answer, its thresholds among it."""
+    digest, root = hashlib.sha256(), Path(str(files(capsbayes)))
+    of_rooms = (file for room in _ROOMS for file in sorted(root.joinpath(room).rglob("*.py")))
+    for file in (*of_rooms, *(root / name for name in _FILES)):
+        digest.update(file.name.encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
 
 

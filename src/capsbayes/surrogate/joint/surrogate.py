@@ -218,8 +218,9 @@ class EffectSurrogate(ForwardModel):
         outlines[branches >= 0] = 0.0
         for j, surrogate in enumerate(self._surrogates):
             for part in surrogate.branches:
-                here = (branches == BRANCHES.index(part.branch.name)) & (weights[:, j] != 0.0)
-                outlines[here] += weights[here, j, None, None] * part.outlines(places[here, j], size[here])
+                here = np.flatnonzero((branches == BRANCHES.index(part.branch.name)) & (weights[:, j] != 0.0))
+                if len(here):
+                    outlines[here] += weights[here, j, None, None] * part.outlines(places[here, j], size[here])
         return outlines
 
 
