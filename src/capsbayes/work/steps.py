@@ -128,13 +128,22 @@ def step_task(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T]) ->
 
     `compute` is called with what the tasks share.
     """
-    return functools.partial(_run_step, _current.get(), kind, key, compute)
+    return keeping_steps(functools.partial(_step, kind, key, compute))
 
 
-def _run_step(store: Store | None, kind: type[T], key: tuple[Any, ...], compute: Callable[..., T], *shared: Any) -> T:
+def keeping_steps(task: Callable[..., T]) -> Callable[..., T]:
+    """Return a task for `run_tasks` that keeps the results of its own steps where this process would."""
+    return functools.partial(_with_store, _current.get(), task)
+
+
+def _step(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T], *shared: Any) -> T:
+    return step_of(kind, key, functools.partial(compute, *shared))
+
+
+def _with_store(store: Store | None, task: Callable[..., T], *shared: Any) -> T:
     token = _current.set(store)
     try:
-        return step_of(kind, key, functools.partial(compute, *shared))
+        return task(*shared)
     finally:
         _current.reset(token)
 

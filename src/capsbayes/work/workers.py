@@ -27,7 +27,13 @@ _SHARE_OF_TIME = Path("/sys/fs/cgroup/cpu.max")  # of a container on Linux: micr
 T = TypeVar("T")
 
 
-def run_tasks(tasks: Sequence[Callable[..., T]], scheduler: str | None, workers: int | None, *shared: Any) -> list[T]:
+def run_tasks(
+    tasks: Sequence[Callable[..., T]],
+    scheduler: str | None,
+    workers: int | None,
+    *shared: Any,
+    finished: Callable[[int], None] = lambda count: None,
+) -> list[T]:
     """Compute independent tasks and return their results in the same order.
 
     Worker processes end with this process, however it ends; an exception, as `KeyboardInterrupt`, ends them too. They
@@ -43,6 +49,8 @@ def run_tasks(tasks: Sequence[Callable[..., T]], scheduler: str | None, workers:
         Number of worker processes; by default, one for each core.
     *shared
         What all tasks need, as a model: it is sent to each worker once.
+    finished : callable
+        Called with the number of tasks that are done, after each; on a cluster, after the last.
 
     Raises
     ------
@@ -52,12 +60,18 @@ def run_tasks(tasks: Sequence[Callable[..., T]], scheduler: str | None, workers:
         If a worker process was killed.
     """
     if scheduler == "synchronous":
-        return [task(*shared) for task in tasks]
+        results = []
+        for task in tasks:
+            results.append(task(*shared))
+            finished(len(results))
+        return results
     if scheduler is not None:
         with _cluster(scheduler) as client:
             sent = client.scatter(list(shared), broadcast=True, hash=False) if shared else []
-            return list(client.gather([client.submit(task, *sent, pure=False) for task in tasks]))
-    return _in_processes(tasks, workers, shared) if tasks else []
+            results = list(client.gather([client.submit(task, *sent, pure=False) for task in tasks]))
+        finished(len(results))
+        return results
+    return _in_processes(tasks, workers, shared, finished) if tasks else []
 
 
 def usable_cores() -> int:
@@ -70,7 +84,9 @@ def usable_cores() -> int:
         return cores
 
 
-def _in_processes(tasks: Sequence[Callable[..., T]], workers: int | None, shared: tuple[Any, ...]) -> list[T]:
+def _in_processes(
+    tasks: Sequence[Callable[..., T]], workers: int | None, shared: tuple[Any, ...], finished: Callable[[int], None]
+) -> list[T]:
     import cloudpickle
 
     others = set(multiprocessing.active_children())
@@ -82,8 +98,9 @@ def _in_processes(tasks: Sequence[Callable[..., T]], workers: int | None, shared
             for sent in map(cloudpickle.dumps, tasks):
                 with _settings_of_workers():  # a worker may be started by each submission
                     futures.append(pool.submit(_run, sent))
-            for future in as_completed(futures):
+            for count, future in enumerate(as_completed(futures), start=1):
                 future.result()  # the first error ends the work
+                finished(count)
             return [cloudpickle.loads(future.result()) for future in futures]
         except BaseException:
             for worker in set(multiprocessing.active_children()) - others:

@@ -18,7 +18,7 @@ from capsbayes.evidence.exam.labs import drawn_lab
 HALVES = {"development": 0, "locked": 1}
 """Halves of the exam, which differ in their seeds."""
 
-_SESSIONS, _NULL_SESSIONS, _UNKNOWN_SESSIONS = 5, 60, 22  # those with a bound of their own in sufficient number
+_SESSIONS, _NULL_SESSIONS, _UNKNOWN_SESSIONS = 3, 60, 22  # those with a bound of their own, enough to meet it
 _DRAWN = {  # a small and a clear size of faults that are not simulated; see `_IN_SI`
     "halo": (0.008, 0.02),
     "exposure": (0.02, 0.05),

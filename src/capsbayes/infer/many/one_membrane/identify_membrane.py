@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -32,6 +33,7 @@ from capsbayes.measurements import check_comparable
 from capsbayes.model import FixedParameters
 from capsbayes.status import Status
 from capsbayes.surrogate import MembraneSurrogate
+from capsbayes.work import keeping_steps, run_tasks
 
 NONE_OF_THEM = "none of them"
 """The general law, beside those of `LAWS`."""
@@ -87,12 +89,12 @@ def identify_membrane(
     scale_error : float
         Relative standard error that all lengths share, as from the size of a pixel.
     laws : bool
-        Also give the odds of known laws, and what G_s is under each: takes three times as long.
+        Also give the odds of known laws, and what G_s is under each: takes three times the processor time.
     scheduler : str or None
     workers : int or None
-        Where the capsules are found at each membrane, see `run_tasks`; by default, in this process if they are few.
+        Where the laws are tried, if the capsules are few, or the capsules found at each membrane, see `run_tasks`.
     progress : callable
-        Called with the name of the step that begins, the number of those done, and of all.
+        Called with the name of the work, the number of steps done, and of all.
 
     Returns
     -------
@@ -114,8 +116,6 @@ def identify_membrane(
     for measurement in measurements:
         check_applies(model, measurement, experiment)
     spreads = _spreads(len(measurements), same_capsule=same_capsule, inflation_varies=inflation_varies)
-    if scheduler is None and workers is None and len(measurements) < _MANY:
-        scheduler = "synchronous"
     with threadpool_limits(limits=1):
         capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
         batch = capsules.batch
@@ -123,16 +123,26 @@ def identify_membrane(
         if inflation_varies and unknowns.known.get("pre_inflation") == 0.0:
             raise InputError(_HERE, "inflation_varies", "a pre-inflation that is not 0", "0")
         capsules = with_model_error(capsules, unknowns)
-        tried = _possible(unknowns) if laws else []
-        progress("membrane unknown", 0, 1 + len(tried))
-        sampled = MembraneSampling(capsules, unknowns, scheduler, workers)()
-        draws = _drawn(capsules, unknowns, sampled, experiment, seed)
-        assumed = [(NONE_OF_THEM, sampled, draws)]
-        for done, (name, fixed) in enumerate(tried, start=1):
-            progress(name, done, 1 + len(tried))
-            within = unknowns.fixed(fixed)
-            under = MembraneSampling(capsules, within, scheduler, workers)()
-            assumed.append((name, under, _drawn(capsules, within, under, experiment, seed)))
+        under = {NONE_OF_THEM: unknowns}
+        if laws:
+            under |= {name: unknowns.fixed(fixed) for name, fixed in _possible(unknowns)}
+        few = len(measurements) < _MANY
+        apart = few and len(under) > 1  # each law in a process, where the capsules are too few to be spread themselves
+        inside = "synchronous" if apart or (few and scheduler is workers is None) else scheduler
+        tasks = [keeping_steps(partial(_assumed, each, inside, workers, seed)) for each in under.values()]
+        step = " and ".join(["membrane unknown", *(["known laws"] if len(under) > 1 else [])])
+        told = partial(progress, step)
+        told(0, len(under))
+        found = run_tasks(
+            tasks,
+            scheduler if apart else "synchronous",
+            workers,
+            capsules,
+            experiment,
+            finished=lambda done: told(done, len(under)),
+        )
+    assumed = [(name, *each) for name, each in zip(under, found, strict=True)]
+    sampled, draws = found[0]
     gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
     speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
     return SharedMembrane(
@@ -153,6 +163,19 @@ def identify_membrane(
         gates=gates,
         status=_status(gates),
     )
+
+
+def _assumed(
+    unknowns: Unknowns,
+    scheduler: str | None,
+    workers: int | None,
+    seed: int,
+    capsules: Capsules,
+    experiment: Experiment,
+) -> tuple[Sampled, dict[str, Floats]]:
+    """Sample what is unknown, and draw the capsules."""
+    sampled = MembraneSampling(capsules, unknowns, scheduler, workers)()
+    return sampled, _drawn(capsules, unknowns, sampled, experiment, seed)
 
 
 def _spreads(count: int, *, same_capsule: bool, inflation_varies: bool) -> tuple[float | None, ...]:
