@@ -81,11 +81,11 @@ def at_nodes(database: Database, model: ForwardModel) -> Shapes:
 def off_nodes(name: str) -> Iterator[Shapes]:
     """Yield the stored simulations off the nodes of a database."""
     database = Database.open(name)
-    of_plain = {"square-neo-hookean": "none", "square-hooke": "hooke"}
-    of_pools = of_plain.get(name) if database.effect == NO_EFFECT else database.effect
+    of_plain = {"square-neo-hookean": ("none", 0.0), "square-hooke": ("hooke_share", 1.0)}
     for effect, size in POOLS:
         path = FOLDER / f"{pool_name(effect, size)}.nc"
-        if effect == of_pools and name.startswith("square") and path.exists():
+        fits = (effect, size) == of_plain.get(name) if database.effect == NO_EFFECT else effect == database.effect
+        if fits and name.startswith("square") and path.exists():
             cases = Database.read(path).converged
             theta = {key: cases[key] for key in ("capillary_number", "size_ratio")}
             if database.effect != NO_EFFECT:

@@ -96,7 +96,7 @@ ROWS = (
     Row("pixels 4 % oblong", ("pixel_aspect",), seen=_oblong(1.04)),
     Row("barrel, 1 %", ("distortion",), barrel=-0.01),
     Row("motion of 0.03 l", ("exposure",), seen=_moving(0.03)),
-    Row("membrane of generalised Hooke's law", pool="hooke-0.5"),
+    Row("membrane of generalised Hooke's law", ("hooke_share",), "hooke-share-1"),
     Row("bright halo of 15 %", seen=_looks(halo=0.15)),
     Row("out of focus, disc of radius 3 px", seen=_camera(defocus=3.0)),
     Row("noise of 5 %", seen=_camera(constant_noise=0.05)),

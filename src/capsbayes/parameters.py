@@ -85,6 +85,9 @@ _TABLE = (
     _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area relative to a shear"),
     _ratio("area_dilation_modulus", "K", "K", "resistance of the membrane to a change of area at small strain", "G_s"),
     _ratio("strain_hardening", "h", "h", "share of Skalak's energy with C = 1 in that of a neo-Hookean membrane"),
+    _ratio(
+        "hooke_share", "s_H", r"s_\mathrm{H}", "share of generalised Hooke's energy in that of a neo-Hookean membrane"
+    ),
     # of the experiment
     Parameter("half_width", "l", r"\ell", "m", "µm", 1e6, "half width of the channel"),
     _ratio("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "radius of the corners of the cross-section"),

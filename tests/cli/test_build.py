@@ -76,7 +76,8 @@ def test_exit_status_is_1_when_nothing_converged(build, tmp_path):
         (
             ["--grid", "default", "--law", "rubber"],
             "law: expected one of neo-hookean, skalak:hardening=1.0, hooke:poisson_ratio=0.5, "
-            "strain-hardening:strain_hardening=0.0, general:area_dilation_modulus=3.0,strain_hardening=0.0, "
+            "strain-hardening:strain_hardening=0.0, hooke-share:hooke_share=0.0, "
+            "general:area_dilation_modulus=3.0,strain_hardening=0.0, "
             "evans-skalak:area_dilation_modulus=3.0, got 'rubber'",
         ),
         (

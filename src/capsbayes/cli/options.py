@@ -211,8 +211,8 @@ def simulator_of(
         str,
         typer.Option(
             help="Membrane law: neo-hookean, skalak:hardening=1, hooke:poisson_ratio=0.5, "
-            "strain-hardening:strain_hardening=0.5, general:area_dilation_modulus=3,strain_hardening=0.5 or "
-            "evans-skalak:area_dilation_modulus=3."
+            "strain-hardening:strain_hardening=0.5, hooke-share:hooke_share=0.5, "
+            "general:area_dilation_modulus=3,strain_hardening=0.5 or evans-skalak:area_dilation_modulus=3."
         ),
     ] = "neo-hookean",
     cross_section: Annotated[

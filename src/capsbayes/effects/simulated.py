@@ -166,6 +166,16 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
                 ("", "strain-hardening"),
             ),
             Simulated(
+                "generalised Hooke elasticity",
+                "hooke_share",
+                0.0,
+                Quantity.uniform(0.0, 1.0),
+                Kind.STRAIN,
+                "As strain hardening where the membrane is stretched, and softer where it is pressed together.",
+                "Higher flow rates; the folds of a capsule in compression between two plates.",
+                ("", "generalised Hooke"),
+            ),
+            Simulated(
                 "area dilation modulus",
                 "area_dilation_modulus",
                 3.0,

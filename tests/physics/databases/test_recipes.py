@@ -7,7 +7,7 @@ from capsbayes.errors import InputError
 from capsbayes.physics.databases.recipes import RECIPES, recipe_named
 from capsbayes.physics.simulation.simulator import Simulator
 
-FINER = {"square-strain-hardening": 12, "square-bending": 12, "square-pre-inflation": 10}
+FINER = {"square-strain-hardening": 12, "square-hooke-share": 12, "square-bending": 12, "square-pre-inflation": 10}
 """Effects with which the error of a coarse mesh changes."""
 
 

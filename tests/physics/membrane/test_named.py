@@ -36,7 +36,8 @@ def test_a_mistake_is_told_what_there_is(text):
         law_named(text)
     forms = (
         "neo-hookean, skalak:hardening=1.0, hooke:poisson_ratio=0.5, strain-hardening:strain_hardening=0.0, "
-        "general:area_dilation_modulus=3.0,strain_hardening=0.0, evans-skalak:area_dilation_modulus=3.0"
+        "hooke-share:hooke_share=0.0, general:area_dilation_modulus=3.0,strain_hardening=0.0, "
+        "evans-skalak:area_dilation_modulus=3.0"
     )
     assert str(caught.value) == f"law: expected one of {forms}, got {text!r}"
 

@@ -18,7 +18,7 @@ from capsbayes.evidence.blind.optics import (
     smeared,
     smooth_pattern,
 )
-from capsbayes.physics.membrane import GeneralisedHooke, Skalak, StrainHardening
+from capsbayes.physics.membrane import GeneralisedHooke, HookeShare, Skalak, StrainHardening
 
 Drawn = Callable[[Capsule, float, Lab, int], Capsule]
 
@@ -147,7 +147,9 @@ TRUE_EFFECTS = MappingProxyType(
             ),
             TrueEffect("hardening", simulated=lambda size: {"law": Skalak(hardening=size)}),
             TrueEffect("strain_hardening", simulated=lambda size: {"law": StrainHardening(strain_hardening=size)}),
-            TrueEffect("hooke", simulated=lambda size: {"law": GeneralisedHooke(poisson_ratio=size)}),
+            TrueEffect(
+                "hooke_share", simulated=lambda size: {"law": HookeShare(size) if size < 1.0 else GeneralisedHooke()}
+            ),
             TrueEffect("halo", "m", drawn=_halo),
             TrueEffect("exposure", "s", drawn=_blurred),
             TrueEffect("pixel_scale", drawn=_wrong_pixels),

@@ -35,7 +35,7 @@ _SIZES: dict[str, tuple[float, ...]] = {
     "section_aspect": (0.925, 1.03, 1.075),
     "strain_hardening": (0.3, 0.8),
     "unsteadiness": (0.7, 1.5),
-    "hooke": (0.5,),
+    "hooke_share": (1.0,),
 }
 
 BLOCKS = MappingProxyType({("none", 0.0): 10})

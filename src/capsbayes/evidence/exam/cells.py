@@ -41,6 +41,7 @@ _CLEAR = {
     "rest_aspect": (0.925, 1.075),
     "section_aspect": (0.925, 1.075),
     "strain_hardening": (0.8,),
+    "hooke_share": (1.0,),
     "unsteadiness": (1.5,),
     **{effect: sizes[1:] for effect, sizes in _DRAWN.items()},
     **{effect: (size,) for effect, size in _OF_FLOW.items()},
@@ -50,7 +51,10 @@ _PAIRS = (
     (("exposure", 0.05), ("bending", 2e-3)),
     (("pixel_aspect", 1.04), ("pre_inflation", 0.035)),
 )
-_TAKEN_OUT = (("pre_inflation", 0.035), ("bending", 2e-3), ("rest_aspect", 1.075), ("exposure", 0.05))
+_TAKEN_OUT = (
+    *(("pre_inflation", 0.035), ("bending", 2e-3), ("rest_aspect", 1.075), ("exposure", 0.05)),
+    ("hooke_share", 1.0),
+)
 _QUANTILES = (0.8, 0.975)  # of the prior of a user's own effect: its sizes
 
 
@@ -154,7 +158,7 @@ def _cells() -> list[Cell]:
         Cell("nothing", "none", 0.0, True, _NULL_SESSIONS),
         Cell("nothing, lengths alone", "none", 0.0, True, outline=False),
     ]
-    simulated = [pair for pair in POOLS if pair[0] not in ("none", "hooke")]
+    simulated = [pair for pair in POOLS if pair[0] != "none"]
     drawn = [(effect, size) for effect, sizes in _DRAWN.items() for size in sizes]
     cells += [
         Cell(_shown(*pair), *pair, True, clear=pair[1] in _CLEAR.get(pair[0], ())) for pair in (*simulated, *drawn)
@@ -169,7 +173,7 @@ def _cells() -> list[Cell]:
         for pair in _TAKEN_OUT
     ]
     cells += [Cell(f"pattern {size:g}", "pattern", size, False, _UNKNOWN_SESSIONS) for size in (0.01, 0.02)]
-    return [*cells, Cell("generalised Hooke membrane", "hooke", 0.5, False, _UNKNOWN_SESSIONS)]
+    return cells
 
 
 CELLS = tuple(_cells())

@@ -17,7 +17,7 @@ from capsbayes.physics.databases.grid import (
     wide_grid,
 )
 from capsbayes.physics.databases.sweep import SteadySimulator
-from capsbayes.physics.membrane import GeneralisedHooke, NeoHookean, Skalak, StrainHardening
+from capsbayes.physics.membrane import GeneralisedHooke, HookeShare, NeoHookean, Skalak, StrainHardening
 from capsbayes.physics.simulation.simulator import Simulator
 from capsbayes.physics.simulation.unsteady import UnsteadySimulator
 
@@ -53,6 +53,7 @@ _LAWS = {
     "skalak": Skalak(hardening=1.0),
     "hooke": GeneralisedHooke(poisson_ratio=0.5),
     "strain-hardening": StrainHardening(strain_hardening=0.0),
+    "hooke-share": HookeShare(hooke_share=0.0),
 }
 _INFLATIONS = (0.0, 0.01, 0.025, 0.05, 0.1)
 
@@ -83,6 +84,7 @@ RECIPES: dict[str, Recipe] = {
     "square-hardening": _effect("hardening", 0.1, 0.3, 1.0, 3.0, 10.0, law="skalak"),
     # strain hardening and bending round the sharp rim, and with it the coarse mesh's error is not the same
     "square-strain-hardening": _effect("strain_hardening", 0.0, 0.25, 0.5, 1.0, law="strain-hardening", mesh=_FINE),
+    "square-hooke-share": _effect("hooke_share", 0.0, 0.25, 0.5, 1.0, law="hooke-share", mesh=_FINE),
     "square-bending": _effect("bending", 5e-5, 2e-4, 5e-4, 1e-3, 1.7e-3, 3e-3, mesh=_FINE),
     "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
     "square-corner-radius": _effect("corner_radius", 0.0, 0.05, 0.1, 0.15, 0.2),

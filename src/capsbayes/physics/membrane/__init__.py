@@ -8,6 +8,7 @@ from capsbayes.errors import InputError
 from capsbayes.physics.membrane.evans_skalak import EvansSkalak
 from capsbayes.physics.membrane.general import GeneralLaw
 from capsbayes.physics.membrane.hooke import GeneralisedHooke
+from capsbayes.physics.membrane.hooke_share import HookeShare
 from capsbayes.physics.membrane.law import MembraneLaw
 from capsbayes.physics.membrane.neo_hookean import NeoHookean
 from capsbayes.physics.membrane.skalak import Skalak
@@ -18,6 +19,7 @@ __all__ = [
     "EvansSkalak",
     "GeneralLaw",
     "GeneralisedHooke",
+    "HookeShare",
     "MembraneLaw",
     "NeoHookean",
     "Skalak",
@@ -30,6 +32,7 @@ LAWS: dict[str, type[MembraneLaw]] = {
     "skalak": Skalak,
     "hooke": GeneralisedHooke,
     "strain-hardening": StrainHardening,
+    "hooke-share": HookeShare,
     "general": GeneralLaw,
     "evans-skalak": EvansSkalak,
 }
