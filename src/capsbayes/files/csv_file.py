@@ -44,11 +44,11 @@ def read_csv(path: str | Path, noun: str = "table") -> pd.DataFrame:
 
     where, expected = str(path), f"a readable {noun}"
     try:
-        text = read_bytes(path, noun).decode("utf-8-sig")
-        lines = csv.reader(io.StringIO(text, newline=None), skipinitialspace=True)
+        raw = read_bytes(path, noun)
+        lines = csv.reader(_text(raw), skipinitialspace=True)
         names = [name.strip() for name in next(lines, [])]
-        if "\0" in text or not any(names):
-            raise InputError(where, "", expected, "one with zero bytes" if "\0" in text else "no names of columns")
+        if b"\0" in raw or not any(names):
+            raise InputError(where, "", expected, "one with zero bytes" if b"\0" in raw else "no names of columns")
         for name in names:
             if names.count(name) > 1:
                 raise InputError(where, name, "one column of this name", str(names.count(name)))
@@ -63,12 +63,15 @@ def read_csv(path: str | Path, noun: str = "table") -> pd.DataFrame:
                 numbers.append(lines.line_num)
         older = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
         exact: dict[str, Any] = {"float_precision": "round_trip"} if older else {}  # the default from pandas 3.1 on
-        frame = pd.read_csv(
-            io.StringIO(text, newline=None), skipinitialspace=True, names=names, header=0, index_col=False, **exact
-        )
+        frame = pd.read_csv(_text(raw), skipinitialspace=True, names=names, header=0, index_col=False, **exact)
         return frame.set_axis(pd.Index(numbers, name="line")[: len(frame)])
     except (ValueError, csv.Error) as error:  # pandas and csv have their own
         raise InputError(where, "", expected, " ".join(str(error).split())[:120]) from None
+
+
+def _text(raw: bytes) -> io.TextIOWrapper:
+    """Return the text of a file, decoded piece by piece."""
+    return io.TextIOWrapper(io.BytesIO(raw), encoding="utf-8-sig", newline=None)
 
 
 def read_numbers(path: str | Path, columns: Sequence[str], noun: str = "table") -> Floats:

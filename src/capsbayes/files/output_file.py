@@ -12,7 +12,7 @@ import errno
 import hashlib
 import io
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,7 +48,7 @@ class Guard:
 
 
 _guard: ContextVar[Guard | None] = ContextVar("guard", default=None)
-_waiting: ContextVar[dict[Path, bytes] | None] = ContextVar("waiting", default=None)
+_waiting: ContextVar[dict[Path, Callable[[Path], object]] | None] = ContextVar("waiting", default=None)
 
 
 @contextlib.contextmanager
@@ -101,8 +101,7 @@ def _identity(path: Path) -> tuple[int, int]:
 def is_ours(path: Path) -> bool:
     """Return True for a file that is byte for byte what was written there under `guarded`."""
     lines = _recorded(path.parent)
-    with path.open("rb") as file:
-        return bool(lines) and _line(path, hashlib.file_digest(file, "sha256").hexdigest()) in lines
+    return bool(lines) and _line(path, _digest(path)) in lines
 
 
 def check_replaceable(path: Path) -> None:
@@ -147,22 +146,43 @@ def write_file(path: str | os.PathLike[str], content: bytes | str) -> Path:
     InputError
         If it cannot be written, or under `guarded` would replace what must stay.
     """
-    path, content = Path(path), content.encode() if isinstance(content, str) else content
+    raw = content.encode() if isinstance(content, str) else content
+    return _written(Path(path), lambda place: place.write_bytes(raw))
+
+
+def write_lines(path: str | os.PathLike[str], lines: Iterable[str]) -> Path:
+    """Write a file of text as `write_file` does, line by line, so that memory never holds all of it.
+
+    Parameters
+    ----------
+    path : path
+    lines : iterable of str
+        Each with its end.
+    """
+
+    def write(place: Path) -> None:
+        with place.open("wb") as file:
+            file.writelines(line.encode() for line in lines)
+
+    return _written(Path(path), write)
+
+
+def _written(path: Path, write: Callable[[Path], object]) -> Path:
     waiting = _waiting.get()
     if waiting is None:
-        _commit({path: content})
+        _commit({path: write})
     else:
-        waiting[path] = content
+        waiting[path] = write
     return path
 
 
 @contextlib.contextmanager
 def together() -> Iterator[None]:
-    """Keep what `write_file` is given in this block, and write all of it at the end: all files or none."""
+    """Keep what is to be written in this block, and write all of it at the end: all files or none."""
     if _waiting.get() is not None:
         yield
         return
-    files: dict[Path, bytes] = {}
+    files: dict[Path, Callable[[Path], object]] = {}
     token = _waiting.set(files)
     try:
         yield
@@ -177,7 +197,7 @@ def write_dataset(
     encoding: Mapping[str, Any] | None = None,
     groups: Mapping[str, xr.Dataset] = MappingProxyType({}),
 ) -> Path:
-    """Write a dataset as a NetCDF file: made in memory, since HDF5 ends the process where a disk is full.
+    """Write a dataset as a NetCDF file, as `write_file` does.
 
     Parameters
     ----------
@@ -191,29 +211,77 @@ def write_dataset(
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
-    content = io.BytesIO()
-    with h5netcdf.File(content, "w") as file:
-        dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
-        for name, group in groups.items():  # xarray.DataTree would import dask, which takes as long as sampling
-            group.dump_to_store(H5NetCDFStore(file.create_group(name)))
-    return write_file(path, content.getvalue())
+    def write(place: Path) -> None:
+        with place.open("w+b", buffering=0) as disk:
+            lasting = _Lasting(disk)
+            with h5netcdf.File(lasting, "w") as file:
+                dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
+                for name, group in groups.items():  # xarray.DataTree would import dask, which takes as long as sampling
+                    group.dump_to_store(H5NetCDFStore(file.create_group(name)))
+            if lasting.error is not None:
+                raise lasting.error
+
+    return _written(Path(path), write)
 
 
-def _commit(files: Mapping[Path, bytes]) -> None:
+class _Lasting(io.RawIOBase):
+    """A file for HDF5, which ends the process where writing fails, as on a full disk.
+
+    From the first error on, the content is kept in memory.
+
+    Parameters
+    ----------
+    disk : file
+        Unbuffered.
+    """
+
+    def __init__(self, disk: io.FileIO) -> None:
+        self._file: io.FileIO | io.BytesIO = disk
+        self.error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of the data."""
+        begin, left = self._file.tell(), memoryview(data).cast("B")
+        size = len(left)
+        try:
+            while left:  # a disk takes a part of the data before it is full
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            self.error = error
+            self._file.seek(0)
+            self._file = io.BytesIO(self._file.read())
+            self._file.seek(begin)
+            self._file.write(data)
+        return size
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill a buffer."""
+        return self._file.readinto(buffer) or 0
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Go to a place."""
+        return self._file.seek(offset, whence)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cut the file, or make it longer."""
+        return self._file.truncate(size)
+
+
+def _commit(files: Mapping[Path, Callable[[Path], object]]) -> None:
     """Write all files under other names, then rename them."""
     partial: dict[Path, Path] = {}
     made: list[Path] = []
     try:
-        for path, content in files.items():
+        for path, write in files.items():
             with refusing(path, "a file that can be written"):
                 made += _made_folders(path.parent)
                 check_replaceable(path)
                 partial[path] = path.with_name(f".{path.name[:100]}.{os.getpid()}.tmp")
-                partial[path].write_bytes(content)
+                write(partial[path])
         for path in partial:
             with refusing(path, "a file that can be written"):
                 if _guard.get() is not None:
-                    _add_to_record(path, files[path])
+                    _add_to_record(path, _digest(partial[path]))
                 os.replace(partial[path], path)
         made = []
     finally:
@@ -239,12 +307,17 @@ def _recorded(folder: Path) -> set[str]:
         return set()
 
 
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def _line(path: Path, digest: str) -> str:
     return f"{digest}  {path.name}"
 
 
-def _add_to_record(path: Path, content: bytes) -> None:
-    line = _line(path, hashlib.sha256(content).hexdigest())
+def _add_to_record(path: Path, digest: str) -> None:
+    line = _line(path, digest)
     if line in _recorded(path.parent):
         return
     record = path.with_name(RECORD)

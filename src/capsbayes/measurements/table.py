@@ -143,9 +143,10 @@ class MeasuredLengths:
                 continue
             found = pd.to_numeric(frame[header], errors="coerce")
             numbers[name] = headers[header] * found.to_numpy(dtype=np.float64)
-            text = frame[header].astype(str).str.strip()
-            for row in np.flatnonzero(found.isna() & ~frame[header].isna() & ~text.str.lower().isin(["", "nan"])):
-                refusals[row] = refusals[row] or f"{header}: expected a number, got {text[row]!r}"
+            for row in np.flatnonzero(found.isna() & ~frame[header].isna()).tolist():
+                text = str(frame[header][row]).strip()
+                if text.lower() not in ("", "nan"):
+                    refusals[row] = refusals[row] or f"{header}: expected a number, got {text!r}"
         if "status" in frame:
             given = frame["status"].fillna("DONE").astype(str).str.strip().to_numpy()
             refusals[given != "DONE"] = [f"status: {status}" for status in given[given != "DONE"]]

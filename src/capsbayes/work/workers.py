@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +23,7 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NU
 _INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)
 _PR_SET_PDEATHSIG = 1  # prctl(2)
 _SHARE_OF_TIME = Path("/sys/fs/cgroup/cpu.max")  # of a container on Linux: microseconds in each period, or max
+_WAITING = 8  # tasks for each worker that are sent ahead: all of them would be in memory twice
 
 T = TypeVar("T")
 
@@ -92,15 +93,20 @@ def _in_processes(
     others = set(multiprocessing.active_children())
     start = (_start_worker, (os.getpid(), cloudpickle.dumps(shared)))
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers or usable_cores(), len(tasks)), spawn, *start) as pool:
+    number = min(workers or usable_cores(), len(tasks))
+    waiting = _WAITING * number
+    with ProcessPoolExecutor(number, spawn, *start) as pool:
         try:
             futures: list[Future[bytes]] = []
+            unfinished: set[Future[bytes]] = set()
             for sent in map(cloudpickle.dumps, tasks):
+                if len(unfinished) >= waiting:
+                    unfinished = _after_the_next(unfinished, len(futures), finished)
                 with _settings_of_workers():  # a worker may be started by each submission
                     futures.append(pool.submit(_run, sent))
-            for count, future in enumerate(as_completed(futures), start=1):
-                future.result()  # the first error ends the work
-                finished(count)
+                unfinished.add(futures[-1])
+            while unfinished:
+                unfinished = _after_the_next(unfinished, len(futures), finished)
             return [cloudpickle.loads(future.result()) for future in futures]
         except BaseException:
             for worker in set(multiprocessing.active_children()) - others:
@@ -108,6 +114,15 @@ def _in_processes(
             # waited for: Python's exit would wake the pool's thread, and print an error if that thread is just ending
             pool.shutdown(wait=True, cancel_futures=True)
             raise
+
+
+def _after_the_next(unfinished: set[Future[bytes]], sent: int, finished: Callable[[int], None]) -> set[Future[bytes]]:
+    """Wait for the next result, and return the tasks that are still unfinished; the first error ends the work."""
+    done, left = wait(unfinished, return_when=FIRST_COMPLETED)
+    for count, future in enumerate(done, start=sent - len(unfinished) + 1):
+        future.result()
+        finished(count)
+    return left
 
 
 _shared: tuple[Any, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections import Counter
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.files.csv_file import safe_cell
-from capsbayes.files.output_file import write_dataset, write_file
+from capsbayes.files.output_file import write_dataset, write_lines
 from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
@@ -162,7 +163,7 @@ class Population(Readable):
     def write(self, path: str | Path) -> Path:
         """Write one NetCDF file, or a CSV table with units in its header: whole or not at all."""
         path = Path(path)
-        return write_file(path, "".join(self.lines())) if path.suffix == ".csv" else write_dataset(path, self.dataset)
+        return write_lines(path, self.lines()) if path.suffix == ".csv" else write_dataset(path, self.dataset)
 
     def table(self) -> pd.DataFrame:
         """Return one row a capsule, SI, without the mixtures."""
@@ -183,12 +184,13 @@ class Population(Readable):
         along = [str(name) for name, variable in self.dataset.data_vars.items() if variable.dims == ("capsule",)]
         texts = [name for name in along if self.dataset[name].dtype.kind not in "fiu"]
         numbers = [name for name in along if name not in texts]
+        columns = {name: self[name] for name in along}
         yield ",".join([*texts, *(_quoted(self._header(name)) for name in numbers)]) + "\n"
         line = "," + ",".join(["%.8g"] * len(numbers)) + "\n"
         for first in range(0, len(self), _LINES):
             rows = slice(first, first + _LINES)
-            words = zip(*(map(_quoted, self[name][rows].tolist()) for name in texts), strict=True)
-            values = np.stack([self[name][rows] for name in numbers], axis=1).tolist()
+            words = zip(*(map(_quoted, columns[name][rows].tolist()) for name in texts), strict=True)
+            values = np.stack([columns[name][rows] for name in numbers], axis=1).tolist()
             for begin, row in zip(words, values, strict=True):
                 yield ",".join(begin) + (line % tuple(row)).replace("nan", "")
 
@@ -269,6 +271,7 @@ class Population(Readable):
         return found
 
 
+@functools.lru_cache(maxsize=1024)  # most texts are those of the row before
 def _quoted(text: str) -> str:
     """Return a text as a cell of a CSV table."""
     text = safe_cell(text)
