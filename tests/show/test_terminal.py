@@ -139,3 +139,17 @@ def test_a_table_wider_than_a_line_is_printed_in_parts_and_breaks_sentences_alon
     for cell in rows[0][:-1]:
         assert any(cell in line for line in lines)
     assert " ".join(sentence.split()) in " ".join(" ".join(lines).split())
+
+
+def test_a_line_does_not_end_between_a_number_and_its_unit(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "40")
+    print_parts(
+        "The median of the 59 capsules is about 50 mN/m, ± 34 %.", status="Ends near a capillary number of 12 %."
+    )
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [
+        "The median of the 59 capsules is about",
+        "50 mN/m, ± 34 %.",
+        "Status: Ends near a capillary number of",
+        "12 %.",
+    ]

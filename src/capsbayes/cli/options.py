@@ -25,9 +25,7 @@ if TYPE_CHECKING:
     from capsbayes.surrogate import EffectSurrogate, Surrogate
 
 # results
-Seed = Annotated[
-    int, typer.Option(min=0, max=2**63 - 1, help="Seed of the random numbers; it is stored in the results.")
-]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers; it is stored in the results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 # what is measured, and where
@@ -126,9 +124,10 @@ MembraneKnown = Annotated[
     list[str] | None,
     typer.Option(
         "--membrane",
-        help="What is known of the membrane, in place of --database: its law, as 'unknown', neo-Hookean, Blatz-Ko or "
-        "Skalak, and numbers, as area_dilation_modulus='1.5 +/- 0.3', hardening=1 (C of Skalak's law), "
-        "pre_inflation='0 .. 0.02', bending=2e-4 or membrane_thickness='0.6 +/- 0.2 um'; may be given several times.",
+        help="What is known of the membrane, in place of --database: its law (unknown, neo-Hookean, Blatz-Ko or "
+        "Skalak), or NAME=TEXT, as pre_inflation='0 .. 0.02', with one of the names pre_inflation, bending, "
+        "strain_hardening, hardening (C of Skalak's law), area_dilation_modulus or membrane_thickness; may be given "
+        "several times.",
     ),
 ]
 
@@ -149,9 +148,9 @@ Priors = Annotated[
     list[str] | None,
     typer.Option(
         "--prior",
-        help="Prior, as surface_shear_modulus='50 +/- 10 mN/m' (or '20 .. 80 mN/m', 'log-uniform 1 .. 1000 mN/m', "
-        "'log-normal 50 +/- 10 mN/m'), capsule_radius='20 .. 30 um', or of a further coordinate of the database, as "
-        "pre_inflation='0 .. 0.1'; may be given several times.",
+        help="Prior NAME=TEXT, as capsule_radius='20 .. 30 um', of capsule_radius, surface_shear_modulus or a further "
+        "coordinate of the database, as pre_inflation; other texts: '50 +/- 10 mN/m', 'log-uniform 1 .. 1000 mN/m', "
+        "'log-normal 50 +/- 10 mN/m'; may be given several times.",
     ),
 ]
 
@@ -210,9 +209,10 @@ def simulator_of(
     law: Annotated[
         str,
         typer.Option(
-            help="Membrane law: neo-hookean, skalak:hardening=1, hooke:poisson_ratio=0.5, "
-            "strain-hardening:strain_hardening=0.5, hooke-share:hooke_share=0.5, "
-            "general:area_dilation_modulus=3,strain_hardening=0.5 or evans-skalak:area_dilation_modulus=3."
+            help="Membrane law with its parameters, as skalak:hardening=1 (several are separated by commas): "
+            "neo-hookean; skalak (hardening); hooke (poisson_ratio); strain-hardening (strain_hardening); "
+            "hooke-share (hooke_share); general (area_dilation_modulus and strain_hardening); evans-skalak "
+            "(area_dilation_modulus)."
         ),
     ] = "neo-hookean",
     cross_section: Annotated[

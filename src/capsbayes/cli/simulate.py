@@ -72,11 +72,11 @@ def _print(state: SteadyState) -> None:
     settings, summary = state.settings, state.as_dict()
     unusual = [f" of the {settings['bending_energy']}"] if "bending_energy" in settings else []
     unusual += [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
-    typer.echo(
+    words = (
         f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['cross_section']} "
         f"cross-section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual)
     )
-    typer.echo(summary["message"])
+    print_parts(words, summary["message"])
     if state.status.ok:
         known = [(symbol, summary[key], meaning) for symbol, key, meaning in _ROWS if summary[key] is not None]
         rows = [(symbol, f"{value:.4f}", meaning) for symbol, value, meaning in known]

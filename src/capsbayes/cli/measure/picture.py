@@ -66,6 +66,7 @@ def measured_picture(
     from capsbayes.image.files.picture import Picture
     from capsbayes.image.measure import detect, measurement_of
     from capsbayes.image.written import write_detection
+    from capsbayes.show.tables.table import print_parts
 
     quiet |= as_json
     seen = Picture.read(path)
@@ -76,7 +77,7 @@ def measured_picture(
         _print(detection, experiment)
         if experiment.camera is not None:
             lengths = ", ".join(f"{length:.4f}" for length in measured.lengths)
-            typer.echo(f"Over l without the faults of the camera ({experiment.camera.described()}): {lengths}.")
+            print_parts(f"Over l without the faults of the camera ({experiment.camera.described()}): {lengths}.")
         print_outline(measured)
     if out is not None:
         write_detection(out, seen, detection, measured)
@@ -104,11 +105,13 @@ def as_record(measured: Measurement) -> dict[str, object]:
 
 def print_outline(measured: Measurement) -> None:
     """Print the errors of the silhouette of a measurement, or why there is none."""
+    from capsbayes.show.tables.table import print_parts
+
     if measured.outline is None:
-        typer.echo("The shape does not show which end is the front: no silhouette is kept. Give --flow.")
+        print_parts("The shape does not show which end is the front: no silhouette is kept. Give --flow.")
         return
     noise, pose = measured.outline.noise, measured.outline.pose
-    typer.echo(
+    print_parts(
         f"Silhouette: {len(measured.outline.points)} points, each with a standard error of {noise.scale:.4f} l; "
         f"{1.0 - noise.white:.0%} of the variance is correlated over {noise.correlation_length:.2f} l of the edge, "
         f"and all have a common offset of about {pose.offset:.4f} l."

@@ -222,7 +222,9 @@ def _lines(short: dict[str, Any]) -> list[str]:
     )
     return [
         first,
-        f"Of {short['points']} points, " + ", ".join(f"{share:.0%} to {level}" for level, share in below.items()) + ".",
+        f"Share of the {short['points']} points at which the width of G_s is at most "
+        + ", ".join(f"{level}: {share:.0%}" for level, share in below.items())
+        + ".",
         f"At {short['share_of_points_that_lean_on_the_border']:.0%} of them the posterior leans on the border of the "
         "database: the width is cut there, and not measured.",
     ]

@@ -59,7 +59,7 @@ def flow_table(design: FlowDesign) -> pd.DataFrame:
             rows.append([*numbers, *widths, *risks, "best" if point is design.best else "" if point.allowed else "no"])
     head = ["\n".join((PARAMETERS[name].symbol, unit_of(PARAMETERS[name]).strip())) for name in _FLOW]
     head += ["G_s\n±", "a\n±", "next to\nborder", "beyond\nlimit", ""]
-    note = "no: not to be chosen, for the posterior leans on the border of the database, or it is too near"
+    note = "no: not to be chosen, for the posterior leans on the border of the database, or it is too near the limit"
     return table(list(map(Symbols, head)), rows, title="Expected width of G_s", note=note, numbers=range(8))
 
 

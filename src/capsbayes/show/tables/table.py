@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from capsbayes.status import Status
 
 _SENTENCE = 32  # letters beyond which the text of a cell is broken into lines
+_UNIT = re.compile(r"(?<=[\d±]) (?=\d|%|mN/m|mm/s|µm|µL/min|Pa s|sd\b|px\b|l\b)")  # a space that no line ends with
+_FIRM = "\N{NO-BREAK SPACE}"
 _SIGNS = {"alpha": "α", "delta": "δ", "eps": "ε", "mu": "µ", "Lambda": "Λ", "l": "ℓ"}
 
 
@@ -156,7 +158,10 @@ def _drawn(frame: pd.DataFrame, heads: Sequence[str], columns: Sequence[int], ga
 
 
 def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, good: bool = True) -> None:
-    """Print sentences and tables on the terminal, then a status in the colour of its meaning; skip empty sentences."""
+    """Print sentences and tables on the terminal, then a status in the colour of its meaning; skip empty sentences.
+
+    Sentences are broken into lines as wide as the terminal, but not between a number and its unit.
+    """
     from rich.console import Console
     from rich.text import Text
 
@@ -165,9 +170,16 @@ def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, 
         if isinstance(part, pd.DataFrame):
             console.print(terminal_table(part, console.width))
         elif part:
-            console.print(Text(part, style="bold" if isinstance(part, Strong) else ""))
+            console.print(Text(_in_lines(part, console.width), style="bold" if isinstance(part, Strong) else ""))
     if status is not None:
-        console.print(f"Status: {status}", style="green" if good else "bold red", markup=False)
+        lines = _in_lines(f"Status: {status}", console.width)
+        console.print(lines, style="green" if good else "bold red", markup=False)
+
+
+def _in_lines(text: str, width: int) -> str:
+    """Break a text into lines at spaces, except at those between a number and its unit."""
+    wrapper = textwrap.TextWrapper(width, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(wrapper.fill(_UNIT.sub(_FIRM, line)) for line in text.splitlines()).replace(_FIRM, " ")
 
 
 def html_table(frame: pd.DataFrame, *, sortable: bool = False) -> Markup:
