@@ -144,7 +144,7 @@ def minimise(
     here: Problems,
     rows: Integers,
     longest: Floats | float,
-    steps: int = 20,
+    steps: int = 30,
 ) -> Problems:
     """Minimise sums of squares from given points on.
 

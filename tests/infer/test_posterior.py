@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from capsbayes.errors import InputError
 from capsbayes.infer import identify
 from capsbayes.infer.posterior import REPORTED
 
@@ -79,7 +80,7 @@ def test_nothing_is_left_of_a_file_that_could_not_be_written(posterior, tmp_path
         raise OSError("disk full")
 
     monkeypatch.setattr(h5netcdf, "File", broken)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(InputError, match="a file that can be written, got disk full"):
         posterior.write(tmp_path / "posterior.nc")
     assert list(tmp_path.iterdir()) == []
 
