@@ -131,8 +131,8 @@ class Database:
     Parameters
     ----------
     dataset : xarray.Dataset
-        Holding every one of `VARIABLES`. Use `assemble` to make one from
-        arrays, `read` or `open` to read a file.
+        Contains every variable of `VARIABLES`. `assemble` makes a database
+        from arrays; `read` and `open` read a file.
     """
 
     dataset: xr.Dataset
@@ -144,9 +144,9 @@ class Database:
         Parameters
         ----------
         variables : mapping of str to array
-            Every one of `VARIABLES` but the coordinates.
+            An array for each of `VARIABLES` except the coordinates, with the shape and unit stated there.
         attributes : mapping of str to str or number
-            Every one of `ATTRIBUTES` but ``sha256``.
+            A value for each of `ATTRIBUTES` except ``sha256``.
 
         Returns
         -------
@@ -155,7 +155,7 @@ class Database:
         Raises
         ------
         DatabaseError
-            If one is missing or has a wrong shape.
+            If a variable or an attribute is missing or has a wrong shape.
         """
         dataset = xr.Dataset(attrs=dict(attributes))
         for name, values in {**_COORDINATES, **variables}.items():
@@ -212,7 +212,7 @@ class Database:
         Raises
         ------
         DatabaseError
-            If there is none of that name, or the file cannot be read.
+            If no database of that name comes with the library, or the file cannot be read.
         """
         name = str(source)
         if name.endswith(".nc") or isinstance(source, os.PathLike):
@@ -228,12 +228,12 @@ class Database:
         return sorted({path.stem for folder in shipped_folders() for path in folder.glob("*.nc")})
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the file whole or not at all.
+        """Write a NetCDF file, completely or not at all.
 
         Parameters
         ----------
         path : path
-            Replaced only once the new file is complete.
+            File to write. An existing one is replaced only when the new one is complete.
         """
         encoding: dict[str, dict[str, Any]] = {}
         for name, variable in VARIABLES.items():
@@ -272,11 +272,11 @@ class Database:
 
     @property
     def values(self) -> Floats:
-        """Values of the effect, rising : (k,) array."""
+        """Values of the effect in increasing order : (k,) array."""
         return np.unique(self["effect_value"])
 
     def at_value(self, value: float) -> Database:
-        """Return the cases and borders of one value of the effect, with the hash of the whole."""
+        """Return the cases and borders of one value of the effect, with the hash of the whole database."""
         chosen = {
             dimension: np.flatnonzero(self[name] == value)
             for dimension, name in (("case", "effect_value"), ("border", "border_effect_value"))
@@ -296,7 +296,7 @@ class Database:
 
     @property
     def converged(self) -> Database:
-        """The cases that ended as they should, with the hash of the whole."""
+        """The cases whose status is ``DONE``, with the hash of the whole database."""
         return Database(self.dataset.isel(case=np.flatnonzero(self["status"] == Status.DONE.name)))
 
     def as_dict(self) -> dict[str, Any]:

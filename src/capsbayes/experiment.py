@@ -48,16 +48,16 @@ class Experiment(Readable):
     density : Quantity [kg/m^3]
         Of the suspending liquid; by default that of water at 20 C. Only the Reynolds number is computed from it.
     membrane_thickness : Quantity, optional [m]
-        Of the capsules, t. It tells the bending modulus where a model has it as a coordinate, see `bending`.
+        Thickness t of the membrane. It gives the bending modulus in a model that has it as a coordinate, see `bending`.
     viscous_tension : Quantity, optional [N/m]
-        mu U as one number, U the mean velocity of the undisturbed flow, where neither of the two is known: then
-        G_s = mu U / Ca, and the velocity of a capsule is not used. One capsule can be identified with it; what needs
-        viscosity or velocity refuses it.
-    exposure : Quantity [s]
-        Time for which light falls on one picture, of the shutter or of a flash. A capsule that moves by more than three
+        The product mu U, with U the mean velocity of the undisturbed flow, where neither factor is known. Then
+        G_s = mu U / Ca, and the velocity of a capsule is not used. `identify` accepts it for one capsule; functions
+        that need the viscosity or a velocity raise an error.
+    exposure : Quantity, optional [s]
+        Exposure time of one picture, that of the shutter or of a flash. A capsule that moves by more than three
         pixels in it is refused.
     camera : Camera, optional
-        Geometry of the camera, for what is measured in its pictures; by default it has no faults.
+        Geometry of the camera with which the pictures were taken; by default it has no faults.
     source : str
         File the experiment was read from, empty if none.
     sha256 : str
@@ -139,7 +139,7 @@ class Experiment(Readable):
         return self.density.mean * _si(mean_velocity, "mean_velocity") * self.half_width.mean / self.viscosity.mean
 
     def described(self) -> dict[str, str]:
-        """Return channel and liquid in the units that people read."""
+        """Return channel and liquid in display units."""
         stated = {key: getattr(self, key) for key in ("half_width", *_FLUID, *_OPTIONAL)}
         if self.density == WATER:
             del stated["density"]

@@ -39,11 +39,11 @@ class OutlineNoise:
 
     Parameters
     ----------
-    scale : float
-        Standard deviation, over l.
-    correlation_length : float
-        Along the arc, over l; zero for independent errors.
-    white : float
+    scale : float [l]
+        Standard deviation.
+    correlation_length : float [l]
+        Correlation length along the arc; zero for independent errors.
+    white : float [-]
         Share of the variance that is independent from point to point.
     """
 
@@ -141,8 +141,8 @@ class MeasuredOutline:
     Parameters
     ----------
     points : (m, 2) array [l]
-        Consecutive vertices of a closed outline, columns (z, y), at least 16, in either sense and of any place and
-        tilt.
+        Consecutive vertices of a closed outline, columns (z, y), at least 16, in either sense of rotation and at
+        any position and tilt.
     noise : OutlineNoise
     pose : Pose
         Uncertainty of its position, tilt and offset.
@@ -216,10 +216,10 @@ class MeasuredOutline:
         ]
 
     def shared_by(self, count: int) -> MeasuredOutline:
-        """Return the outline of one of so many capsules with wider errors where all of them have the same error.
+        """Return the outline with wider errors, for one of `count` capsules that share errors of the microscope.
 
-        The variance of what `shared` says, and of the rear, grows by the number of capsules: so that their mean has
-        what one of them has, as if they were independent.
+        The variances of the displacements that `shared` returns, and of the rear, are multiplied by the number of
+        capsules. If the capsules are then treated as independent, their mean has the variance of a single one.
         """
         pose, noise = self.pose, self.noise
         scale = float(np.hypot(noise.scale, np.sqrt(count - 1.0) * self._along_arcs))
@@ -231,19 +231,20 @@ class MeasuredOutline:
         )
 
     def shared(self, points: Floats, normal: Floats) -> Floats:
-        """Return what one microscope does to the edges of all capsules alike.
+        """Return the errors of the edges that all capsules of one microscope share.
 
-        It shifts them all around by `Pose.offset`, along arcs by half as much again, and by the geometry of the camera.
+        These are a displacement by `Pose.offset` all around, a displacement along arcs that is 1.5 times as large, and
+        the geometry of the camera.
 
         Parameters
         ----------
         points, normal : (m, 2) array
-            Of an outline, with its outward unit normals.
+            Vertices of an outline [l], and its outward unit normals.
 
         Returns
         -------
         (k, m) array [l]
-            Changes of the normal distances by one standard deviation each.
+            Displacements along the normals, each one standard deviation of one error.
         """
         of_microscope = self.pose.directions(points, normal)[:, 3:]  # place and tilt are each capsule's own
         if not self._along_arcs:

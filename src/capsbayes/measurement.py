@@ -51,8 +51,8 @@ class Measurement(Readable):
         True for lengths over l (measured against the walls on the same picture), False for lengths in metres; lengths
         given with a unit decide it themselves.
     outline : MeasuredOutline, optional
-        The whole edge, over l; it then takes the place of the lengths, which only say where to look. A silhouette
-        does not show L_a, which then counts as well.
+        The whole edge, over l. It replaces the lengths in the likelihood; they then only give initial values. A
+        silhouette does not show L_a, which is used in addition.
     source : str
         File the measurement was read from, empty if none.
     sha256 : str
@@ -70,7 +70,7 @@ class Measurement(Readable):
         ``half_width`` and ``viscosity`` of this capsule of a set, in SI, if they differ from those of the experiment. A
         measurement file states them by the experiment that it names.
     walls : str
-        How the walls, and with them l in pixels, were stated by hand; empty where they were found in the picture.
+        How the walls, and thus l in pixels, were stated by hand; empty if they were found in the picture.
     doubt : str
         What is doubtful about the walls, a sentence; empty if nothing.
 
@@ -292,7 +292,7 @@ class Measurement(Readable):
             write_file(path, "\n".join(lines).lstrip() + "\n")
 
     def described(self) -> dict[str, str]:
-        """Return what was measured in the units that people read; the status alone where the measurement failed."""
+        """Return what was measured in display units; the status alone where the measurement failed."""
         found = {} if self.status.ok else {"status": str(self.status)}
         for key in ("axial_extent", "axial_length", "capsule_velocity") if self.status.ok else ():
             if getattr(self, key) is not None:

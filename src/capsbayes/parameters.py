@@ -1,4 +1,4 @@
-"""The one table of quantities: name, symbol, unit, the unit that people read, and meaning."""
+"""The one table of quantities: name, symbol, unit, the display unit, and meaning."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Parameter:
         Unit in which the number is held: SI, or "-" for a ratio, or the scale
         that makes it dimensionless.
     shown_unit : str
-        Unit in which people read it.
+        Unit in which it is displayed.
     scale : float
         Factor from `unit` to `shown_unit`.
     meaning : str
@@ -57,7 +57,7 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """Symbol with the unit people read; a bare symbol for a ratio."""
+        """Symbol with the display unit; a bare symbol for a ratio."""
         return f"{self.symbol} [{self.shown_unit}]" if self.shown_unit not in ("", "-") else self.symbol
 
     @property
@@ -66,7 +66,7 @@ class Parameter:
         return f"${self.latex}$ [{self.shown_unit}]" if self.shown_unit not in ("", "-") else f"${self.latex}$"
 
     def shown(self, value: float) -> float:
-        """Return a value in the unit that people read."""
+        """Return a value in the display unit."""
         return value * self.scale
 
 

@@ -37,13 +37,13 @@ class Quantity:
     error : float
         Standard deviation about `value`; zero if the number is known.
     unit : str
-        SI unit; empty for a ratio, or where it goes without saying.
+        SI unit; empty for a ratio, or where the name of the quantity implies it.
     shape : str
         ``"normal"``, ``"uniform"``, ``"log-uniform"``, or the name of a distribution of `scipy.stats`.
     low, high : float
         Ends of the support.
     family : distribution of scipy.stats, optional
-        Of any other shape.
+        Distribution, for any other shape.
     arguments : tuple of float
         Its parameters, location and scale last.
 
@@ -80,12 +80,12 @@ class Quantity:
 
     @classmethod
     def uniform(cls, low: float, high: float, unit: str = "") -> Quantity:
-        """Return a quantity that is as likely anywhere between two limits."""
+        """Return a quantity with a uniform distribution between two limits."""
         return cls(0.5 * (low + high), abs(high - low) / math.sqrt(12.0), unit, "uniform", low, high)
 
     @classmethod
     def log_uniform(cls, low: float, high: float, unit: str = "") -> Quantity:
-        """Return a quantity whose logarithm is as likely anywhere between those of two positive limits."""
+        """Return a quantity whose logarithm is uniform between those of two positive limits."""
         mean = error = math.nan
         if 0.0 < low < high < math.inf:
             decades = math.log(high / low)
@@ -95,7 +95,7 @@ class Quantity:
 
     @classmethod
     def log_normal(cls, mean: float, error: float, unit: str = "") -> Quantity:
-        """Return a quantity whose logarithm is normal, by its own mean and standard deviation."""
+        """Return a log-normal quantity with this mean and standard deviation (of itself, not of its logarithm)."""
         import scipy.stats  # half a second to import
 
         variance = math.log1p((error / mean) ** 2)
@@ -417,7 +417,7 @@ class Quantity:
         return _of_frozen(family(*map(float, stated["arguments"]), **keywords), unit)
 
     def shown(self, name: str) -> str:
-        """Return the text form in the unit that people read.
+        """Return the text form in the display unit.
 
         Examples
         --------

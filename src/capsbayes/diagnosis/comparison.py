@@ -106,7 +106,7 @@ class Comparison:
 
     @property
     def added_up(self) -> int:
-        """Number of capsules with a best shape at which effects of the membrane are added up, not known together."""
+        """Number of capsules at whose best shape effects of the membrane are added up, not simulated together."""
         return int(np.count_nonzero(self.model.added_up(self._theta) & self.fits.settled))
 
     @cached_property
@@ -127,7 +127,7 @@ class Comparison:
         return self.gap_of(self.edges)
 
     def gap_of(self, rows: Iterable[int]) -> float:
-        """Return the same of some of the capsules."""
+        """Return the root mean square normal distance of edges [m] over some of the capsules."""
         distances = [self.edges[row][1].distance for row in rows]
         return self._metres * float(np.sqrt(np.mean(np.square(np.concatenate(distances))))) if distances else np.nan
 

@@ -116,9 +116,9 @@ class Study(Readable):
 
     @property
     def gap(self) -> tuple[float, float]:
-        """Root mean square distances of edges from the model without and with the effects [m], held-out capsules.
+        """Root mean square distances [m] of edges from the model without and with the effects.
 
-        NaN where nothing was verified, or without outlines.
+        They are those of the held-out capsules; NaN where nothing was verified, or without outlines.
         """
         if self.verification is None:
             return float("nan"), float("nan")
@@ -276,8 +276,8 @@ def diagnose(
     ----------
     session : Session, Population or path
         A population or a path stands for the set of measurements there, see `Session.of`.
-    model : forward model
-        As ``Surrogate.open("square-neo-hookean")``.
+    model : ForwardModel
+        For example ``Surrogate.open("square-neo-hookean")``.
     seed : int
         Seed of the division into halves and of the random signs.
     candidates : mapping of str to Effect, optional
@@ -287,7 +287,7 @@ def diagnose(
     measured : mapping of str to (float, float), optional
         Sizes of effects measured independently of the capsules, and their standard errors, in SI.
     progress : callable, optional
-        Called with what is done next, the number of finished steps and of all steps.
+        Called with the name of the next step, the number of finished steps and that of all steps.
     earlier : Study, optional
         Diagnosis of the same session with the same model and seed, with fewer `measured`; its fits are used again.
 
@@ -298,7 +298,7 @@ def diagnose(
     Raises
     ------
     NoShapeError
-        If the model has a shape of no capsule.
+        If the model has no shape for any of the capsules.
     ValueError
         If the earlier study is of another session, or its capsules were divided with another seed.
     """

@@ -84,7 +84,7 @@ class Finding:
     capsules : int
         How many were fitted.
     discrepancy : Discrepancy
-        What they say of something else than the model.
+        Evidence of the capsules for a deviation that no known effect describes.
     """
 
     deviations: tuple[Deviation, ...]
@@ -144,15 +144,15 @@ def find(
     ----------
     model : ForwardModel
     session : Session
-        Outlines tell the regions; without them the trends are left.
+        Its outlines are tested region by region; without outlines, only the trends are tested.
     seed : int
         Of the random signs.
     white : Whitening, optional
-        Made with the model without its effects; by default, with the model.
+        Whitening of the outlines, made with the model without its effects; by default with `model`.
     sizes : mapping of str to float, optional
         Parameters of the model's effects.
     fits : Fits, optional
-        Of the model with these sizes, if they are known.
+        Fits of the model with these sizes, if they have been computed.
 
     Returns
     -------

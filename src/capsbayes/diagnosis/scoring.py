@@ -61,7 +61,7 @@ class Scores:
     log_likelihood : (J, n) array
         With the population that is most likely at each size.
     elsewhere : (J,) array
-        Log likelihood of what was measured of the effect apart from the capsules.
+        Log likelihood of measurements of the effect that do not involve the capsules.
     modulus : (J,) array [N/m]
         Median of the apparent G_s of the capsules at each size.
     own_error : float
@@ -92,7 +92,7 @@ class Scores:
 
     @property
     def best(self) -> int:
-        """Row of the likeliest size; of those as likely but for rounding, the nearest to the null value."""
+        """Row of the most probable size; among those equal up to rounding, the nearest to the null value."""
         return _likeliest(self.sizes - self.effect.null_value, self.total)
 
     @property
@@ -119,9 +119,9 @@ class Scores:
         return most + float(np.log(mean)) - float(self.total[self.null])
 
     def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw changes of ln G_s by the effect, of a size as probable as the data and its prior say : (count,) array.
+        """Draw changes of ln G_s due to the effect, with sizes from their posterior : (count,) array.
 
-        The data tell the size no better than its interval says.
+        The log likelihood is flattened, and the own error added, as in `interval`.
         """
         known = np.isfinite(self.modulus)
         if known.sum() < 2:

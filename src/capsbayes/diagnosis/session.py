@@ -38,7 +38,7 @@ class Session:
     Raises
     ------
     InputError
-        If there are none, or one has no result, or its lengths are in metres.
+        If there are no measurements, or one has no result or has lengths in metres.
     """
 
     measurements: Sequence[Measurement]
@@ -61,7 +61,7 @@ class Session:
             A folder of measurement files as `Measurement.read` reads them, a table of lengths (.csv), or a file of
             outlines (.nc). Capsules that cannot be used are in `left_out`.
         experiment : Experiment or path, optional
-            In place of that which the set names.
+            Replaces the one that the set names.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Session:
         return float(self.circumstances[name].mean())
 
     def taken(self, rows: Any) -> Session:
-        """Return some of the capsules, by an array of row numbers."""
+        """Return a session of some of the capsules, given by an array of row numbers."""
         return Session([self.measurements[int(row)] for row in np.asarray(rows)], self.experiment)
 
     def halves(self, seed: int) -> tuple[Session, Session]:
@@ -155,7 +155,7 @@ class Session:
         Parameters
         ----------
         seed : int
-            Of the random numbers.
+            Seed of the random numbers.
         """
         rng = np.random.default_rng(seed)
         extent = np.array([measurement.axial_extent for measurement in self.measurements])

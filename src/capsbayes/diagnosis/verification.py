@@ -47,7 +47,7 @@ class Verification:
         Mean log-likelihood ratio per capsule, with the effect to without, and its standard error.
     before, after : Finding
     left : Finding
-        What the effect leaves over in the first half.
+        Deviations that remain in the first half with the effect.
     log_likelihood_ratios : (n,) array
         Of each capsule.
     steps : tuple of MeanRatio

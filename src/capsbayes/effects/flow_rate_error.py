@@ -17,7 +17,7 @@ from capsbayes.quantity import Quantity
 
 @dataclass(frozen=True)
 class FlowRateError(OfFlowRates):
-    """Stated flow rates larger than the true ones by one factor, as by a leak, a soft tube or a wrong syringe.
+    """Stated flow rates larger than the true ones by one factor, by a leak, a soft tube or a wrong syringe.
 
     Parameters
     ----------

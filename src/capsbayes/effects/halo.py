@@ -17,7 +17,7 @@ from capsbayes.quantity import Quantity
 
 @dataclass(frozen=True)
 class Halo:
-    """Displacement of all edges along their normals by one length.
+    """Displacement of all edges along their normals by the same distance.
 
     Parameters
     ----------

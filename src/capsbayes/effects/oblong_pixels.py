@@ -15,7 +15,7 @@ from capsbayes.quantity import Quantity
 
 @dataclass(frozen=True)
 class OblongPixels:
-    """Wrong scale of what lies along the flow, with a half width that is read across it in the same picture.
+    """Wrong scale of lengths along the flow, with a half width that is read across the flow in the same picture.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ class Simulated:
     changes, separated_by : str
         See `Effect`.
     makes : (str, str), optional
-        What a size below the null value and one above it make of the membrane.
+        Words for the membrane with a size below the null value, and with one above it.
     """
 
     name: str
@@ -123,7 +123,7 @@ class Simulated:
         return joint_surrogate(self.database, None, model.view)
 
     def in_words(self, size: float) -> str:
-        """Say what a size makes of the membrane; empty for other effects."""
+        """Return words for the membrane with a size of the effect; empty for effects that are not of the membrane."""
         return self.makes[size > self.null_value]
 
 

@@ -19,7 +19,7 @@ from capsbayes.quantity import Quantity
 
 @dataclass(frozen=True)
 class VelocityScale(OfFlowRates):
-    """Velocities larger than the true ones by one factor, as by a wrong frame rate or a wrong distance of two pictures.
+    """Velocities larger than the true ones by one factor, by a wrong frame rate or a wrong delay between two pictures.
 
     Parameters
     ----------

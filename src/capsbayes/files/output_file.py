@@ -53,16 +53,21 @@ _waiting: ContextVar[dict[Path, Callable[[Path], object]] | None] = ContextVar("
 
 @contextlib.contextmanager
 def guarded(inputs: Iterable[Path] = (), *, updated: Iterable[Path] = (), overwrite: bool = False) -> Iterator[None]:
-    """Replace, in this block, no input and no file that another program wrote or somebody changed.
+    """Protect, within this block, inputs and files that another program wrote or somebody changed from being replaced.
 
     Parameters
     ----------
     inputs : iterable of Path
-        Files that are read; more join by `note_input`.
+        Files that are read; `note_input` adds others.
     updated : iterable of Path
         Files that are read and written back with more in them.
     overwrite : bool
-        True to replace files that are not ours, inputs excepted.
+        True to replace files that capsbayes did not write, except inputs.
+
+    Raises
+    ------
+    InputError
+        Within the block, when such a file would be replaced.
     """
     outer = _guard.get() or Guard()
     own = frozenset(_identity(path) for path in updated if path.exists())

@@ -60,31 +60,31 @@ def identify(
     effort: Effort | None = None,
     error_budget: bool = True,
 ) -> Posterior:
-    """Identify one capsule.
+    """Infer the shear modulus and the radius of one capsule.
 
     Parameters
     ----------
     measurement : Measurement
         Lengths and velocity, with their errors.
     model : ForwardModel
-        For example a `Surrogate`. Its further coordinates, as pre-inflation, are found too.
+        For example a `Surrogate`. Its further coordinates, such as the pre-inflation, are inferred too.
     experiment : Experiment
         Channel and liquid.
     engine : str, optional
-        ``"emcee"``, checked by quadrature, or ``"quadrature"`` alone, which also takes over where the measurement and
-        the posterior contradict each other. It is the default for an outline where the model has further coordinates,
-        of which chains take minutes; else the default is ``"emcee"``.
+        ``"emcee"``, checked by quadrature, or ``"quadrature"`` alone. The default is ``"emcee"``, but ``"quadrature"``
+        for an outline if the model has further coordinates, for which chains take minutes. Quadrature replaces emcee
+        where the measurement contradicts the model, so that the intervals cannot be used.
     seed : int
-        Of all randomness; stored in the result.
+        Seed of all random numbers; stored in the result.
     prior : Prior, optional
-        Of G_s and a, and of further coordinates of the model.
+        Priors of G_s and a, and of further coordinates of the model.
     membrane : Membrane, optional
-        What is known of it, if the model has its parameters as coordinates, as a `MembraneSurrogate`.
+        What is known of the membrane, if the model has its parameters as coordinates, as a `MembraneSurrogate` has.
     effort : Effort, optional
-        How much emcee samples.
+        How long emcee samples.
     error_budget : bool
-        Also find what each input contributes to the variance of ln G_s, and what one more measurement would gain: with
-        the membrane unknown this takes as long as all the rest.
+        Also compute the share of each input in the variance of ln G_s, and what one more measurement would gain. With
+        the membrane unknown this takes as long as everything else.
 
     Returns
     -------
@@ -94,12 +94,16 @@ def identify(
     Raises
     ------
     InputError
-        If no case of the model has such a shape, if it predicts outlines of another view than the measured one, or if
-        an argument cannot be used.
+        If the model has no such shape, if it predicts outlines of another view than the measured one, or if an argument
+        cannot be used.
 
     Examples
     --------
     ``identify(measurement, Surrogate.open("square-neo-hookean"), experiment, seed=1).summary()``
+
+    References
+    ----------
+    Foreman-Mackey, Hogg, Lang, Goodman 2013, PASP 125, 306, doi:10.1086/670067 (emcee).
     """
     if engine is not None and engine not in ENGINES:
         raise InputError("identify", "engine", " or ".join(ENGINES), repr(engine))

@@ -1,4 +1,4 @@
-"""Groups of datasets as an `arviz.InferenceData`, in SI or in the units that people read."""
+"""Groups of datasets as an `arviz.InferenceData`, in SI or in display units."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def inference_data(groups: Mapping[str, xr.Dataset]) -> Any:
 
 
 def shown(groups: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Return groups with all quantities in the units that people read, named as ``G_s [mN/m]``."""
+    """Return groups with all quantities in display units, named as ``G_s [mN/m]``."""
     return {group: _shown(dataset) if group != "log_likelihood" else dataset for group, dataset in groups.items()}
 
 

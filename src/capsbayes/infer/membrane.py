@@ -39,19 +39,19 @@ class Membrane:
     law : str
         One of `LAWS`, in any case.
     area_dilation_modulus : Quantity, optional [G_s]
-        K.
+        Area dilation modulus K = K_s / G_s.
     strain_hardening : Quantity, optional [-]
-        h.
+        Share h of Skalak's energy.
     pre_inflation : Quantity, optional [-]
-        alpha.
+        Pre-inflation alpha, the radius added by inner pressure over that without.
     bending : Quantity, optional [G_s a^2]
-        B.
+        Bending modulus B.
     membrane_thickness : Quantity, optional [m]
-        In place of B.
+        Thickness t, which determines B, in place of B.
     hardening : Quantity, optional [-]
         C of Skalak's law, in place of K = 1 + 2 C.
     source : str
-        Where it is stated, for the message of an error.
+        File or argument in which it is stated, for error messages.
 
     Raises
     ------
@@ -101,7 +101,7 @@ class Membrane:
         return cls(**file.table("membrane", optional=("law", *KEYS)), source=f"{path}: membrane")
 
     def with_texts(self, texts: Mapping[str, str], *, where: str) -> Membrane:
-        """Return the same with other statements by name, in text form."""
+        """Return a copy in which parameters are replaced, given by name in text form."""
         return replace(self, **dict(texts), source=where)
 
     def applied(self, model: ForwardModel, prior: Prior) -> tuple[ForwardModel, Prior]:

@@ -58,26 +58,26 @@ class Posterior:
     Parameters
     ----------
     draws : mapping of (chain, draw) arrays
-        Every quantity by name, SI.
+        Draws of every quantity, by name, in SI.
     ensemble : (chain,) int array
-        Number of the independent ensemble a chain belongs to.
+        Number of the independent ensemble to which each chain belongs.
     marginals : mapping of Marginal
-        Summaries by the engine.
+        Summaries of the quantities, computed by the engine.
     reference : mapping of Marginal
-        The same by quadrature; empty if it is the engine.
+        The same, computed by quadrature; empty if quadrature is the engine.
     measurement, experiment, prior, inputs
-        What went in.
+        From which the posterior was computed.
     model_name, model_sha256 : str
         The forward model and the fingerprint of its data.
     engine : str
     seed : int
     gates : tuple of Gate
     agreement : Agreement or None
-        Of the engine with quadrature.
+        Agreement of the engine with quadrature.
     shares : mapping of float
         Share of the variance of log G_s due to each input; empty where it was not asked for.
     deterministic : DeterministicAnswer or None
-        The paper's answer.
+        Result of the paper's procedure.
     leaning : mapping of float
         Share of the posterior next to the model's border and to the ends of the prior ranges.
     outlines : (d, p, 2) array or None [l]
@@ -88,11 +88,11 @@ class Posterior:
     p_values : mapping of float
         Predictive p-values of what was measured, see `capsbayes.infer.misfit`.
     log_modulus_sd_if_known : float or None
-        Standard deviation of ln G_s, were several further coordinates of the model known to have their likeliest
-        values; None of a model without them.
+        Standard deviation of ln G_s if the further coordinates of the model were known, at their most probable values;
+        None for a model without several of them.
     expected_log_modulus_sds : mapping of float
         Expected standard deviation of ln G_s after one more measurement, by name, see `capsbayes.infer.narrowing`;
-        empty of a model without several further coordinates.
+        empty for a model without several further coordinates.
     modulus_over_laws : tuple of float or None [N/m]
         Least and largest G_s that other laws of the membrane give, see `capsbayes.infer.other_laws`.
     """
@@ -170,11 +170,11 @@ class Posterior:
         return table
 
     def widths_over_prior(self) -> dict[str, float]:
-        """Return of each further coordinate the width of its 68 % interval over that of its prior.
+        """Return the width of the 68 % interval of each further coordinate over that of its prior.
 
         Widths are measured by the probability of the prior within the interval, so that it does not matter whether a
-        coordinate is stated by itself or by its logarithm: one if the coordinate kept its prior, zero if the data tell
-        it exactly.
+        coordinate is stated by itself or by its logarithm: one if the data say nothing of the coordinate, zero if
+        they determine it exactly.
         """
         return {name: width_over_prior(self.marginals[name], prior) for name, prior in self.prior.uncertain.items()}
 
@@ -328,7 +328,8 @@ class Posterior:
         Raises
         ------
         InputError
-            If no database of this name and fingerprint comes with the library and no model is given, or another one.
+            If no model is given and no database of this name and fingerprint comes with the library, or if the model
+            given is not the one that made this posterior.
         """
         if model is None:
             name, _, coordinate = self.model_name.removesuffix(" (silhouettes)").partition(" with ")
@@ -350,18 +351,18 @@ class Posterior:
         return model
 
     def to_inference_data(self, model: ForwardModel | None = None, *, units: str = "si") -> Any:
-        """Return an `arviz.InferenceData` with every group that ArviZ works on.
+        """Return an `arviz.InferenceData` with every group that ArviZ uses.
 
-        Further than the groups of the file: ``prior`` (given the velocity, see `capsbayes.infer.predictive`),
+        In addition to the groups of the file it has ``prior`` (given the velocity, see `capsbayes.infer.predictive`),
         ``prior_predictive`` and ``posterior_predictive`` of lengths, velocity and flow rate, and ``log_likelihood``, of
-        the lengths together (or of the outline) and of the velocity. They are computed here, not before.
+        the lengths together (or of the outline) and of the velocity. These groups are computed when this is called.
 
         Parameters
         ----------
         model : ForwardModel, optional
-            That of the posterior; by default the database of its name that comes with the library.
+            Model of the posterior; by default the database of its name that comes with the library.
         units : str
-            ``"si"``, or ``"shown"`` for the units that people read, with variables named as ``G_s [mN/m]``: tables of
+            ``"si"``, or ``"shown"`` for display units, with variables named as ``G_s [mN/m]``: tables of
             ArviZ, which round to three digits, can be read then.
 
         Raises

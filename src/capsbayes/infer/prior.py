@@ -66,9 +66,9 @@ class Prior:
     capsule_radius : Quantity [m]
         Default: uniform from 1 um to 1 mm; the domain of the model is narrower.
     coordinates : mapping of str to Quantity
-        Of further coordinates of the model, as ``{"pre_inflation": "0 .. 0.1"}``. Default: uniform over the range of
-        the model, or log-uniform where the model declares the coordinate logarithmic. A ``"membrane_thickness"`` [m],
-        known or not, takes the place of the prior of ``"bending"``, see `with_thickness`.
+        Priors of further coordinates of the model, as ``{"pre_inflation": "0 .. 0.1"}``. Default: uniform over the
+        range of the model, or log-uniform where the model declares the coordinate logarithmic. A
+        ``"membrane_thickness"`` [m], known or not, takes the place of the prior of ``"bending"``, see `with_thickness`.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class Prior:
 
     @property
     def uncertain(self) -> dict[str, Quantity]:
-        """Priors of the further coordinates, by name; a known thickness of the membrane is none."""
+        """Priors of the further coordinates, by name, without a thickness of the membrane that is known."""
         return {name: quantity for name, quantity in self.coordinates.items() if not quantity.known}
 
     @classmethod
@@ -134,7 +134,7 @@ class Prior:
         return replace(default or cls(), **ranges).with_texts(texts, where=f"{where}: prior")
 
     def with_texts(self, texts: Mapping[str, object], *, where: str = "prior") -> Prior:
-        """Return the same with other priors in text form: of G_s and a, and of coordinates, see `coordinate_prior`."""
+        """Return a copy with other priors, in text form: of G_s and a, and of coordinates, see `coordinate_prior`."""
         own = {name: _distribution(where, name, texts[name]) for name in _LIMITED if name in texts}
         read = {name: coordinate_prior(texts[name], where=where, key=name) for name in texts if name not in own}
         return replace(self, **own, coordinates={**self.coordinates, **read})
@@ -162,7 +162,7 @@ class Prior:
         return cls(modulus, radius, known)
 
     def with_thickness(self, experiment: Experiment) -> Prior:
-        """Return the same with the thickness of the membrane that an experiment states, if it states one.
+        """Return a copy with the thickness of the membrane that an experiment states, if it states one.
 
         Raises
         ------

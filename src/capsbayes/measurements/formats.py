@@ -23,12 +23,16 @@ def read_set(path: str | Path, experiment: Experiment | str | Path | None = None
     ----------
     path : path
     experiment : Experiment or path, optional
-        Where the set does not name it.
+        Channel and liquid, if the set does not name its experiment.
+
+    Returns
+    -------
+    MeasuredSet
 
     Raises
     ------
     InputError
-        If it is none of them, or no capsule can be used.
+        If the path is none of these, or no capsule can be used.
     """
     path = Path(path)
     if path.is_dir():

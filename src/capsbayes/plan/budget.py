@@ -147,15 +147,15 @@ class ErrorBudget:
 
 
 def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> ErrorBudget:
-    """Compute the share of each input in the variance of G_s and a, and their derivatives by it.
+    """Compute the share of each input in the variance of G_s and a, and their derivatives with respect to it.
 
-    Everything is worked out by quadrature, whichever engine made the posterior.
+    Everything is computed by quadrature, whichever engine made the posterior.
 
     Parameters
     ----------
     posterior : Posterior
     model : ForwardModel, optional
-        That of the posterior; by default the database of its name that comes with the library.
+        Model of the posterior; by default the database of its name that comes with the library.
 
     Returns
     -------
@@ -164,8 +164,8 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
     Raises
     ------
     InputError
-        If no database of the posterior's name and fingerprint comes with the library and no model is given, or
-        another than that of the posterior.
+        If no model is given and no database of the posterior's name and fingerprint comes with the library, or if the
+        model given is not that of the posterior.
     """
     forward = posterior.model_of(model, where="error_budget")
     seen, inputs = posterior.measurement, posterior.inputs

@@ -85,7 +85,7 @@ def flow_design(
     prior : Prior, optional
         With which the capsules will be identified.
     progress : callable, optional
-        Wraps what is worked on.
+        Wraps the iterable of computed points to show progress, see `capsbayes.plan.identifiability.Progress`.
 
     Returns
     -------

@@ -61,7 +61,7 @@ def identifiability_map(
     noises : int
         Measurements that each width is averaged over; zero for the noise-free measurement alone.
     progress : callable, optional
-        Wraps what is worked on, see `Progress`.
+        Wraps the iterable of computed points to show progress, see `Progress`.
 
     Returns
     -------

@@ -24,7 +24,7 @@ class LabErrors:
     axial_extent : float [l or m]
         Of L_z. This and the next three may be texts or quantities of pint; a length with a unit is in metres.
     capsule_velocity : float [-]
-        Of v_o, over v_o.
+        Relative standard error of v_o.
     axial_length : float or None [l or m]
         Of L_a; None where the rear is not seen.
     length_correlation : float
@@ -32,11 +32,11 @@ class LabErrors:
     over_half_width : bool
         True for lengths over l, False for lengths in metres.
     outline : OutlineNoise, optional
-        Errors of the outlines, if such are measured.
+        Errors of the outlines, if outlines are measured.
     view : str
-        Of the outlines.
+        View of the outlines, ``"mid-plane"`` or ``"silhouette"``.
     flow_rate : float, optional [-]
-        Of the flow rate of the pump over the flow rate, if it is known.
+        Relative standard error of the flow rate of the pump, if the flow rate is known.
 
     Raises
     ------
@@ -113,16 +113,16 @@ class LabErrors:
         outline: Floats | None = None,
         flow_rate: float | None = None,
     ) -> Measurement:
-        """Return a measurement of given lengths, and of an outline and a flow rate if such are given.
+        """Return a measurement of given lengths, and of an outline and a flow rate if these are given.
 
         Parameters
         ----------
         lengths : (2,) array [l or m]
-            L_z and L_a; L_a is cut at L_z where noise makes it the longer.
+            L_z and L_a; L_a is limited to L_z where noise makes it longer.
         capsule_velocity : float [m/s]
         outline : (m, 2) array, optional [l]
         flow_rate : float, optional [m^3/s]
-            Left out where the flow rate has no error stated.
+            Ignored if no error of the flow rate is stated.
         """
         extent = float(lengths[0])
         noise = None if outline is None else self.outline

@@ -47,12 +47,13 @@ class PlannedFlows:
     ----------
     mean_velocities, flow_rates : tuple of float [m/s], [m^3/s]
     capillary_numbers : tuple of float
-        Of the middle capsule.
+        Of the capsule in the middle of those expected.
     sds : mapping of float
-        Of the logarithms of the mean G_s and a of the population and of G_s of each, and of the unknown parameters, see
-        `capsbayes.plan.expected_membrane.ExpectedMembrane.widths`; the errors of viscosity and half width are in it.
+        Of the logarithms of the mean G_s and a of the population, of ln G_s of each capsule, and of the unknown
+        parameters, see `capsbayes.plan.expected_membrane.ExpectedMembrane.widths`; they include the errors of viscosity
+        and half width.
     sd_if_known : float
-        That of the mean ln G_s, were the membrane known.
+        Standard deviation of the mean ln G_s if the membrane were known.
     """
 
     mean_velocities: tuple[float, ...]
@@ -64,14 +65,15 @@ class PlannedFlows:
 
 @dataclass(frozen=True, eq=False)
 class MembraneFlowDesign:
-    """What a batch is expected to tell of its membrane, at the best flow rates.
+    """Expected precision of the membrane and of G_s of a batch, at the best flow rates.
 
     Parameters
     ----------
     sets : tuple of PlannedFlows
-        The best for G_s, of one flow rate to the number asked for; where velocities were asked for, those alone.
+        The best set for G_s of each size, from one flow rate to the number asked for; if velocities were stated, the
+        set of these alone.
     for_law : PlannedFlows or None
-        As many as asked for, the best for K and h; None where none was sought.
+        The best set for K and h, of the number asked for; None if it was not sought.
     prior_sds : mapping of float
         Standard deviations of the unknown parameters under their priors.
     risks : tuple of FlowRisk
@@ -79,7 +81,7 @@ class MembraneFlowDesign:
     limits : tuple of float or None [m/s]
         Lowest and highest velocity that may be chosen.
     outside : float
-        Probability that the model has no capsule of a size at any velocity.
+        Probability that a capsule has a size for which the model has no shape at any velocity.
     capsules : int
     same_capsule : bool
     membrane : mapping of float

@@ -65,7 +65,7 @@ def membrane_flow_design(
     risk: float = RISK,
     progress: Progress | None = None,
 ) -> MembraneFlowDesign:
-    """Choose the flow rates at which a batch tells its membrane and its mean G_s best.
+    """Choose the flow rates at which a batch determines its membrane and its mean G_s best.
 
     Parameters
     ----------
@@ -82,15 +82,15 @@ def membrane_flow_design(
     membrane : Membrane, optional
         What is known of it; default: nothing.
     guess : Membrane, optional
-        Numbers that are expected of what is not known; default: the middles of the priors.
+        Expected values of what is not known; default: the middles of the priors.
     prior : Prior, optional
         Of the parameters of the membrane.
     capsules : int
-        In all, in equal shares at the flow rates; not read where it is one.
+        Number of capsules in all, in equal shares at the flow rates; ignored with `same_capsule`.
     same_capsule : bool
         One capsule is filmed at all flow rates.
     flows : int
-        Flow rates, at most `MOST_FLOWS`.
+        Number of flow rates, at most `MOST_FLOWS`.
     velocities : sequence of float, optional [m/s]
         Mean velocities of the flow; default: the best are sought.
     scale_error : float
@@ -98,7 +98,11 @@ def membrane_flow_design(
     margin, risk : float
         See `MARGIN` and `RISK` of `capsbayes.plan.flow`; the risk is that of too slow a flow as well.
     progress : callable, optional
-        Wraps what is worked on.
+        Wraps the iterable of computed points to show progress, see `capsbayes.plan.identifiability.Progress`.
+
+    Returns
+    -------
+    MembraneFlowDesign
 
     Raises
     ------

@@ -60,7 +60,7 @@ def membrane_map(
     grid: tuple[int, int] = GRID,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Compute the standard deviation of ln G_s that one capsule tells, over the plane (Ca, a/l).
+    """Compute the standard deviation of ln G_s from one capsule, over the plane (Ca, a/l).
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def membrane_map(
     grid : tuple of int
         Points along log Ca and along a/l, from end to end of the model.
     progress : callable, optional
-        Wraps what is worked on.
+        Wraps the iterable of computed points to show progress, see `capsbayes.plan.identifiability.Progress`.
 
     Returns
     -------

@@ -43,8 +43,8 @@ Names = tuple[str, ...]
 class CorrectedMembrane(ForwardModel):
     """Forward model over Ca, a/l and the parameters of the membrane, on top of a plain surrogate.
 
-    Where the joint surrogate does not hold, the changes that each parameter makes alone are added up; so is what a
-    parameter changes beyond the range of the joint surrogate.
+    Where the joint surrogate does not hold, the changes due to each parameter alone are added up, and so is the change
+    due to a parameter beyond the range of the joint surrogate.
 
     Parameters
     ----------

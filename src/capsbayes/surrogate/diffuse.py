@@ -67,7 +67,7 @@ class DiffuseApproximation:
     softening : float
         Share of the radius inside which the weight stops growing towards the node.
     radii : (m,) array, optional
-        Radii of the nodes, when not to be set from their neighbours.
+        Radii of the nodes; by default they are set from their neighbours.
 
     Examples
     --------
@@ -76,6 +76,10 @@ class DiffuseApproximation:
     >>> value, gradient = plane.with_gradient(np.array([[0.5, 0.5]]))
     >>> value.round(9).tolist(), gradient.round(9).tolist()
     ([[3.5]], [[[2.0, 3.0]]])
+
+    References
+    ----------
+    Nayroles, Touzot & Villon, Comput. Mech. 10 (1992) 307, doi:10.1007/BF00364252.
     """
 
     nodes: Floats

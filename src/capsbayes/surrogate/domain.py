@@ -50,7 +50,7 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class DomainOfExistence(Domain):
-    """Union of regions.
+    """Points (Ca, a/l) for which a surrogate has an answer: the union of the regions of its branches.
 
     Parameters
     ----------

@@ -38,6 +38,7 @@ class Surrogate(PlaneSurrogate):
         Where it has an answer.
     branches : tuple of BranchSurrogate
         One for each branch of steady shapes.
+
     Examples
     --------
     >>> import numpy as np

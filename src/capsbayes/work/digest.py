@@ -24,7 +24,7 @@ class _Model(Protocol):
 
 
 def digest_of(*values: Any) -> str:
-    """Return a hash of what values consist of."""
+    """Return a hash of the content of values."""
     return hashlib.sha256(repr([content_of(value) for value in values]).encode()).hexdigest()
 
 

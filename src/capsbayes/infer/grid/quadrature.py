@@ -90,12 +90,12 @@ class Quadrature:
         error_scale : float
             Factor on the model's own standard errors.
         outline : OutlineLikelihood, optional
-            Replaces that of the measured outline whose pilot is the likeliest shape.
+            Likelihood of the outline; by default that of the measured outline about the most probable shape.
 
         Raises
         ------
         InputError
-            If no case of the model has such a shape, or the prior excludes all that have it.
+            If the model has no such shape, or the prior excludes all capsules that have it.
         """
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale)

@@ -65,9 +65,9 @@ def identify_folder(
 ) -> Population:
     """Identify many capsules.
 
-    Finished parts are kept in the folder ``<out>.parts``. The same call made again, after a kill or with more files in
-    the folder, computes only what is missing; the result depends neither on interruptions nor on the number of workers.
-    The parts of a table are removed at the end, those of a folder stay.
+    Finished parts are kept in the folder ``<out>.parts``. The same call made again, after an interruption or with more
+    files in the folder, computes only what is missing; the result depends neither on interruptions nor on the number
+    of workers. The parts of a table are removed at the end, those of a folder stay.
     A capsule that cannot be identified is a row with its status. Lengths are identified on a table of the model, each
     outline on a grid of its own.
 
@@ -83,10 +83,10 @@ def identify_folder(
         The NetCDF file to write; a ``.csv`` of the same name is written next to it. Neither replaces `source`, nor a
         file that was not written here, unless within `capsbayes.files.guarded` with ``overwrite=True``.
     seed : int
-        Of all randomness; stored in the result.
+        Seed of all random numbers; stored in the result.
     prior : Prior, optional
     capsule_velocity : Quantity, optional [m/s]
-        Of the capsules in pictures, which do not show it; in any form that `Quantity.of` reads.
+        Velocity of the capsules in pictures, which do not show it; in any form that `Quantity.of` reads.
     background : path, optional
         Picture of the empty channel.
     flow : str, optional

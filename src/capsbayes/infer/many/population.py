@@ -66,8 +66,8 @@ class Population(Readable):
     ----------
     dataset : xarray.Dataset
         Along ``capsule``: ``name``, ``source``, ``sha256``, ``status``, ``reason``, ``engine``; measured numbers; the
-        `STATISTICS` of each quantity as ``surface_shear_modulus_median`` [SI]; what the posterior leans on; the
-        ``likelihood`` of (log(G_s / mu), log(a / l)) as a mixture of Gaussians. Along ``limit_size_ratio``:
+        `STATISTICS` of each quantity as ``surface_shear_modulus_median`` [SI]; the shares of the posterior next to each
+        border; the ``likelihood`` of (log(G_s / mu), log(a / l)) as a mixture of Gaussians. Along ``limit_size_ratio``:
         ``limit_capillary_number``, above which the model has no steady shape. Attributes: model and its fingerprint,
         experiment, prior, seed, version, agreement of the engines.
 
@@ -166,7 +166,7 @@ class Population(Readable):
         return write_lines(path, self.lines()) if path.suffix == ".csv" else write_dataset(path, self.dataset)
 
     def table(self) -> pd.DataFrame:
-        """Return one row a capsule, SI, without the mixtures."""
+        """Return a table with one row for each capsule, in SI, without the likelihoods."""
         along = [name for name, variable in self.dataset.data_vars.items() if variable.dims == ("capsule",)]
         return self.dataset[along].to_dataframe().reset_index(drop=True)
 
@@ -211,7 +211,7 @@ class Population(Readable):
 
     @property
     def usable(self) -> Booleans:
-        """True where the intervals are those of the measurement, not of a border : (n,) array."""
+        """True for capsules whose intervals can be used, which no border cuts off : (n,) array."""
         return np.isin(self["status"], [status.name for status in _USABLE])
 
     def worst_first(self) -> Integers:

@@ -149,6 +149,11 @@ class Simulator:
     >>> state = simulator.run(capillary_number=0.05, size_ratio=0.8)
     >>> print(state.status, round(state.velocity_ratio, 2), round(state.profile.axial_extent, 1))
     Done. 1.41 1.5
+
+    References
+    ----------
+    Pozrikidis 1992, doi:10.1017/CBO9780511624124 (boundary integrals).
+    Fairweather & Karageorghis 1998, doi:10.1023/A:1018981221740 (walls).
     """
 
     law: MembraneLaw = field(default_factory=NeoHookean)

@@ -108,7 +108,7 @@ def _draw_spread(ax: Axes, spread: ModulusSpread, area: float, edges: np.ndarray
 
 
 def _with_errors(population: Population, parameter: Parameter, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Medians (n,) in the unit people read, and the distances (2, n) to the ends of the 68 % intervals."""
+    """Medians (n,) in the display unit, and the distances (2, n) to the ends of the 68 % intervals."""
     median, low, high = (
         parameter.scale * population[f"{parameter.name}_{kind}"][rows] for kind in ("median", "lower_68", "upper_68")
     )

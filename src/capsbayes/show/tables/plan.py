@@ -64,7 +64,7 @@ def flow_table(design: FlowDesign) -> pd.DataFrame:
 
 
 def _input(row: BudgetRow) -> str:
-    """An input with its value and error in the unit people read."""
+    """An input with its value and error in the display unit."""
     if row.setting is None:
         return row.words
     scale, unit = stated_in(row.name, row.setting.unit)

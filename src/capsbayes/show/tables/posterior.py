@@ -108,7 +108,7 @@ def origin_table(posterior: Posterior) -> pd.DataFrame:
 
 
 def _with_error(name: str, stated: dict[str, Any]) -> tuple[str, str]:
-    """Value with its error in the unit people read, and the relative error."""
+    """Value with its error in the display unit, and the relative error."""
     scale, unit = stated_in(name, stated["unit"])
     value, error = scale * stated["value"], scale * (stated["error"] or 0.0)
     if not error:

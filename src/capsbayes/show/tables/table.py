@@ -1,6 +1,6 @@
 """Tables of results as data frames of texts, and their two renderers: one for the terminal, one for HTML.
 
-A table is made once from a result, rounded and in the units people read. A cell is a plain text or one of the kinds
+A table is made once from a result, rounded and in display units. A cell is a plain text or one of the kinds
 below, which both renderers know.
 """
 

@@ -64,12 +64,12 @@ def together(values: Sequence[float], digits: int) -> list[str]:
 
 
 def unit_of(parameter: Parameter) -> str:
-    """Return the unit people read after a number, with a space before it; empty for a ratio."""
+    """Return the display unit after a number, with a space before it; empty for a ratio."""
     return "" if parameter.shown_unit in ("", "-") else f" {parameter.shown_unit}"
 
 
 def with_unit(name: str, value: float, digits: str = ".3g") -> str:
-    """Return a number, given in SI, with the unit people read; empty if it is not finite.
+    """Return a number, given in SI, with the display unit; empty if it is not finite.
 
     Examples
     --------
@@ -81,7 +81,7 @@ def with_unit(name: str, value: float, digits: str = ".3g") -> str:
 
 
 def stated_in(name: str, unit: str) -> tuple[float, str]:
-    """Return factor and unit in which people read a quantity stated in a unit: a length may be over l or in metres.
+    """Return factor and display unit of a quantity stated in a unit: a length may be over l or in metres.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def value_words(name: str, marginal: Marginal) -> str:
 
 
 def interval_words(name: str, low: float, high: float, digits: int) -> str:
-    """Return two ends, given in SI, in the unit people read.
+    """Return two ends, given in SI, in the display unit.
 
     Examples
     --------

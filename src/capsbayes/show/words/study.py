@@ -35,7 +35,7 @@ def opening(study: Study) -> list[str]:
 
 
 def verdict_sentence(study: Study) -> str:
-    """Say the verdict of a study in one sentence."""
+    """Return the verdict of a study in one sentence."""
     model = study.tested_model.name
     if study.verdict is Verdict.NOT_TESTABLE:
         return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."

@@ -111,7 +111,7 @@ class MembraneSurrogate(ForwardModel):
         Returns
         -------
         (k, p) array [l]
-            One for each polynomial that reaches the point, by which the prediction of this differs from the mean.
+            One for each local polynomial that contributes at the point: the difference of its prediction from the mean.
 
         Raises
         ------
@@ -143,8 +143,8 @@ class MembraneSurrogate(ForwardModel):
         Returns
         -------
         Prediction, (n, k) array, (n, k + 1, k + 1) array [l]
-            The numbers, the coefficients, and the covariance of the error of these and of L_a, (n, 0, 0) if it is not
-            wanted.
+            Predicted numbers, coefficients, and covariance of the errors of the coefficients and of L_a, which is
+            (n, 0, 0) if it is not wanted.
         """
         means, covariances, _ = self._averaged(theta, self._width, self._width if errors else _NUMBERS)
         count = self._width - _NUMBERS
@@ -159,25 +159,25 @@ class MembraneSurrogate(ForwardModel):
     def with_changes(
         self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]], *, outline: bool
     ) -> tuple[Prediction, Floats, Floats]:
-        """Predict a batch, and to first order how what is predicted changes if the parameters do.
+        """Predict a batch, and to first order the changes of the predictions with the parameters.
 
-        The changes follow the polynomials that are averaged there, at constant weights: beyond the border, too. They
-        are nearer to the derivatives of simulated shapes than differences of predictions, by up to a factor of two.
+        The changes are those of the local polynomials that are averaged there, at constant weights, also beyond the
+        border. They are up to twice as near to the derivatives of simulated shapes as differences of predictions are.
 
         Parameters
         ----------
         theta : mapping
             As of a call.
         moved : sequence of mappings
-            m times other parameters for each point.
+            m sets of other parameters for each point.
         outline : bool
             Whether the coefficients of the outlines are wanted.
 
         Returns
         -------
         Prediction, (n, k) array, (m, n, 4 + k) array
-            The numbers; the coefficients of the modes [l], k = 0 if they are not wanted; and the changes of L_z, L_a,
-            v_o/U, of the largest stretch and of the coefficients.
+            Predicted numbers; coefficients of the modes [l], k = 0 if they are not wanted; and the changes of L_z, L_a,
+            v_o/U, the largest stretch and the coefficients.
         """
         width = self._width if outline else _NUMBERS
         means, covariances, slopes = self._averaged(theta, width, _ERRING, slopes=True)
@@ -187,7 +187,7 @@ class MembraneSurrogate(ForwardModel):
         return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], changes
 
     def outlines_of(self, coefficients: Floats) -> Floats:
-        """Return the outlines (n, p, 2) [l] that coefficients (n, k) of the modes mean."""
+        """Return the outlines (n, p, 2) [l] with given coefficients (n, k) [l] of the modes."""
         flat = coefficients @ self.mode_shapes.reshape(coefficients.shape[1], -1)
         return self._mean + flat.reshape(-1, *self._mean.shape)
 
@@ -200,16 +200,16 @@ class MembraneSurrogate(ForwardModel):
         return self._change * self._frame.scale[:2]
 
     def membrane_places(self, theta: Mapping[str, Floats]) -> Floats:
-        """Return where the membranes of a batch lie : (n, 4) array.
+        """Return scaled coordinates of the membranes of a batch : (n, 4) array.
 
-        Over a distance of one the model's own error changes.
+        The model's own error changes over a distance of about one.
         """
         return np.asarray(self._frame.points(parameter_columns(theta))[:, 2:] / self._change)
 
     def distances_from_plain(self, name: str, values: Floats) -> Floats:
-        """Return how far values (n,) of a parameter lie from that of the plain membrane : (n,) array.
+        """Return the distances of values (n,) of a parameter from that of the plain membrane : (n,) array.
 
-        One is the distance over which its own error changes.
+        The unit is the distance over which the model's own error changes.
         """
         places = np.tile(np.array(NULL_VALUES), (len(values) + 1, 1))
         column = FREE_PARAMETERS.index(name)

@@ -60,16 +60,17 @@ class Hierarchy(Readable):
         ``radius_spread``, standard deviations of log G_s and of log a from capsule to capsule (with the tails of t
         distributions half the width of the central 68.3 %, which is the same for normal ones);
         ``modulus_spread_at_given_size``; ``modulus_slope``, d ln G_s / d ln a; ``modulus_freedom`` and
-        ``radius_freedom`` of t distributions. All errors are in them.
+        ``radius_freedom`` of t distributions. They include all errors.
     without_shared : mapping of (d,) array
         The same medians as if viscosity, half width and the scale of the velocities were known exactly.
     capsules : int
-        Number of them.
+        Number of capsules.
     least_stretch : float or None
         Smallest Lambda of the capsules kept, if that was accounted for.
     leaning : float
-        Share of the capsules whose posterior leans on the border of the model: the population may go on beyond it.
+        Share of the capsules whose posterior leans on the border of the model: the population may extend beyond it.
     gates : tuple of Gate
+        Checks of the computation.
     seed : int
     tails : str
         ``"normal"`` or ``"student"``.
@@ -80,13 +81,13 @@ class Hierarchy(Readable):
         Draws of the number of capsules that are not in the sample because they are too soft for a steady shape in
         their flow; empty if that was not modelled.
     changes : mapping of float
-        Relative change of the medians of G_s and a that modelling them makes.
+        Relative change of the medians of G_s and a when the missing capsules are accounted for.
     parameters : (d, p) array
         The draws as parameters of `log_posterior`.
     log_posterior : LogPosterior, optional
-        The density from which they were drawn.
+        The density from which the draws come.
     names : (n,) array of str
-        Of the capsules.
+        Names of the capsules.
     """
 
     draws: dict[str, Floats]
@@ -110,7 +111,7 @@ class Hierarchy(Readable):
         return {name: Marginal.of_draws(values) for name, values in self.draws.items()}
 
     def described(self) -> dict[str, str]:
-        """Return the medians and 95 % intervals in the units that people read."""
+        """Return the medians and 95 % intervals in display units."""
         found = {"capsules": str(self.capsules)}
         for name, marginal in self.marginals.items():
             known = QUANTITIES[name]
@@ -127,7 +128,7 @@ class Hierarchy(Readable):
 
     @property
     def odd_tails(self) -> tuple[str, ...]:
-        """Quantities whose tails are not those of the population fitted: the interval of their spread is off."""
+        """Quantities whose tails differ from those of the fitted population; their spreads are not reliable."""
         found = self.tail_p_values.items()
         return tuple(name for name, p in found if p < _HEAVY_TAILS or p > _LIGHT_TAILS)
 
@@ -211,12 +212,12 @@ def hierarchy(
     tails: str = NORMAL,
     existence: bool = True,
 ) -> Hierarchy:
-    """Find mean, spread and slope of a population.
+    """Infer the medians, the spreads and the slope of a population of capsules.
 
     Parameters
     ----------
     population : Population
-        Of one session: capsules with a result take part, also those that lean on the border of the model.
+        Capsules of one session. All with a result are used, also those that lean on the border of the model.
     seed : int
         Of the draws.
     least_stretch : float, optional
@@ -224,16 +225,16 @@ def hierarchy(
     model : ForwardModel, optional
         That of the population; needed with `least_stretch`, and for files that do not store its limit of steady shapes.
     experiment : Experiment, optional
-        In place of that which the population states, where its errors are no normal distributions.
+        Replaces the one stored with the population; needed if its errors are not normal distributions.
     shared_velocity_error : float
         Relative standard error that all velocities have in common, as from the size of a pixel or the frame rate; the
         errors of the single velocities are then those without it.
     tails : str
-        ``"normal"``, or ``"student"`` for t distributions whose freedom is inferred: a few odd capsules then hardly
-        move the spread.
+        ``"normal"``, or ``"student"`` for t distributions, whose degrees of freedom are inferred: a few outlying
+        capsules then hardly change the spread.
     existence : bool
-        Account for the capsules that are missing because they are too soft for a steady shape in their flow. Only for
-        comparison should this be turned off.
+        Account for the capsules that are missing because they are too soft for a steady shape in their flow. Turn this
+        off for comparison only.
 
     Returns
     -------
@@ -243,12 +244,12 @@ def hierarchy(
     ------
     InputError
         If fewer than three capsules have a result, the experiment or the limit of steady shapes is not known, or an
-        option is no possible one.
+        option is not one of those allowed.
 
     Notes
     -----
     Priors: flat in the means of log G_s and log a, half-normal of scale 1 in both spreads, normal of scale 5 in the
-    slope, log-normal of median 5 and scale 1 in the freedoms.
+    slope, log-normal of median 5 and scale 1 in the degrees of freedom.
     The posterior is drawn from a t distribution about its mode, the draws weighted by Pareto-smoothed importance
     sampling (https://doi.org/10.48550/arXiv.1507.02646), whose diagnostic is among the gates.
     """

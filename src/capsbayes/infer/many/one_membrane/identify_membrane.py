@@ -66,7 +66,7 @@ def identify_membrane(
     workers: int | None = None,
     progress: Callable[[str, int, int], None] = lambda step, done, steps: None,
 ) -> SharedMembrane:
-    """Find the membrane that the capsules of a batch share, and the shear modulus and radius of each.
+    """Infer the membrane that the capsules of a batch share, and the shear modulus and radius of each.
 
     Parameters
     ----------
@@ -75,13 +75,14 @@ def identify_membrane(
     experiment : Experiment
         Channel and liquid of all.
     seed : int
-        Of the draws of what is a capsule's own; stored in the result.
+        Seed of the draws of G_s, a and Ca of each capsule; stored in the result.
     model : MembraneSurrogate, optional
         Default: that which comes with the library for the channel and the view of the outlines.
     membrane : Membrane, optional
-        What is known of it; default: nothing.
+        What is known of the membrane; default: nothing.
     prior : Prior, optional
-        Of the parameters of the membrane, by their names; those of G_s and a have no place, as the batch tells its own.
+        Priors of the parameters of the membrane, by their names. Priors of G_s and a are refused, since the
+        distribution of both in the batch is inferred.
     same_capsule : bool
         All measurements are of one capsule, which has one G_s and one a.
     inflation_varies : bool
@@ -89,10 +90,11 @@ def identify_membrane(
     scale_error : float
         Relative standard error that all lengths share, as from the size of a pixel.
     laws : bool
-        Also give the odds of known laws, and what G_s is under each: takes three times the processor time.
+        Also compute the odds of known laws, and G_s under each. This takes three times the processor time.
     scheduler : str or None
     workers : int or None
-        Where the laws are tried, if the capsules are few, or the capsules found at each membrane, see `run_tasks`.
+        Where the tasks run, see `run_tasks`: one for each law if there are fewer than 200 capsules, otherwise shares of
+        the capsules.
     progress : callable
         Called with the name of the work, the number of steps done, and of all.
 
@@ -104,7 +106,12 @@ def identify_membrane(
     Raises
     ------
     InputError
-        If a measurement cannot be used, or no membrane of the model gives all capsules their shapes.
+        If a measurement cannot be used, or the model has no membrane with which all capsules have a shape.
+
+    References
+    ----------
+    Rue, Martino, Chopin 2009, J. R. Stat. Soc. B 71, 319, doi:10.1111/j.1467-9868.2008.00700.x (Laplace's method).
+    Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (model error).
     """
     if not measurements:
         raise InputError(_HERE, "measurements", "at least one", "none")

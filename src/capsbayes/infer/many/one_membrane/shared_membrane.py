@@ -124,18 +124,20 @@ class SharedMembrane(Readable):
         return {name: width_over_prior(self.marginals[name], prior) for name, prior in self.prior.items()}
 
     def moduli_by_flow(self, draws: Mapping[str, Floats] | None = None) -> list[Marginal]:
-        """Return the mean G_s [N/m] of the capsules of each flow, slow to fast: a right law gives one at all.
+        """Return the mean G_s [N/m] of the capsules of each flow, slow to fast.
+
+        Under the right law it is the same for all flows.
 
         Parameters
         ----------
         draws : mapping, optional
-            Those under one of the `laws`.
+            Draws under one of the `laws`; by default `draws`.
         """
         logs = np.log((draws or self.draws)["surface_shear_modulus_each"])
         return [Marginal.of_draws(np.exp(logs[:, self.flow == k].mean(axis=1))) for k in range(self.flow.max() + 1)]
 
     def described(self) -> dict[str, str]:
-        """Return medians and 95 % intervals in the units that people read, and the status."""
+        """Return medians and 95 % intervals in display units, and the status."""
         found = {"capsules": str(len(self))}
         for name, marginal in self.marginals.items():
             known = PARAMETERS[name]
