@@ -20,6 +20,7 @@ LOOSE = np.array([2.0, 1.0])
 _DIFFERENCE = np.array([3e-4, 3e-5])  # of log Ca and a/l, for derivatives
 _LONGEST = np.array([0.3, 0.03])  # step
 _STEPS = 20  # at most: what is not fitted then lies at the border, or where the misfit has a crease
+_REJECTIONS = 6  # of steps, after which a fit lies at a snap-through, where the misfit jumps
 _GUESSES = (60, 40)  # along log Ca and a/l
 _BANDS = 4  # of Ca, in each of which a capsule that is not fitted is tried again
 
@@ -61,7 +62,7 @@ class Evaluation:
 
     def fitted(self, here: Places, rows: Integers) -> Places:
         """Minimise the misfit of capsules, given by their rows, from some places on."""
-        return minimise(self, here, rows, _LONGEST, _STEPS)
+        return minimise(self, here, rows, _LONGEST, _STEPS, _REJECTIONS)
 
     def _towards(self, theta: Floats, rows: Integers, sign: float) -> Places:
         """Evaluate with slopes by differences to one side."""
@@ -76,8 +77,7 @@ class Evaluation:
         seen[:, :, :2] = (theta[:, None] + shifts - self.white.pilots[rows, None]) / LOOSE
         for k, row in enumerate(rows):
             white = self.white.each[row]
-            of_capsule = prediction.taken(slice(len(shifts) * k, len(shifts) * (k + 1)))
-            seen[k, :, 2 : 2 + white.count] = white(of_capsule)
+            seen[k, :, 2 : 2 + white.count] = white(prediction, slice(len(shifts) * k, len(shifts) * (k + 1)))
         slopes = np.swapaxes(seen[:, 1:] - seen[:, :1], 1, 2) / difference
         return Places(theta, seen[:, 0], slopes, ratio[:, 0], (ratio[:, 1:] - ratio[:, :1]) / difference)
 

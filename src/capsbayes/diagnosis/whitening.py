@@ -19,9 +19,8 @@ from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 
-_HALVES = (
-    2  # of the capsules of a session: its first half finds what the second verifies, and both have the same errors
-)
+_HALVES = 2  # of a session: its first half finds what the second verifies, and both have the same errors
+_ALL = slice(None)
 
 
 class Whitener(Protocol):
@@ -37,7 +36,7 @@ class Whitener(Protocol):
         """Number m of residuals."""
         ...
 
-    def __call__(self, prediction: Prediction) -> Floats:
+    def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
         """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
         ...
 
@@ -61,9 +60,10 @@ class OfLengths:
         """See `Whitener`."""
         return len(self.lengths)
 
-    def __call__(self, prediction: Prediction) -> Floats:
+    def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
         """See `Whitener`."""
-        away = np.where(prediction.inside[:, None], self.lengths - prediction.values[:, : len(self.lengths)], np.nan)
+        lengths = np.stack([prediction.axial_extent[rows], prediction.axial_length[rows]], axis=1)
+        away = np.where(prediction.inside[rows, None], self.lengths - lengths[:, : len(self.lengths)], np.nan)
         extent, variance = away[:, 0], self.covariance[0, 0]
         white = [extent / np.sqrt(variance)]
         if len(self.lengths) == 2:
@@ -85,11 +85,11 @@ class OfOutline:
         """See `Whitener`."""
         return len(self.likelihood.points) + (self.likelihood.length is not None)
 
-    def __call__(self, prediction: Prediction) -> Floats:
+    def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
         """See `Whitener`."""
         assert prediction.outline is not None, "asked for"
-        outlines = np.where(prediction.inside[:, None, None], prediction.outline, np.nan)
-        return self.likelihood.whitened(outlines, prediction.axial_length, posed=True)
+        outlines = np.where(prediction.inside[rows, None, None], prediction.outline[rows], np.nan)
+        return self.likelihood.whitened(outlines, prediction.axial_length[rows], posed=True)
 
     def common_errors(self) -> Floats:
         """Return the changes (k, m) of the residuals by errors that all capsules share: the model's and the edge's."""
