@@ -145,7 +145,6 @@ def minimise(
     rows: Integers,
     longest: Floats | float,
     steps: int = 30,
-    rejections: float = np.inf,
 ) -> Problems:
     """Minimise sums of squares from given points on.
 
@@ -161,8 +160,6 @@ def minimise(
         Largest change of each coordinate in a step.
     steps : int
         At most.
-    rejections : float
-        Steps that are not taken, at most: more show that the sum of squares jumps there.
 
     Returns
     -------
@@ -170,8 +167,7 @@ def minimise(
         `here`, where the steps have ended; a start at which a problem is not defined stays.
     """
     square, left = here.square, here.left
-    damping = np.full(len(rows), _FIRST_DAMPING)
-    rejected, in_all = np.zeros((2, len(rows)), dtype=np.int64)  # in a row, and in all
+    damping, rejected = np.full(len(rows), _FIRST_DAMPING), np.zeros(len(rows), dtype=np.int64)
     bend = np.zeros_like(here.normal)
     for _ in range(steps):
         moving = np.flatnonzero(np.isfinite(square + left) & (left > TOLERANCE) & (damping < _MOST_DAMPING))
@@ -189,7 +185,5 @@ def minimise(
         damping[taken] *= 0.1
         rejected[taken], rejected[kept] = 0, rejected[kept] + 1
         damping[kept] = np.maximum(10.0 ** rejected[kept] * damping[kept], _FIRST_DAMPING)
-        in_all[kept] += 1
-        damping[kept[in_all[kept] == rejections]] = _MOST_DAMPING
         damping[moving[~there.inside & (predicted < _BETTER)]] = _MOST_DAMPING  # at the border of what is defined
     return here

@@ -135,5 +135,5 @@ def test_nothing_is_the_likeliest_where_nothing_is_gained(model):
     assert next(iter(found)) == NOTHING
     assert found[NOTHING] == 0.0
     assert found[UNKNOWN] < 0.0
-    assert finding.leaves_nothing(0.01)
+    assert finding.leaves_nothing(0.01, 0.0)
     assert sum(probabilities(found, {}).values()) == pytest.approx(1.0)

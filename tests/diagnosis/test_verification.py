@@ -5,17 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from capsbayes.diagnosis import Verification
 from capsbayes.diagnosis.verification import _in_question
 
 STEADY = np.array([0.9, 1.1] * 10)  # ratios of capsules that hardly scatter
 
 
-def tried(ratio, *, leaves_nothing=True, clearly=True, holds=None):
-    """Verification of an effect that leaves nothing, or something: clearly or by a hair."""
+def tried(ratio, *, leaves_nothing=True, holds=None):
+    """Verification of an effect that leaves nothing, or something."""
     return SimpleNamespace(
         log_likelihood_ratios=ratio * STEADY,
         leaves_nothing=leaves_nothing,
-        clearly_leaves_something=clearly and not leaves_nothing,
         holds=leaves_nothing if holds is None else holds,
     )
 
@@ -40,13 +40,6 @@ def scored(ratio):
             {"halo": tried(1.0, leaves_nothing=False), "bending": tried(1.05)},
             ("bending",),
         ),
-        # one that leaves something by a hair is not refuted, next to one that leaves nothing; alone it explains nothing
-        (
-            {"halo": 1.0, "bending": 0.95},
-            {"halo": tried(1.0, leaves_nothing=False, clearly=False), "bending": tried(0.95)},
-            ("bending", "halo"),
-        ),
-        ({"halo": 1.0}, {"halo": tried(1.0, leaves_nothing=False, clearly=False)}, ()),
         # a little behind one that leaves something over, which may be by chance: both
         (
             {"halo": 1.1, "bending": 0.9},
@@ -66,3 +59,25 @@ def scored(ratio):
 def test_effects_in_question_are_alike_in_both_halves_and_leave_nothing_over(first, second, left):
     step = SimpleNamespace(scores={name: scored(ratio) for name, ratio in first.items()})
     assert _in_question(step, second) == left
+
+
+@pytest.mark.parametrize(
+    ("gained", "of_something_else", "ahead_before", "established", "beats"),
+    [
+        (10.0, 8.0, -20.0, False, True),
+        (10.0, 12.0, 20.0, False, True),  # hardly behind, and far ahead by the first half
+        (10.0, 12.0, 1.0, False, False),  # hardly behind, and hardly ahead by both
+        (10.0, 16.0, 100.0, False, False),  # refuted by these capsules
+        (10.0, 16.0, -20.0, True, True),
+    ],
+)
+def test_an_effect_must_not_lose_against_something_else(gained, of_something_else, ahead_before, established, beats):
+    verification = object.__new__(Verification)
+    for name, value in {
+        "log_likelihood_ratios": np.full(20, gained / 20),
+        "of_something_else": of_something_else,
+        "ahead_before": ahead_before,
+        "established": (established,),
+    }.items():
+        object.__setattr__(verification, name, value)
+    assert verification.beats_something_else == beats

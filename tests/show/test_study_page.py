@@ -16,7 +16,9 @@ from capsbayes.profile import arc_share
 from capsbayes.show import study_page, verdict_sentence
 from capsbayes.show.figures.study import trends
 from capsbayes.show.figures.study_outlines import chosen_capsules, outline_finding
-from capsbayes.show.tables.table import typeset
+from capsbayes.show.tables.study import likeliest_table
+from capsbayes.show.tables.table import Strong, print_parts, typeset
+from capsbayes.show.terminal.study import study_parts
 from capsbayes.show.words.study import caveats, lengths_alone, odds_words
 
 BLUR = {"exposure": MotionBlur()}
@@ -142,7 +144,7 @@ def test_other_verdicts_keep_what_they_have(study):
     assert verdict_sentence(failed).endswith("nothing that was tried explains it; motion blur comes nearest.")
     ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, verification=None)
     assert "What would distinguish them: the width of the edges at nose and flanks" in study_page(ambiguous)
-    assert verdict_sentence(ambiguous).endswith("several effects explain it equally well: motion blur.")
+    assert verdict_sentence(ambiguous).endswith("more than one effect may explain it: motion blur.")
 
 
 def test_two_effects_are_shown_one_after_the_other(study):
@@ -154,7 +156,25 @@ def test_two_effects_are_shown_one_after_the_other(study):
     assert "are those with the other" in page
     either = replace(step, in_question=("exposure", "exposure", "exposure"))
     ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, steps=(either, step))
-    assert verdict_sentence(ambiguous).endswith("well: motion blur, motion blur or motion blur, with motion blur.")
+    assert verdict_sentence(ambiguous).endswith("it: motion blur, motion blur or motion blur, with motion blur.")
+
+
+def test_few_of_many_effects_are_printed_within_eighty_columns(study, capsys):
+    (step,) = study.steps
+    tried = step.scores["exposure"]
+    others = {name: replace(tried, effect=effect) for name, effect in SIMULATED.items()}
+    steps = (replace(step, scores={**step.scores, **others}),)
+    many = replace(study, steps=steps, evidence={**study.evidence, **dict.fromkeys(others, -1.0)})
+    frame, rest = likeliest_table(many)
+    names = {scores.effect.name for scores in many.scores.values()}
+    assert set(rest) < names
+    assert len(frame) + len(rest) == len(names) + 2  # something else and no effect
+    print_parts(*study_parts(many))
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 80
+    assert all(name in " ".join(printed.partition("Less likely:")[2].split()) for name in rest)
+    (bold,) = (cell for cell in frame["effect"] if isinstance(cell, Strong))
+    assert bold == "motion blur"
 
 
 def test_effects_of_the_membrane_say_what_it_is(study):

@@ -48,7 +48,7 @@ class Verdict(Enum):
 
     NONE = "no disagreement was found"
     NAMED = "an effect explains it"
-    AMBIGUOUS = "several effects explain it equally well"
+    AMBIGUOUS = "more than one effect may explain it"
     UNKNOWN = "no effect of the catalogue explains it"
     NOT_TESTABLE = "these data cannot tell"
 

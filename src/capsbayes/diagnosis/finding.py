@@ -103,7 +103,7 @@ class Finding:
         """Probability under a right model of a deviation at least as large as the largest."""
         return min((deviation.p_value for deviation in self.deviations), default=1.0)
 
-    def leaves_nothing(self, level: float, at_most: float = 0.0) -> bool:
+    def leaves_nothing(self, level: float, at_most: float) -> bool:
         """Tell whether no deviation is significant at a level, and the log evidence of something else is small."""
         return self.p_value >= level and self.discrepancy.evidence <= at_most
 

@@ -20,7 +20,6 @@ LOOSE = np.array([2.0, 1.0])
 _DIFFERENCE = np.array([3e-4, 3e-5])  # of log Ca and a/l, for derivatives
 _LONGEST = np.array([0.3, 0.03])  # step
 _STEPS = 20  # at most: what is not fitted then lies at the border, or where the misfit has a crease
-_REJECTIONS = 6  # of steps, after which a fit lies at a snap-through, where the misfit jumps
 _GUESSES = (60, 40)  # along log Ca and a/l
 _BANDS = 4  # of Ca, in each of which a capsule that is not fitted is tried again
 
@@ -62,7 +61,7 @@ class Evaluation:
 
     def fitted(self, here: Places, rows: Integers) -> Places:
         """Minimise the misfit of capsules, given by their rows, from some places on."""
-        return minimise(self, here, rows, _LONGEST, _STEPS, _REJECTIONS)
+        return minimise(self, here, rows, _LONGEST, _STEPS)
 
     def _towards(self, theta: Floats, rows: Integers, sign: float) -> Places:
         """Evaluate with slopes by differences to one side."""

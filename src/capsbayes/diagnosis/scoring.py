@@ -152,7 +152,19 @@ class Scores:
         low, high = self.profile_interval(drop)
         own = np.sqrt(2.0 * drop) * self.own_error
         wider = [np.sqrt(self.sandwich * (end - self.size) ** 2 + own**2) for end in (low, high)]
-        return max(self.size - float(wider[0]), self.sizes[0]), min(self.size + float(wider[1]), self.sizes[-1])
+        least, most = self._reach
+        low = least if low <= self.sizes[0] else max(self.size - float(wider[0]), least)
+        return low, most if high >= self.sizes[-1] else min(self.size + float(wider[1]), most)
+
+    @property
+    def _reach(self) -> tuple[float, float]:
+        """Ends of what an interval may hold: those of the prior, if sizes were tried nearly up to them."""
+        low, high, prior = float(self.sizes[0]), float(self.sizes[-1]), self.effect.prior
+        if np.isfinite(prior.low) and low <= prior.ppf(_QUANTILES[0]):
+            low = min(prior.low, low)
+        if np.isfinite(prior.high) and high >= prior.ppf(_QUANTILES[-1]):
+            high = max(prior.high, high)
+        return low, high
 
     @property
     def sandwich(self) -> float:

@@ -136,10 +136,8 @@ class Search:
         """
         alike = _indistinguishable_from_best(scores)
         left = {name: find(_with(models[name], scores[name]), self.session, seed=self.seed) for name in alike}
-        explained = any(left[name].leaves_nothing(LEFT) for name in alike)
-        if explained:
-            alike = tuple(name for name in alike if left[name].leaves_nothing(LEFT, LEAST_RATIO))
-        return Step(scores, alike, models, left, before), explained
+        explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT, LEAST_RATIO))
+        return Step(scores, explaining or alike, models, left, before), bool(explaining)
 
     def add_second(self, first: Step, *, again: bool = True) -> tuple[tuple[Step, ...], bool]:
         """Find a second effect to add to the likeliest, and the alternatives to the first.

@@ -60,6 +60,8 @@ class Verification:
         P-value of the disagreement that the first half shows.
     of_something_else : float
         Log score of something else on these capsules, once it has seen the first half, relative to no effect.
+    ahead_before : float
+        Log evidence of the effects on the first half, over that of something else.
     """
 
     log_likelihood_ratio: float
@@ -73,6 +75,7 @@ class Verification:
     established: tuple[bool, ...]
     first_p_value: float
     of_something_else: float = -np.inf
+    ahead_before: float = 0.0
 
     def table(self) -> pd.DataFrame:
         """Return a row for the model ``before`` and ``after`` the effect is added.
@@ -99,23 +102,23 @@ class Verification:
 
     @property
     def leaves_nothing(self) -> bool:
-        """True if no deviation remains, neither in these capsules nor in both halves together."""
-        return self._leaves_nothing(0.0)
+        """True if no deviation remains, neither in these capsules nor in both halves, and nothing else is far likelier.
 
-    @property
-    def clearly_leaves_something(self) -> bool:
-        """True if a deviation remains, or something else is far likelier than nothing."""
-        return not self._leaves_nothing(LEAST_RATIO)
-
-    def _leaves_nothing(self, at_most: float) -> bool:
+        That is, something else besides the effects.
+        """
         both = self.left.discrepancy + self.after.discrepancy
         p_value = min(self.after.p_value, self.left.combined_p_value(self.after, _WORTH_A_LOOK))
-        return p_value >= LEFT and both.evidence <= at_most
+        return p_value >= LEFT and both.evidence <= LEAST_RATIO
 
     @property
     def beats_something_else(self) -> bool:
-        """True if the effects predict these capsules better than something else, or all were measured elsewhere."""
-        return all(self.established) or float(self.log_likelihood_ratios.sum()) > self.of_something_else
+        """True if the effects predict these capsules better than something else, or all were measured elsewhere.
+
+        Also where they predict them hardly worse, and both halves together speak clearly for the effects.
+        """
+        ahead = float(self.log_likelihood_ratios.sum()) - self.of_something_else
+        hardly_behind = ahead > -LEAST_RATIO and self.ahead_before + ahead > LEAST_RATIO
+        return all(self.established) or ahead > 0.0 or hardly_behind
 
     @property
     def holds(self) -> bool:
@@ -162,6 +165,8 @@ def verified(
     shown = find(model, confirm, seed=seed, white=white, fits=fits[0]), Comparison(confirm, model, fits[0])
     of_something_else = (first.discrepancy + shown[0].discrepancy).evidence - first.discrepancy.evidence
 
+    evidence_before = sum(step.best.evidence for step in before)
+
     def tried(name: str) -> Verification:
         extended = last.with_effect(name)
         likelihoods = np.array([*chain, log_likelihood(fitted(extended, confirm, white))])
@@ -184,6 +189,7 @@ def verified(
             ),
             first_p_value=first.p_value,
             of_something_else=of_something_else,
+            ahead_before=evidence_before + last.scores[name].evidence - first.discrepancy.evidence,
         )
 
     tries = {name: tried(name) for name in last.in_question}
@@ -215,9 +221,9 @@ def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ..
         best,
         *(name for name in others if indistinguishable(total[best] - total[name], ratios[best] - ratios[name])),
     ]
-    if not any(tries[name].leaves_nothing for name in alike):
+    found = [name for name in alike if tries[name].leaves_nothing]
+    if not found:
         return ()
-    found = [name for name in alike if not tries[name].clearly_leaves_something]
     if best not in found and total[best] - total[found[0]] > LEAST_RATIO:
         found.append(best)
     return tuple(sorted(found, key=lambda name: not tries[name].holds))

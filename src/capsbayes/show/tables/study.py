@@ -7,9 +7,11 @@ import math
 import pandas as pd
 
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Deviation, Finding, Study, Verification
+from capsbayes.parameters import PARAMETERS
 from capsbayes.show.tables.table import Strong, Symbols, table
 from capsbayes.show.words.rounding import unit_of, with_unit
 from capsbayes.show.words.study import (
+    ALONE,
     deviation_words,
     largest_p_value,
     odds_words,
@@ -23,6 +25,7 @@ _MODULUS = "surface_shear_modulus"
 _SOMETHING_ELSE = "something else: any smooth deformation that depends on the capsule, or a trend of G_s"
 _OTHERS = {NOTHING: "none", UNKNOWN: _SOMETHING_ELSE}
 _UNSEEN = "not seen"
+_SHOWN = 5  # effects on the terminal at least; a page has all of them
 
 
 def finding_table(finding: Finding) -> pd.DataFrame:
@@ -55,6 +58,27 @@ def candidate_table(study: Study) -> pd.DataFrame:
         *(Symbols("median G_s"), "in question?"),
     )
     return table(head, rows, title="Effects that were tried", numbers=(1,))
+
+
+def likeliest_table(study: Study) -> tuple[pd.DataFrame, list[str]]:
+    """Return probability, size and G_s of the effects in question and of the likeliest others; names of the rest."""
+    probabilities = study.probabilities
+    effects = [name for name in study.evidence if name in study.scores]
+    shown = {*study.names, *effects[:_SHOWN], *_OTHERS}
+    rows: list[tuple[str, ...]] = []
+    for name in (name for name in study.evidence if name in shown):
+        probability = Symbols(probability_words(probabilities[name]) if name in probabilities else _UNSEEN)
+        if name in study.scores:
+            scores = study.scores[name]
+            size = Symbols(f"{scores.effect.parameter.symbol} = {size_words(scores, share='')}")
+            modulus = PARAMETERS[_MODULUS].shown(scores.modulus[scores.best])
+            rows.append((_named(study, name), probability, size, _finite(modulus, ".1f", "", "no such shape")))
+        else:
+            rows.append((ALONE[name], probability, "", ""))
+    head = ("effect", "probability", "size (68 %)", Symbols(f"median G_s,{unit_of(PARAMETERS[_MODULUS])}"))
+    rest = [study.scores[name].effect.name for name in effects if name not in shown]
+    title = "The likeliest of the effects that were tried" if rest else "Effects that were tried"
+    return table(head, rows, title=title, numbers=(3,)), rest
 
 
 def meaning_table(study: Study) -> pd.DataFrame:

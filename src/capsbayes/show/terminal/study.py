@@ -25,9 +25,11 @@ def study_parts(study: Study) -> Parts:
     limits = of_study.limits_table(study)
     yield "" if limits is None else limits
     if study.scores:
-        yield of_study.candidate_table(study)
+        likeliest, rest = of_study.likeliest_table(study)
+        yield likeliest
+        yield study_words.less_likely_words(rest)
         yield from study_words.caveats(study)
-        yield of_study.meaning_table(study)
+        yield from study_words.meaning_words(study)
     if study.verification is not None:
         yield of_study.held_out_table(study.verification)
         flow_rates = of_study.flow_rate_table(study.verification)

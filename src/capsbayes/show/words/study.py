@@ -49,7 +49,7 @@ def verdict_sentence(study: Study) -> str:
         return f"{disagree} {_explanation(named)}: {sizes}."
     if study.verdict is Verdict.AMBIGUOUS:
         groups = [[step.scores[name].effect.name for name in step.in_question] for step in study.steps]
-        return f"{disagree} several effects explain it equally well: {', with '.join(map(_listed, groups))}."
+        return f"{disagree} more than one effect may explain it: {', with '.join(map(_listed, groups))}."
     if study.verification is not None:
         best = study.scores[study.names[0]]
         return f"{disagree} nothing that was tried explains it; {best.effect.name} comes nearest."
@@ -180,6 +180,18 @@ def caveats(study: Study) -> Iterator[str]:
         )
 
 
+def meaning_words(study: Study) -> Iterator[str]:
+    """Yield what each effect in question changes."""
+    for name in study.names:
+        effect = study.scores[name].effect
+        yield f"{effect.name[0].upper()}{effect.name[1:]}: {effect.changes}"
+
+
+def less_likely_words(names: list[str]) -> str:
+    """Say which effects are less likely than those of a table; empty if none is."""
+    return f"Less likely: {', '.join(names)}." if names else ""
+
+
 def origin_words(study: Study) -> str:
     """Say what the study was made of."""
     model = study.tested_model
@@ -197,12 +209,12 @@ def question_words(study: Study, name: str) -> str:
     return "in question" if name in study.names else "ruled out"
 
 
-def size_words(scores: Scores) -> str:
-    """Return the size of an effect with its 68 % interval and unit."""
+def size_words(scores: Scores, share: str = "68 %: ") -> str:
+    """Return the size of an effect with its 68 % interval and unit; `share` introduces the interval."""
     parameter = scores.effect.parameter
     low, high = map(parameter.shown, scores.interval())
     unit = unit_of(parameter)
-    return f"{parameter.shown(scores.size):.3g}{unit} (68 %: {low:.3g} to {high:.3g}{unit})"
+    return f"{parameter.shown(scores.size):.3g}{unit} ({share}{low:.3g} to {high:.3g}{unit})"
 
 
 def odds_words(logarithm: float) -> str:
