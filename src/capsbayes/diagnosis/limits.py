@@ -48,7 +48,8 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
         known = np.isfinite(found.modulus)
         if known.sum() < 2 or not known[found.null]:
             continue
-        ratio = PchipInterpolator(found.sizes[known], found.modulus[known] / found.modulus[found.null])
+        tried = found.sizes[known]
+        ratio = PchipInterpolator(tried, found.modulus[known] / found.modulus[found.null])
         least, most = (float(found.effect.prior.ppf(share)) for share in _REACH)
         null = found.effect.null_value
         rows[name] = {
@@ -56,8 +57,8 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
             "low": low,
             "high": high,
             "unit": found.effect.parameter.unit,
-            "modulus_at_low": float(ratio(low)),
-            "modulus_at_high": float(ratio(high)),
+            "modulus_at_low": float(ratio(max(low, tried[0]))),
+            "modulus_at_high": float(ratio(min(high, tried[-1]))),
             "unbounded": bool(low <= least < null or high >= most > null),
         }
     table = pd.DataFrame.from_dict(rows, orient="index")
