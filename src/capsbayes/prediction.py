@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.arrays import Booleans, Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +65,6 @@ class Prediction:
 
     def __len__(self) -> int:
         return len(self.axial_extent)
-
-    def taken(self, rows: slice | Integers) -> Prediction:
-        """Return some of the points."""
-        arrays = {column.name: getattr(self, column.name) for column in fields(self)}
-        some: dict[str, Any] = {name: None if array is None else array[rows] for name, array in arrays.items()}
-        return Prediction(**some)
 
     @property
     def parachute_depth(self) -> Floats:

@@ -19,8 +19,8 @@ def test_simulate_states_the_section_it_was_given(monkeypatch, capsys):
     case = ("--ca", "0.05", "--size-ratio", "0.75", "--refinement", "4", "--pre-inflation", "0.1")
     status, out, _ = run(monkeypatch, capsys, "simulate", *case, *OPTIONS)
     assert status == 0
-    title = " ".join(out.split("\n\n")[0].split())
-    assert "pre inflation 0.1, corner radius 0.1, rest aspect 1.05" in title
+    title = " ".join(out.partition("Done.")[0].split())
+    assert title.endswith("pre inflation 0.1, corner radius 0.1, rest aspect 1.05")
 
 
 def test_build_hands_the_section_to_the_simulator(monkeypatch, capsys, tmp_path):

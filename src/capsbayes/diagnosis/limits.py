@@ -50,6 +50,7 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
             continue
         tried = found.sizes[known]
         ratio = PchipInterpolator(tried, found.modulus[known] / found.modulus[found.null])
+        at_low, at_high = map(float, ratio(np.clip((low, high), tried[0], tried[-1])))
         least, most = (float(found.effect.prior.ppf(share)) for share in _REACH)
         null = found.effect.null_value
         rows[name] = {
@@ -57,8 +58,8 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
             "low": low,
             "high": high,
             "unit": found.effect.parameter.unit,
-            "modulus_at_low": float(ratio(max(low, tried[0]))),
-            "modulus_at_high": float(ratio(min(high, tried[-1]))),
+            "modulus_at_low": at_low,
+            "modulus_at_high": at_high,
             "unbounded": bool(low <= least < null or high >= most > null),
         }
     table = pd.DataFrame.from_dict(rows, orient="index")

@@ -102,9 +102,9 @@ class Verification:
 
     @property
     def leaves_nothing(self) -> bool:
-        """True if no deviation remains, neither in these capsules nor in both halves, and nothing else is far likelier.
+        """True if no deviation remains, and both halves do not speak clearly for something else besides the effects.
 
-        That is, something else besides the effects.
+        Deviations are looked for in these capsules, and in both halves together.
         """
         both = self.left.discrepancy + self.after.discrepancy
         p_value = min(self.after.p_value, self.left.combined_p_value(self.after, _WORTH_A_LOOK))

@@ -40,11 +40,9 @@ def finding_table(finding: Finding) -> pd.DataFrame:
 
 def candidate_table(study: Study) -> pd.DataFrame:
     """Return odds and size of every candidate, of the model without an effect, and of an effect not in the list."""
-    probabilities = study.probabilities
     rows: list[tuple[str, ...]] = []
     for name, evidence in study.evidence.items():
-        probability = probability_words(probabilities[name]) if name in probabilities else _UNSEEN
-        odds = Symbols(probability), Symbols(odds_words(evidence))
+        odds = _probability(study, name), Symbols(odds_words(evidence))
         if name in study.scores:
             scores = study.scores[name]
             size = Symbols(f"{scores.effect.parameter.symbol} = {size_words(scores)}")
@@ -62,12 +60,11 @@ def candidate_table(study: Study) -> pd.DataFrame:
 
 def likeliest_table(study: Study) -> tuple[pd.DataFrame, list[str]]:
     """Return probability, size and G_s of the effects in question and of the likeliest others; names of the rest."""
-    probabilities = study.probabilities
     effects = [name for name in study.evidence if name in study.scores]
     shown = {*study.names, *effects[:_SHOWN], *_OTHERS}
     rows: list[tuple[str, ...]] = []
     for name in (name for name in study.evidence if name in shown):
-        probability = Symbols(probability_words(probabilities[name]) if name in probabilities else _UNSEEN)
+        probability = _probability(study, name)
         if name in study.scores:
             scores = study.scores[name]
             size = Symbols(f"{scores.effect.parameter.symbol} = {size_words(scores, share='')}")
@@ -169,6 +166,11 @@ def _finite(value: float, digits: str, unit: str, otherwise: str) -> str:
 
 def _modulus(value: float) -> str:
     return with_unit(_MODULUS, value, ".1f") or "no such shape"
+
+
+def _probability(study: Study, name: str) -> Symbols:
+    found = study.probabilities
+    return Symbols(probability_words(found[name]) if name in found else _UNSEEN)
 
 
 def _named(study: Study, name: str) -> str:
