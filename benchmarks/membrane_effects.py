@@ -27,7 +27,8 @@ from threadpoolctl import threadpool_limits
 from capsbayes import Experiment, MeasuredOutline, Measurement, OutlineNoise, Session, Surrogate
 from capsbayes.arrays import Floats
 from capsbayes.diagnosis.comparison import Comparison
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.effects import SIMULATED
 from capsbayes.errors import InputError
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES

@@ -76,6 +76,11 @@ class OutlineNoise:
         covariance: Floats = self.scale**2 * ((1.0 - self.white) * smooth + self.white * same)
         return covariance
 
+    def larger(self, further: float) -> OutlineNoise:
+        """Return the noise with a further standard deviation [l] that is correlated along the arc."""
+        scale = float(np.hypot(self.scale, further))
+        return replace(self, scale=scale, white=self.white * (self.scale / scale) ** 2)
+
     def drawn(self, rng: np.random.Generator, points: Floats, count: int) -> Floats:
         """Draw errors for the vertices (m, 2) of a closed outline : (count, m) array."""
         return np.asarray(rng.standard_normal((count, len(points))) @ self.factor(points).T)
@@ -215,20 +220,20 @@ class MeasuredOutline:
             *([f"view = {json.dumps(self.view)}"] if self.view != MID_PLANE else []),
         ]
 
+    def noisier(self, further: float) -> MeasuredOutline:
+        """Return the outline with a further standard deviation [l] of the displacements along its arcs."""
+        return replace(self, noise=self.noise.larger(further))
+
     def shared_by(self, count: int) -> MeasuredOutline:
         """Return the outline with wider errors, for one of `count` capsules that share errors of the microscope.
 
         The variances of the displacements that `shared` returns, and of the rear, are multiplied by the number of
         capsules. If the capsules are then treated as independent, their mean has the variance of a single one.
         """
-        pose, noise = self.pose, self.noise
-        scale = float(np.hypot(noise.scale, np.sqrt(count - 1.0) * self._along_arcs))
+        pose = self.pose
+        noise = self.noise.larger(float(np.sqrt(count - 1.0)) * self._along_arcs)
         wider = {name: float(np.sqrt(count)) * getattr(pose, name) for name in _OF_MICROSCOPE}
-        return replace(
-            self,
-            noise=replace(noise, scale=scale, white=noise.white * (noise.scale / scale) ** 2),
-            pose=replace(pose, **wider),
-        )
+        return replace(self, noise=noise, pose=replace(pose, **wider))
 
     def shared(self, points: Floats, normal: Floats) -> Floats:
         """Return the errors of the edges that all capsules of one microscope share.

@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Scores
-from capsbayes.diagnosis.discrepancy import Discrepancy, _Process, displacement_modes
+from capsbayes.diagnosis.discrepancy import Discrepancy, _Process, _spectrum, displacement_modes
 from capsbayes.diagnosis.finding import find
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.regions import region_displacements
 from capsbayes.diagnosis.search import evidences, probabilities
 from capsbayes.diagnosis.trend import Trend
@@ -70,6 +72,48 @@ def test_a_process_is_integrated_as_by_its_whole_covariance(compared):
     response = found.response.mean(axis=0)
     assert process.change == pytest.approx(response @ amplitudes @ found.shift.sum(axis=0), rel=1e-6)
     assert process.variance == pytest.approx(response @ amplitudes @ response, rel=1e-6)
+
+
+def test_noise_of_single_capsules_is_integrated_as_by_its_whole_covariance(compared):
+    """A displacement of each capsule for itself next to one that all share: the dense covariance is another route."""
+    session, white, fits = compared
+    found = Discrepancy.of(session, white, fits)
+    rest, log_evidence = found._without(0.006)
+    shared = np.full(found.information.shape[1], 0.003**2)
+    process = _Process.of(*(rest.information.sum(axis=0), rest.shift.sum(axis=0)), rest.response.mean(axis=0), shared)
+    each = (found.information.shape[1] - 5, 0.006**2 * _spectrum(0.05))
+    covariances, rows = [], []
+    for slopes, seen in zip(fits.slopes, white.each, strict=True):
+        modes = seen.likelihood.whitened_displacement(displacement_modes(seen.likelihood.pilot))
+        basis = np.linalg.qr(slopes)[0]
+        left = modes - (modes @ basis) @ basis.T
+        along_arc = left[: each[0]]
+        covariances.append(np.eye(left.shape[1]) + (along_arc.T * each[1]) @ along_arc)
+        rows.append(left * np.sqrt(shared)[:, None])
+    residuals = np.concatenate(fits.residuals)
+    together = np.hstack(rows)
+    covariance = block_diag(*covariances) + together.T @ together
+    plain = multivariate_normal(cov=np.eye(len(residuals))).logpdf(residuals)
+    due = multivariate_normal(cov=covariance).logpdf(residuals) - plain
+    assert log_evidence + process.log_evidence == pytest.approx(due, rel=1e-6)
+
+
+@pytest.mark.parametrize(("drawn", "least", "most"), [(0.01, 0.0, 0.005), (0.02, 0.012, 0.025)])
+def test_outlines_noisier_than_stated_are_seen_from_their_scatter(model, drawn, least, most):
+    """Noise of 0.02 l where 0.01 l is stated leaves (0.02^2 - 0.01^2)^1/2 = 0.017 l."""
+    session, _ = drawn_session(model, 20, seed=4, outline=True, noise=drawn)
+    said = [
+        replace(each, outline=replace(each.outline, noise=replace(each.outline.noise, scale=0.01)))
+        for each in session.measurements
+    ]
+    white = whitening(model, replace(session, measurements=tuple(said)))
+    assert least <= white.further <= most
+    assert find(model, session, seed=1, white=white).further_noise == white.further
+
+
+def test_what_displaces_all_outlines_alike_is_no_noise(model, compared):
+    session, _, _ = compared
+    assert whitening(model, displaced_outwards(session, 0.01)).further <= 0.004
 
 
 def test_something_else_takes_back_what_displaced_outlines_do_to_the_modulus(model, compared):

@@ -7,7 +7,8 @@ import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, catalogue
 

@@ -10,7 +10,8 @@ from capsbayes import Session, Surrogate
 from capsbayes.database import Database
 from capsbayes.diagnosis import Verdict, diagnose, find
 from capsbayes.diagnosis.finding import FLOW
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.scoring import log_likelihood
 from capsbayes.effects import (
     ChannelSwelling,

@@ -5,8 +5,9 @@ import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.limits import TWO_SIGMA, limit_scores, limits_table
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.scoring import Scores
 from capsbayes.diagnosis.session_modulus import session_modulus
 from capsbayes.effects import Halo, PixelScale, ViscosityError

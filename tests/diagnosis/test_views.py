@@ -7,7 +7,8 @@ import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.session import Session
 from capsbayes.errors import InputError
 from capsbayes.measurements.netcdf import read_netcdf, write_netcdf

@@ -20,8 +20,9 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
-from capsbayes.diagnosis.fits import Fits, fitted, whitening
+from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.limits import limit_scores, limits_table
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
 from capsbayes.diagnosis.search import LEAST_RATIO, UNKNOWN, Search, Step, by_ratio, evidences, probabilities, searched
 from capsbayes.diagnosis.session import Session

@@ -15,12 +15,13 @@ without it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
+from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
 from capsbayes.arrays import Floats
@@ -36,6 +37,8 @@ _ARC = (0.05, 0.12)  # length scales, over the perimeter
 _PLACE = (1.0, 0.15)  # length scales of ln Ca and of a/l
 _SHARED = 0.5  # of the variance: displacement that all capsules have in common, where it depends on the capsule
 _AMPLITUDES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)  # standard deviations of the displacement, over l
+_NOISES = (*_AMPLITUDES, 0.064)  # of one capsule alone, along arcs, over l
+_FINELY = 1e-5  # l, to which the likeliest noise is found
 _CAMERA = (0.0, 0.01)  # standard deviations of each distortion
 _CAMERA_MODES = 5
 _COUNT = _EVEN + 1 + _ODD + _CAMERA_MODES
@@ -124,6 +127,36 @@ class Discrepancy:
             np.concatenate([self.own, other.own]),
             self.trend + other.trend,
         )
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the likeliest displacements of single capsules, each for itself [l].
+
+        A displacement that all have, or that depends smoothly on the capsule, is none of these, whatever its reason.
+        """
+        if not len(self.places):
+            return 0.0
+        best = int(np.argmax([self._of_noise(noise) for noise in _NOISES[:-1]]))
+        around = _NOISES[max(best - 1, 0)], _NOISES[best + 1]
+        found = minimize_scalar(
+            lambda noise: -self._of_noise(noise), bounds=around, method="bounded", options={"xatol": _FINELY}
+        )
+        return 0.0 if best == 0 and found.x < 2.0 * _FINELY else float(found.x)
+
+    def _of_noise(self, noise: float) -> float:
+        """Return the log likelihood of displacements of single capsules, with something else or without it."""
+        rest, of_noise = self._without(noise)
+        either = [process.log_evidence for some in (False, True) for process in rest._processes(something_else=some)]
+        return float(of_noise + logsumexp(either))
+
+    def _without(self, noise: float) -> tuple[Discrepancy, float]:
+        """Integrate over displacements of single capsules, and return the rest and their log evidence."""
+        variances = np.concatenate([noise**2 * _spectrum(_ARC[0]), np.zeros(_CAMERA_MODES)])
+        kept = np.eye(_COUNT) + self.information * variances
+        information = np.linalg.solve(kept, self.information)
+        shift = np.linalg.solve(kept, self.shift[..., None])[..., 0]
+        log_evidence = 0.5 * np.sum(self.shift * variances * shift) - 0.5 * np.sum(np.linalg.slogdet(kept)[1])
+        return replace(self, information=information, shift=shift), float(log_evidence)
 
     @property
     def evidence(self) -> float:

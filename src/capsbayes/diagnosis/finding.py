@@ -24,7 +24,8 @@ from scipy.stats import beta, binom, norm
 
 from capsbayes.arrays import Floats, Integers
 from capsbayes.diagnosis.discrepancy import Discrepancy
-from capsbayes.diagnosis.fits import Fits, fitted, whitening
+from capsbayes.diagnosis.fits import Fits, fitted
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.regions import REGIONS, Displaced, displaced_regions
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
@@ -80,17 +81,20 @@ class Finding:
     deviations : tuple of Deviation
         The most surprising first.
     noise : float
-        Root of the misfit over its degrees of freedom: the noise over that stated; NaN without any.
+        Root of the misfit over its degrees of freedom: the noise over that assumed; NaN without any.
     capsules : int
         How many were fitted.
     discrepancy : Discrepancy
         Evidence of the capsules for a deviation that no known effect describes.
+    further_noise : float [l]
+        Noise of single outlines that was assumed beyond what is stated.
     """
 
     deviations: tuple[Deviation, ...]
     noise: float
     capsules: int
     discrepancy: Discrepancy = field(default_factory=Discrepancy, repr=False)
+    further_noise: float = 0.0
 
     def table(self) -> pd.DataFrame:
         """Return a row for each deviation: ``size`` and ``error`` [``unit``], ``sigma``, ``p_value``."""
@@ -181,6 +185,7 @@ def find(
         noise,
         len(done),
         Discrepancy.of(session, white, fits),
+        white.further,
     )
 
 

@@ -17,7 +17,7 @@ from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.diagnosis.flow import FlowOffsets, flow_offsets
 from capsbayes.diagnosis.places import Evaluation, Places, initial_guesses
 from capsbayes.diagnosis.session import Session
-from capsbayes.diagnosis.whitening import Whitening, whitened_at
+from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.model import ForwardModel
 from capsbayes.work import remembered
 
@@ -80,24 +80,6 @@ class Fits:
     def median_modulus(self) -> float:
         """Median of the apparent G_s [N/m] of the settled capsules; NaN if none is."""
         return float(np.exp(np.median(self.log_modulus[self.settled]))) if self.settled.any() else np.nan
-
-
-def whitening(model: ForwardModel, session: Session) -> Whitening:
-    """Compute the covariance of each capsule's measurement and of the model's own error there.
-
-    Evaluate it at the shape that fits the lengths, then again at the shape that fits the outline.
-
-    Raises
-    ------
-    InputError
-        If the model has no shape for a capsule.
-    """
-    pilots = initial_guesses(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
-    made = whitened_at(model, session, pilots)
-    if not made.outline:
-        return made
-    better = fitted(model, session, made)
-    return whitened_at(model, session, np.where(better.settled[:, None], better.theta, pilots))
 
 
 @remembered

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.scoring import Scores
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import OfOutline

@@ -56,7 +56,8 @@ def _session(study: Study) -> dict[str, Any]:
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "p_value": finding.p_value,
-        "noise_over_stated": _number(finding.noise),
+        "noise_over_assumed": _number(finding.noise),
+        "further_noise_over_l": finding.further_noise,
         "capsules": finding.capsules,
         "deviations": _records(finding.table(), "name"),
     }

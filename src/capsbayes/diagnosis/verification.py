@@ -13,7 +13,8 @@ from scipy.stats import norm
 from capsbayes.arrays import Floats
 from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
-from capsbayes.diagnosis.fits import fitted, whitening
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.scoring import Measured, log_likelihood
 from capsbayes.diagnosis.search import LEAST_RATIO, LEFT, Step, indistinguishable
 from capsbayes.diagnosis.session import Session
@@ -80,7 +81,7 @@ class Verification:
     def table(self) -> pd.DataFrame:
         """Return a row for the model ``before`` and ``after`` the effect is added.
 
-        Columns: ``gap`` [m], ``noise_over_stated``, ``p_value``, ``surface_shear_modulus`` (median of the capsules
+        Columns: ``gap`` [m], ``noise_over_assumed``, ``p_value``, ``surface_shear_modulus`` (median of the capsules
         [N/m]), ``log_likelihood_ratio`` per capsule and its ``log_likelihood_ratio_error``.
         """
         findings = {"before": self.before, "after": self.after}
@@ -89,7 +90,7 @@ class Verification:
             when: (gap, finding.noise, finding.p_value, comparison.median_modulus, *ratios[when])
             for (when, finding), comparison, gap in zip(findings.items(), self.comparisons, self.gaps, strict=True)
         }
-        columns = ("gap", "noise_over_stated", "p_value", "surface_shear_modulus")
+        columns = ("gap", "noise_over_assumed", "p_value", "surface_shear_modulus")
         errors = ("log_likelihood_ratio", "log_likelihood_ratio_error")
         return pd.DataFrame.from_dict(rows, orient="index", columns=(*columns, *errors))
 

@@ -109,15 +109,21 @@ class Whitening:
         log Ca and a/l.
     outline : bool
         Whether any of them reads outlines.
+    further : float [l]
+        Standard deviation that was added to the noise of each outline.
     """
 
     each: tuple[Whitener, ...]
     pilots: Floats
     outline: bool
+    further: float = 0.0
 
 
-def whitened_at(model: ForwardModel, session: Session, pilots: Floats) -> Whitening:
-    """Make the whitening at pilots (n, 2): ln Ca and a/l of a shape of the model near each capsule."""
+def whitened_at(model: ForwardModel, session: Session, pilots: Floats, *, further: float = 0.0) -> Whitening:
+    """Make the whitening at pilots (n, 2): ln Ca and a/l of a shape of the model near each capsule.
+
+    A `further` standard deviation [l] is added to the noise of outlines.
+    """
     places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
     own = model(places).covariance[:, :2, :2]
     each: list[Whitener] = []
@@ -126,8 +132,8 @@ def whitened_at(model: ForwardModel, session: Session, pilots: Floats) -> Whiten
             each.append(OfLengths.of(measurement, own[i]))
         else:
             place = {name: float(values[i]) for name, values in places.items()}
-            seen = measurement.outline.shared_by(_HALVES * len(session))
+            seen = measurement.outline.noisier(further).shared_by(_HALVES * len(session))
             likelihood = outline_likelihood(model, seen, place, length=measurement.length_with_outline)
             each.append(OfOutline(likelihood, measurement.outline))
     outline = any(measurement.outline is not None for measurement in session.measurements)
-    return Whitening(tuple(each), pilots, outline)
+    return Whitening(tuple(each), pilots, outline, further)

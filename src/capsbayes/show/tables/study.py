@@ -101,7 +101,7 @@ def held_out_table(verification: Verification) -> pd.DataFrame:
     before, after = (half.median_modulus for half in verification.comparisons)
     rows = [
         ("gap: rms distance of measured and predicted edge", *gaps),
-        ("the same over the stated noise, correlations counted", *noise),
+        ("the same over the noise, correlations counted", *noise),
         (
             "largest deviation",
             *("" if not each.deviations else _largest(each.deviations[0]) for each in findings),

@@ -27,6 +27,7 @@ def opening(study: Study) -> list[str]:
         probabilities_words(study),
         session_modulus_words(study),
         modulus_words(study),
+        noise_words(study),
         outlier_words(study),
         lengths_alone(study.session),
         not_testable_words(study),
@@ -85,6 +86,14 @@ def session_modulus_words(study: Study) -> str:
         f"Median G_s of the session: {median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g}), with what is not "
         f"known of {those}."
     )
+
+
+def noise_words(study: Study) -> str:
+    """Say how much single outlines scatter beyond their stated noise; empty if they do not."""
+    further = study.finding.further_noise * float(np.mean(study.session.circumstances["half_width"]))
+    if not further:
+        return ""
+    return f"Single outlines scatter by {1e6 * further:.2g} µm beyond their stated noise, which is allowed for."
 
 
 def outlier_words(study: Study) -> str:

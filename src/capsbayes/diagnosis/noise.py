@@ -1,0 +1,32 @@
+"""Errors of a session's measurements as they are stated, and the noise of its outlines beyond that."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capsbayes.diagnosis.discrepancy import Discrepancy
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.places import initial_guesses
+from capsbayes.diagnosis.session import Session
+from capsbayes.diagnosis.whitening import Whitening, whitened_at
+from capsbayes.model import ForwardModel
+
+
+def whitening(model: ForwardModel, session: Session) -> Whitening:
+    """Compute the covariance of each capsule's measurement and of the model's own error there.
+
+    Evaluate it at the shape that fits the lengths, then again at the shape that fits the outline. If single outlines
+    scatter by more than is stated, their noise is larger by that much (`Discrepancy.noise`).
+
+    Raises
+    ------
+    InputError
+        If the model has no shape for a capsule.
+    """
+    pilots = initial_guesses(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
+    made = whitened_at(model, session, pilots)
+    if not made.outline:
+        return made
+    better = fitted(model, session, made)
+    further = Discrepancy.of(session, made, better).noise
+    return whitened_at(model, session, np.where(better.settled[:, None], better.theta, pilots), further=further)
