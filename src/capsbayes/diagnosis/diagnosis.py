@@ -189,13 +189,13 @@ class Study(Readable):
     @property
     def _explanations(self) -> list[tuple[float, Explanation]]:
         if self.verdict is Verdict.NAMED:
-            return [(1.0, tuple(step.best for step in self.steps))]
+            return [(1.0, self._together(*(step.best for step in self.steps)))]
         if self.verdict is Verdict.AMBIGUOUS:
             *settled, last = sorted(self.steps, key=lambda step: len(step.in_question))
-            together = tuple(step.best for step in settled)
+            before = [step.best for step in settled]
             most = max(last.scores[name].evidence for name in last.in_question)
             alike = [last.scores[name] for name in last.in_question]
-            return [(float(np.exp(tried.evidence - most)), (*together, tried)) for tried in alike]
+            return [(float(np.exp(tried.evidence - most)), self._together(*before, tried)) for tried in alike]
         if self.verdict is Verdict.NONE:
             something_else = self._whole_finding.discrepancy
             seen = [each for each in self._limit_scores.values() if not isinstance(each.effect, Unseen)]
@@ -205,6 +205,15 @@ class Study(Readable):
             return [(float(np.exp(log - most)), changes) for log, changes in logs]
         partly = [each for each in self.scores.values() if each.log_likelihood_ratio > LEAST_RATIO]
         return [(max(len(partly), 1.0), (self.finding.discrepancy,)), *((1.0, (each,)) for each in partly)]
+
+    def _together(self, *effects: Scores) -> Explanation:
+        """Return what effects change that act together: the last, scored with the others, brings the change by all."""
+        *others, last = effects
+        if not others:
+            return effects
+        apparent = float("nan") if self.first_half is None else self.first_half.median_modulus
+        spread = (replace(each, without=float(each.modulus[each.best])) for each in others)
+        return *spread, replace(last, without=apparent)
 
     @property
     def scores(self) -> Mapping[str, Scores]:
@@ -325,9 +334,12 @@ def diagnose(
     _check_shapes(model, fits)
     finding = find(model, first, seed=seed, white=white, fits=fits)
     made = partial(made, finding=finding, first_half=Comparison(first, model, fits))
+    if not finding.deviations:
+        return made(Verdict.NOT_TESTABLE, steps=(), verification=None, model=model, sizes={})
     if finding.p_value > level:
-        verdict = Verdict.NONE if finding.deviations else Verdict.NOT_TESTABLE
-        return made(verdict, steps=(), verification=None, model=model, sizes={})
+        quickly = limit_scores(model, effects, first, white, fits)
+        if not _clearly_likelier(evidences(quickly, finding)):
+            return made(Verdict.NONE, steps=(), verification=None, model=model, sizes={})
     trials = {} if earlier is None else earlier.trials
     search = Search(model, effects, first, white, seed, measured or {}, report, trials)
     steps, explained, trials = searched(search, fits)
@@ -343,7 +355,7 @@ def diagnose(
     made = partial(made, model=model, sizes={})
     if verification is None or not (explained and verification.holds and _likely(steps, evidence)):
         second = find(model, confirm, seed=seed) if verification is None else verification.before
-        if finding.combined_p_value(second, among=level) > level:
+        if not _seen_again(finding, second, level):
             return made(Verdict.NONE, steps=(), verification=None, second_finding=second)
         return made(Verdict.UNKNOWN, steps=steps, verification=verification)
     steps = _with_own_errors(steps, first)
@@ -388,6 +400,17 @@ def _with_own_errors(steps: tuple[Step, ...], session: Session) -> tuple[Step, .
         )
         for step in steps
     )
+
+
+def _clearly_likelier(evidence: Mapping[str, float]) -> bool:
+    """Decide whether an effect or something else is far likelier than none."""
+    return max(evidence.values()) > LEAST_RATIO
+
+
+def _seen_again(first: Finding, second: Finding, level: float) -> bool:
+    """Decide whether both halves show a deviation, or something else is far likelier, and the more so by both."""
+    likelier = (first.discrepancy + second.discrepancy).evidence > first.discrepancy.evidence > LEAST_RATIO
+    return likelier or first.combined_p_value(second, among=level) <= level
 
 
 def _likely(steps: tuple[Step, ...], evidence: Mapping[str, float]) -> bool:

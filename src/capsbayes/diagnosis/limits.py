@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import PchipInterpolator
 
 from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.scoring import Outcome, Scores
@@ -45,12 +44,9 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
     rows = {}
     for name, found in scores.items():
         low, high = found.interval(TWO_SIGMA)
-        known = np.isfinite(found.modulus)
-        if known.sum() < 2 or not known[found.null]:
+        changes = np.exp(found.log_modulus_change((low, high)))
+        if np.isnan(changes).any() or not np.isfinite(found.modulus[found.null]):
             continue
-        tried = found.sizes[known]
-        ratio = PchipInterpolator(tried, found.modulus[known] / found.modulus[found.null])
-        at_low, at_high = map(float, ratio(np.clip((low, high), tried[0], tried[-1])))
         least, most = (float(found.effect.prior.ppf(share)) for share in _REACH)
         null = found.effect.null_value
         rows[name] = {
@@ -58,8 +54,7 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
             "low": low,
             "high": high,
             "unit": found.effect.parameter.unit,
-            "modulus_at_low": at_low,
-            "modulus_at_high": at_high,
+            **dict(zip(("modulus_at_low", "modulus_at_high"), map(float, changes), strict=True)),
             "unbounded": bool(low <= least < null or high >= most > null),
         }
     table = pd.DataFrame.from_dict(rows, orient="index")

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
@@ -66,6 +67,8 @@ class Scores:
         Median of the apparent G_s of the capsules at each size.
     own_error : float
         Standard error of the size due to the model's own error, which all capsules share.
+    without : float, optional [N/m]
+        Median G_s relative to which changes are counted, by default that at the null value.
     """
 
     effect: Effect
@@ -74,6 +77,7 @@ class Scores:
     elsewhere: Floats = field(repr=False)
     modulus: Floats = field(repr=False)
     own_error: float = 0.0
+    without: float | None = None
 
     @property
     def total(self) -> Floats:
@@ -118,23 +122,33 @@ class Scores:
         mean = np.trapezoid(prior * np.exp(total - most), fine)
         return most + float(np.log(mean)) - float(self.total[self.null])
 
+    def log_modulus_change(self, sizes: ArrayLike) -> Floats:
+        """Return the change of the median ln G_s with the effect, at sizes (k,) or the nearest that have a shape.
+
+        Returns
+        -------
+        (k,) array
+            NaN where fewer than two of the sizes that were tried have one.
+        """
+        known = np.isfinite(self.modulus)
+        if known.sum() < 2:
+            return np.full(np.shape(sizes), np.nan)
+        tried = self.sizes[known]
+        log_modulus = PchipInterpolator(tried, np.log(self.modulus[known]))
+        there, null = (log_modulus(np.clip(size, tried[0], tried[-1])) for size in (sizes, self.effect.null_value))
+        return np.asarray(there - (null if self.without is None else np.log(self.without)))
+
     def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
         """Draw changes of ln G_s due to the effect, with sizes from their posterior : (count,) array.
 
         The log likelihood is flattened, and the own error added, as in `interval`.
         """
-        known = np.isfinite(self.modulus)
-        if known.sum() < 2:
-            return np.zeros(count)
         fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
         total = PchipInterpolator(self.sizes, self.total)(fine)
         density = self.effect.prior.pdf(fine) * np.exp((total - total.max()) / self.sandwich)
         below = cumulative_trapezoid(density, fine, initial=0)
         sizes = np.interp(rng.random(count) * below[-1], below, fine) + self.own_error * rng.standard_normal(count)
-        log_modulus = PchipInterpolator(self.sizes[known], np.log(self.modulus[known]))
-        ends = self.sizes[known][[0, -1]]
-        null = float(log_modulus(np.clip(self.effect.null_value, *ends)))
-        return np.asarray(log_modulus(np.clip(sizes, *ends)) - null)
+        return np.nan_to_num(self.log_modulus_change(sizes))
 
     def __str__(self) -> str:
         """Return the effect, its size and 68 % interval."""
