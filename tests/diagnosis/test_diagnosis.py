@@ -146,9 +146,12 @@ def test_what_looks_likeliest_alone_is_not_named_where_another_goes_with_the_sec
     names = ("halo", *sizes)
     candidates = {name: catalogue()[name] for name in names}
     both = model + candidates["rest_aspect"] + candidates["pixel_scale"]
-    session, _ = drawn_session(both, CAPSULES, seed=9, outline=True, sizes=sizes)
+    session, known = drawn_session(both, CAPSULES, seed=9, outline=True, sizes=sizes)
     study = diagnose(session, model, seed=3, candidates=candidates)
     assert study.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    modulus, last = study.surface_shear_modulus, study.steps[-1].best
+    assert modulus.low < np.exp(np.median(known["log_modulus"])) < modulus.high
+    assert modulus.median == pytest.approx(last.modulus[last.best], rel=0.05), "what both change is counted once"
     assert {frozenset(step.in_question) & frozenset(sizes) for step in study.steps} == {
         frozenset({"pixel_scale"}),
         frozenset({"rest_aspect"}),
@@ -224,6 +227,14 @@ def test_what_only_one_half_shows_is_no_disagreement(model):
     assert "not confirmed" in str(study)
     assert summary(study)["not_seen_again"]["capsules"] == CAPSULES // 2
     assert "what the first half shows" in verdict_sentence(study)
+
+
+@pytest.mark.slow
+def test_an_effect_far_likelier_than_none_is_looked_for_without_a_significant_deviation(model):
+    study = diagnose(session_with(model, "pixel_scale", 0.03), model, seed=3, candidates=OPTICAL, level=1e-9)
+    assert study.finding.p_value > study.level
+    assert "pixel_scale" in study.names
+    assert study.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Intervals by the scatter of capsules, sizes that could hide, and G_s with all that is not known of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sessions import drawn_session
@@ -68,3 +70,11 @@ def test_what_could_hide_is_limited_by_the_capsules():
     assert -5e-7 < low < 0.0 < high < 5e-7
     assert found.loc["halo", "modulus_at_low"] > 1.0 > found.loc["halo", "modulus_at_high"]
     assert not found.loc["halo", "unbounded"]
+
+
+def test_changes_of_the_modulus_are_counted_from_the_null_value_or_from_what_is_given():
+    sizes = np.linspace(0.0, 0.4, 5)
+    scores = Scores(Halo(), sizes, np.zeros((5, 1)), np.zeros(5), 0.05 * np.exp(-2.0 * sizes))
+    assert scores.log_modulus_change([0.1, 0.4, 0.9]) == pytest.approx([-0.2, -0.8, -0.8])
+    assert replace(scores, without=0.1).log_modulus_change([0.1]) == pytest.approx(-0.2 + np.log(0.5))
+    assert np.isnan(replace(scores, modulus=np.full(5, np.nan)).log_modulus_change([0.1])).all()
