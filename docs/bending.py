@@ -176,11 +176,11 @@ TEXT = f"""# Bending
 Made by `python docs/bending.py`. M2 and M2a of the [method](method.md) define the two energies: that of the change
 of curvature (Koiter's), and that of the displacement, with which the databases were made.
 
-## Beside an independent shell
+## Compared with an independent shell
 
-A neo-Hookean sphere, B = 0.01, whose poles springs press in towards 0.8 and 0.5 of their height, compared with an
-axisymmetric shell in polynomials of the latitude (`tests/support/axisymmetric_shell.py`). Distance of the nodes,
-rms, over a:
+Springs press the poles of a neo-Hookean sphere, B = 0.01, in towards 0.8 and 0.5 of their height. The reference is an
+axisymmetric shell in polynomials of the latitude (`tests/support/axisymmetric_shell.py`). The table gives the rms
+distance of the nodes from it, over a:
 
 | height | refinement | displacement | curvature |
 |---|---|---|---|
@@ -188,7 +188,7 @@ rms, over a:
 
 The energy of the change of curvature converges to the independent shell, at the rates {{rates}}; that of the
 displacement converges to another shape. Under a rigid rotation the first has no energy and no force, to rounding;
-the second has.
+the second has both.
 
 ## In a square channel
 
@@ -219,10 +219,10 @@ and they differ by 0.08 %. Where coarse meshes seem to reach the limit, they do 
 rim. Power laws L = L_0 - c B^p fitted to the rows of n = {MESHES[-1]} give the limits
 L_z/R = {{extent}} and L_a/R = {{length}}.
 
-The approach is slow: for 0.04 % in L_z without extrapolation B would have to be some 2e-7. The length of a membrane
-whose thickness is not known is therefore not known to better than some 0.6 %, whatever the error of a surrogate is.
+The convergence is slow: for 0.04 % in L_z without extrapolation B would have to be some 2e-7. If the thickness of the
+membrane is not known, L_z is therefore not known to better than some 0.6 %, whatever the error of a surrogate.
 
-## Which one to use
+## Which energy to use
 
 `curvature` is the energy of a shell, and the only one in which B is a thickness. `displacement` is the default,
 because all databases and surrogates were made with it and a simulation should agree with them. A Jacobian takes

@@ -274,16 +274,15 @@ def page(known: Results) -> str:
         "Made by `python docs/low_capillary_number.py`: square channel, neo-Hookean membrane, bending "
         f"stiffness B = {BENDING:g} G_s a^2 unless stated otherwise.",
         "",
-        "A capsule started from rest at a very low Ca keeps a convex rear. Its membrane is compressed there, "
-        f"and a sphere buckles at a compressive tension of 2 (3 B)^(1/2) G_s = {buckling:.3f} G_s. Near this "
-        "tension the branch of convex shapes ends in a fold or becomes unstable, and the capsule **snaps "
-        "through** to a parachute. When Ca is lowered again, the parachute keeps its dimple far below: "
-        "between the two Ca both shapes are steady, and stable to disturbances with the symmetry of the "
-        "channel, and the history decides which one is seen. The databases contain the shape that a capsule "
-        "started from rest reaches in time, followed with long implicit steps. Up to the snap-through another "
-        "shape is stable too, and a capsule that is suddenly set in motion may jump to it. Those Ca are "
-        "marked, and a posterior that leans on them says so. Wide capsules (a/l from about 1.05 on) do not "
-        "snap: their rear turns concave smoothly.",
+        "A capsule started from rest at a very low Ca keeps a convex rear. Its membrane is compressed there, and a "
+        f"sphere buckles at a compressive tension of 2 (3 B)^(1/2) G_s = {buckling:.3f} G_s. Near this tension the "
+        "branch of convex shapes ends in a fold or becomes unstable, and the capsule **snaps through** to a "
+        "parachute. When Ca is lowered again, the parachute keeps its dimple far below: between the two Ca both "
+        "shapes are steady, and stable to disturbances with the symmetry of the channel; the history decides which "
+        "one is seen. The databases contain the shape that a capsule started from rest reaches in time, followed with "
+        "long implicit steps. Up to the snap-through another shape is stable too, and a capsule that is suddenly set "
+        "in motion may jump to it. Those Ca are marked, and the status of a posterior that leans on them says so. "
+        "Wide capsules (a/l from 1.075 on) do not snap: their rear turns concave smoothly.",
         "",
         f"![Branches at low Ca](pictures/{draw_branches(known).name})",
         "",
@@ -319,10 +318,9 @@ def page(known: Results) -> str:
             for state in known.get(f"mesh {refinement}", [])
         ),
         "",
-        "A coarse mesh is too stiff to buckle as early, and the Ca still decreases with the finest of these: "
-        "on a finer mesh a capsule may snap through at a still lower Ca. Between the snap-through of their "
-        "mesh and that of the membrane the coarse databases contain convex shapes; their marks extend up to "
-        "their own snap-through.",
+        "A coarse mesh is too stiff to buckle as early. The Ca has not converged on the finest of these meshes: on a "
+        "finer one a capsule may snap through at a still lower Ca. Between the snap-through of the membrane and that "
+        "of their mesh the coarse databases contain convex shapes; their marks extend up to their own snap-through.",
         "",
         "## What bending and pre-inflation change",
         "",
@@ -338,11 +336,10 @@ def page(known: Results) -> str:
         "",
         "## Transients",
         "",
-        "The databases follow a capsule from rest with linearised implicit Euler steps of up to 0.5 l/U, "
-        "which damp what would grow and decay again on the way. They give the shape of a capsule whose flow "
-        "is raised slowly, as long as the convex shape is stable. The table compares them with the "
-        "semi-implicit scheme with a tolerance of 1e-3 l a step, for a sphere that is suddenly put into the "
-        "flow:",
+        "The databases follow a capsule from rest with linearised implicit Euler steps of up to 0.5 l/U, which damp "
+        "what would grow and decay again on the way. They give the shape of a capsule whose flow is raised slowly, as "
+        "long as the convex shape is stable. The table compares them with the semi-implicit scheme with a tolerance "
+        "of 1e-3 l a step, for a sphere in a flow that starts suddenly:",
         "",
         "| refinement | a/l | Ca | L_z/l, at once | L_z/l, long steps | growth rate of either [U/l] | shapes |",
         "|---|---|---|---|---|---|---|",
