@@ -16,13 +16,16 @@ MISFIT = np.array([3.0, 9.5, 1.2, 6.0])
 LOG_MODULUS = np.array([-3.0, -2.7, -3.2, -2.9])
 ERRORS = np.array([[0.10, 0.010], [0.05, 0.004], [0.20, 0.012], [0.08, 0.009]])
 CORRELATION = np.array([0.3, -0.5, 0.8, 0.0])
+OF_VELOCITY = 0.04
 
 
 def fits(known):
     covariance = ERRORS[:, :, None] * ERRORS[:, None, :]
     covariance[:, 0, 1] *= CORRELATION
     covariance[:, 1, 0] *= CORRELATION
-    found = {"known": np.array(known), "misfit": MISFIT, "log_modulus": LOG_MODULUS, "covariance": covariance}
+    found = {"known": np.array(known), "misfit": MISFIT, "log_modulus": LOG_MODULUS, "by_picture": covariance}
+    found |= {"covariance": covariance + np.diag([OF_VELOCITY**2, 0.0])}
+    found |= {"log_volume": np.linalg.slogdet(covariance)[1]}
     return SimpleNamespace(**found, flow=without_flow_rates(len(known)))
 
 
@@ -31,19 +34,23 @@ def without_flow_rates(count):
 
 
 def test_it_is_the_integral_over_all_shapes_of_a_capsule_of_the_population():
-    """Of misfits that are quadratic about the best shape, with a flat prior of the size; but for a factor 2 pi."""
+    """Of misfits that are quadratic about the best shape, with a flat prior of the size; but for a factor 2 pi.
+
+    The error of the velocity adds to the spread of the population, not to what the picture leaves open.
+    """
     given = fits([True] * 4)
-    people = population(LOG_MODULUS, ERRORS[:, 0] ** 2)
+    people = population(LOG_MODULUS, ERRORS[:, 0] ** 2 + OF_VELOCITY**2)
+    spread = np.hypot(people.spread, OF_VELOCITY)
     assert people.spread > 0.01
     for i, found in enumerate(log_likelihood(given)):
-        about = multivariate_normal([LOG_MODULUS[i], 0.0], given.covariance[i])
+        about = multivariate_normal([LOG_MODULUS[i], 0.0], given.by_picture[i])
         top = about.pdf([LOG_MODULUS[i], 0.0])
 
         def over_sizes(log_modulus, i=i, about=about, top=top):
             def shape(size):
                 return np.exp(-0.5 * MISFIT[i]) * about.pdf([log_modulus, size]) / top
 
-            return quad(shape, -0.1, 0.1, points=[0.0])[0] * norm.pdf(log_modulus, people.mean, people.spread)
+            return quad(shape, -0.1, 0.1, points=[0.0])[0] * norm.pdf(log_modulus, people.mean, spread)
 
         likelihood = quad(over_sizes, LOG_MODULUS[i] - 1.5, LOG_MODULUS[i] + 1.5, points=[LOG_MODULUS[i]])[0]
         assert found == pytest.approx(np.log(likelihood) - np.log(2.0 * np.pi), abs=1e-5)
@@ -173,6 +180,7 @@ def trial(monkeypatch):
                 misfit=misfit,
                 log_modulus=np.zeros(2),
                 covariance=covariance,
+                log_volume=np.linalg.slogdet(covariance)[1],
                 theta=np.full((2, 2), size),
                 median_modulus=np.exp(size),
                 flow=without_flow_rates(2),

@@ -42,8 +42,8 @@ def scored(ratio):
         ),
         # a little behind one that leaves something over, which may be by chance: both
         (
-            {"halo": 1.1, "bending": 0.9},
-            {"halo": scattered(1.1, leaves_nothing=False), "bending": scattered(0.9, opposite=True)},
+            {"halo": 1.1, "bending": 0.95},
+            {"halo": scattered(1.1, leaves_nothing=False), "bending": scattered(0.95, opposite=True)},
             ("bending", "halo"),
         ),
         # far behind one that leaves something over: neither

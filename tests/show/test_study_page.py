@@ -12,6 +12,7 @@ from sessions import drawn_session
 from capsbayes import Surrogate, diagnose
 from capsbayes.diagnosis import Session, Verdict
 from capsbayes.effects import SIMULATED, MotionBlur
+from capsbayes.model import FixedParameters
 from capsbayes.profile import arc_share
 from capsbayes.show import study_page, verdict_sentence
 from capsbayes.show.figures.study import trends
@@ -199,7 +200,7 @@ def test_effects_that_are_added_up_are_said(study):
     before, after = study.verification.comparisons
     assert not any("added up" in sentence for sentence in caveats(study))
     model = Surrogate.open("square-skalak") + SIMULATED["pre_inflation"] + SIMULATED["bending"]
-    several = replace(after, model=model, sizes={"pre_inflation": 0.01, "bending": 1e-3})
+    several = replace(after, model=FixedParameters(model, {"pre_inflation": 0.01, "bending": 1e-3}))
     assert several.added_up == after.fits.settled.sum() > 0
     said = replace(study, verification=replace(study.verification, comparisons=(before, several)))
     (sentence,) = (words for words in caveats(said) if "added up" in words)

@@ -45,14 +45,11 @@ class Comparison:
         n capsules.
     model : ForwardModel
     fits : Fits
-    sizes : mapping of str to float
-        Parameters of effects of the model.
     """
 
     session: Session = field(repr=False)
     model: ForwardModel = field(repr=False)
     fits: Fits = field(repr=False)
-    sizes: Mapping[str, float] = field(default_factory=dict)
 
     def table(self) -> pd.DataFrame:
         """Return a row for each capsule, indexed by its source.
@@ -170,10 +167,9 @@ class Comparison:
 
     @property
     def _theta(self) -> dict[str, Floats]:
-        """Best shapes, sizes of effects and circumstances : dict of (n,) array."""
-        theta = {name: np.full(len(self.session), size) for name, size in self.sizes.items()}
-        theta |= self.session.circumstances
-        return theta | {"capillary_number": np.exp(self.fits.theta[:, 0]), "size_ratio": self.fits.theta[:, 1]}
+        """Best shapes and circumstances : dict of (n,) array."""
+        places = {"capillary_number": np.exp(self.fits.theta[:, 0]), "size_ratio": self.fits.theta[:, 1]}
+        return {**self.session.circumstances, **places}
 
     @property
     def _metres(self) -> float:

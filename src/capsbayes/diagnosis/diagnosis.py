@@ -30,7 +30,7 @@ from capsbayes.diagnosis.session_modulus import Explanation, SessionModulus, ses
 from capsbayes.diagnosis.size_error import with_own_error
 from capsbayes.diagnosis.verification import Verification, verified
 from capsbayes.diagnosis.whitening import Whitening
-from capsbayes.effect import Effect, Unseen
+from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
 from capsbayes.errors import NoShapeError
 from capsbayes.model import ForwardModel
@@ -86,6 +86,8 @@ class Study(Readable):
         Effects that are tried, or would be.
     not_testable : tuple of str
         Names of effects that were not tried, as nothing that shows them was measured, such as the flow rates.
+    measured : mapping of str to (float, float)
+        Sizes of effects measured independently of the capsules, and their standard errors.
     """
 
     verdict: Verdict
@@ -103,10 +105,11 @@ class Study(Readable):
     trials: Mapping[str, Trial] = field(default_factory=dict)
     candidates: Mapping[str, Effect] = field(default_factory=dict)
     not_testable: tuple[str, ...] = ()
+    measured: Measured = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters of the effects in question, the likeliest first."""
+        """Names of the parameters of the effects in question, the likeliest first; the nearest if none explains it."""
         return tuple(name for step in self.steps for name in step.in_question)
 
     @property
@@ -152,14 +155,16 @@ class Study(Readable):
     @cached_property
     @threadpool_limits.wrap(limits=1)
     def _limit_scores(self) -> Mapping[str, Scores]:
-        none = self.verdict is Verdict.NONE
-        return limit_scores(self.model, self.candidates, self.session, *self._whole) if none else {}
+        if self.verdict is not Verdict.NONE:
+            return {}
+        white, fits = self._whole
+        return limit_scores(self.model, self.candidates, self.session, white, fits, self.measured)
 
     @cached_property
     @threadpool_limits.wrap(limits=1)
     def _whole(self) -> tuple[Whitening, Fits]:
         """All capsules and the model without effects."""
-        white = whitening(self.tested_model, self.session)
+        white = whitening(self.tested_model, self.session, halves=1)
         return white, fitted(self.tested_model, self.session, white)
 
     @cached_property
@@ -198,12 +203,12 @@ class Study(Readable):
             return [(float(np.exp(tried.evidence - most)), self._together(*before, tried)) for tried in alike]
         if self.verdict is Verdict.NONE:
             something_else = self._whole_finding.discrepancy
-            seen = [each for each in self._limit_scores.values() if not isinstance(each.effect, Unseen)]
             logs: list[tuple[float, Explanation]] = [(0.0, ()), (something_else.evidence, (something_else,))]
-            logs += [(each.evidence, (each,)) for each in seen]
+            logs += [(each.evidence, (each,)) for each in self._limit_scores.values()]
             most = max(log for log, _ in logs)
             return [(float(np.exp(log - most)), changes) for log, changes in logs]
-        partly = [each for each in self.scores.values() if each.log_likelihood_ratio > LEAST_RATIO]
+        alone = self.steps[0].scores.values() if self.steps else ()
+        partly = [each for each in alone if each.log_likelihood_ratio > LEAST_RATIO]
         return [(max(len(partly), 1.0), (self.finding.discrepancy,)), *((1.0, (each,)) for each in partly)]
 
     def _together(self, *effects: Scores) -> Explanation:
@@ -234,6 +239,7 @@ class Study(Readable):
         and its 68 % interval ``low``, ``high`` [``unit``], ``surface_shear_modulus`` (median of the capsules [N/m]),
         ``may_explain``, ``changes``, ``separated_by``.
         """
+        explained = self.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
         rows = {
             name: {
                 "effect": scores.effect.name,
@@ -244,7 +250,7 @@ class Study(Readable):
                 **dict(zip(("low", "high"), scores.interval(), strict=True)),
                 "unit": scores.effect.parameter.unit,
                 "surface_shear_modulus": float(scores.modulus[scores.best]),
-                "may_explain": name in self.names,
+                "may_explain": explained and name in self.names,
                 "changes": scores.effect.changes,
                 "separated_by": scores.effect.separated_by,
             }
@@ -293,7 +299,7 @@ def diagnose(
     candidates : mapping of str to Effect, optional
         By name of their parameter; by default the catalogue of the session's cross-section.
     level : float
-        Probability of finding a disagreement where there is none.
+        Significance of a deviation, and of both halves together with the effect that is named.
     measured : mapping of str to (float, float), optional
         Sizes of effects measured independently of the capsules, and their standard errors, in SI.
     progress : callable, optional
@@ -310,18 +316,21 @@ def diagnose(
     NoShapeError
         If the model has no shape for any of the capsules.
     ValueError
-        If the earlier study is of another session, or its capsules were divided with another seed.
+        If the earlier study is of another session or model, or its capsules were divided with another seed.
     """
     session = Session.of(session)
     model.check_experiment(session.experiment)
-    if earlier is not None and (earlier.session is not session or earlier.seed != seed):
-        raise ValueError("earlier: expected a study of the same session with the same seed")
+    if earlier is not None:
+        same = earlier.session is session and earlier.tested_model.sha256 == model.sha256 and earlier.seed == seed
+        if not same:
+            raise ValueError("earlier: expected a study of the same session and model with the same seed")
     asked = catalogue(session.experiment.cross_section) if candidates is None else candidates
     effects = {
         name: effect for name, effect in asked.items() if session.circumstances.keys() >= {*effect.circumstances}
     }
     hidden = tuple(effect.name for name, effect in asked.items() if name not in effects)
-    made = partial(Study, session=session, seed=seed, level=level, candidates=effects)
+    known = measured or {}
+    made = partial(Study, session=session, seed=seed, level=level, candidates=effects, measured=known)
     if len(session) < _FEWEST:
         nothing = Finding((), float("nan"), len(session))
         return made(Verdict.NOT_TESTABLE, nothing, (), None, model, {})
@@ -337,18 +346,18 @@ def diagnose(
     if not finding.deviations:
         return made(Verdict.NOT_TESTABLE, steps=(), verification=None, model=model, sizes={})
     if finding.p_value > level:
-        quickly = limit_scores(model, effects, first, white, fits)
+        quickly = limit_scores(model, effects, first, white, fits, known)
         if not _clearly_likelier(evidences(quickly, finding)):
             return made(Verdict.NONE, steps=(), verification=None, model=model, sizes={})
     trials = {} if earlier is None else earlier.trials
-    search = Search(model, effects, first, white, seed, measured or {}, report, trials)
+    search = Search(model, effects, first, white, seed, known, report, trials)
     steps, explained, trials = searched(search, fits)
     evidence = evidences({name: trial.scores for name, trial in trials.items()}, finding)
     made = partial(made, evidence=evidence, trials=trials)
     report("the held-out capsules")
     verification = None
     if steps[0].in_question:
-        checked = partial(verified, model, confirm=confirm, seed=seed, measured=measured or {}, first=finding)
+        checked = partial(verified, model, confirm=confirm, seed=seed, measured=known, first=finding, level=level)
         steps, verification = checked(steps)
         if explained and len(steps) == 1 and not verification.leaves_nothing:
             steps, verification = _with_a_second(search, steps, verification, checked)

@@ -139,7 +139,6 @@ def find(
     *,
     seed: int,
     white: Whitening | None = None,
-    sizes: Mapping[str, float] | None = None,
     fits: Fits | None = None,
 ) -> Finding:
     """Test a session for deviations from a model.
@@ -153,20 +152,17 @@ def find(
         Of the random signs.
     white : Whitening, optional
         Whitening of the outlines, made with the model without its effects; by default with `model`.
-    sizes : mapping of str to float, optional
-        Parameters of the model's effects.
     fits : Fits, optional
-        Fits of the model with these sizes, if they have been computed.
+        Of the model, if they have been computed.
 
     Returns
     -------
     Finding
     """
     white = whitening(model, session) if white is None else white
-    fits = fitted(model, session, white, sizes) if fits is None else fits
+    fits = fitted(model, session, white) if fits is None else fits
     done = np.flatnonzero(fits.settled)
     rest = {name: values[done] for name, values in session.circumstances.items()}
-    rest |= {name: np.full(len(done), size) for name, size in (sizes or {}).items()}
     own = _own_error_of_modulus(model, rest, fits.theta[done])
     displaced = displaced_regions(white, fits)
     table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own)]

@@ -44,6 +44,8 @@ class Fits:
         Derivatives of ln G_s along log Ca and a/l.
     covariance : (n, 2, 2) array
         Of ln G_s and a/l.
+    log_volume : (n,) array
+        Log determinant of their covariance by the picture alone, without the error of the velocity.
     known : (n,) bool array
         Whether the model has any shape for it.
     settled : (n,) bool array
@@ -61,6 +63,7 @@ class Fits:
     size: Floats
     modulus_slopes: Floats
     covariance: Floats
+    log_volume: Floats
     known: Booleans
     settled: Booleans
     freedom: Integers
@@ -147,6 +150,8 @@ def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integ
     spread = np.full((len(known), 2, 2), np.nan)
     spread[known] = np.linalg.inv(places.normal[known])
     covariance[known] = np.einsum("nij,njk,nlk->nil", along[known], spread[known], along[known])
+    log_volume = np.full(len(known), np.nan)
+    log_volume[known] = np.linalg.slogdet(covariance[known])[1]
     covariance[:, 0, 0] += np.square(session.velocity_errors)
     of_places = evaluate.rest, places.points, places.ratio, places.ratio_slopes, spread
     flow = flow_offsets(evaluate.model, session, *of_places)
@@ -157,5 +162,6 @@ def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integ
     )
     settled = known & (places.left < _NEAR)
     return Fits(
-        *(places.points, residuals, slopes, log_modulus, size, along[:, 0], covariance, known, settled, freedom, flow)
+        *(places.points, residuals, slopes, log_modulus, size, along[:, 0]),
+        *(covariance, log_volume, known, settled, freedom, flow),
     )

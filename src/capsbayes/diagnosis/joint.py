@@ -13,7 +13,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.diagnosis.fits import Fits, fitted
-from capsbayes.diagnosis.scoring import Measured, Outcome, Scores, log_of_measured
+from capsbayes.diagnosis.scoring import REACH, Measured, Outcome, Scores, log_of_measured
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.model import FixedParameters, ForwardModel
@@ -24,7 +24,7 @@ _CLIMBS = 4
 _STARTS = (0.25, 0.5, 0.75)  # sizes of the second, over its range, at which the first is sought anew
 _FARTHEST = 4.0  # in units of the design
 _NEAR = 0.3  # the same
-_SIGMAS = (-2.2, -1.0, 0.0, 1.0, 2.2)  # standard errors, at which each effect is scored
+_SIGMAS = (-4.5, -2.2, -1.0, 0.0, 1.0, 2.2, 4.5)  # standard errors, at which each effect is scored
 
 
 class _Top(NamedTuple):
@@ -71,8 +71,8 @@ class _Pair:
         self.model = model + scores[0].effect + scores[1].effect
         self.scores, self.session, self.white, self.measured = scores, session, white, measured
         self.names = [score.effect.parameter.name for score in scores]
-        self.low = np.array([score.sizes[0] for score in scores])
-        self.high = np.array([score.sizes[-1] for score in scores])
+        priors = [score.effect.prior for score in scores]
+        self.low, self.high = (np.array([float(prior.ppf(end)) for prior in priors]) for end in REACH)
         self.scale = np.array([max(0.5 * np.ptp(score.interval()), 1e-6 * np.ptp(score.sizes)) for score in scores])
         self._start = alone.theta
         self._known: dict[tuple[float, ...], Outcome] = {}

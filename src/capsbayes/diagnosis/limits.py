@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis.fits import Fits, fitted
-from capsbayes.diagnosis.scoring import Outcome, Scores
+from capsbayes.diagnosis.scoring import REACH, Measured, Outcome, Scores, log_of_measured, sizes_about_the_best
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.effect import Effect, Unseen
@@ -17,21 +18,27 @@ from capsbayes.model import ForwardModel
 TWO_SIGMA = 1.92
 """Fall of the log likelihood at the ends of a 95 % interval."""
 
-_REACH = (0.001, 0.999)  # quantiles of the prior between which sizes are tried
 _FIRST = 16.0  # part of the prior's reach on one side, at which an effect is tried first
 _FURTHER = 2.0  # factor from one size to the next
+_REFINED = 2  # times that sizes about the best are added
 _ENOUGH = 8.0  # fall of the log likelihood, in that of an interval's end, beyond which no further size is tried
 
 
 def limit_scores(
-    model: ForwardModel, candidates: Mapping[str, Effect], session: Session, white: Whitening, without: Fits
+    model: ForwardModel,
+    candidates: Mapping[str, Effect],
+    session: Session,
+    white: Whitening,
+    without: Fits,
+    measured: Measured,
 ) -> dict[str, Scores]:
     """Score effects on the capsules of a session at sizes from the null value on, as far as the capsules allow them.
 
-    Whitening and fits are the model's. Effects of which nothing is seen are omitted.
+    Whitening and fits are the model's; what was `measured` elsewhere counts. Effects of which nothing is seen are
+    omitted.
     """
     seen = {name: effect for name, effect in candidates.items() if not isinstance(effect, Unseen)}
-    return {name: _scored(model, effect, session, white, without) for name, effect in seen.items()}
+    return {name: _scored(model, effect, session, white, without, measured.get(name)) for name, effect in seen.items()}
 
 
 def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
@@ -47,7 +54,7 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
         changes = np.exp(found.log_modulus_change((low, high)))
         if np.isnan(changes).any() or not np.isfinite(found.modulus[found.null]):
             continue
-        least, most = (float(found.effect.prior.ppf(share)) for share in _REACH)
+        least, most = (float(found.effect.prior.ppf(share)) for share in REACH)
         null = found.effect.null_value
         rows[name] = {
             "effect": found.effect.name,
@@ -64,21 +71,39 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
     return table.loc[change.sort_values(ascending=False).index]
 
 
-def _scored(model: ForwardModel, effect: Effect, session: Session, white: Whitening, without: Fits) -> Scores:
+def _scored(
+    model: ForwardModel,
+    effect: Effect,
+    session: Session,
+    white: Whitening,
+    without: Fits,
+    measured: tuple[float, float] | None,
+) -> Scores:
     null = effect.null_value
     found = {null: Outcome.of(without)}
-    for end in (float(effect.prior.ppf(share)) for share in _REACH):
+
+    def total(size: float) -> float:
+        return float(found[size].log_likelihood.sum()) + log_of_measured(size, measured)
+
+    def add(size: float, start: Floats) -> Floats:
+        fits = fitted(model + effect, session, white, {effect.parameter.name: size}, start, everywhere=False)
+        found[size] = Outcome.of(fits)
+        return np.where(fits.settled[:, None], fits.theta, start)
+
+    for end in (float(effect.prior.ppf(share)) for share in REACH):
         start, share = without.theta, 1.0 / _FIRST
         while share <= 1.0 and end != null:
             size = null + share * (end - null)
-            fits = fitted(model + effect, session, white, {effect.parameter.name: size}, start, everywhere=False)
-            found[size] = Outcome.of(fits)
-            start = np.where(fits.settled[:, None], fits.theta, start)
-            best = max(outcome.log_likelihood.sum() for outcome in found.values())
-            if found[size].log_likelihood.sum() < best - _ENOUGH * TWO_SIGMA:
+            start = add(size, start)
+            if total(size) < max(map(total, found)) - _ENOUGH * TWO_SIGMA:
                 break
             share *= _FURTHER
+    for _ in range(_REFINED):
+        tried = sorted(found)
+        for size in sizes_about_the_best(tried, [total(each) for each in tried], null):
+            nearest = min(found, key=lambda other: abs(other - size))
+            add(size, found[nearest].theta)
     sizes = np.array(sorted(found))
-    outcomes = [found[size] for size in sizes]
-    likelihoods = np.array([outcome.log_likelihood for outcome in outcomes])
-    return Scores(effect, sizes, likelihoods, np.zeros(len(sizes)), np.array([outcome.modulus for outcome in outcomes]))
+    likelihoods, _, moduli = zip(*(found[size] for size in sizes), strict=True)
+    elsewhere = np.array([log_of_measured(size, measured) for size in sizes])
+    return Scores(effect, sizes, np.array(likelihoods), elsewhere, np.array(moduli))

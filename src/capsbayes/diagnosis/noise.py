@@ -12,21 +12,19 @@ from capsbayes.diagnosis.whitening import Whitening, whitened_at
 from capsbayes.model import ForwardModel
 
 
-def whitening(model: ForwardModel, session: Session) -> Whitening:
+def whitening(model: ForwardModel, session: Session, *, halves: int = 2) -> Whitening:
     """Compute the covariance of each capsule's measurement and of the model's own error there.
 
     Evaluate it at the shape that fits the lengths, then again at the shape that fits the outline. If single outlines
-    scatter by more than is stated, their noise is larger by that much (`Discrepancy.noise`).
-
-    Raises
-    ------
-    InputError
-        If the model has no shape for a capsule.
+    scatter by more than is stated, their noise is larger by that much (`Discrepancy.noise`). The capsules are one of
+    so many `halves`, which have the errors of the microscope in common.
     """
+    among = halves * len(session)
     pilots = initial_guesses(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
-    made = whitened_at(model, session, pilots)
+    made = whitened_at(model, session, pilots, among=among)
     if not made.outline:
         return made
     better = fitted(model, session, made)
     further = Discrepancy.of(session, made, better).noise
-    return whitened_at(model, session, np.where(better.settled[:, None], better.theta, pilots), further=further)
+    nearer = np.where(better.settled[:, None], better.theta, pilots)
+    return whitened_at(model, session, nearer, among=among, further=further)

@@ -5,9 +5,10 @@ how far the apparent shear moduli of all capsules lie apart says whether one
 membrane can have made them. With G_s normal in its logarithm among the capsules
 and the size a/l free, the likelihood of capsule i is, but for a constant,
 
-    exp(-misfit_i / 2) (det C_i)^(1/2) N(ln G_i; mean, C_i[G, G] + spread^2),
+    exp(-misfit_i / 2) (det C_i)^(1/2) N(ln G_i; mean, C_i[G, G] + s_i^2 + spread^2),
 
-C_i the covariance of ln G_i and a/l.
+C_i the covariance of ln G_i and a/l by the picture, s_i the relative error of
+the velocity.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ from capsbayes.model import ForwardModel
 Measured = Mapping[str, tuple[float, float]]
 """Size of an effect measured independently of the capsules, and its standard error, by name of the parameter."""
 
-_QUANTILES = (0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999)  # of the prior, at which an effect is tried first
+REACH = (0.001, 0.999)
+"""Quantiles of the prior between which sizes are tried."""
+
+_QUANTILES = (REACH[0], 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, REACH[1])  # of the prior, at which an effect is tried first
 _REFINED = 2  # times that sizes about the best are added
 _NEXT = 0.02  # of the distance of its neighbours, from the best size
 _FINE = 20_001
@@ -281,7 +285,7 @@ class Trial:
         """Add sizes around the best."""
         for _ in range(times):
             known = self.scores
-            for size in _about_the_best(known.sizes.tolist(), known.total.tolist(), self.effect.null_value):
+            for size in sizes_about_the_best(known.sizes.tolist(), known.total.tolist(), self.effect.null_value):
                 self._add(size)
 
     def _add(self, size: float, *, everywhere: bool = False) -> None:
@@ -313,7 +317,7 @@ def _likeliest(away: Floats, totals: Floats) -> int:
     return int(np.argmin(np.where(totals >= totals.max() - _EQUAL, np.abs(away), np.inf)))
 
 
-def _about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) -> list[float]:
+def sizes_about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) -> list[float]:
     """Return the sizes to try next: the top of a parabola through the best three, and two standard errors either side.
 
     Those close to a known size are omitted.
@@ -357,9 +361,8 @@ def log_likelihood(fits: Fits) -> Floats:
     if done.sum() > 1:
         people = population(values[done], variances[done])
         total = variances[done] + people.spread**2
-        volume = np.linalg.slogdet(fits.covariance[done])[1]
         apart = (values[done] - people.mean) ** 2 / total + np.log(2.0 * np.pi * total)
-        found[done] = -0.5 * fits.misfit[done] + 0.5 * volume - 0.5 * apart
+        found[done] = -0.5 * fits.misfit[done] + 0.5 * fits.log_volume[done] - 0.5 * apart
         everywhere = fits.covariance[:, 0, 0] + people.spread**2
         found[done] += fits.flow.log_likelihood(fits.log_modulus, everywhere, people.mean)[done]
         found[~done] = found[done].min() - _LOST

@@ -14,7 +14,7 @@ from capsbayes.diagnosis.joint import score_jointly
 from capsbayes.diagnosis.scoring import Measured, Scores, Trial
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
-from capsbayes.effect import Effect
+from capsbayes.effect import Effect, Unseen
 from capsbayes.model import FixedParameters, ForwardModel
 
 LEFT = 0.01
@@ -30,6 +30,7 @@ NOTHING, UNKNOWN = "none", "unknown"
 _TOGETHER = 4  # effects at most that are measured together with the first
 _FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
 _APART = 2.5  # standard errors between the log-likelihood ratios of two effects, below which they are not distinguished
+_AT_MOST = 8.0  # lag in log likelihood, above which they are: odds of 3000 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +218,8 @@ def _with(model: ForwardModel, scores: Scores) -> FixedParameters:
 
 def _indistinguishable_from_best(scores: Mapping[str, Scores]) -> tuple[str, ...]:
     """Return the likeliest effect, and those as likely but for the scatter from capsule to capsule."""
-    names = [name for name, score in scores.items() if score.log_likelihood_ratio > LEAST_RATIO]
+    seen = {name: score for name, score in scores.items() if not isinstance(score.effect, Unseen)}
+    names = [name for name, score in seen.items() if score.log_likelihood_ratio > LEAST_RATIO]
     return tuple(name for name in names if _alike(scores[names[0]], scores[name]))
 
 
@@ -236,9 +238,9 @@ def _alike_with_others(best: Scores, other: Scores) -> bool:
 def indistinguishable(lag: float, lags: Floats) -> bool:
     """Tell whether an effect lags behind another in log likelihood by no more than a few capsules decide.
 
-    The lag is that of all that was measured, the lags (n,) those of each capsule.
+    The lag is that of all that was measured, the lags (n,) those of each capsule. Beyond `_AT_MOST` it decides.
     """
-    return lag < max(LEAST_RATIO, _APART * float(np.sqrt(np.sum(lags**2))))
+    return lag < max(LEAST_RATIO, min(_APART * float(np.sqrt(np.sum(lags**2))), _AT_MOST))
 
 
 def probabilities(evidence: Mapping[str, float], trials: Mapping[str, Trial]) -> dict[str, float]:

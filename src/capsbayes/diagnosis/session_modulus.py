@@ -11,6 +11,7 @@ import numpy as np
 from capsbayes.arrays import Floats
 
 _DRAWS = 4000
+_FEWEST = 3  # capsules, whose scatter tells the error of their median
 _OF_MEDIAN = 1.2533  # standard error of a median of normal values over that of their mean
 
 
@@ -55,7 +56,7 @@ def session_modulus(
     rng = np.random.default_rng([seed, len(without)])
     weights = np.array([weight for weight, _ in explanations])
     logs = np.log(without[np.isfinite(without)])
-    if not len(logs):
+    if len(logs) < _FEWEST:
         return SessionModulus(*(3 * [float("nan")]))
     counts = rng.multinomial(_DRAWS, weights / weights.sum())
     drawn = np.concatenate(
@@ -64,8 +65,8 @@ def session_modulus(
             for count, (_, changes) in zip(counts, explanations, strict=True)
         ]
     )
-    error = _OF_MEDIAN * logs.std(ddof=1) / np.sqrt(len(logs)) if len(logs) > 1 else 0.0
-    drawn += error * rng.standard_t(max(len(logs) - 1, 1), _DRAWS)
+    error = _OF_MEDIAN * logs.std(ddof=1) / np.sqrt(len(logs))
+    drawn += error * rng.standard_t(len(logs) - 1, _DRAWS)
     drawn += viscosity_error * rng.standard_normal(_DRAWS)
     low, median, high = np.exp(np.quantile(drawn, (0.025, 0.5, 0.975)))
     return SessionModulus(float(median), float(low), float(high))

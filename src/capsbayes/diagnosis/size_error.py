@@ -1,4 +1,4 @@
-"""Error of an effect's size by the errors of outlines that all capsules of a session share: the model's, the edge's."""
+"""Error of an effect's size by the model's own error, which all capsules of a session share."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def own_size_error(model: ForwardModel, scores: Scores, session: Session) -> flo
         seen = white.each[row]
         if isinstance(seen, OfOutline):
             change = (there.residuals[row] - here.residuals[row]) / step
-            moved += float(np.linalg.norm(seen.common_errors() @ change))
+            moved += float(np.linalg.norm(seen.errors_of_model() @ change))
             seen_change += float(change @ change)
     weight = max(weight, seen_change)  # the former counts the scatter of G_s too
     return moved / weight if weight > 0.0 else 0.0

@@ -29,7 +29,7 @@ def summary(study: Study) -> dict[str, Any]:
         "finding": _finding(study.finding),
         "not_seen_again": None if study.second_finding is None else _finding(study.second_finding),
         "log_evidence": dict(study.evidence),
-        "probabilities": dict(study.probabilities),
+        "probabilities": dict(study.all_probabilities),
         "surface_shear_modulus": _session(study),
         "limits_95": _records(study.limits, "parameter"),
         "candidates": _candidates(study),

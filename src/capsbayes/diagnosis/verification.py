@@ -21,7 +21,7 @@ from capsbayes.diagnosis.session import Session
 from capsbayes.effect import Effect
 from capsbayes.model import ForwardModel
 
-_VERIFIED = 1.64  # standard errors that a right model exceeds once in twenty
+_NOT_WORSE = 1.64  # standard errors by which an effect that was established elsewhere may fall behind
 _WORTH_A_LOOK = 0.5  # p-value of a deviation remaining in the first half, up to which it is tested on the second
 _ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
 
@@ -63,6 +63,8 @@ class Verification:
         Log score of something else on these capsules, once it has seen the first half, relative to no effect.
     ahead_before : float
         Log evidence of the effects on the first half, over that of something else.
+    level : float
+        Significance of both halves together, below which the effects hold.
     """
 
     log_likelihood_ratio: float
@@ -77,6 +79,7 @@ class Verification:
     first_p_value: float
     of_something_else: float = -np.inf
     ahead_before: float = 0.0
+    level: float = 0.05
 
     def table(self) -> pd.DataFrame:
         """Return a row for the model ``before`` and ``after`` the effect is added.
@@ -112,14 +115,18 @@ class Verification:
         return p_value >= LEFT and both.evidence <= LEAST_RATIO
 
     @property
+    def ahead(self) -> float:
+        """Log score of the effects on these capsules, over that of something else that has seen the first half."""
+        return float(self.log_likelihood_ratios.sum()) - self.of_something_else
+
+    @property
     def beats_something_else(self) -> bool:
         """True if the effects predict these capsules better than something else, or all were measured elsewhere.
 
         Also where they predict them hardly worse, and both halves together speak clearly for the effects.
         """
-        ahead = float(self.log_likelihood_ratios.sum()) - self.of_something_else
-        hardly_behind = ahead > -LEAST_RATIO and self.ahead_before + ahead > LEAST_RATIO
-        return all(self.established) or ahead > 0.0 or hardly_behind
+        hardly_behind = self.ahead > -LEAST_RATIO and self.ahead_before + self.ahead > LEAST_RATIO
+        return all(self.established) or self.ahead > 0.0 or hardly_behind
 
     @property
     def holds(self) -> bool:
@@ -128,15 +135,16 @@ class Verification:
         Together they must predict them better than something else does.
 
         The first must do the better the less surprising the disagreement was in the first half, so that under a right
-        model both together occur once in twenty sessions.
+        model both together are significant at the level.
         """
-        together = max(np.sqrt(2.0) * _VERIFIED - float(norm.isf(self.first_p_value)), 0.0)
-        least = (together, *(_VERIFIED for _ in self.steps[1:]))
+        wanted = float(norm.isf(self.level))
+        together = max(np.sqrt(2.0) * wanted - float(norm.isf(self.first_p_value)), 0.0)
+        least = (together, *(wanted for _ in self.steps[1:]))
         return (
             self.leaves_nothing
             and self.beats_something_else
             and all(
-                ratio.mean >= (-_VERIFIED if known else sigma) * ratio.error
+                ratio.mean >= (-_NOT_WORSE if known else sigma) * ratio.error
                 for ratio, sigma, known in zip(self.steps, least, self.established, strict=True)
             )
         )
@@ -150,13 +158,14 @@ def verified(
     seed: int,
     measured: Measured,
     first: Finding,
+    level: float,
 ) -> tuple[tuple[Step, ...], Verification]:
     """Compare the held-out capsules with the model, and with each further effect.
 
     Of the effects that the first half did not distinguish, those stay in question that leave no deviation here and that
     both halves together do not distinguish. Ratios use one covariance for all models; the remaining deviations use that
     of the model with the effects. Of two effects, the first is returned at its size jointly with the second. The steps
-    are those of the first half, with the deviations `first` from the model.
+    are those of the first half, with the deviations `first` from the model; `level` is the significance of both halves.
     """
     white = whitening(model, confirm)
     *before, last = (step for step in steps if step.in_question)
@@ -191,6 +200,7 @@ def verified(
             first_p_value=first.p_value,
             of_something_else=of_something_else,
             ahead_before=evidence_before + last.scores[name].evidence - first.discrepancy.evidence,
+            level=level,
         )
 
     tries = {name: tried(name) for name in last.in_question}
@@ -206,8 +216,8 @@ def verified(
 def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ...]:
     """Select the effects that both halves do not distinguish and that leave no deviation; one that holds comes first.
 
-    The likeliest stays in question next to less likely ones that leave no deviation: what it leaves may be
-    by chance. If it is far likelier, they are not in question themselves.
+    Where the likeliest leaves a deviation that may be chance, it stays in question next to less likely ones that leave
+    none, if it is far likelier than they.
     """
     ratios = {
         name: np.concatenate([step.scores[name].log_likelihood_ratios, verification.log_likelihood_ratios])

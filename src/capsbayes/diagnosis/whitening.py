@@ -19,7 +19,6 @@ from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 
-_HALVES = 2  # of a session: its first half finds what the second verifies, and both have the same errors
 _ALL = slice(None)
 
 
@@ -93,9 +92,12 @@ class OfOutline:
 
     def common_errors(self) -> Floats:
         """Return the changes (k, m) of the residuals by errors that all capsules share: the model's and the edge's."""
+        return np.concatenate([self.errors_of_model(), self.likelihood.whitened_shared(self.measured)])
+
+    def errors_of_model(self) -> Floats:
+        """Return the changes (k, m) of the residuals by the model's own error."""
         seen = self.likelihood
-        of_edge = seen.whitened_shared(self.measured)
-        return of_edge if seen.modes is None else np.concatenate([seen.whitened_displacement(seen.modes), of_edge])
+        return np.zeros((0, self.count)) if seen.modes is None else seen.whitened_displacement(seen.modes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,10 +121,13 @@ class Whitening:
     further: float = 0.0
 
 
-def whitened_at(model: ForwardModel, session: Session, pilots: Floats, *, further: float = 0.0) -> Whitening:
+def whitened_at(
+    model: ForwardModel, session: Session, pilots: Floats, *, among: int, further: float = 0.0
+) -> Whitening:
     """Make the whitening at pilots (n, 2): ln Ca and a/l of a shape of the model near each capsule.
 
-    A `further` standard deviation [l] is added to the noise of outlines.
+    The errors of the microscope are the same `among` so many capsules. A `further` standard deviation [l] is added to
+    the noise of outlines.
     """
     places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
     own = model(places).covariance[:, :2, :2]
@@ -132,7 +137,7 @@ def whitened_at(model: ForwardModel, session: Session, pilots: Floats, *, furthe
             each.append(OfLengths.of(measurement, own[i]))
         else:
             place = {name: float(values[i]) for name, values in places.items()}
-            seen = measurement.outline.noisier(further).shared_by(_HALVES * len(session))
+            seen = measurement.outline.noisier(further).shared_by(among)
             likelihood = outline_likelihood(model, seen, place, length=measurement.length_with_outline)
             each.append(OfOutline(likelihood, measurement.outline))
     outline = any(measurement.outline is not None for measurement in session.measurements)

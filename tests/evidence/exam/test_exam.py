@@ -147,7 +147,7 @@ def test_the_page_counts_what_was_required():
         "| clear sizes named, or in a set of at most 3: at least 90 % | 9 of 10, 90.0% [",
         "| named, though not in the catalogue: at most 2 % | 0 of 8, 0.0% [",
         "| 95 % intervals of the size hold it: 93% to 97% | 9 of 9, 100.0% [",
-        "| halo, clear | 10 | 0 | 8 | 1 | 0 | 0 | 1 | -0.10 | 2.0% | 20.0% | 9 of 10 | 9 of 9 |",
+        "| halo, clear | 10 | 0 | 8 | 1 | 0 | 0 | 0 | 1 | -0.10 | 2.0% | 20.0% | 9 of 10 | 9 of 9 |",
     ):
         assert row in page
 

@@ -136,6 +136,8 @@ def test_the_noise_of_a_pixel_is_found_next_to_slopes_and_shapes():
     slope = 0.05 * np.arange(300.0) + 0.02 * np.random.default_rng(2).standard_normal((200, 300))
     assert pixel_noise(slope) == pytest.approx(0.02, rel=0.03)
     assert pixel_noise(np.ones((20, 20))) == 1e-6
+    wide = np.random.default_rng(2).normal(1.0, 0.02, (60, 50_000))  # a row holds more pixels than are asked for
+    assert pixel_noise(wide) == pytest.approx(0.02, rel=0.03)
 
 
 def test_means_of_three_points_lie_on_the_curve_through_them():

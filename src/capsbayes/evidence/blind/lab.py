@@ -66,6 +66,8 @@ class Lab:
     noise : Noise
     flow_rate_error : float or None
         Relative standard error of the flow rates, common to all; None if the lab does not state them.
+    viscosity_stated : float
+        Stated viscosity over the true one.
     """
 
     half_width: float = 25e-6
@@ -79,6 +81,7 @@ class Lab:
     size_ratios: tuple[float, float] = (0.79, 0.98)
     noise: Noise = field(default_factory=Noise)
     flow_rate_error: float | None = None
+    viscosity_stated: float = 1.0
 
     def stated_over_true_flow(self, rng: np.random.Generator) -> float | None:
         """Draw the stated flow rate over that which the nominal width and the true U give; None if not stated.
@@ -96,7 +99,7 @@ class Lab:
         return Experiment(
             cross_section="square",
             half_width=Quantity(self.half_width, self.half_width_error),
-            viscosity=Quantity(self.viscosity, self.viscosity_error),
+            viscosity=Quantity(self.viscosity * self.viscosity_stated, self.viscosity_error),
         )
 
     def log_density(self, surface_shear_modulus: Floats, size_ratio: Floats) -> Floats:

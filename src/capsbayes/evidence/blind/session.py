@@ -43,6 +43,8 @@ class BlindSession:
     capsules : tuple of Capsule
     shapes : str
         sha256 of the database of shapes.
+    log_modulus_of_batch : float
+        ln of the median G_s [N/m] of the capsules among which these were drawn.
     """
 
     session: Session
@@ -52,6 +54,7 @@ class BlindSession:
     lab: Lab
     capsules: tuple[Capsule, ...]
     shapes: str
+    log_modulus_of_batch: float
 
     @property
     def log_modulus(self) -> Floats:
@@ -81,8 +84,8 @@ def draw_session(
         If there are too few shapes for so many capsules.
     """
     rng = np.random.default_rng(seed)
-    pairs = _pairs(shapes.converged, effect.lab(lab, size), capsules, rng)
-    return _measured(shapes, pairs, effect, size, lab, seed, outline, rng)
+    pairs, median = _pairs(shapes.converged, effect.lab(lab, size), capsules, rng)
+    return _measured(shapes, pairs, effect, size, lab, seed, outline, rng, median)
 
 
 def simulate_session(
@@ -119,7 +122,8 @@ def simulate_session(
     if len(pairs) < capsules:
         advice = "let them be softer or smaller"
         raise InputError("blind session", "capsules", f"{capsules} with a steady shape", f"{len(pairs)}", advice)
-    return _measured(built, pairs, effect, size, lab, seed, outline, rng)
+    median = float(np.log(lab.surface_shear_modulus))
+    return _measured(built, pairs, effect, size, lab, seed, outline, rng, median)
 
 
 def _measured(
@@ -131,6 +135,7 @@ def _measured(
     seed: int,
     outline: bool,
     rng: np.random.Generator,
+    median: float,
 ) -> BlindSession:
     """Return the session of capsules with converged shapes, given by their rows, each at a mean velocity."""
     converged = shapes.converged
@@ -142,11 +147,11 @@ def _measured(
         for number, capsule in enumerate(capsules, start=1)
     ]
     session = Session(measurements, lab.experiment)
-    return BlindSession(session, effect.name, size, seed, lab, tuple(capsules), shapes.sha256)
+    return BlindSession(session, effect.name, size, seed, lab, tuple(capsules), shapes.sha256, median)
 
 
-def _pairs(shapes: Database, lab: Lab, count: int, rng: np.random.Generator) -> list[tuple[int, float]]:
-    """Draw the row of a shape and the mean velocity of each capsule, no pair twice."""
+def _pairs(shapes: Database, lab: Lab, count: int, rng: np.random.Generator) -> tuple[list[tuple[int, float]], float]:
+    """Draw the row of a shape and the mean velocity of each capsule, no pair twice; return the median ln G_s of all."""
     speeds = np.array(lab.mean_velocities)
     modulus = surface_shear_modulus(
         viscosity=lab.viscosity, mean_velocity=speeds, capillary_number=shapes["capillary_number"][:, None]
@@ -157,7 +162,10 @@ def _pairs(shapes: Database, lab: Lab, count: int, rng: np.random.Generator) -> 
         expected = f"shapes for {count} capsules"
         raise InputError("blind session", "shapes", expected, f"{possible} pairs of a shape and a flow rate")
     places = rng.choice(density.size, count, replace=False, p=density / density.sum())
-    return [(int(place) // len(speeds), float(speeds[place % len(speeds)])) for place in places]
+    order = np.argsort(modulus, axis=None)
+    below = np.cumsum(density[order])
+    median = float(np.log(modulus.ravel()[order][np.searchsorted(below, 0.5 * below[-1])]))
+    return [(int(place) // len(speeds), float(speeds[place % len(speeds)])) for place in places], median
 
 
 def _row(shapes: Database, capillary_number: float, size_ratio: float) -> int | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
@@ -28,9 +29,9 @@ class Answer:
     ----------
     outcome : str
         "none", "right", "small set" or "large set" (with the truth among the names of each effect that is added, if the
-        catalogue has it), "unknown", or "wrong".
+        catalogue has it), "part" (likewise, but of two effects one alone), "unknown", or "wrong".
     names : list of str
-        Effects that were named.
+        Effects that were named, or the nearest.
     p_value : float
         Of the finding.
     shapes : list of int
@@ -38,13 +39,15 @@ class Answer:
     log_score : float
         Log of the probability of the truth: of no effect, of the one that was hidden, or of something else.
     modulus, modulus_low, modulus_high : float
-        ln of the median G_s of the session and of the ends of its 95 % interval, over the true median of its capsules.
+        ln of the median G_s of the session and of the ends of its 95 % interval, over the true median of the batch.
     apparent : float
         The same of the capsules of the first half without any effect.
     true_size, size, low, high : float
         True and estimated size of the effect, with its 95 % interval; estimates only if it is among the names.
     seconds : float
         Processor time.
+    ahead : float
+        Log evidence of what was named, or is nearest, over that of something else, by both halves.
     """
 
     outcome: str
@@ -61,6 +64,7 @@ class Answer:
     size: float = np.nan
     low: float = np.nan
     high: float = np.nan
+    ahead: float = np.nan
 
 
 def answer_session(cell: Cell, seed: int, shapes: Database, model: ForwardModel) -> Answer:
@@ -82,6 +86,7 @@ def answer_session(cell: Cell, seed: int, shapes: Database, model: ForwardModel)
         true_size=size,
         **_size(cell, study),
         seconds=time.process_time() - begin,
+        ahead=np.nan if study.verification is None else study.verification.ahead_before + study.verification.ahead,
     )
 
 
@@ -96,9 +101,20 @@ def outcome_of(cell: Cell, study: Study) -> str:
         return "wrong"
     if cell.known and not all(cell.names & {*step.in_question} for step in study.steps):
         return "wrong"
+    if not _all_found(cell, study):
+        return "part"
     if named:
         return "right"
     return "small set" if all(len(step.in_question) <= SMALL for step in study.steps) else "large set"
+
+
+def _all_found(cell: Cell, study: Study) -> bool:
+    """Tell whether every true effect is among the names of a step of its own, if the catalogue has it."""
+    if not cell.known:
+        return True
+    names = sorted(cell.names)
+    orders = permutations((step.in_question for step in study.steps), len(names))
+    return any(all(name in step for name, step in zip(names, order, strict=True)) for order in orders)
 
 
 def log_score(cell: Cell, study: Study) -> float:
@@ -109,7 +125,7 @@ def log_score(cell: Cell, study: Study) -> float:
 
 
 def _modulus(blind: BlindSession, study: Study) -> dict[str, float]:
-    truth = float(np.median(blind.log_modulus))
+    truth = blind.log_modulus_of_batch
     found = study.surface_shear_modulus
     apparent = np.nan if study.first_half is None else study.first_half.median_modulus
     values = {"": found.median, "_low": found.low, "_high": found.high}

@@ -48,11 +48,12 @@ def examine(
     begin = _APART * HALVES[half]
     make_folder(folder)
     with only_run(folder), keeping(folder):
+        code = code_digest()
         works = {cell.name: _work_of(cell, os.fspath(pools)) for cell in cells}
         known = {cell.name: _read(folder, cell, works[cell.name]) for cell in cells}
         for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
             tasks = [
-                partial(_one, cell, begin + seed, os.fspath(pools), _records(folder, cell), works[cell.name])
+                partial(_one, cell, begin + seed, os.fspath(pools), _records(folder, cell), works[cell.name], code)
                 for seed in range(start, end + 1)
                 for cell in cells
                 if seed <= cell.sessions and begin + seed not in known[cell.name]
@@ -80,11 +81,11 @@ def _rounds(last: int) -> Iterator[tuple[int, int]]:
         start, end = end + 1, 2 * end
 
 
-def _one(cell: Cell, seed: int, pools: str, records: Records, work: str) -> None:
-    store = Store(records.path.parent, work)
+def _one(cell: Cell, seed: int, pools: str, records: Records, work: str, code: str) -> None:
+    store = Store(records.path.parent, digest_of(work, code))
     with steps_kept(store, f"{records.path.stem}-{seed}"):
         answer = answer_session(cell, seed, _shapes(pools, *cell.shapes), _model())
-    records.add({"seed": seed, **asdict(answer), "work": work, "code": code_digest()})
+    records.add({"seed": seed, **asdict(answer), "work": work, "code": code})
 
 
 def _work_of(cell: Cell, pools: str) -> str:

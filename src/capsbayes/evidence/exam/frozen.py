@@ -10,21 +10,24 @@ from importlib.resources import files
 from pathlib import Path
 
 import capsbayes
+from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import make_folder, write_file
 
-_ROOMS = ("diagnosis", "effects", "infer/outline", "surrogate")
-_FILES = ("infer/kernel.py", "least_squares.py", "measured_outline.py", "prediction.py", "profile.py")
+_OTHER = ("app", "cli", "image", "show")  # folders of code that decides no answer
 _RECORD = "frozen.json"
 
 
 @lru_cache(maxsize=1)
 def code_digest() -> str:
-    """Return a hash of the code that decides an answer, its thresholds among it."""
+    """Return a hash of the code that decides an answer, its thresholds among it, and of the databases it opens."""
     digest, root = hashlib.sha256(), Path(str(files(capsbayes)))
-    of_rooms = (file for room in _ROOMS for file in sorted(root.joinpath(room).rglob("*.py")))
-    for file in (*of_rooms, *(root / name for name in _FILES)):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    for file in sorted(root.rglob("*.py")):
+        name = file.relative_to(root)
+        if name.parts[0] not in _OTHER:
+            digest.update(name.as_posix().encode() + b"\0" + file.read_bytes())
+    for database in Database.shipped():
+        digest.update(Database.open(database).sha256.encode())
     return digest.hexdigest()
 
 
@@ -37,7 +40,7 @@ def freeze(out: str | os.PathLike[str]) -> None:
         If the locked half was opened with other code: what was seen of it cannot be unseen.
     """
     folder = Path(out)
-    if frozen(folder) not in (None, code_digest()) and any((folder / "locked").glob("*.jsonl")):
+    if frozen(folder) != code_digest() and any((folder / "locked").glob("*.jsonl")):
         expected, got = "a locked half that was not opened yet", "answers of another diagnosis"
         raise InputError(str(folder / "locked"), "", expected, got, "draw a new half with other seeds")
     make_folder(folder)

@@ -53,6 +53,7 @@ _NOT_LOCATED = 0.3  # px: error of an arc whose edge is taken from its neighbour
 _FEWEST = 4  # normals that are left of an arc, of which some were erased
 _CONTRAST = 0.03  # of the light: a fainter jump is no edge
 _NOISE_PIXELS = 40_000  # from which the noise is estimated, in every so many rows
+_NOISE_ROWS = 8  # of them, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ class EdgeOutline:
 
 def pixel_noise(light: Floats) -> float:
     """Return the standard deviation of one pixel's noise, by second differences, most of which hold only noise."""
-    light = light[:: max(1, light.size // _NOISE_PIXELS)]
+    light = light[:: max(1, min(light.size // _NOISE_PIXELS, len(light) // _NOISE_ROWS))]
     second = light[1:-1, 1:-1] - 0.5 * (light[1:-1, :-2] + light[1:-1, 2:])
     return max(robust_spread(second) / np.sqrt(1.5), 1e-6)
 
@@ -117,14 +118,14 @@ def locate_edge(light: Floats, polygon: Floats, noise: float, erased: Booleans |
         return None
     outline = moved.outline
     left = scatter_left(averaged(outline.points), averaged(outline.normals), without_erased(outline))
-    raised = left / (noise * scatter_expected(outline))
-    of_noise = np.square(noise * max(1.0, raised) * outline.arc_error)
+    seen = left / scatter_expected(outline)  # noise of a pixel that would scatter the points as they do
+    of_noise = np.square(max(noise, seen) * outline.arc_error)
     arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(moved.arc_misfit) - of_noise, 0.0))
     of_bridges = bridge_errors(outline.points, outline.erased)
     return replace(
         outline,
         points=outline.points + first,
-        point_error=np.hypot(noise * max(_LEAST, raised) * outline.point_error, of_bridges),
+        point_error=np.hypot(max(_LEAST * noise, seen) * outline.point_error, of_bridges),
         arc_error=np.hypot(np.where(outline.located, arc_error, _NOT_LOCATED), of_bridges),
     )
 

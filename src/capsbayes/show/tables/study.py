@@ -169,7 +169,7 @@ def _modulus(value: float) -> str:
 
 
 def _probability(study: Study, name: str) -> Symbols:
-    found = study.probabilities
+    found = study.all_probabilities
     return Symbols(probability_words(found[name]) if name in found else _UNSEEN)
 
 

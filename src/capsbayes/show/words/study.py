@@ -16,6 +16,7 @@ ALONE = {NOTHING: "no effect", UNKNOWN: "something else"}
 """Explanations that are no effects of the catalogue."""
 
 _MODULUS = PARAMETERS["surface_shear_modulus"]
+_NOISIER = 1.1  # noise over the stated one, from which it is said
 _MANY = 1e3  # odds beyond which no number is trusted: it would be that of the tails of the stated noise
 
 
@@ -89,11 +90,16 @@ def session_modulus_words(study: Study) -> str:
 
 
 def noise_words(study: Study) -> str:
-    """Say how much single outlines scatter beyond their stated noise; empty if they do not."""
-    further = study.finding.further_noise * float(np.mean(study.session.circumstances["half_width"]))
-    if not further:
+    """Say how much single outlines scatter beyond their stated noise; empty if they hardly do."""
+    further = study.finding.further_noise
+    stated = [each.outline.noise.scale for each in study.session.measurements if each.outline is not None]
+    if not stated or math.hypot(1.0, further / float(np.median(stated))) < _NOISIER:
         return ""
-    return f"Single outlines scatter by {1e6 * further:.2g} µm beyond their stated noise, which is allowed for."
+    in_micrometres = 1e6 * float(np.mean(study.session.circumstances["half_width"]))
+    return (
+        f"Single outlines scatter by {in_micrometres * further:.2g} µm beyond their stated noise of "
+        f"{in_micrometres * float(np.median(stated)):.2g} µm, which is allowed for."
+    )
 
 
 def outlier_words(study: Study) -> str:
@@ -244,13 +250,14 @@ def probability_words(probability: float) -> str:
 
 def probabilities_words(study: Study) -> str:
     """Say the probabilities of the likeliest effect, of something else, and of nothing; empty if none were compared."""
-    found = study.probabilities
+    found = study.all_probabilities
     if not found:
         return ""
-    named = [name for name in study.names[:1] if name in found] or [name for name in found if name in study.scores][:1]
-    words = [f"{study.scores[name].effect.name} {probability_words(found[name])}" for name in named]
+    named = [name for name in study.names[:1] if name in found] or [name for name in found if name not in ALONE][:1]
+    words = [f"{study.candidates[name].name} {probability_words(found[name])}" for name in named]
     words += [f"{ALONE[other]} {probability_words(found[other])}" for other in (UNKNOWN, NOTHING)]
-    return f"Probabilities by one half of the capsules, each effect alone: {', '.join(words)}."
+    which = "one half of the capsules" if study.evidence else "all capsules"
+    return f"Probabilities by {which}, each effect alone: {', '.join(words)}."
 
 
 def deviation_words(deviation: Deviation) -> str:
