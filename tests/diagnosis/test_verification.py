@@ -81,3 +81,19 @@ def test_an_effect_must_not_lose_against_something_else(gained, of_something_els
     }.items():
         object.__setattr__(verification, name, value)
     assert verification.beats_something_else == beats
+
+
+@pytest.mark.parametrize(
+    ("ahead", "before", "established", "in_question"),
+    [(3.0, 4.0, False, True), (3.0, 6.0, False, False), (3.0, 4.0, True, False)],
+)
+def test_something_else_is_in_question_until_both_halves_rule_it_out(ahead, before, established, in_question):
+    verification = object.__new__(Verification)
+    for name, value in {
+        "log_likelihood_ratios": np.full(20, ahead / 20),
+        "of_something_else": 0.0,
+        "ahead_before": before,
+        "established": (established,),
+    }.items():
+        object.__setattr__(verification, name, value)
+    assert verification.something_else_in_question is in_question

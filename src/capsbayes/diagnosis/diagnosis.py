@@ -49,7 +49,7 @@ class Verdict(Enum):
 
     NONE = "no disagreement was found"
     NAMED = "an effect explains it"
-    AMBIGUOUS = "more than one effect may explain it"
+    AMBIGUOUS = "more than one effect may explain it"  # something else may be one of them
     UNKNOWN = "no effect of the catalogue explains it"
     NOT_TESTABLE = "these data cannot tell"
 
@@ -111,6 +111,13 @@ class Study(Readable):
     def names(self) -> tuple[str, ...]:
         """Names of the parameters of the effects in question, the likeliest first; the nearest if none explains it."""
         return tuple(name for step in self.steps for name in step.in_question)
+
+    @property
+    def something_else(self) -> bool:
+        """Whether something else is in question, too, next to the effects that may explain the deviations."""
+        if self.verdict is not Verdict.AMBIGUOUS or self.verification is None:
+            return False
+        return self.verification.something_else_in_question
 
     @property
     def name(self) -> str:
@@ -200,7 +207,11 @@ class Study(Readable):
             before = [step.best for step in settled]
             most = max(last.scores[name].evidence for name in last.in_question)
             alike = [last.scores[name] for name in last.in_question]
-            return [(float(np.exp(tried.evidence - most)), self._together(*before, tried)) for tried in alike]
+            found = [(float(np.exp(tried.evidence - most)), self._together(*before, tried)) for tried in alike]
+            if self.something_else and self.verification is not None:
+                behind = max(self.verification.ahead_before + self.verification.ahead, 0.0)
+                found.append((float(np.exp(-behind)), (self.finding.discrepancy,)))
+            return found
         if self.verdict is Verdict.NONE:
             something_else = self._whole_finding.discrepancy
             logs: list[tuple[float, Explanation]] = [(0.0, ()), (something_else.evidence, (something_else,))]
@@ -271,7 +282,8 @@ class Study(Readable):
             second = "" if self.second_finding is None else f"; not confirmed: {self.second_finding}"
             return f"{self.verdict.value} ({self.finding}{second})"
         groups = (" or ".join(str(step.scores[name]) for name in step.in_question) for step in self.steps)
-        return f"{self.verdict.value}: {'; with '.join(groups)} ({self.finding})"
+        other = " or something else" if self.something_else else ""
+        return f"{self.verdict.value}: {'; with '.join(groups)}{other} ({self.finding})"
 
 
 @threadpool_limits.wrap(limits=1)  # the matrices are tiny: threads would only wait for each other
@@ -369,7 +381,7 @@ def diagnose(
         return made(Verdict.UNKNOWN, steps=steps, verification=verification)
     steps = _with_own_errors(steps, first)
     made = partial(made, steps=steps, verification=verification)
-    if any(len(step.in_question) > 1 for step in steps):
+    if verification.something_else_in_question or any(len(step.in_question) > 1 for step in steps):
         return made(Verdict.AMBIGUOUS)
     extended: ForwardModel = model
     for step in steps:

@@ -24,13 +24,15 @@ LEAST_RATIO = 3.0
 """Log-likelihood ratio below which an effect explains nothing, or no more than another, and log evidence of something
 else up to which an effect is not refuted."""
 
+AT_MOST = 8.0
+"""Lag in log likelihood or log evidence from which an explanation is no longer in question: odds of 3000 to 1."""
+
 NOTHING, UNKNOWN = "none", "unknown"
 """Names of no effect, and of an effect that is not in the catalogue, next to those of the effects."""
 
 _TOGETHER = 4  # effects at most that are measured together with the first
 _FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
 _APART = 2.5  # standard errors between the log-likelihood ratios of two effects, below which they are not distinguished
-_AT_MOST = 8.0  # lag in log likelihood, above which they are: odds of 3000 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,9 +240,9 @@ def _alike_with_others(best: Scores, other: Scores) -> bool:
 def indistinguishable(lag: float, lags: Floats) -> bool:
     """Tell whether an effect lags behind another in log likelihood by no more than a few capsules decide.
 
-    The lag is that of all that was measured, the lags (n,) those of each capsule. Beyond `_AT_MOST` it decides.
+    The lag is that of all that was measured, the lags (n,) those of each capsule. Beyond `AT_MOST` it decides.
     """
-    return lag < max(LEAST_RATIO, min(_APART * float(np.sqrt(np.sum(lags**2))), _AT_MOST))
+    return lag < max(LEAST_RATIO, min(_APART * float(np.sqrt(np.sum(lags**2))), AT_MOST))
 
 
 def probabilities(evidence: Mapping[str, float], trials: Mapping[str, Trial]) -> dict[str, float]:

@@ -24,6 +24,7 @@ def summary(study: Study) -> dict[str, Any]:
         "verdict": study.verdict.name,
         "sentence": str(study),
         "effects": list(study.names),
+        "something_else": study.something_else,
         "not_testable": list(study.not_testable),
         "sizes": dict(study.sizes),
         "finding": _finding(study.finding),

@@ -16,7 +16,7 @@ from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.scoring import Measured, log_likelihood
-from capsbayes.diagnosis.search import LEAST_RATIO, LEFT, Step, indistinguishable
+from capsbayes.diagnosis.search import AT_MOST, LEAST_RATIO, LEFT, Step, indistinguishable
 from capsbayes.diagnosis.session import Session
 from capsbayes.effect import Effect
 from capsbayes.model import ForwardModel
@@ -127,6 +127,11 @@ class Verification:
         """
         hardly_behind = self.ahead > -LEAST_RATIO and self.ahead_before + self.ahead > LEAST_RATIO
         return all(self.established) or self.ahead > 0.0 or hardly_behind
+
+    @property
+    def something_else_in_question(self) -> bool:
+        """True if both halves together do not rule something else out, and no effect was measured elsewhere."""
+        return not all(self.established) and self.ahead_before + self.ahead < AT_MOST
 
     @property
     def holds(self) -> bool:

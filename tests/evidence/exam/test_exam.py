@@ -59,6 +59,8 @@ ANSWER = Answer(
         (BOTH, Verdict.NAMED, (("halo",), ("bending",)), "right"),
         (BOTH, Verdict.AMBIGUOUS, (("halo", "swelling"), ("bending",)), "small set"),
         (BOTH, Verdict.NAMED, (("halo",), ("rest_aspect",)), "wrong"),
+        (BOTH, Verdict.NAMED, (("halo",),), "part"),
+        (BOTH, Verdict.AMBIGUOUS, (("halo", "taper"), ("halo", "swelling")), "part"),
         (PATTERN, Verdict.NAMED, (("bending",),), "wrong"),
         (PATTERN, Verdict.AMBIGUOUS, (("bending", "exposure"),), "small set"),
         (PATTERN, Verdict.UNKNOWN, (), "unknown"),
@@ -67,8 +69,14 @@ ANSWER = Answer(
     ],
 )
 def test_outcomes_are_right_or_wrong_by_the_truth(cell, verdict, steps, outcome):
-    study = SimpleNamespace(verdict=verdict, steps=[SimpleNamespace(in_question=names) for names in steps])
-    assert outcome_of(cell, study) == outcome
+    made = [SimpleNamespace(in_question=names) for names in steps]
+    assert outcome_of(cell, SimpleNamespace(verdict=verdict, steps=made, something_else=False)) == outcome
+
+
+def test_something_else_is_one_of_a_set():
+    steps = [SimpleNamespace(in_question=("bending", "halo", "exposure"))]
+    study = SimpleNamespace(verdict=Verdict.AMBIGUOUS, steps=steps, something_else=True)
+    assert outcome_of(HALO, study) == "large set"
 
 
 def test_the_log_score_is_that_of_what_was_hidden():

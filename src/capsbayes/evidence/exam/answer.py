@@ -29,7 +29,8 @@ class Answer:
     ----------
     outcome : str
         "none", "right", "small set" or "large set" (with the truth among the names of each effect that is added, if the
-        catalogue has it), "part" (likewise, but of two effects one alone), "unknown", or "wrong".
+        catalogue has it; something else counts as one), "part" (likewise, but of two effects one alone), "unknown", or
+        "wrong".
     names : list of str
         Effects that were named, or the nearest.
     p_value : float
@@ -105,7 +106,8 @@ def outcome_of(cell: Cell, study: Study) -> str:
         return "part"
     if named:
         return "right"
-    return "small set" if all(len(step.in_question) <= SMALL for step in study.steps) else "large set"
+    largest = max(len(step.in_question) for step in study.steps) + study.something_else
+    return "small set" if largest <= SMALL else "large set"
 
 
 def _all_found(cell: Cell, study: Study) -> bool:

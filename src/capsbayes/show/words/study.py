@@ -51,7 +51,10 @@ def verdict_sentence(study: Study) -> str:
         return f"{disagree} {_explanation(named)}: {sizes}."
     if study.verdict is Verdict.AMBIGUOUS:
         groups = [[step.scores[name].effect.name for name in step.in_question] for step in study.steps]
-        return f"{disagree} more than one effect may explain it: {', with '.join(map(_listed, groups))}."
+        *others, last = groups
+        last += [ALONE[UNKNOWN]] * study.something_else
+        alike = ", with ".join(map(_listed, [*others, last]))
+        return f"{disagree} more than one effect may explain it: {alike}."
     if study.verification is not None:
         best = study.scores[study.names[0]]
         return f"{disagree} nothing that was tried explains it; {best.effect.name} comes nearest."
