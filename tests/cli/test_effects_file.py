@@ -95,7 +95,7 @@ def test_an_effect_is_hidden_in_stored_shapes_and_tried(tmp_path, monkeypatch, c
     path, out = tmp_path / "mine.py", tmp_path / "hidden"
     path.write_text(IMPORTS + GLARE)
     shapes = Path(__file__).parents[2] / "data" / "pools" / "none-0.nc"
-    hide = ("hide", "--effects", path, "--shapes", shapes, "--capsules", "12", "--lengths-only", "--out", out)
+    hide = ("hide", "--effects", path, "--shapes", shapes, "--capsules", "14", "--lengths-only", "--out", out)
     status, _, error = run(monkeypatch, capsys, *hide, "--effect", "glow")
     assert status == 2
     assert "glare" in error
