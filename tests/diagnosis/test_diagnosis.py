@@ -14,7 +14,7 @@ from capsbayes.diagnosis.diagnosis import Verdict, diagnose
 from capsbayes.diagnosis.finding import Deviation, Finding
 from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.noise import whitening
-from capsbayes.diagnosis.scoring import log_likelihood, population, sizes_about_the_best
+from capsbayes.diagnosis.scoring import _about_the_best, log_likelihood, population
 from capsbayes.diagnosis.summary import summary
 from capsbayes.diagnosis.verification import MeanRatio
 from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
@@ -186,8 +186,8 @@ def test_an_effect_that_no_candidate_explains_is_unknown(model):
 def test_next_sizes_are_the_top_of_a_parabola_and_two_standard_errors_either_side():
     sizes = [0.0, 1.0, 2.5]
     totals = [-0.5 * ((size - 1.2) / 0.3) ** 2 for size in sizes]
-    assert sorted(sizes_about_the_best(sizes, totals)) == pytest.approx([0.6, 1.2, 1.8])
-    assert sizes_about_the_best(sizes, [0.0, 0.0, 0.0]) == [0.5]  # the first is as good as any
+    assert sorted(_about_the_best(sizes, totals)) == pytest.approx([0.6, 1.2, 1.8])
+    assert _about_the_best(sizes, [0.0, 0.0, 0.0]) == [0.5]  # the first is as good as any
 
 
 def test_a_model_with_held_sizes_is_that_at_these_sizes(model):

@@ -208,9 +208,8 @@ class Study(Readable):
             most = max(last.scores[name].evidence for name in last.in_question)
             alike = [last.scores[name] for name in last.in_question]
             found = [(float(np.exp(tried.evidence - most)), self._together(*before, tried)) for tried in alike]
-            if self.something_else and self.verification is not None:
-                behind = max(self.verification.ahead_before + self.verification.ahead, 0.0)
-                found.append((float(np.exp(-behind)), (self.finding.discrepancy,)))
+            if self.verification is not None and self.verification.something_else_in_question:
+                found.append((float(np.exp(-max(self.verification.ahead_by_both, 0.0))), (self.finding.discrepancy,)))
             return found
         if self.verdict is Verdict.NONE:
             something_else = self._whole_finding.discrepancy

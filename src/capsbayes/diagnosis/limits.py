@@ -7,9 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from capsbayes.arrays import Floats
-from capsbayes.diagnosis.fits import Fits, fitted
-from capsbayes.diagnosis.scoring import REACH, Measured, Outcome, Scores, log_of_measured, sizes_about_the_best
+from capsbayes.diagnosis.fits import Fits
+from capsbayes.diagnosis.scoring import REACH, Measured, Profile, Scores
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.whitening import Whitening
 from capsbayes.effect import Effect, Unseen
@@ -20,7 +19,6 @@ TWO_SIGMA = 1.92
 
 _FIRST = 16.0  # part of the prior's reach on one side, at which an effect is tried first
 _FURTHER = 2.0  # factor from one size to the next
-_REFINED = 2  # times that sizes about the best are added
 _ENOUGH = 8.0  # fall of the log likelihood, in that of an interval's end, beyond which no further size is tried
 
 
@@ -37,8 +35,11 @@ def limit_scores(
     Whitening and fits are the model's; what was `measured` elsewhere counts. Effects of which nothing is seen are
     omitted.
     """
-    seen = {name: effect for name, effect in candidates.items() if not isinstance(effect, Unseen)}
-    return {name: _scored(model, effect, session, white, without, measured.get(name)) for name, effect in seen.items()}
+    return {
+        name: _profiled(Profile(model, effect, session, white, without, measured.get(name)))
+        for name, effect in candidates.items()
+        if not isinstance(effect, Unseen)
+    }
 
 
 def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
@@ -71,39 +72,17 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
     return table.loc[change.sort_values(ascending=False).index]
 
 
-def _scored(
-    model: ForwardModel,
-    effect: Effect,
-    session: Session,
-    white: Whitening,
-    without: Fits,
-    measured: tuple[float, float] | None,
-) -> Scores:
-    null = effect.null_value
-    found = {null: Outcome.of(without)}
-
-    def total(size: float) -> float:
-        return float(found[size].log_likelihood.sum()) + log_of_measured(size, measured)
-
-    def add(size: float, start: Floats) -> Floats:
-        fits = fitted(model + effect, session, white, {effect.parameter.name: size}, start, everywhere=False)
-        found[size] = Outcome.of(fits)
-        return np.where(fits.settled[:, None], fits.theta, start)
-
-    for end in (float(effect.prior.ppf(share)) for share in REACH):
-        start, share = without.theta, 1.0 / _FIRST
+def _profiled(profile: Profile) -> Scores:
+    """Add sizes from the null value on, as far as the capsules allow them, then sizes about the best."""
+    null = profile.effect.null_value
+    for end in (float(profile.effect.prior.ppf(share)) for share in REACH):
+        share = 1.0 / _FIRST
         while share <= 1.0 and end != null:
             size = null + share * (end - null)
-            start = add(size, start)
-            if total(size) < max(map(total, found)) - _ENOUGH * TWO_SIGMA:
+            profile.add(size)
+            found = profile.scores
+            if found.total[found.sizes == size] < found.total.max() - _ENOUGH * TWO_SIGMA:
                 break
             share *= _FURTHER
-    for _ in range(_REFINED):
-        tried = sorted(found)
-        for size in sizes_about_the_best(tried, [total(each) for each in tried], null):
-            nearest = min(found, key=lambda other: abs(other - size))
-            add(size, found[nearest].theta)
-    sizes = np.array(sorted(found))
-    likelihoods, _, moduli = zip(*(found[size] for size in sizes), strict=True)
-    elsewhere = np.array([log_of_measured(size, measured) for size in sizes])
-    return Scores(effect, sizes, np.array(likelihoods), elsewhere, np.array(moduli))
+    profile.refine()
+    return profile.scores

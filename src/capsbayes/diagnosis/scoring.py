@@ -227,8 +227,8 @@ class Outcome(NamedTuple):
         return cls(log_likelihood(fits), fits.theta, fits.median_modulus)
 
 
-class Trial:
-    """Profile likelihood of an effect on a session, refined at more and more sizes.
+class Profile:
+    """Profile likelihood of an effect on a session, at the null value and at sizes that are added.
 
     Parameters
     ----------
@@ -242,8 +242,6 @@ class Trial:
         Of the model, which is what the effect is measured against: all effects alike, wherever they have shapes.
     measured : (float, float), optional
         Size of the effect as measured apart from the capsules, and its standard error.
-    known : mapping of float to Outcome, optional
-        What came of some sizes already.
     """
 
     def __init__(
@@ -254,14 +252,10 @@ class Trial:
         white: Whitening,
         without: Fits,
         measured: tuple[float, float] | None = None,
-        known: Mapping[float, Outcome] | None = None,
     ) -> None:
         self.model, self.effect, self.session, self.white, self.without = model, effect, session, white, without
         self.measured = measured
-        self._found = {effect.null_value: Outcome.of(without), **(known or {})}
-        for size in sorted(_first_sizes(effect, measured), key=lambda guess: abs(guess - effect.null_value)):
-            self._add(size, everywhere=True)
-        self.refine(1)
+        self._found = {effect.null_value: Outcome.of(without)}
 
     @property
     def unseen(self) -> bool:
@@ -276,19 +270,15 @@ class Trial:
         likelihoods, _, moduli = zip(*(self._found[size] for size in sizes), strict=True)
         return Scores(self.effect, sizes, np.array(likelihoods), elsewhere, np.array(moduli))
 
-    def with_measured(self, measured: tuple[float, float] | None) -> Trial:
-        """Return the trial with an independent measurement of the effect."""
-        made = (self.model, self.effect, self.session, self.white, self.without)
-        return self if measured == self.measured else Trial(*made, measured, self._found)
-
     def refine(self, times: int = _REFINED) -> None:
         """Add sizes around the best."""
         for _ in range(times):
             known = self.scores
-            for size in sizes_about_the_best(known.sizes.tolist(), known.total.tolist(), self.effect.null_value):
-                self._add(size)
+            for size in _about_the_best(known.sizes.tolist(), known.total.tolist(), self.effect.null_value):
+                self.add(size)
 
-    def _add(self, size: float, *, everywhere: bool = False) -> None:
+    def add(self, size: float, *, everywhere: bool = False) -> None:
+        """Fit the capsules with the effect at a size, from the fits at the nearest one; see `fitted`."""
         if size in self._found:
             return
         start = self._found[min(self._found, key=lambda other: abs(other - size))].theta
@@ -298,6 +288,39 @@ class Trial:
         if self.unseen:  # what it seems to gain is but another reach of the model's domain
             found = found._replace(log_likelihood=self._found[self.effect.null_value].log_likelihood)
         self._found[size] = found
+
+
+class Trial(Profile):
+    """Profile likelihood over the whole prior of the effect, refined at more and more sizes.
+
+    Parameters
+    ----------
+    model, effect, session, white, without, measured
+        See `Profile`.
+    known : mapping of float to Outcome, optional
+        What came of some sizes already.
+    """
+
+    def __init__(
+        self,
+        model: ForwardModel,
+        effect: Effect,
+        session: Session,
+        white: Whitening,
+        without: Fits,
+        measured: tuple[float, float] | None = None,
+        known: Mapping[float, Outcome] | None = None,
+    ) -> None:
+        super().__init__(model, effect, session, white, without, measured)
+        self._found |= known or {}
+        for size in sorted(_first_sizes(effect, measured), key=lambda guess: abs(guess - effect.null_value)):
+            self.add(size, everywhere=True)
+        self.refine(1)
+
+    def with_measured(self, measured: tuple[float, float] | None) -> Trial:
+        """Return the trial with an independent measurement of the effect."""
+        made = (self.model, self.effect, self.session, self.white, self.without)
+        return self if measured == self.measured else Trial(*made, measured, self._found)
 
 
 def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:
@@ -317,7 +340,7 @@ def _likeliest(away: Floats, totals: Floats) -> int:
     return int(np.argmin(np.where(totals >= totals.max() - _EQUAL, np.abs(away), np.inf)))
 
 
-def sizes_about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) -> list[float]:
+def _about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) -> list[float]:
     """Return the sizes to try next: the top of a parabola through the best three, and two standard errors either side.
 
     Those close to a known size are omitted.

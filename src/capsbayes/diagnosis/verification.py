@@ -120,18 +120,23 @@ class Verification:
         return float(self.log_likelihood_ratios.sum()) - self.of_something_else
 
     @property
+    def ahead_by_both(self) -> float:
+        """Log evidence of the effects over that of something else, by both halves."""
+        return self.ahead_before + self.ahead
+
+    @property
     def beats_something_else(self) -> bool:
         """True if the effects predict these capsules better than something else, or all were measured elsewhere.
 
         Also where they predict them hardly worse, and both halves together speak clearly for the effects.
         """
-        hardly_behind = self.ahead > -LEAST_RATIO and self.ahead_before + self.ahead > LEAST_RATIO
+        hardly_behind = self.ahead > -LEAST_RATIO and self.ahead_by_both > LEAST_RATIO
         return all(self.established) or self.ahead > 0.0 or hardly_behind
 
     @property
     def something_else_in_question(self) -> bool:
         """True if both halves together do not rule something else out, and no effect was measured elsewhere."""
-        return not all(self.established) and self.ahead_before + self.ahead < AT_MOST
+        return not all(self.established) and self.ahead_by_both < AT_MOST
 
     @property
     def holds(self) -> bool:

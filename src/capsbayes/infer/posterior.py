@@ -372,7 +372,6 @@ class Posterior:
 
         Examples
         --------
-        >>> import arviz
         >>> from capsbayes import Experiment, Measurement, Surrogate, identify
         >>> seen = Measurement(axial_extent="2.14 +/- 0.02", axial_length="1.81 +/- 0.02",
         ...                    capsule_velocity="6.20 +/- 0.06 mm/s")
@@ -382,6 +381,7 @@ class Posterior:
         >>> sorted(data.groups())  # doctest: +NORMALIZE_WHITESPACE
         ['constant_data', 'log_likelihood', 'observed_data', 'posterior', 'posterior_predictive', 'prior',
          'prior_predictive', 'sample_stats']
+        >>> import arviz
         >>> table = arviz.summary(data, var_names=["G_s [mN/m]", "a [µm]"], kind="stats")
         >>> table["mean"].round().tolist()
         [51.0, 24.0]

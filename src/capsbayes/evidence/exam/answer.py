@@ -87,7 +87,7 @@ def answer_session(cell: Cell, seed: int, shapes: Database, model: ForwardModel)
         true_size=size,
         **_size(cell, study),
         seconds=time.process_time() - begin,
-        ahead=np.nan if study.verification is None else study.verification.ahead_before + study.verification.ahead,
+        ahead=np.nan if study.verification is None else study.verification.ahead_by_both,
     )
 
 

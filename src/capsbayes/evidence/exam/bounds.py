@@ -39,15 +39,10 @@ class Share:
         counted = int(values.sum())
         return cls(counted, len(values), min(float(ends.low), float(low)), max(float(ends.high), float(high)))
 
-    @property
-    def share(self) -> float:
-        """Share itself; NaN without any session."""
-        return self.counted / self.of if self.of else float("nan")
-
     def __str__(self) -> str:
         if not self.of:
             return "-"
-        return f"{self.counted} of {self.of}, {self.share:.1%} [{self.low:.1%}, {self.high:.1%}]"
+        return f"{self.counted} of {self.of}, {self.counted / self.of:.1%} [{self.low:.1%}, {self.high:.1%}]"
 
 
 def _resampled(pools: Sequence[str], shapes: Sequence[Sequence[int]], values: Floats) -> Floats:

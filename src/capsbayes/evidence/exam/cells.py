@@ -30,7 +30,7 @@ _DRAWN = {  # a small and a large size of faults that are not simulated; see `_I
     "taper": (0.004, 0.01),
 }
 _FAINT = ("distortion", "taper")  # which move edges by 0.01 l at most, at any size that is probable
-_OF_FLOW = {"velocity_scale": 0.12, "flow_rate_error": 0.12}  # faults that only flow rates show
+_OF_FLOW = {"velocity_scale": 0.08, "flow_rate_error": 0.08}  # faults that only flow rates show
 _IN_SI: dict[str, Callable[[float, Lab], float]] = {
     "halo": lambda size, lab: size * lab.half_width,
     "exposure": lambda size, lab: size * lab.half_width / _middle(lab),
@@ -85,7 +85,7 @@ class Cell:
         False if lengths alone are measured.
     clear : bool
         True if the effect moves edges by 0.015 l or more, or the apparent G_s of some capsules by 10 % or more relative
-        to others, or the velocity by 12 %.
+        to others, or the velocity by 8 %.
     also : tuple of (str, float)
         Further true effects and their sizes.
     flow_rates : bool or None

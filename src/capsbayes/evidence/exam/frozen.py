@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import capsbayes
-from capsbayes.database import Database
+from capsbayes.database import shipped_folders
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import make_folder, write_file
 
@@ -20,14 +20,15 @@ _RECORD = "frozen.json"
 
 @lru_cache(maxsize=1)
 def code_digest() -> str:
-    """Return a hash of the code that decides an answer, its thresholds among it, and of the databases it opens."""
+    """Return a hash of the code that decides an answer, its thresholds among it, and of the databases shipped."""
     digest, root = hashlib.sha256(), Path(str(files(capsbayes)))
     for file in sorted(root.rglob("*.py")):
         name = file.relative_to(root)
         if name.parts[0] not in _OTHER:
             digest.update(name.as_posix().encode() + b"\0" + file.read_bytes())
-    for database in Database.shipped():
-        digest.update(Database.open(database).sha256.encode())
+    for folder in (*shipped_folders(), *shipped_folders("membranes")):
+        for file in sorted(folder.glob("*.nc")):
+            digest.update(file.name.encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
 
 

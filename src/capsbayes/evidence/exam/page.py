@@ -28,8 +28,8 @@ drawn on them as plane geometry.
 
 The halves differ in their seeds. The locked half is opened only with the code of the diagnosis that was recorded
 before (`--freeze`). Bounds in brackets are one-sided, 95 % each: the wider ones of independent sessions and of a
-bootstrap over sessions and shapes. A requirement is met if its bound meets it; that of the intervals, if their share
-itself does: a share of 95 % in a hundred sessions is bounded only to some 4 %."""
+bootstrap over sessions and shapes. A requirement is met if its bound meets it. That of the sizes' intervals cannot be
+met by fewer than 360 sessions: a share of 95 % is then bounded to 2 %."""
 _COLUMNS = """\
 Right: the effect is named. Small set: it is among at most {small} effects that the session does not distinguish;
 large set: among more (for what is not in the catalogue: any several). Part: one of two effects is found so. Log
@@ -111,12 +111,12 @@ def _requirements(given: _Given) -> Iterator[tuple[str, str, str]]:
     low, high = _HELD
     held = _share(given.table, _modulus_held(given.table))
     words = f"95 % intervals of G_s hold the truth, all sessions: {low:.0%} to {high:.0%}"
-    yield words, str(held), _met(held, low <= held.share <= high)
+    yield words, str(held), _met(held, held.low >= low and held.high <= high)
     low, high = _SIZES_HELD
     sizes = given.table[given.table["size"].notna()]
     held = _share(sizes, _size_held(sizes))
     words = f"95 % intervals of the size hold it: {low:.0%} to {high:.0%}"
-    yield words, str(held), _met(held, low <= held.share <= high)
+    yield words, str(held), _met(held, held.low >= low and held.high <= high)
 
 
 def _row(cell: Cell, table: pd.DataFrame) -> tuple[str, ...]:

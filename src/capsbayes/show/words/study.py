@@ -98,10 +98,10 @@ def noise_words(study: Study) -> str:
     stated = [each.outline.noise.scale for each in study.session.measurements if each.outline is not None]
     if not stated or math.hypot(1.0, further / float(np.median(stated))) < _NOISIER:
         return ""
-    in_micrometres = 1e6 * float(np.mean(study.session.circumstances["half_width"]))
+    micrometres = 1e6 * study.session.mean("half_width")
     return (
-        f"Single outlines scatter by {in_micrometres * further:.2g} µm beyond their stated noise of "
-        f"{in_micrometres * float(np.median(stated)):.2g} µm, which is allowed for."
+        f"Single outlines scatter by {micrometres * further:.2g} µm beyond their stated noise of "
+        f"{micrometres * float(np.median(stated)):.2g} µm, which is allowed for."
     )
 
 
@@ -175,9 +175,10 @@ def caveats(study: Study) -> Iterator[str]:
     """Yield how to read the table of the effects, one sentence or a few each."""
     yield (
         "Odds are ratios of likelihoods, averaged over the prior of the size of each effect, before any belief about "
-        "which effect is the more common. They trust the stated noise; effects are distinguished only if the lag "
-        "behind the best also stands out from the scatter between the capsules. The size of an effect that was hardly "
-        "seen is overestimated, near the threshold by some 40 %, because only sizes that look large are seen at all."
+        "which effect is the more common. They trust the noise; where an effect lags behind the best by odds below "
+        "3000 : 1, the two are distinguished only if the lag also stands out from the scatter between the capsules. "
+        "The size of an effect that was hardly seen is overestimated, near the threshold by some 40 %, because only "
+        "sizes that look large are seen at all."
     )
     if len(study.steps) > 1:
         yield (
