@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,12 +13,12 @@ from capsbayes.errors import InputError
 from capsbayes.evidence.blind.capsule import edge_errors
 from capsbayes.evidence.blind.effects import TRUE_EFFECTS
 from capsbayes.evidence.blind.lab import Noise
-from capsbayes.evidence.blind.pools import POOLS, pool_name
-from capsbayes.evidence.blind.session import draw_session
+from capsbayes.evidence.blind.pools import POOLS, pool_name, read_pool
+from capsbayes.evidence.blind.session import _pairs, draw_session
 from capsbayes.evidence.exam.answer import Answer, answer_session, log_score, outcome_of
 from capsbayes.evidence.exam.bounds import Share
 from capsbayes.evidence.exam.cells import CELLS, Cell
-from capsbayes.evidence.exam.examine import _rounds, examine, stored
+from capsbayes.evidence.exam.examine import _APART, _rounds, examine, stored
 from capsbayes.evidence.exam.frozen import check_frozen, code_digest, freeze, frozen
 from capsbayes.evidence.exam.page import exam_page
 from capsbayes.surrogate import Surrogate
@@ -105,6 +106,15 @@ def test_each_session_has_a_laboratory_of_its_own():
     assert replace(HALO, flow_rates=True).drawn(1)[0].flow_rate_error is not None
     assert all(0.5 <= lab.noise.understated <= 2.0 for lab, _ in labs)
     assert HALO.size_in(labs[0][0]) == pytest.approx(0.02 * labs[0][0].half_width)
+
+
+def test_the_pools_have_capsules_enough_for_every_session():
+    for cell in CELLS:
+        shapes = read_pool(Path(__file__).parents[3] / "data" / "pools", *cell.shapes).converged
+        for seed in (half + number for half in (0, _APART) for number in range(1, cell.sessions + 1)):
+            lab, count, other = cell.drawn(seed)
+            truth = cell.true_effect(lab).lab(lab, cell.size_in(lab))
+            assert len(_pairs(shapes, truth, count, np.random.default_rng(other))[0]) == count
 
 
 def test_errors_along_the_edge_have_the_kernel_that_was_asked_for():
