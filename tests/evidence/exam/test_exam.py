@@ -109,12 +109,13 @@ def test_each_session_has_a_laboratory_of_its_own():
 
 
 def test_the_pools_have_capsules_enough_for_every_session():
+    folder = Path(__file__).parents[3] / "data" / "pools"
+    pools = {pool: read_pool(folder, *pool).converged for pool in {cell.shapes for cell in CELLS}}
     for cell in CELLS:
-        shapes = read_pool(Path(__file__).parents[3] / "data" / "pools", *cell.shapes).converged
         for seed in (half + number for half in (0, _APART) for number in range(1, cell.sessions + 1)):
             lab, count, other = cell.drawn(seed)
             truth = cell.true_effect(lab).lab(lab, cell.size_in(lab))
-            assert len(_pairs(shapes, truth, count, np.random.default_rng(other))[0]) == count
+            assert len(_pairs(pools[cell.shapes], truth, count, np.random.default_rng(other))[0]) == count
 
 
 def test_errors_along_the_edge_have_the_kernel_that_was_asked_for():
