@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import multiprocessing
 import signal
 from multiprocessing.connection import Connection
@@ -109,11 +110,12 @@ def _serve(pipe: Connection, module: str) -> None:
 
 
 def limit_memory() -> None:
-    """Limit the memory of this process to `MOST_MEMORY`."""
+    """Limit the memory of this process to `MOST_MEMORY`, where the system does so: on Linux."""
     try:
         import resource
     except ImportError:  # where the system has no such limits
         return
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     limit = MOST_MEMORY if most == resource.RLIM_INFINITY else min(MOST_MEMORY, most)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, most))
+    with contextlib.suppress(ValueError, OSError):  # macOS knows the limit and refuses to set it
+        resource.setrlimit(resource.RLIMIT_AS, (limit, most))
