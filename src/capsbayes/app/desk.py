@@ -95,9 +95,10 @@ class Desk:
             folder = folder or self.folder
         stated = {key: text for key, text in self.experiment.items() if text}
         camera = {key: text for key, text in stated.pop("camera", {}).items() if text}
-        for key in ("half_width", "viscosity"):
-            if key not in stated:
-                return f"The {key.replace('_', ' ')} is missing."
+        if "half_width" not in stated:
+            return "The half width is missing."
+        if not stated.keys() & {"viscosity", "viscous_tension"}:
+            return "The viscosity is missing."
         try:
             known = Experiment(**stated, camera=Camera(**camera) if camera else None)
             if folder is not None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from nicegui import ui
 
 _PAIR = re.compile(r"^\s*(?P<value>[^\s+]+)(?:\s*\+/-\s*(?P<error>\S+))?(?:\s+(?P<unit>\S.*))?$")
+_NO_NUMBER = re.compile(r"[^\d.,eE+-]")
 
 
 class QuantityField:
@@ -42,7 +43,7 @@ class QuantityField:
     def text(self) -> str:
         """The quantity as a text, empty where no number is given; a text in place of the number is taken as it is."""
         value, error = (self._value.value or "").strip(), (self._error.value or "").strip()
-        if not value or " " in value:
+        if not value or _NO_NUMBER.search(value):
             return value
         unit = f" {self._unit.value}" if self._unit is not None else ""
         return f"{value} +/- {error}{unit}" if error else f"{value}{unit}"

@@ -18,6 +18,8 @@ _FIELDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "viscosity": ("Viscosity of the liquid around", ("Pa s", "mPa s")),
 }
 _RARE: dict[str, tuple[str, tuple[str, ...]]] = {
+    "viscous_tension": ("Viscosity times mean velocity of the flow, where neither is known", ("mN/m", "N/m")),
+    "frame_rate": ("Frame rate of films", ("Hz", "1/s")),
     "exposure": ("Exposure of a picture", ("us", "ms", "s")),
     "density": ("Density of the liquid", ("kg/m^3", "g/cm^3")),
     "membrane_thickness": ("Thickness of the membrane", ("um", "nm", "m")),
@@ -62,8 +64,13 @@ class ChannelStep:
 
     @property
     def complete(self) -> bool:
-        """True if the experiment can be written and a velocity is given."""
-        return not self._message.text and bool(self.desk.stated.velocity)
+        """True if the experiment can be written and a velocity is given, or mu U in its place."""
+        return not self._message.text and bool(self.desk.stated.velocity or self._tension)
+
+    @property
+    def _tension(self) -> str:
+        """The product mu U, with which a velocity is neither needed nor used."""
+        return self._fields["viscous_tension"].text
 
     def _read(self) -> None:
         """Take over what the form states, and say what is missing."""
@@ -73,9 +80,9 @@ class ChannelStep:
             **{key: field.text for key, field in self._fields.items()},
             "camera": camera,
         }
-        self.desk.stated.velocity = self._velocity.text
+        self.desk.stated.velocity = "" if self._tension else self._velocity.text
         self._message.text = self.desk.keep_experiment()
-        if not self._message.text and not self._velocity.text:
+        if not self._message.text and not (self._velocity.text or self._tension):
             self._message.text = "The velocity of the capsule is missing."
         self._changed()
 

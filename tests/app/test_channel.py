@@ -1,0 +1,90 @@
+"""The form of channel and liquid: what a file states is filled in, and saved as the same experiment."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the extra app is not installed")
+
+from nicegui import ui
+from nicegui.testing import user_simulation
+
+from capsbayes.app.desk import Bench, Desk
+from capsbayes.app.steps.channel import ChannelStep
+from capsbayes.experiment import Experiment
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*/experiment.toml"))
+EVERYTHING = """
+cross_section = "circular"
+half_width = "24.0 .. 26.0 um"
+viscosity = "850 +/- 20 mPa s"
+frame_rate = "2000 Hz"
+exposure = "20 us"
+density = "1.26 g/cm^3"
+membrane_thickness = "0.6 +/- 0.1um"
+[camera]
+pixel_aspect = "1.020 +/- 0.005"
+taper = "0.000 +/- 0.002"
+"""
+TENSION = 'cross_section = "square"\nhalf_width = "25 um"\nviscous_tension = "28 +/- 1 mN/m"\n'
+
+
+def filled(folder, text, *, velocity=""):
+    """Give the form a file, then a velocity, in a page without a browser; return desk, step, and what it says."""
+    desk, made = Desk(Bench(folder), folder=folder), []
+
+    def page():
+        made.append(ChannelStep(desk, lambda: None))
+
+    async def given():
+        async with user_simulation(page) as user, asyncio.timeout(60):
+            await user.open("/")
+            upload = user.find(ui.upload).elements.pop()
+            await upload.handle_uploads([ui.upload.SmallFileUpload("experiment.toml", "", text.encode())])
+            (said,) = (one for one in user.find(ui.label).elements if one.props.get("role") == "status" and one.visible)
+            while not (said.text or desk.experiment):
+                await asyncio.sleep(0.01)
+            if velocity:
+                user.find("Velocity of the capsule").type(velocity)
+            return said.text
+
+    said = asyncio.run(given())
+    return desk, made[-1], said
+
+
+def same(one, other):
+    names = ("half_width", "viscosity", "viscous_tension", "frame_rate", "exposure", "density", "membrane_thickness")
+    assert one.cross_section == other.cross_section
+    for name in names:
+        before, after = getattr(one, name), getattr(other, name)
+        assert (before is None) == (after is None), name
+        assert before is None or str(before) == str(after), name
+    assert (one.camera and one.camera.described()) == (other.camera and other.camera.described())
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.parent.name)
+def test_the_experiments_of_the_examples_fill_the_form_and_are_saved_as_they_were(path, tmp_path):
+    _, step, said = filled(tmp_path, path.read_text(encoding="utf-8"))
+    same(Experiment.read(tmp_path / "experiment.toml"), Experiment.read(path))
+    assert (step.complete, said) == (False, "The velocity of the capsule is missing.")
+
+
+@pytest.mark.parametrize("text", [EVERYTHING, TENSION], ids=["everything", "viscous tension"])
+def test_there_is_a_field_for_whatever_an_experiment_states(text, tmp_path):
+    (tmp_path / "given.toml").write_text(text)
+    filled(tmp_path, text)
+    same(Experiment.read(tmp_path / "experiment.toml"), Experiment.read(tmp_path / "given.toml"))
+
+
+def test_a_velocity_is_needed_with_a_viscosity_and_left_out_with_the_product_of_both(tmp_path):
+    desk, step, _ = filled(tmp_path, EVERYTHING, velocity="6.2")
+    assert (desk.stated.velocity, step.complete) == ("6.2 mm/s", True)
+    desk, step, _ = filled(tmp_path, TENSION, velocity="6.2")
+    assert (desk.stated.velocity, step.complete) == ("", True)
+
+
+def test_a_key_that_no_experiment_has_is_refused_by_its_name(tmp_path):
+    _, step, said = filled(tmp_path, TENSION + 'colour = "red"\n')
+    assert (step.complete, said) == (False, "Expected the file of an experiment: the form has no field for colour")
+    assert not (tmp_path / "experiment.toml").exists()
