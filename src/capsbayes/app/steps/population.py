@@ -12,6 +12,7 @@ from nicegui import ui
 from capsbayes.app.bar import Progress
 from capsbayes.app.command import printed_by
 from capsbayes.app.desk import Desk
+from capsbayes.app.stated import MEASUREMENT
 
 _ENOUGH = 10  # capsules for a diagnosis, half of which are held out
 
@@ -58,12 +59,12 @@ class PopulationStep:
         assert self._last is not None, "the button waits for a saved capsule"
         folder, summary = self._last
         modulus, radius = (summary[name] for name in ("surface_shear_modulus", "capsule_radius"))
-        like = ["--like", f"{folder.name}/measurement.toml"]
+        measured = (folder / MEASUREMENT).relative_to(self.desk.bench.folder).as_posix()  # film/capsule-1/... too
         expected = [
             "--shear-modulus", f"{1e3 * modulus[0]:.3g} +/- {1e3 * modulus[1]:.2g} mN/m",
             "--radius", f"{1e6 * radius[0]:.4g} +/- {1e6 * radius[1]:.2g} um",
         ]  # fmt: skip
-        await self._run([["capsbayes", "sensitivity", "flow", *expected, *like]])
+        await self._run([["capsbayes", "sensitivity", "flow", *expected, "--like", measured]])
 
     async def _diagnosis(self) -> None:
         where = self.desk.bench.folder / "diagnosis"
