@@ -48,6 +48,11 @@ def test_the_lock_holds_a_version_that_is_allowed(one):
     assert Version(LOCKED[one.name]) in one.specifier
 
 
+def test_the_bench_brings_what_the_files_that_it_takes_need():
+    pulled_in = {extra for line in PROJECT["optional-dependencies"]["app"] for extra in Requirement(line).extras}
+    assert pulled_in == {"rtdc"}
+
+
 def test_the_lock_names_no_place_and_a_hash_of_each_file():
     text = (ROOT / "requirements.lock").read_text()
     assert "://" not in text
