@@ -1,7 +1,9 @@
 """What the bench computes and saves, without its page: the same files as the command line writes, byte for byte."""
 
+import re
 import shlex
 import shutil
+from pathlib import Path
 
 import cv2
 import pytest
@@ -15,6 +17,7 @@ from capsbayes.cli import app
 from capsbayes.errors import CapsbayesError
 from capsbayes.status import Status
 
+ROOT = Path(__file__).parents[2]
 EXPERIMENT = 'cross_section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
 STATED = Stated("capsule.png", background="empty.png", velocity="6.20 +/- 0.06 mm/s")
 
@@ -63,6 +66,22 @@ def test_a_mistake_is_one_line(folder, stated, message):
     with pytest.raises(CapsbayesError, match=message) as refused:
         measuring.measured(str(folder), stated)
     assert "\n" not in str(refused.value)
+
+
+def test_a_beginner_sees_what_the_page_of_the_bench_promises(tmp_path):
+    for name in ("capsule.png", "experiment.toml"):
+        shutil.copy(ROOT / "examples" / "pictures" / name, tmp_path)
+    page = (ROOT / "docs" / "app.md").read_text(encoding="utf-8")
+    (promised,) = re.findall(r"^3\. Press \*\*Identify\*\*.*?\n\n", page, re.DOTALL | re.MULTILINE)
+    stated = Stated("capsule.png", velocity="4.86 +/- 0.04 mm/s")
+    whole, axial = (float(row[2].split()[0]) for row in measuring.measured(str(tmp_path), stated)["rows"][:2])
+    assert f"$L_z$ is {whole:.3f} and $L_a$ {axial:.3f} half widths" in page
+    found = identifying.identified(str(tmp_path), stated)
+    headlines = " ".join(re.sub(r"<[^>]+>", "", line) for line in found["headlines"])
+    numbers, said = ([float(text) for text in re.findall(r"\d+\.\d+", words)] for words in (headlines, promised))
+    assert numbers[:3] == pytest.approx(said[:3], abs=0.11)
+    assert numbers[3:] == pytest.approx(said[3:], abs=0.011)
+    assert (len(said), found["ok"]) == (6, True)
 
 
 @pytest.mark.slow
