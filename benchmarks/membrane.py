@@ -9,7 +9,6 @@ FOLDER, and those that were reached are stored in ``data/fresh-membrane.npz``. z
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
 import membrane_pools
@@ -97,19 +96,12 @@ def table() -> str:
     return HEAD + "".join(lines)
 
 
-def speed(count: int = 100_000) -> tuple[float, float]:
-    """Return points per second, without and with outlines."""
+def some_points(count: int) -> tuple[MembraneSurrogate, dict[str, Floats]]:
+    """Return the model for square channels and points at its states, drawn at random."""
     model = MembraneSurrogate.open("square")
     values = model.membrane_database["values"]
     rows = np.random.default_rng(1).integers(0, len(values), count)
-    rates = []
-    for outline, some in ((False, count), (True, count // 20)):
-        theta = dict(zip(FREE_PARAMETERS, values[rows[:some]].T, strict=True))
-        model({name: column[:10] for name, column in theta.items()}, outline=outline)
-        begin = time.perf_counter()
-        model(theta, outline=outline)
-        rates.append(some / (time.perf_counter() - begin))
-    return rates[0], rates[1]
+    return model, dict(zip(FREE_PARAMETERS, values[rows].T, strict=True))
 
 
 def simulate(folder: Path) -> None:
@@ -153,7 +145,6 @@ if __name__ == "__main__":
             store_reached(options.simulate)
     text = table()
     print(text)
-    print("{:.0f} points a second, {:.0f} with outlines".format(*speed()))
     if options.write:
         before, _, rest = PAGE.read_text().partition(BEGIN)
         PAGE.write_text(f"{before}{BEGIN}\n{text}{END}{rest.partition(END)[2]}")

@@ -122,10 +122,15 @@ def diagnosed() -> Row:
         return command(SCRIPT, "diagnose", SESSION, "--out", Path(folder) / "study", runs=1)
 
 
-def shared() -> Row:
-    with tempfile.TemporaryDirectory() as folder:
-        words = BATCH / "outlines.nc", "--experiment", BATCH / "experiment.toml", "--out", folder
-        return command(SCRIPT, "membrane", *words, runs=1)
+def shared(*options: str) -> Callable[[], Row]:
+    """Return what times the membrane of the batch of the examples."""
+
+    def run() -> Row:
+        with tempfile.TemporaryDirectory() as folder:
+            words = BATCH / "outlines.nc", "--experiment", BATCH / "experiment.toml", "--out", folder
+            return command(SCRIPT, "membrane", *words, *options, runs=1)
+
+    return run
 
 
 def many_shared(number: int) -> Callable[[], Row]:
@@ -184,6 +189,29 @@ def sampled() -> Row:
     found = clocked(lambda: posteriors.append(identify(measurement, model, experiment, seed=len(posteriors))))
     passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
     return found | {"remark": f"{passed} of {RUNS} runs passed all gates; checked on a grid"}
+
+
+def membrane_unknown(kind: str) -> Callable[[], Row]:
+    """Return what times the identification of simulated capsules by lengths or outline, with the membrane unknown."""
+
+    def run() -> Row:
+        import membrane_coverage as coverage
+
+        from capsbayes.infer import identify
+
+        model, capsules = coverage.model("unknown"), list(coverage.capsules().values())
+        posteriors: list[Any] = []
+
+        def work() -> None:
+            capsule, rng = capsules[len(posteriors)], np.random.default_rng(len(posteriors))
+            seen = coverage.measured(kind, *capsule, rng)[0]
+            posteriors.append(identify(seen, model, coverage.experiment(), seed=1))
+
+        found = clocked(work)
+        passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
+        return found | {"remark": f"{passed} of {RUNS} capsules passed all gates"}
+
+    return run
 
 
 def seen_in_film(database: str) -> Callable[[], Row]:
@@ -268,6 +296,20 @@ def predicted(method: str) -> Callable[[], Row]:
     return run
 
 
+def scattered(outline: bool) -> Callable[[], Row]:
+    """Return what times the prediction of one point with its covariance, all six parameters unknown."""
+
+    def run() -> Row:
+        import membrane as benchmark
+
+        model, theta = benchmark.some_points(5_000 if outline else 100_000)
+        count = len(theta["size_ratio"])
+        found = clocked(lambda: model(theta, outline=outline))
+        return {name: seconds / count for name, seconds in found.items()}
+
+    return run
+
+
 def batch(number: int) -> Callable[[], Row]:
     def run() -> Row:
         import populations
@@ -306,14 +348,19 @@ ROWS = {
     "emcee": Timed("one capsule by emcee with its gates", 0.8, sampled),
     "film": Timed("one capsule by its silhouette in a film", 2.0, seen_in_film("square-neo-hookean")),
     "film, inflated": Timed("the same with its pre-inflation unknown", 10.0, seen_in_film("square-pre-inflation")),
+    "unknown, lengths": Timed("one capsule by lengths, its membrane unknown", 2.0, membrane_unknown("lengths")),
+    "unknown, outline": Timed("one capsule by its outline, its membrane unknown", 10.0, membrane_unknown("outline")),
     "plain emcee": Timed("the same posterior by plain emcee, all five unknowns sampled", None, plainly_sampled),
     "surrogate": Timed("the model, a point of a batch", None, predicted("ours")),
+    "scattered": Timed("the model with the membrane unknown, a point of a batch", 5e-6, scattered(outline=False)),
+    "scattered, outline": Timed("the same with its outline", None, scattered(outline=True)),
     "radial": Timed("scipy's RBFInterpolator, thin plates, a point", None, predicted("radial")),
     "process": Timed("scikit-learn's Gaussian process, Matérn 5/2, a point", None, predicted("process")),
     "100000": Timed("a batch of 100 000 capsules", 30.0, batch(100_000)),
     "1000000": Timed("a batch of 1 000 000 capsules", 300.0, batch(1_000_000)),
     "dclab": Timed("100 000 point estimates of dclab", None, peer),
-    "membrane": Timed("`capsbayes membrane`, 40 capsules with outlines", 300.0, shared),
+    "membrane": Timed("`capsbayes membrane`, 40 capsules with outlines", 300.0, shared()),
+    "membrane alone": Timed("the same without the odds of laws (`--no-laws`)", None, shared("--no-laws")),
     "membrane 1000": Timed("the membrane of 1,000 capsules with outlines", 3600.0, many_shared(1000)),
     "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, diagnosed),
 }

@@ -43,6 +43,16 @@ def test_lengths_lie_within_their_intervals(name):
     assert np.abs(errors[:, 0]).max() < 1.5
 
 
+@pytest.mark.parametrize("name", ["blur 3 px", "noise 5 %", "a fifth of the contrast"])
+def test_lengths_lie_within_their_intervals_or_are_refused(name):
+    """Of the pictures counted, up to a fifth are refused."""
+    assert statuses(name) <= {Status.DONE, Status.NO_EDGE, Status.NO_CAPSULE, Status.SMEARED}
+    errors = np.array([row["L_z"] for row in rows(name) if "L_z" in row])
+    assert len(errors) >= CAPSULES // 2
+    assert np.all(np.abs(errors[:, 0]) < 4.0 * errors[:, 1])
+    assert np.abs(errors[:, 0]).max() < 2.5
+
+
 @pytest.mark.parametrize("name", ["none", "JPEG 90", "JPEG 50", "JPEG 25", "noise 2 %", "median of 3 x 3 px"])
 def test_silhouettes_scatter_as_stated_however_the_picture_was_kept(name):
     """Without the scatter left in the outline, the misfit of compressed pictures was ten to some hundreds."""
