@@ -2,7 +2,7 @@
 
 ``nox`` runs the whole suite on every version of Python that is installed, and with the lowest versions that
 ``pyproject.toml`` allows. ``nox -s smoke smoke_lowest`` runs the tests of the basic types there. ``nox -s wheel`` runs
-the first command of the README with the built wheel alone.
+the first command of the README with the built wheel alone. ``nox -s browser`` walks through the page of the bench.
 What follows ``--`` goes to pytest.
 """
 
@@ -62,6 +62,13 @@ def smoke(session: nox.Session) -> None:
 def smoke_lowest(session: nox.Session) -> None:
     """Run the same with the lowest versions."""
     _tested(session, LOWEST, tests=SMOKE)
+
+
+@nox.session(python="3.13", venv_backend="uv|virtualenv")  # which the page of the bench advises
+def browser(session: nox.Session) -> None:
+    """Walk through the page of the bench in a Chromium of the system, with the mouse and with the keyboard."""
+    session.install(".[dev]")
+    session.run("python", "-m", "pytest", "-n", "0", "tests/app", *session.posargs)
 
 
 @nox.session(python=PYTHONS, venv_backend="uv|virtualenv")

@@ -4,7 +4,6 @@ With ``CAPSBAYES_PICTURES=docs/pictures`` in the environment the same test renew
 """
 
 import os
-import re
 import shlex
 import shutil
 import subprocess
@@ -15,57 +14,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from browser import CHROMIUM, needs_browser
+from browser import needs_browser
 from drawn import dirty, drawn, shapes
 
 from capsbayes.infer import Posterior
 
 pytest.importorskip("nicegui", reason="the extra app is not installed")
-sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+from walk import FIELDS, WAIT, dragged, filled, opened, ready, sync
 
 pytestmark = [needs_browser, pytest.mark.slow]
 
 CA, SIZE, VISCOSITY, VELOCITY = 0.08, 1.05, 0.85, 6.2e-3
-WAIT = 240_000  # ms: as long as the slowest machine may take
-OPTIONS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
-)  # fmt: skip
-FIELDS = {
-    "Half width of the channel": ("25.0", "0.2"),
-    "Viscosity of the liquid around": ("0.85", "0.02"),
-    "Velocity of the capsule": ("6.20", "0.06"),
-}
 EXAMPLES = Path(__file__).parents[2] / "examples" / "pictures"
 SCRIPT = Path(sys.executable).with_name("capsbayes")
 LARGEST, WIDEST, QUALITY = 200_000, 1000, (cv2.IMWRITE_JPEG_QUALITY, 75)  # bytes and px of a picture of the docs
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory):
-    """Folder of a bench that is served, and its address."""
-    folder = tmp_path_factory.mktemp("bench") / "capsules"
-    command = [sys.executable, "-c", "from capsbayes.cli import main; main()", "app", "--no-browser"]
-    with subprocess.Popen([*command, "--folder", str(folder)], stdout=subprocess.PIPE, text=True) as server:
-        try:
-            yield folder, re.search(r"http\S+", server.stdout.readline())[0]
-        finally:
-            server.terminate()
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
-        yield opened
-        opened.close()
-
-
-@pytest.fixture
-def picture(tmp_path):
-    path = tmp_path / "capsule.png"
-    cv2.imwrite(str(path), drawn(CA, SIZE, half_width=55.0).picture)
-    return path
 
 
 def test_from_a_picture_to_the_saved_report(bench, browser, picture, tmp_path):
@@ -186,14 +150,7 @@ def test_dirt_on_the_outline_is_erased_by_a_box_that_is_drawn(bench, browser, tm
     page.get_by_text("--erase").first.wait_for()
     page.get_by_text("Put something right by hand").click()
     page.get_by_text("erase in the picture").click()
-    shown = page.locator(".bench-overlay")
-    shown.scroll_into_view_if_needed()
-    place = shown.bounding_box()
-    scale = place["width"] / columns
-    page.mouse.move(place["x"] + scale * (x - 13.0), place["y"] + scale * (y - 13.0))
-    page.mouse.down()
-    page.mouse.move(place["x"] + scale * (x + 13.0), place["y"] + scale * (y + 13.0), steps=3)
-    page.mouse.up()
+    dragged(page, (x - 13.0, y - 13.0), (x + 13.0, y + 13.0))
     page.get_by_text("The capsule was measured").wait_for()
     page.locator(".bench-overlay rect.erased").wait_for()
     left, top, width, height = map(float, page.get_by_label("Wrong outline").input_value().split(","))
@@ -213,32 +170,6 @@ def test_a_file_that_is_no_picture_is_refused_in_one_line_and_leaves_nothing(ben
     page.get_by_text("expected a picture (PNG, TIFF or JPEG)").wait_for()
     assert not (bench[0] / "broken").exists()
     page.close()
-
-
-def opened(browser, address):
-    """A tab with the page in it, and the list of what its console says."""
-    page = browser.new_page(viewport={"width": 1400, "height": 900})
-    page.set_default_timeout(WAIT)
-    said = []
-    page.on("console", lambda message: said.append(message.text))
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("requestfailed", lambda request: said.append(request.url))
-    page.goto(address)
-    page.get_by_text("1. The picture").wait_for()
-    return page, said
-
-
-def filled(page, fields):
-    """Fill numbers and their errors into the form."""
-    for label, texts in fields.items():
-        for name, text in zip((label, f"{label}, error"), texts, strict=True):
-            page.get_by_label(name, exact=True).fill(text)
-
-
-def ready(button):
-    """A button once it can be pressed."""
-    sync.expect(button).to_be_enabled(timeout=WAIT)
-    return button
 
 
 def kept(page, name, folder: Path, part=None):

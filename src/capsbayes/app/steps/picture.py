@@ -96,8 +96,12 @@ class PictureStep:
         return choice
 
     async def _given(self, event: events.UploadEventArguments) -> None:
+        await self._taken(event)
+        self._upload.reset()  # earlier, it would break off the request that brings the file
+
+    async def _taken(self, event: events.UploadEventArguments) -> None:
+        """Keep a picture in a folder of its own, show it, and measure it."""
         name = safe_name(event.file.name, PICTURES)
-        self._upload.reset()
         if name is None:
             self._tell(f"Expected a picture ({', '.join(PICTURES)}).", bad=True)
             return
