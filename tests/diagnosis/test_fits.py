@@ -1,13 +1,14 @@
 """Fits of many capsules: the truth without noise, as much left over as there is noise, errors that are true."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
-from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.fits import _to_try_again, fitted
 from capsbayes.diagnosis.noise import whitening
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, catalogue
@@ -100,3 +101,18 @@ def test_fits_do_not_depend_on_where_they_begin(model):
     errors = np.sqrt(np.diagonal(first.covariance, axis1=1, axis2=2))
     away = np.abs(np.stack([other.log_modulus - first.log_modulus, other.size - first.size], axis=1))
     assert np.quantile(away / errors, 0.9) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("misfit", "left", "expected"),
+    [
+        ([1.0, 1.9, 2.1, 1.0, np.inf], [0.0, 0.0, 0.0, 0.0, 0.0], [2, 4]),
+        ([0.2, 0.3, 1.2, 0.2, 0.25], [0.0, 0.0, 0.0, 0.0, 0.0], [2]),  # 1.2 is much where the noise is overstated
+        ([9.0, 9.0, 9.0, 9.0, 9.0], [0.0, 0.0, 0.0, 0.0, 0.0], [0, 1, 2, 3, 4]),
+        ([1.0, 1.0, 1.0, 1.0, 1.0], [0.0, 0.2, 0.0, np.nan, 0.0], [1, 3]),  # not settled
+    ],
+)
+def test_a_fit_worse_than_noise_or_most_others_is_sought_from_elsewhere(misfit, left, expected):
+    freedom = np.full(5, 30)
+    places = SimpleNamespace(square=np.array(misfit) * freedom, left=np.array(left))
+    assert _to_try_again(places, freedom).tolist() == expected

@@ -7,7 +7,7 @@ better.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property, partial
@@ -187,8 +187,9 @@ class Study(Readable):
         With an effect that was named, or several in question, these are averaged over, as probable as their evidence.
         Where no disagreement was found, so are no effect, every other that the capsules allow, the law of the membrane
         among them, and something else, and all capsules count, otherwise the first half. Where no effect explains the
-        capsules, none is the truth: something else, and all that explain a part, with half the weight each, show how
-        far G_s may be off.
+        capsules, none is the truth. How far G_s may be off is then shown, with equal weight, by all that explain a
+        part, by two effects together if two were tried, and by something else, which also changes G_s as much as
+        effects of the catalogue that would be as visible.
         """
         viscosity = self.session.experiment.viscosity
         error = 0.0 if viscosity is None else viscosity.sd / viscosity.mean
@@ -217,9 +218,23 @@ class Study(Readable):
             logs += [(each.evidence, (each,)) for each in self._limit_scores.values()]
             most = max(log for log, _ in logs)
             return [(float(np.exp(log - most)), changes) for log, changes in logs]
-        alone = self.steps[0].scores.values() if self.steps else ()
-        partly = [each for each in alone if each.log_likelihood_ratio > LEAST_RATIO]
-        return [(max(len(partly), 1.0), (self.finding.discrepancy,)), *((1.0, (each,)) for each in partly)]
+        groups = [group for group in self._explaining_a_part if group]
+        return [(1.0 / len(group), explanation) for group in groups for explanation in group]
+
+    @property
+    def _explaining_a_part(self) -> Iterator[list[Explanation]]:
+        """Groups of explanations of which none is the truth."""
+        something_else = self.finding.discrepancy
+        if not self.steps:
+            yield [(something_else,)]
+            return
+        alone = self.steps[0].scores.values()
+        ratios = [each.log_likelihood_ratio for each in alone]
+        seen = max(something_else.evidence, *ratios)
+        yield [(each,) for each, ratio in zip(alone, ratios, strict=True) if ratio > LEAST_RATIO]
+        yield [(something_else, each.as_visible(seen)) for each in alone]
+        if len(self.steps) > 1 and all(step.in_question for step in self.steps):
+            yield [self._together(*(step.best for step in self.steps))]
 
     def _together(self, *effects: Scores) -> Explanation:
         """Return what effects change that act together: the last, scored with the others, brings the change by all."""

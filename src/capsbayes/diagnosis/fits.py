@@ -23,7 +23,7 @@ from capsbayes.work import remembered
 
 _NEAR = 0.1  # expected decrease of the misfit above which a fit has not converged
 _ILL = 4.0  # misfit over its freedom, from which a capsule has no shape of the model: twice the stated noise
-_AGAIN = 2.0  # misfit over its freedom, from which a fit is sought from elsewhere too
+_AGAIN = 2.0  # misfit over its freedom, over 1 or the usual one, from which a fit is sought from elsewhere too
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ def fitted(
     evaluate = Evaluation(model, white, rest)
     here = evaluate.fitted(_begun(evaluate, start), np.arange(len(session)))
     freedom = np.array([seen.count - 2 - seen.placed for seen in white.each])
-    ill = np.flatnonzero(~(here.square < _AGAIN * np.maximum(freedom, 1)))
+    ill = _to_try_again(here, np.maximum(freedom, 1))
     if everywhere and len(ill):
         others = [evaluate(guess, ill) for guess in initial_guesses(model, session, rest, ill)]
         if start is not None:  # an earlier fit tried every start; the likeliest is enough now
@@ -135,6 +135,13 @@ def _begun(evaluate: Evaluation, start: Floats | None) -> Places:
     if start is not None and len(outside):
         found.put(outside, evaluate(pilots[outside], outside))
     return found
+
+
+def _to_try_again(places: Places, freedom: Integers) -> Integers:
+    """Return the capsules whose fit has not settled, or is worse than their noise or most other fits would make it."""
+    misfit = places.square / freedom
+    usual = min(float(np.median(misfit)), 1.0)  # less where the errors were stated too large
+    return np.flatnonzero(~((misfit < _AGAIN * usual) & (places.left < _NEAR)))
 
 
 def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integers) -> Fits:

@@ -154,6 +154,11 @@ class Scores:
         sizes = np.interp(rng.random(count) * below[-1], below, fine) + self.own_error * rng.standard_normal(count)
         return np.nan_to_num(self.log_modulus_change(sizes))
 
+    def as_visible(self, drop: float) -> AsVisible:
+        """Return the change of G_s by an effect like this one whose log likelihood is `drop` above that of none."""
+        ends = self.effect.null_value + np.array(self.interval(drop)) - self.size
+        return AsVisible(tuple(np.nan_to_num(self.log_modulus_change(np.clip(ends, *self._reach)))))
+
     def __str__(self) -> str:
         """Return the effect, its size and 68 % interval."""
         parameter = self.effect.parameter
@@ -212,6 +217,17 @@ class Scores:
         low = self.sizes[0] if self.total[0] >= least else ends.min(initial=self.size)
         high = self.sizes[-1] if self.total[-1] >= least else ends.max(initial=self.size)
         return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class AsVisible:
+    """Change of G_s by an unknown effect that shows as clearly as a known one, whose changes either way are given."""
+
+    log_modulus_change: tuple[float, ...]
+
+    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw changes of ln G_s : (count,) array."""
+        return rng.choice(self.log_modulus_change, count)
 
 
 class Outcome(NamedTuple):
