@@ -1,5 +1,6 @@
 """Likelihood of fits against integrals over the shapes, and profiles of it against numbers worked out by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -150,6 +151,15 @@ def test_sizes_are_compared_with_the_null_value_wherever_it_lies():
     assert scores.sizes[scores.null] == 1.0
     assert scores.size == 1.2
     assert scores.log_likelihood_ratio == pytest.approx(3.0)
+
+
+def test_an_effect_as_visible_changes_the_modulus_as_the_size_whose_likelihood_is_as_far_above_none(scores):
+    """At a standard error of 0.01 a size of 0.02 has a log likelihood of 2 more than none; of 0.4 there is no prior."""
+    shear = replace(scores, modulus=np.exp(-20.0 * scores.sizes))
+    changes = shear.as_visible(2.0).log_modulus_changes(np.random.default_rng(1), 1000)
+    assert set(changes.round(6)) == {0.0, -0.4}  # there is no deflation
+    assert np.mean(changes == 0.0) == pytest.approx(0.5, abs=0.06)
+    assert shear.as_visible(800.0).log_modulus_changes(np.random.default_rng(1), 9).min() == pytest.approx(-2.0)
 
 
 def test_an_interval_ends_where_the_sizes_do(scores):

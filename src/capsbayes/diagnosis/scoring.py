@@ -156,8 +156,10 @@ class Scores:
 
     def as_visible(self, drop: float) -> AsVisible:
         """Return the change of G_s by an effect like this one whose log likelihood is `drop` above that of none."""
-        ends = self.effect.null_value + np.array(self.interval(drop)) - self.size
-        return AsVisible(tuple(np.nan_to_num(self.log_modulus_change(np.clip(ends, *self._reach)))))
+        (low, high), (least, most) = self.interval(drop), self._reach
+        to_null = self.effect.null_value - self.size
+        ends = least if low <= least else max(low + to_null, least), most if high >= most else min(high + to_null, most)
+        return AsVisible(tuple(np.nan_to_num(self.log_modulus_change(ends))))
 
     def __str__(self) -> str:
         """Return the effect, its size and 68 % interval."""
