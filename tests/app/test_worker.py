@@ -1,4 +1,6 @@
-"""The process apart that computes tasks: its limit of memory, where the system has one."""
+"""The process apart that computes tasks: its limits of time, and of memory where the system has one."""
+
+import asyncio
 
 import pytest
 
@@ -30,3 +32,23 @@ def test_a_system_that_refuses_the_limit_goes_on_without_it(monkeypatch, error):
 
     monkeypatch.setattr(resource, "setrlimit", refused)
     worker.limit_memory()
+
+
+@pytest.fixture
+def started():
+    process = worker.Worker("slow_tasks")
+    yield process
+    process.stop()
+
+
+def test_the_time_of_a_task_begins_once_the_process_is_ready(started):
+    assert asyncio.run(started.run("same", value=3, seconds=1.0)) == 3
+    assert asyncio.run(started.run("same", value=4, seconds=1.0)) == 4
+
+
+def test_a_task_that_takes_too_long_or_ends_its_process_is_refused_and_the_next_one_is_computed(started):
+    with pytest.raises(worker.WorkFailedError, match=r"This took longer than 0\.1 s and was stopped"):
+        asyncio.run(started.run("slept", length=60.0, seconds=0.1))
+    with pytest.raises(worker.WorkFailedError, match="the process that tried was ended"):
+        asyncio.run(started.run("ended"))
+    assert asyncio.run(started.run("same", value=5, seconds=5.0)) == 5

@@ -14,6 +14,9 @@ from capsbayes.errors import CapsbayesError
 MOST_MEMORY = 8 * 2**30
 """Bytes of address space of the process; compiled libraries alone map two of them."""
 
+LONGEST_START = 900.0
+"""Seconds until the process is ready: it compiles functions the first time, on slow machines for minutes."""
+
 FAILED = (
     "The file could not be read or computed with: the process that tried was ended. Nothing that was saved is lost."
 )
@@ -37,6 +40,7 @@ class Worker:
         self._lock = asyncio.Lock()
         self._process: multiprocessing.process.BaseProcess | None = None
         self._pipe: Connection | None = None
+        self._ready = False
 
     async def run(self, task: str, /, *, seconds: float = 60.0, **arguments: Any) -> Any:
         """Compute a task of the module by its name.
@@ -44,7 +48,7 @@ class Worker:
         Raises
         ------
         WorkFailedError
-            With the one line of a refusal, or if it takes longer than `seconds` or ends the process.
+            With the one line of a refusal, or if it takes longer than `seconds`, once the process is ready, or ends it.
         """
         async with self._lock:
             answer = await asyncio.to_thread(self._answer, (task, arguments), seconds)
@@ -57,6 +61,7 @@ class Worker:
         if self._process is None or not self._process.is_alive():
             context = multiprocessing.get_context("spawn")
             self._pipe, other = context.Pipe()
+            self._ready = False
             self._process = context.Process(
                 target=_serve, args=(other, self._module), daemon=True, name="capsbayes-bench"
             )
@@ -73,19 +78,27 @@ class Worker:
         self.start()
         assert self._pipe is not None
         try:
+            if not self._ready:
+                self._ready = _received(self._pipe, LONGEST_START)
             self._pipe.send(task)
-            if self._pipe.poll(seconds):
-                good, answer = self._pipe.recv()
-                return answer if good else WorkFailedError(answer)
-            reason = f"This took longer than {seconds:g} s and was stopped. Nothing that was saved is lost."
+            good, answer = _received(self._pipe, seconds)
+            return answer if good else WorkFailedError(answer)
+        except TimeoutError as error:
+            reason = str(error)
         except (EOFError, OSError):
             reason = FAILED
         self.stop()
         return WorkFailedError(reason)
 
 
+def _received(pipe: Connection, seconds: float) -> Any:
+    if not pipe.poll(seconds):
+        raise TimeoutError(f"This took longer than {seconds:g} s and was stopped. Nothing that was saved is lost.")
+    return pipe.recv()
+
+
 def _serve(pipe: Connection, module: str) -> None:
-    """Answer tasks until the other end is closed."""
+    """Say once that the process is ready, and answer tasks until the other end is closed."""
     import importlib
     import warnings
 
@@ -94,6 +107,7 @@ def _serve(pipe: Connection, module: str) -> None:
     tasks = importlib.import_module(module)
     warnings.simplefilter("ignore")
     tasks.warm()
+    pipe.send(True)
     while True:
         try:
             name, arguments = pipe.recv()
