@@ -70,7 +70,9 @@ def test_the_page_shows_what_batches_are_expected_to_tell_and_what_they_tell():
     page = membrane_sensitivity.PAGE.read_text()
     assert before + membrane_sensitivity.table(stored) + after in page
     before, after = membrane_sensitivity.MAP_MARKS
-    assert before + membrane_sensitivity.map_table(json.loads(membrane_sensitivity.MAP.read_text())) + after in page
+    of_one = json.loads(membrane_sensitivity.MAP.read_text())
+    assert before + membrane_sensitivity.map_table(of_one) + after in page
+    assert of_one["model_sha256"] == membrane_coverage.model("unknown").sha256, "the map is of another model"
     expected, found = stored["lengths"]["surface_shear_modulus"][:2]
     assert found == pytest.approx(expected, rel=0.1)
     expected, found = stored["outline"]["surface_shear_modulus"][:2]
