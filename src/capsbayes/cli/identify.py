@@ -68,8 +68,8 @@ def identify(
     engine: Annotated[
         str | None,
         typer.Option(
-            help="emcee or quadrature; default: emcee, checked by quadrature; quadrature alone for a silhouette and a "
-            "model with further coordinates."
+            help="emcee or quadrature; default: emcee, checked by quadrature; quadrature alone for a model with "
+            "several further coordinates, or with one and a silhouette."
         ),
     ] = None,
     effort: Any = None,

@@ -72,8 +72,9 @@ def identify(
         Channel and liquid.
     engine : str, optional
         ``"emcee"``, checked by quadrature, or ``"quadrature"`` alone. The default is ``"emcee"``, but ``"quadrature"``
-        for an outline if the model has further coordinates, for which chains take minutes. Quadrature replaces emcee
-        where the measurement contradicts the model, so that the intervals cannot be used.
+        where chains take minutes and no effort is given: if the model has several further coordinates, or one and the
+        measurement an outline. Quadrature replaces emcee where the measurement contradicts the model, so that the
+        intervals cannot be used.
     seed : int
         Seed of all random numbers; stored in the result.
     prior : Prior, optional
@@ -111,7 +112,8 @@ def identify(
         model, prior = membrane.applied(model, prior or Prior())
     check_applies(model, measurement, experiment, viscosity_needed=False)
     if engine is None:
-        engine = "quadrature" if model.coordinates and measurement.outline is not None else "emcee"
+        in_minutes = len(model.coordinates) > (measurement.outline is None)
+        engine = "quadrature" if in_minutes and effort is None else "emcee"
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
         quadrature = exact_engine(model, experiment, prior, outline=measurement.outline is not None)
         grid = quadrature(measurement)

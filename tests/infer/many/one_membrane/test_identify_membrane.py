@@ -110,6 +110,7 @@ def test_inflations_that_differ_are_found_of_each_capsule(capsules):
     assert "pre_inflation" in found.as_dict()["capsules"][0]
 
 
+@pytest.mark.slow
 def test_worker_processes_find_the_same(known, capsules):
     membrane = Membrane("neo-Hookean", bending=1e-4)
     found = identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane, laws=False, workers=2)
