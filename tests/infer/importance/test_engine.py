@@ -154,7 +154,11 @@ def test_a_prior_that_holds_no_shape_is_refused_by_its_bound(membrane, experimen
 
 @pytest.fixture(scope="module")
 def identified(membrane, experiment, capsule):
-    return identify(capsule, membrane, experiment, seed=1)
+    return identify(capsule, membrane, experiment, seed=1, engine="emcee")
+
+
+def test_quadrature_is_the_default_where_chains_take_minutes(membrane, experiment, capsule):
+    assert identify(capsule, membrane, experiment, seed=1, error_budget=False).engine == "quadrature"
 
 
 def test_emcee_agrees_and_says_what_the_data_tell(identified, tmp_path):
