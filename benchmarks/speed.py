@@ -20,9 +20,12 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from capsbayes.infer import Posterior
 
 ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "speed.json", ROOT / "docs" / "evidence.md"
@@ -94,6 +97,14 @@ def clocked(work: Callable[[], object], runs: int = RUNS) -> Row:
         taken.append((time.perf_counter() - start, spent() - processor))
     wall, processor = zip(*(taken[1:] if runs > 1 else taken), strict=True)
     return {"wall": statistics.median(wall), "processor": statistics.median(processor)}
+
+
+def through_gates(make: Callable[[int], Posterior], runs: int = RUNS, of: str = "runs") -> Row:
+    """Return what posteriors take, made by their number, and how many pass all gates."""
+    posteriors: list[Posterior] = []
+    found = clocked(lambda: posteriors.append(make(len(posteriors))), runs)
+    passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
+    return found | {"remark": f"{passed} of {runs} {of} passed all gates"}
 
 
 def spent() -> float:
@@ -185,10 +196,8 @@ def sampled() -> Row:
     from capsbayes.infer import identify
 
     measurement, experiment, model = opened()
-    posteriors: list[Any] = []
-    found = clocked(lambda: posteriors.append(identify(measurement, model, experiment, seed=len(posteriors))))
-    passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
-    return found | {"remark": f"{passed} of {RUNS} runs passed all gates; checked on a grid"}
+    found = through_gates(lambda number: identify(measurement, model, experiment, seed=number))
+    return found | {"remark": f"{found['remark']}; checked on a grid"}
 
 
 def membrane_unknown(kind: str) -> Callable[[], Row]:
@@ -200,16 +209,12 @@ def membrane_unknown(kind: str) -> Callable[[], Row]:
         from capsbayes.infer import identify
 
         model, capsules = coverage.model("unknown"), list(coverage.capsules().values())
-        posteriors: list[Any] = []
 
-        def work() -> None:
-            capsule, rng = capsules[len(posteriors)], np.random.default_rng(len(posteriors))
-            seen = coverage.measured(kind, *capsule, rng)[0]
-            posteriors.append(identify(seen, model, coverage.experiment(), seed=1))
+        def identified(number: int) -> Posterior:
+            seen = coverage.measured(kind, *capsules[number], np.random.default_rng(number))[0]
+            return identify(seen, model, coverage.experiment(), seed=1)
 
-        found = clocked(work)
-        passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
-        return found | {"remark": f"{passed} of {RUNS} capsules passed all gates"}
+        return through_gates(identified, of="capsules")
 
     return run
 
@@ -224,14 +229,7 @@ def seen_in_film(database: str) -> Callable[[], Row]:
         experiment = Experiment.read(FILM.with_name("experiment.toml"))
         (capsule,) = measure_film(FILM, experiment, frame_rate="400 Hz").capsules
         model = Surrogate.open(database, view="silhouette")
-        posteriors: list[Any] = []
-
-        def work() -> None:
-            posteriors.append(identify(capsule.measurement, model, experiment, seed=len(posteriors)))
-
-        found = clocked(work, FEW)
-        passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
-        return found | {"remark": f"{passed} of {FEW} runs passed all gates"}
+        return through_gates(lambda number: identify(capsule.measurement, model, experiment, seed=number), FEW)
 
     return run
 

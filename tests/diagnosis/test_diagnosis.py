@@ -183,6 +183,13 @@ def test_an_effect_that_no_candidate_explains_is_unknown(model):
     assert study.model is model
 
 
+def test_without_any_candidate_the_modulus_is_that_with_something_else(model):
+    study = diagnose(session_with(model, "pre_inflation", 0.03), model, seed=3, candidates={})
+    assert study.verdict is Verdict.UNKNOWN
+    found = study.surface_shear_modulus
+    assert 0.0 < found.low < found.median < found.high
+
+
 def test_next_sizes_are_the_top_of_a_parabola_and_two_standard_errors_either_side():
     sizes = [0.0, 1.0, 2.5]
     totals = [-0.5 * ((size - 1.2) / 0.3) ** 2 for size in sizes]

@@ -225,10 +225,10 @@ class Study(Readable):
     def _explaining_a_part(self) -> Iterator[list[Explanation]]:
         """Groups of explanations of which none is the truth."""
         something_else = self.finding.discrepancy
-        if not self.steps:
+        alone = list(self.steps[0].scores.values()) if self.steps else []
+        if not alone:
             yield [(something_else,)]
             return
-        alone = self.steps[0].scores.values()
         ratios = [each.log_likelihood_ratio for each in alone]
         seen = max(something_else.evidence, *ratios)
         yield [(each,) for each, ratio in zip(alone, ratios, strict=True) if ratio > LEAST_RATIO]

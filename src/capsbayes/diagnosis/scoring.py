@@ -260,6 +260,8 @@ class Profile:
         Of the model, which is what the effect is measured against: all effects alike, wherever they have shapes.
     measured : (float, float), optional
         Size of the effect as measured apart from the capsules, and its standard error.
+    known : mapping of float to Outcome, optional
+        What came of some sizes already.
     """
 
     def __init__(
@@ -270,10 +272,15 @@ class Profile:
         white: Whitening,
         without: Fits,
         measured: tuple[float, float] | None = None,
+        known: Mapping[float, Outcome] | None = None,
     ) -> None:
         self.model, self.effect, self.session, self.white, self.without = model, effect, session, white, without
         self.measured = measured
-        self._found = {effect.null_value: Outcome.of(without)}
+        self._found = {effect.null_value: Outcome.of(without), **(known or {})}
+        self._begin()
+
+    def _begin(self) -> None:
+        """Try the sizes with which it begins; here none but the null value."""
 
     @property
     def unseen(self) -> bool:
@@ -309,29 +316,11 @@ class Profile:
 
 
 class Trial(Profile):
-    """Profile likelihood over the whole prior of the effect, refined at more and more sizes.
+    """Profile likelihood over the whole prior of the effect, refined at more and more sizes."""
 
-    Parameters
-    ----------
-    model, effect, session, white, without, measured
-        See `Profile`.
-    known : mapping of float to Outcome, optional
-        What came of some sizes already.
-    """
-
-    def __init__(
-        self,
-        model: ForwardModel,
-        effect: Effect,
-        session: Session,
-        white: Whitening,
-        without: Fits,
-        measured: tuple[float, float] | None = None,
-        known: Mapping[float, Outcome] | None = None,
-    ) -> None:
-        super().__init__(model, effect, session, white, without, measured)
-        self._found |= known or {}
-        for size in sorted(_first_sizes(effect, measured), key=lambda guess: abs(guess - effect.null_value)):
+    def _begin(self) -> None:
+        first = _first_sizes(self.effect, self.measured)
+        for size in sorted(first, key=lambda guess: abs(guess - self.effect.null_value)):
             self.add(size, everywhere=True)
         self.refine(1)
 
