@@ -3,7 +3,8 @@
 The batches are those of ``data/pools/membrane-batches.npz``, simulated one by one and measured as in
 ``membrane_batches.py``, several times with other noise (``--noises``). Each is identified with the membrane unknown.
 The standard deviations that the answers state are compared with those that the flow design expects of a batch with
-the same membrane, population and flow rates, before anything is measured.
+the same membrane, population and flow rates, before anything is measured. The same design says what one capsule would
+tell at the best one to four flow rates.
 
 Each finished batch is kept in FOLDER, so that an interrupted run resumes. ``--write`` renews
 ``docs/data/membrane-sensitivity.json`` and the tables in ``docs/sensitivity.md``, also that of the map, which is
@@ -35,6 +36,8 @@ from capsbayes.work import Store
 ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-sensitivity.json", ROOT / "docs" / "sensitivity.md"
 MARKS = "<!-- expected and found -->\n", "<!-- end of expected and found -->\n"
+SAME = ROOT / "docs" / "data" / "membrane-same-capsule.json"
+SAME_MARKS = "<!-- same capsule -->\n", "<!-- end of same capsule -->\n"
 MAP, MAP_MARKS = ROOT / "docs" / "data" / "membrane-map.json", ("<!-- map -->\n", "<!-- end of map -->\n")
 QUANTITIES = {
     "surface_shear_modulus": "ln mean G_s",
@@ -63,12 +66,11 @@ def expected(pool: dict[str, Floats], number: int, kind: str) -> dict[str, Any]:
     values, speeds = pool["values"][rows[0]], VELOCITY[0] * pool["flow_factor"][rows]
     modulus = float(VISCOSITY[0] * speeds[0] / values[0] / one["relative_modulus"])
     radius = float(HALF_WIDTH[0] * values[1] / one["relative_radius"])
-    outline = NOISE if kind == "outline" else None
     design = membrane_flow_design(
         Quantity(modulus, modulus * float(one["modulus_spread"]), "N/m"),
         Quantity(radius, radius * float(one["radius_spread"]), "m"),
         membrane_coverage.experiment(),
-        LabErrors(LENGTH_ERROR, VELOCITY[1], LENGTH_ERROR, outline=outline, flow_rate=PUMP),
+        _errors(kind),
         seed=1,
         guess=Membrane(**dict(zip(FREE_PARAMETERS[2:], values[2:].tolist(), strict=True))),
         capsules=len(rows),
@@ -77,9 +79,36 @@ def expected(pool: dict[str, Floats], number: int, kind: str) -> dict[str, Any]:
     return {name: design.sets[0].sds[name] for name in QUANTITIES}
 
 
+def _errors(kind: str) -> LabErrors:
+    outline = NOISE if kind == "outline" else None
+    return LabErrors(LENGTH_ERROR, VELOCITY[1], LENGTH_ERROR, outline=outline, flow_rate=PUMP)
+
+
+def of_same_capsule(kind: str) -> dict[str, Any]:
+    """Return what is expected of one capsule of a membrane in the middle of the priors, at one to four flow rates."""
+    design = membrane_flow_design(
+        "50 mN/m",
+        Quantity(0.96 * HALF_WIDTH[0], 0.0, "m"),
+        membrane_coverage.experiment(),
+        _errors(kind),
+        seed=1,
+        same_capsule=True,
+        flows=4,
+    )
+    return {
+        str(len(planned.mean_velocities)): {
+            "known": planned.sd_if_known,
+            **{name: planned.sds[name] for name in QUANTITIES},
+        }
+        for planned in design.sets
+    }
+
+
 def run(folder: Path, noises: int) -> None:
     """Compute what the folder lacks."""
     pool, store = membrane_pools.stored("batches"), membrane_batches.store_of(folder)
+    for kind in membrane_coverage.KINDS:
+        _kept(store, f"same-capsule-{kind}", lambda k=kind: of_same_capsule(k))
     for noise in range(noises):
         for number in np.unique(pool["batch"]).astype(int).tolist():
             for kind in membrane_coverage.KINDS:
@@ -143,6 +172,17 @@ def table(kinds: dict[str, dict[str, Any]]) -> str:
     return "".join(lines)
 
 
+def same_capsule_table(stored: dict[str, Any]) -> str:
+    """Return what one capsule tells at its best flow rates as a Markdown table."""
+    head = ["measured", "flow rates", "ln G_s", "were the membrane known", *list(QUANTITIES.values())[1:]]
+    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
+    for kind, sets in stored.items():
+        for number, sds in sets.items():
+            shown = [sds["surface_shear_modulus"], sds["known"], *(sds[key] for key in list(QUANTITIES)[1:])]
+            lines.append(f"| {' | '.join([kind, number, *(f'{value:.2g}' for value in shown)])} |\n")
+    return "".join(lines)
+
+
 def map_table(stored: dict[str, Any]) -> str:
     """Return quantiles over the map of one capsule as a Markdown table."""
     levels = "least", "lower", "median", "upper", "most"
@@ -164,8 +204,15 @@ def main() -> None:
     kinds = compared(options.folder)
     print(table(kinds))
     if options.write:
+        store = membrane_batches.store_of(options.folder)
+        same = {kind: store.load(f"same-capsule-{kind}") for kind in membrane_coverage.KINDS}
         STORED.write_text(json.dumps(kinds, indent=1) + "\n")
-        for (before, after), shown in ((MARKS, table(kinds)), (MAP_MARKS, map_table(json.loads(MAP.read_text())))):
+        SAME.write_text(json.dumps(same, indent=1) + "\n")
+        for (before, after), shown in (
+            (MARKS, table(kinds)),
+            (SAME_MARKS, same_capsule_table(same)),
+            (MAP_MARKS, map_table(json.loads(MAP.read_text()))),
+        ):
             whole = before + shown + after
             PAGE.write_text(re.sub(f"{before}.*{after}", lambda _, t=whole: t, PAGE.read_text(), flags=re.DOTALL))
 

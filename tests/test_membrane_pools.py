@@ -69,6 +69,9 @@ def test_the_page_shows_what_batches_are_expected_to_tell_and_what_they_tell():
     before, after = membrane_sensitivity.MARKS
     page = membrane_sensitivity.PAGE.read_text()
     assert before + membrane_sensitivity.table(stored) + after in page
+    before, after = membrane_sensitivity.SAME_MARKS
+    same = json.loads(membrane_sensitivity.SAME.read_text())
+    assert before + membrane_sensitivity.same_capsule_table(same) + after in page
     before, after = membrane_sensitivity.MAP_MARKS
     of_one = json.loads(membrane_sensitivity.MAP.read_text())
     assert before + membrane_sensitivity.map_table(of_one) + after in page

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import h5netcdf
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -287,7 +288,7 @@ class Database:
         """Return the plain database of the same cross-section and law that comes with the library, if there is one."""
         for folder in shipped_folders():
             for path in sorted(folder.glob("*.nc")):
-                with xr.open_dataset(path, engine="h5netcdf") as opened:
+                with h5netcdf.File(path, "r") as opened:
                     attributes = _renamed(opened.attrs)
                 same = all(attributes[name] == self.dataset.attrs[name] for name in ("cross_section", "law"))
                 if same and attributes.get("effect", NO_EFFECT) == NO_EFFECT:
