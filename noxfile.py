@@ -34,7 +34,7 @@ os.environ["PATH"] = os.pathsep.join([os.environ["PATH"], *map(str, versions)])
 
 def _tested(session: nox.Session, *options: str, tests: tuple[str, ...] = ()) -> None:
     try:
-        session.install(*options, ".[test]")
+        session.install(*options, ".[test]", env={"UV_COMPILE_BYTECODE": "1"})  # many tests start a new process
     except CommandFailed:
         session.skip("what the package needs cannot be installed there")
     session.run("python", "-m", "pytest", *tests, *session.posargs)

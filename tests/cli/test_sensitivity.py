@@ -16,23 +16,12 @@ LAB = ("--extent-error", "0.01", "--length-error", "0.01", "--velocity-error", "
 
 @pytest.fixture(scope="module")
 def database(tmp_path_factory):
-    path = tmp_path_factory.mktemp("database") / "manufactured.nc"
-    manufactured.database().write(path)
-    return path
+    return manufactured.database_file(tmp_path_factory.mktemp("database"))
 
 
 @pytest.fixture
 def capsule(tmp_path):
-    """A capsule that the manufactured database has at Ca = 0.06, a/l = 0.9."""
-    extent, length = manufactured.lengths(0.06, 0.9)[:2]
-    (tmp_path / "channel.toml").write_text(EXPERIMENT)
-    path = tmp_path / "capsule.toml"
-    path.write_text(
-        'experiment = "channel.toml"\n[measurement]\n'
-        f'axial_extent = "{extent:.4f} +/- 0.01"\naxial_length = "{length:.4f} +/- 0.01"\n'
-        'capsule_velocity = "6.20 +/- 0.06 mm/s"\n'
-    )
-    return path
+    return manufactured.capsule_file(tmp_path, EXPERIMENT)
 
 
 def run(*arguments):

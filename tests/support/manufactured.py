@@ -109,3 +109,23 @@ def database(columns=19, rows=16, *, failed=(), **attributes):
     for name in ("inner_pressure", "extra_pressure_drop", "residual", "slack", "minimum_tension", "wrinkling_rate"):
         variables[name] = zeros
     return Database.assemble(variables, {**ATTRIBUTES, **attributes})
+
+
+def database_file(folder):
+    """Return the file of the database, written to a folder."""
+    path = folder / "manufactured.nc"
+    database().write(path)
+    return path
+
+
+def capsule_file(folder, experiment):
+    """Return the file of a capsule that the database has at Ca = 0.06, a/l = 0.9, with the text of its experiment."""
+    extent, length = lengths(0.06, 0.9)[:2]
+    (folder / "channel.toml").write_text(experiment)
+    path = folder / "capsule.toml"
+    path.write_text(
+        'experiment = "channel.toml"\n[measurement]\n'
+        f'axial_extent = "{extent:.4f} +/- 0.01"\naxial_length = "{length:.4f} +/- 0.01"\n'
+        'capsule_velocity = "6.20 +/- 0.06 mm/s"\n'
+    )
+    return path
