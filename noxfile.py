@@ -24,6 +24,7 @@ SMOKE = (
     "tests/test_package.py",
     "tests/test_measurement.py",
     "tests/test_quantity.py",
+    "--deselect=tests/test_package.py::test_the_lines_of_the_design_on_many_capsules_run",  # a minute of compilation
 )
 
 nox.options.error_on_missing_interpreters = False

@@ -218,7 +218,8 @@ def test_lengths_alone_are_said_and_leave_no_outlines(model):
 
 def test_no_disagreement_makes_a_shorter_page(model):
     session, _ = drawn_session(model, 24, seed=7)
-    study = diagnose(replace(session, left_out=("a.toml: expected <this>, got that",)), model, seed=3)
+    left_out = replace(session, left_out=("a.toml: expected <this>, got that",))
+    study = diagnose(left_out, model, seed=3, candidates={"exposure": MotionBlur()})
     page = study_page(study)
     assert study.verdict is Verdict.NONE
     assert "No disagreement was found" in page
