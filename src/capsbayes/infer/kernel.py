@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from capsbayes.arrays import Floats
 
 NUDGE = 0.5  # posterior standard deviations: what lies within them of a border leans on it
+_FAR = 100.0  # beyond the smallest squared score: tails out there are less than 1e-21 of the largest
 
 compiled = njit(cache=True, nogil=True, error_model="numpy")
 
@@ -140,9 +141,14 @@ def p_value(weights: Floats, scores: Floats) -> float:
     scores : (n,) array
         Distance from each mean in standard deviations of each.
     """
+    nearest = np.inf
+    for k in range(len(scores)):
+        nearest = min(nearest, scores[k] ** 2)
     below, above = 0.0, 0.0
     for k in range(len(scores)):
-        tail = weights[k] * math.erfc(abs(scores[k]) / math.sqrt(2.0))
+        tail = 0.0
+        if not scores[k] ** 2 > nearest + _FAR:  # nor if it is not a number
+            tail = weights[k] * math.erfc(abs(scores[k]) / math.sqrt(2.0))
         below += tail if scores[k] < 0.0 else 2.0 * weights[k] - tail
         above += 2.0 * weights[k] - tail if scores[k] < 0.0 else tail
     return min(below, above) / weights.sum()
@@ -166,12 +172,14 @@ def p_values_of_lengths(
     for k in range(len(z)):
         scores[k] = z[k] / np.sqrt(zz[k])
         nearest = min(nearest, scores[k] ** 2)
-    of_extent = p_value(weights, scores)
+    of_extent, count = p_value(weights, scores), 0
     for k in range(len(z)):
-        likely[k] = weights[k] * np.exp(0.5 * (nearest - scores[k] ** 2)) / np.sqrt(zz[k])
-        rest, variance = length_given_extent(z[k], a[k], zz[k], za[k], aa[k])
-        scores[k] = rest / np.sqrt(variance)
-    return of_extent, p_value(likely, scores)
+        if scores[k] ** 2 < nearest + _FAR:
+            likely[count] = weights[k] * np.exp(0.5 * (nearest - scores[k] ** 2)) / np.sqrt(zz[k])
+            rest, variance = length_given_extent(z[k], a[k], zz[k], za[k], aa[k])
+            scores[count] = rest / np.sqrt(variance)
+            count += 1
+    return of_extent, p_value(likely[:count], scores[:count])
 
 
 @compiled

@@ -104,6 +104,7 @@ def fill_rows(
     components : (n, k, 6) array
         Filled with the likelihood of (log(G_s / mu), log(a / l)), laid out by `mixture`.
     """
+    shapes = _shapes(shared, levels[0], low, step)
     for n in range(len(lengths)):
         z, a, zz, za, aa = lengths[n]
         summaries[n], facts[n], components[n] = np.nan, 0.0, 0.0
@@ -117,7 +118,7 @@ def fill_rows(
         facts[n, 0], facts[n, 1], facts[n, 2] = end, level, distance
         if end == FOUND:
             facts[n, _P_VALUES : _P_VALUES + 2] = _p_values_of_lengths(
-                seen, velocities[n], shifts[n], shared, levels[0], low, step
+                seen, velocities[n], shifts[n], shared, levels[0], shapes
             )
             kept = weights > _NEGLIGIBLE * weights.max()
             facts[n, 3] = scale + np.log(evidence)
@@ -157,10 +158,9 @@ def _fill_row(
     components: Floats,
 ) -> None:
     lattice, finer = levels[min(level, len(levels) - 1)], finer_than_tabulated(levels, level)
-    rows, columns = lattice.shape[0] * finer, lattice.shape[1] * finer
-    cell = step * (levels[0].shape[0] / rows)
+    cell = step * (levels[0].shape[0] / (lattice.shape[0] * finer))
     log_ca = low[0] + cell[0] * (row + 0.5)
-    log_size = np.log(low[1] + cell[1] * (np.arange(columns) + 0.5))[column]
+    log_size = np.log(low[1] + cell[1] * (column + 0.5))
     log_stretch, log_ratio = np.empty(len(row)), np.empty(len(row))
     room = np.empty(lattice.shape[2])
     variance = 0.0
@@ -278,32 +278,50 @@ def _flow(velocity: Floats, rate: Floats, shift: Floats, shared: Shared) -> Flow
 
 
 @compiled
-def _p_values_of_lengths(
-    seen: Seen, velocity: Floats, shift: Floats, shared: Shared, lattice: Floats, low: Floats, step: Floats
-) -> tuple[float, float]:
-    """Return the p-values of L_z and L_a, predicted by the priors and the velocity."""
-    speed, mu, width = _speed(velocity, shared), shared.viscosity, shared.half_width
-    weights = np.empty(lattice.shape[0] * lattice.shape[1])
-    off = np.empty((5, len(weights)))
-    count = 0
+def _shapes(shared: Shared, lattice: Floats, low: Floats, step: Floats) -> Floats:
+    """Return what the priors say of the shapes of a lattice, without the limits of G_s and a.
+
+    Returns
+    -------
+    (n, 5) array
+        Of each shape its place in the lattice, the logarithms of Ca v_o/U and of a/l, and its weight.
+    """
+    shapes, count = np.empty((lattice.shape[0] * lattice.shape[1], 5)), 0
     for i in range(lattice.shape[0]):
         log_ca = low[0] + step[0] * (i + 0.5)
         for j in range(lattice.shape[1]):
-            node = lattice[i, j]
-            if np.isnan(node[0]):
+            if np.isnan(lattice[i, j, 0]):
                 continue
             log_size = np.log(low[1] + step[1] * (j + 0.5))
-            softness = log_ca + np.log(node[2])
-            modulus = speed.mean + mu.mean + shift[0] - softness
-            radius = log_size + width.mean + shift[1]
-            weights[count] = (
-                np.exp((shared.radius_power - 1.0) * log_size - shared.modulus_power * softness)
-                * _share_within(modulus, speed.variance + mu.variance, shared.modulus_low, shared.modulus_high)
-                * _share_within(radius, width.variance, shared.radius_low, shared.radius_high)
-            )
-            if weights[count] > 0.0:
-                off[0, count], off[1, count], off[2, count], off[3, count], off[4, count] = differences(seen, node)
-                count += 1
+            softness = log_ca + np.log(lattice[i, j, 2])
+            weight = np.exp((shared.radius_power - 1.0) * log_size - shared.modulus_power * softness)
+            shapes[count, 0], shapes[count, 1] = i, j
+            shapes[count, 2], shapes[count, 3], shapes[count, 4] = softness, log_size, weight
+            count += 1
+    return shapes[:count]
+
+
+@compiled
+def _p_values_of_lengths(
+    seen: Seen, velocity: Floats, shift: Floats, shared: Shared, lattice: Floats, shapes: Floats
+) -> tuple[float, float]:
+    """Return the p-values of L_z and L_a, predicted by the priors and the velocity."""
+    speed, mu, width = _speed(velocity, shared), shared.viscosity, shared.half_width
+    weights = np.empty(len(shapes))
+    off = np.empty((5, len(weights)))
+    count = 0
+    for k in range(len(shapes)):
+        modulus = speed.mean + mu.mean + shift[0] - shapes[k, 2]
+        radius = shapes[k, 3] + width.mean + shift[1]
+        weights[count] = (
+            shapes[k, 4]
+            * _share_within(modulus, speed.variance + mu.variance, shared.modulus_low, shared.modulus_high)
+            * _share_within(radius, width.variance, shared.radius_low, shared.radius_high)
+        )
+        if weights[count] > 0.0:
+            node = lattice[int(shapes[k, 0]), int(shapes[k, 1])]
+            off[0, count], off[1, count], off[2, count], off[3, count], off[4, count] = differences(seen, node)
+            count += 1
     return p_values_of_lengths(
         weights[:count], off[0, :count], off[1, :count], off[2, :count], off[3, :count], off[4, :count]
     )
