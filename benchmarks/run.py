@@ -1,4 +1,4 @@
-"""All benchmarks, one after the other, each in a process of its own: ``python benchmarks/run.py``."""
+"""The benchmarks of a few minutes, one after the other, each in a process of its own: ``python benchmarks/run.py``."""
 
 from __future__ import annotations
 
