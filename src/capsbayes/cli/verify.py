@@ -24,8 +24,8 @@ def verify(
 ) -> None:
     """Compute every comparison that is not in the folder yet, and write the page.
 
-    All of them take a quarter of an hour of one core; finished items are kept, so that the command can be stopped and run
-    again. Exit status: 0 no target missed, 1 a target missed, 2 bad input.
+    All of them take a quarter of an hour of one core; finished items are kept, so that the command can be stopped and
+    run again. Exit status: 0 no target missed, 1 a target missed, 2 bad input.
     """
     from collections import Counter
 
