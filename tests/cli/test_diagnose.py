@@ -30,7 +30,7 @@ def said(result):
 
 
 def test_a_right_model_is_not_accused(lengths, tmp_path):
-    result = run(lengths, "--candidates", "halo, exposure", "--out", tmp_path / "study")
+    result = run(lengths, "--out", tmp_path / "study")
     assert result.exit_code == 0, result.output
     for words in (
         "No disagreement was found between the capsules and square-neo-hookean.",

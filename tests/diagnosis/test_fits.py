@@ -70,10 +70,10 @@ def test_capsules_far_from_the_model_are_fitted_with_the_effect_that_they_have(m
     """Their shapes without it are on the other side of the snap-through."""
     inflation = catalogue()["pre_inflation"]
     sizes = {"pre_inflation": 0.1}
-    session, truth = drawn_session(model + inflation, 6, seed=6, outline=True, sizes=sizes)
+    session, truth = drawn_session(model + inflation, 12, seed=6, outline=True, sizes=sizes)
     white = whitening(model, session)
     without, fits = fitted(model, session, white), fitted(model + inflation, session, white, sizes)
-    assert without.ill.sum() > 2
+    assert without.ill.sum() > 6
     fitted(model + catalogue()["swelling"], session, white, {"swelling": 5.0})  # sought from elsewhere too, in vain
     assert np.median(white.pilots[:, 0] - truth["log_ca"]) < -0.5
     assert not fits.ill.any()
