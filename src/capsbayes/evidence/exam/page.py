@@ -28,8 +28,9 @@ drawn on them as plane geometry.
 
 The halves differ in their seeds. The locked half is opened only with the code of the diagnosis that was recorded
 before (`--freeze`). Bounds in brackets are one-sided, 95 % each: the wider ones of independent sessions and of a
-bootstrap over sessions and shapes. A requirement is met if its bound meets it. That of the sizes' intervals cannot be
-met by fewer than 360 sessions: a share of 95 % is then bounded to 2 %."""
+bootstrap over sessions and shapes. A requirement is met if its bound meets it; if not, it is missed once all sessions
+of the half are diagnosed. That of the sizes' intervals cannot be met by fewer than 360 sessions: a share of 95 % is
+then bounded to 2 %."""
 _COLUMNS = """\
 Right: the effect is named. Small set: it is among at most {small} effects that the session does not distinguish;
 large set: among more (for what is not in the catalogue: any several). Part: one of two effects is found so. Log
@@ -76,7 +77,12 @@ def _half(half: str, cells: Sequence[Cell], answers: Answers) -> Iterator[str]:
         words += f"; all {whole} take {whole * seconds.mean() / 7200.0:.1f} hours on two cores"
     yield f"{words}."
     yield ""
-    yield from table_lines(("requirement", "result", ""), _requirements(given))
+    otherwise = "**missed**" if done == whole else "not yet"
+    rows = (
+        (words, str(share), ("met" if met else otherwise) if share.of else "no session yet")
+        for words, share, met in _requirements(given)
+    )
+    yield from table_lines(("requirement", "result", ""), rows)
     yield ""
     yield _COLUMNS.format(small=SMALL)
     yield ""
@@ -94,29 +100,30 @@ def _gathered(cells: Sequence[Cell], answers: Answers) -> _Given:
     return _Given(known, pd.DataFrame(rows))
 
 
-def _requirements(given: _Given) -> Iterator[tuple[str, str, str]]:
+def _requirements(given: _Given) -> Iterator[tuple[str, Share, bool]]:
+    """Yield the words of each, the share that it bounds, and whether the bound meets it."""
     cells = given.cells
     nothing = given.of([name for name, cell in cells.items() if cell.null])
     claims = _share(nothing, nothing["outcome"] != "none")
-    yield "claims where nothing is hidden: at most 5 %", str(claims), _met(claims, claims.high <= 0.05)
+    yield "claims where nothing is hidden: at most 5 %", claims, claims.high <= 0.05
     wrong = _share(given.table, given.table["outcome"] == "wrong")
-    yield "wrong names or sets, all sessions: at most 2 %", str(wrong), _met(wrong, wrong.high <= 0.02)
+    yield "wrong names or sets, all sessions: at most 2 %", wrong, wrong.high <= 0.02
     clear = given.of([name for name, cell in cells.items() if cell.known and cell.clear])
     told = _share(clear, clear["outcome"].isin(["right", "small set"]))
     words = f"clear sizes named, or in a set of at most {SMALL}: at least 90 %"
-    yield words, str(told), _met(told, told.low >= 0.9)
+    yield words, told, told.low >= 0.9
     strange = given.of([name for name, cell in cells.items() if not cell.known])
     named = _share(strange, strange["outcome"] == "wrong")
-    yield "named, though not in the catalogue: at most 2 %", str(named), _met(named, named.high <= 0.02)
+    yield "named, though not in the catalogue: at most 2 %", named, named.high <= 0.02
     low, high = _HELD
     held = _share(given.table, _modulus_held(given.table))
     words = f"95 % intervals of G_s hold the truth, all sessions: {low:.0%} to {high:.0%}"
-    yield words, str(held), _met(held, held.low >= low and held.high <= high)
+    yield words, held, held.low >= low and held.high <= high
     low, high = _SIZES_HELD
     sizes = given.table[given.table["size"].notna()]
     held = _share(sizes, _size_held(sizes))
     words = f"95 % intervals of the size hold it: {low:.0%} to {high:.0%}"
-    yield words, str(held), _met(held, held.low >= low and held.high <= high)
+    yield words, held, held.low >= low and held.high <= high
 
 
 def _row(cell: Cell, table: pd.DataFrame) -> tuple[str, ...]:
@@ -143,9 +150,3 @@ def _size_held(table: pd.DataFrame) -> pd.Series:
 
 def _share(table: pd.DataFrame, has: pd.Series) -> Share:
     return Share.among(table["pool"].tolist(), table["shapes"].tolist(), has.tolist())
-
-
-def _met(share: Share, holds: bool) -> str:
-    if not share.of:
-        return "no session yet"
-    return "met" if holds else "**missed**"

@@ -1,0 +1,116 @@
+"""The pages state what the answers that are kept say, and one diagnosis gave all of the locked half."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from capsbayes.evidence.exam.answer import Answer
+from capsbayes.evidence.exam.cells import CELLS, HALVES
+from capsbayes.evidence.exam.examine import _records
+from capsbayes.evidence.exam.frozen import frozen
+from capsbayes.evidence.exam.page import exam_page
+
+ROOT = Path(__file__).parents[3]
+DOCS, EXAM = ROOT / "docs", ROOT / "data" / "exam"
+KEYS = [field.name for field in fields(Answer)]
+STATED = (
+    ("limits.md", "strain hardening 0.8", "a hardening of 0.8 was named in {right} of {sessions} sessions"),
+    ("limits.md", "strain hardening 0.3", "and one of 0.3 in {right} of {sessions}"),
+    (
+        "limits.md",
+        "hooke share 1",
+        "a Hooke membrane was named in {right} of {sessions}, and one of at most three in {small}",
+    ),
+    (
+        "limits.md",
+        "hooke share 1, not in the catalogue",
+        "it was called unknown in {unknown} of {sessions}, nothing was found in {none}",
+    ),
+    (
+        "limits.md",
+        "hooke share 1, not in the catalogue",
+        "several effects were in question in {several}, and a wrong one was named in {wrong}",
+    ),
+    ("limits.md", "hooke share 1, not in the catalogue", "held the truth in {held} of these {sessions} sessions"),
+    ("limits.md", "modulus slope 0.7", "a slope of 0.7 was missed in {none} of {sessions} sessions"),
+    ("limits.md", "modulus slope 2", "and one of 2 in {none} of {sessions}"),
+    (
+        "limits.md",
+        "distortion -0.01",
+        "a barrel of 1 % a half width from the middle was missed in {none} of {sessions} sessions",
+    ),
+    ("limits.md", "bending 0.0006", "was missed in {none} of {sessions} sessions"),
+    ("limits.md", "exposure 0.02", "during the exposure in {none} of {sessions}"),
+    ("limits.md", "strain hardening 0.3", "a hardening of 0.3 in {none} of {sessions}"),
+    ("limits.md", "section aspect 1.03", "a cross-section deeper by 3 % in {none} of {sessions}"),
+    ("limits.md", "corner radius 0.16", "corners rounded by 0.16 l in {none} of {sessions}"),
+    (
+        "limits.md",
+        "pixel scale 0.025",
+        "one effect was named in {right} of {sessions} sessions and several were in question in {several}",
+    ),
+    ("limits.md", "all", "it was in {wrong} of {sessions} sessions of the exam"),
+    ("limits.md", "not tried", "in {wrong} of the {sessions} in which the"),
+    ("limits.md", "exposure 0.05, not in the catalogue", "named as another effect in {wrong} of {sessions}"),
+    (
+        "limits.md",
+        "rest aspect 1.075, not in the catalogue",
+        "a shape at rest that is no sphere in {wrong} of {sessions}",
+    ),
+    (
+        "limits.md",
+        "pre inflation 0.035, not in the catalogue",
+        "held the truth in {held} of {sessions} sessions, {unknown} of which ended as unknown",
+    ),
+    ("diagnosing.md", "pixel aspect 1.04", "pixels oblong by 4 % were named in {right} of {sessions} sessions"),
+    ("diagnosing.md", "pixel aspect 1.02", "and by 2 % in {right} of {sessions}, with others in question in {several}"),
+    (
+        "diagnosing.md",
+        "distortion -0.01",
+        "A barrel of 1 % a half width from the middle was missed in {none} of {sessions}",
+    ),
+    ("diagnosing.md", "distortion -0.02", "one of 2 % in {none} of {sessions}"),
+    ("diagnosing.md", "taper 0.004", "a taper of 0.004 was missed in {none} of {sessions}"),
+    ("diagnosing.md", "taper 0.01", "one of 0.01 in {none} of {sessions}"),
+    ("drifting-modulus.md", "pre inflation 0.015", "was named in {right} of {sessions} sessions"),
+    ("drifting-modulus.md", "all", "A wrong name was given in {wrong} of {sessions} sessions"),
+    ("drifting-modulus.md", "not tried", "in {wrong} of the {sessions} whose effect was none"),
+)
+
+
+@pytest.fixture(scope="module")
+def lines():
+    """Return the lines of each half, by cell."""
+    return {half: {cell.name: list(_records(EXAM / half, cell).read()) for cell in CELLS} for half in HALVES}
+
+
+@pytest.fixture(scope="module")
+def answers(lines):
+    """Return the answers of each half, by cell and seed."""
+    return {
+        half: {
+            name: {line["seed"]: Answer(**{key: line[key] for key in KEYS}) for line in of_cell}
+            for name, of_cell in of_half.items()
+        }
+        for half, of_half in lines.items()
+    }
+
+
+def test_one_diagnosis_gave_the_answers_of_the_locked_half(lines):
+    assert {line["code"] for of_cell in lines["locked"].values() for line in of_cell} == {frozen(EXAM)}
+
+
+def test_the_page_of_the_exam_is_that_of_the_answers(answers):
+    assert exam_page(CELLS, answers) == (DOCS / "exam.md").read_text()
+
+
+@pytest.mark.parametrize(("page", "hidden", "words"), STATED)
+def test_other_pages_state_figures_of_the_locked_half(page, hidden, words, answers):
+    names = {"all": [cell.name for cell in CELLS], "not tried": [cell.name for cell in CELLS if not cell.known]}
+    mine = [answer for name in names.get(hidden, [hidden]) for answer in answers["locked"][name].values()]
+    outcomes = [answer.outcome for answer in mine]
+    counted = {name: outcomes.count(name) for name in ("none", "right", "unknown", "wrong")}
+    counted |= {"small": outcomes.count("small set"), "several": sum("set" in outcome for outcome in outcomes)}
+    counted["held"] = sum(answer.modulus_low <= 0.0 <= answer.modulus_high for answer in mine)
+    assert words.format(sessions=len(mine), **counted) in " ".join((DOCS / page).read_text().split())
