@@ -123,7 +123,9 @@ def table(rows: Sequence[Hidden], answers: list[dict[str, Any]]) -> list[str]:
             held = sum(answer["modulus"][0] <= answer["true_modulus"] <= answer["modulus"][2] for answer in mine)
             words = ", ".join(f"{words} {count}" for words, count in sorted(counted.items()))
             lines.append((row.hidden, _capsules(mine), str(len(mine)), words, f"{held} of {len(mine)}"))
-    return list(table_lines(("hidden", "capsules", "sessions", "answers", "95 % of G_s hold the truth"), lines))
+    return list(
+        table_lines(("hidden", "capsules", "sessions", "answers", "95 % intervals of G_s that hold the truth"), lines)
+    )
 
 
 def _capsules(answers: list[dict[str, Any]]) -> str:

@@ -1,4 +1,4 @@
-"""Take the quantities, the statuses and the help of the commands for the pages from the code."""
+"""Take the quantities, the statuses, the effects and the help of the commands for the pages from the code."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ from typer.cli import get_docs_for_click
 from typer.main import get_command
 
 from capsbayes.cli import app
+from capsbayes.effect import Effect
+from capsbayes.effects import catalogue
 from capsbayes.parameters import PARAMETERS
+from capsbayes.show.words.rounding import unit_of
 from capsbayes.status import Status
 
 QUANTITIES, STATUSES = "<!-- table of quantities -->", "<!-- table of statuses -->"
+EFFECTS = "<!-- table of effects -->"
 COMMANDS = "reference/command-line.md"
 SHORT_HELP = re.compile(r"\*\*Commands\*\*:.*?(?=^## )", re.DOTALL | re.MULTILINE)
 
 
 def with_tables(markdown: str) -> str:
     """Replace the marks of a page by the tables."""
-    for mark, table in ((QUANTITIES, _quantities), (STATUSES, _statuses)):
+    for mark, table in ((QUANTITIES, _quantities), (STATUSES, _statuses), (EFFECTS, _effects)):
         if mark in markdown:
             markdown = markdown.replace(mark, table())
     return markdown
@@ -47,3 +51,21 @@ def _statuses() -> str:
     return "| in files | meaning |\n|---|---|\n" + "\n".join(
         f"| `{status.name}` | {status.value} |" for status in Status
     )
+
+
+def _effects() -> str:
+    """Return the table of `capsbayes.effects.catalogue`."""
+    head = (
+        "| effect | name | size | 95 % of the prior | what it changes | what would distinguish it |\n"
+        + "|---" * 6
+        + "|\n"
+    )
+    return head + "\n".join(_effect(effect) for effect in catalogue().values())
+
+
+def _effect(effect: Effect) -> str:
+    known = effect.parameter
+    low, high = (f"{known.shown(value):.3g}" for value in effect.prior.ppf([0.025, 0.975]))
+    size = f"${known.latex}$, {known.meaning}"
+    reach = f"{low} to {high}{unit_of(known)}"
+    return f"| {effect.name} | `{known.name}` | {size} | {reach} | {effect.changes} | {effect.separated_by} |"

@@ -15,12 +15,12 @@ ROOT = Path(__file__).parents[3]
 DOCS, EXAM = ROOT / "docs", ROOT / "data" / "exam"
 KEYS = [field.name for field in fields(Answer)]
 STATED = (
-    ("limits.md", "strain hardening 0.8", "a hardening of 0.8 was named in {right} of {sessions} sessions"),
+    ("limits.md", "strain hardening 0.8", "of 0.8 was named in {right} of {sessions} sessions"),
     ("limits.md", "strain hardening 0.3", "and one of 0.3 in {right} of {sessions}"),
     (
         "limits.md",
         "hooke share 1",
-        "a Hooke membrane was named in {right} of {sessions}, and one of at most three in {small}",
+        "a Hooke membrane was named in {right} of {sessions}, and in {small} was one of at most three in question",
     ),
     (
         "limits.md",
@@ -33,8 +33,12 @@ STATED = (
         "several effects were in question in {several}, and a wrong one was named in {wrong}",
     ),
     ("limits.md", "hooke share 1, not in the catalogue", "held the truth in {held} of these {sessions} sessions"),
-    ("limits.md", "modulus slope 0.7", "a slope of 0.7 was missed in {none} of {sessions} sessions"),
-    ("limits.md", "modulus slope 2", "and one of 2 in {none} of {sessions}"),
+    (
+        "limits.md",
+        "modulus slope 0.7",
+        "a modulus that grows as $a^{{0.7}}$ was missed in {none} of {sessions} sessions",
+    ),
+    ("limits.md", "modulus slope 2", "and one that grows as $a^2$ in {none} of {sessions}"),
     (
         "limits.md",
         "distortion -0.01",
@@ -50,7 +54,7 @@ STATED = (
         "pixel scale 0.025",
         "one effect was named in {right} of {sessions} sessions and several were in question in {several}",
     ),
-    ("limits.md", "all", "it was in {wrong} of {sessions} sessions of the exam"),
+    ("limits.md", "all", "a wrong name or set was given in {wrong} of {sessions} sessions of the exam"),
     ("limits.md", "not tried", "in {wrong} of the {sessions} in which the"),
     ("limits.md", "exposure 0.05, not in the catalogue", "named as another effect in {wrong} of {sessions}"),
     (
@@ -74,7 +78,7 @@ STATED = (
     ("diagnosing.md", "taper 0.004", "a taper of 0.004 was missed in {none} of {sessions}"),
     ("diagnosing.md", "taper 0.01", "one of 0.01 in {none} of {sessions}"),
     ("drifting-modulus.md", "pre inflation 0.015", "was named in {right} of {sessions} sessions"),
-    ("drifting-modulus.md", "all", "A wrong name was given in {wrong} of {sessions} sessions"),
+    ("drifting-modulus.md", "all", "A wrong name or set was given in {wrong} of {sessions} sessions"),
     ("drifting-modulus.md", "not tried", "in {wrong} of the {sessions} whose effect was none"),
 )
 

@@ -17,6 +17,16 @@ _MISSTATED = (0.5, 2.0)  # true over stated amplitude, and likewise of the corre
 _TAILS = (None, None, 5.0)  # degrees of freedom of the errors of whole capsules, as likely each
 
 
+def in_words() -> str:
+    """Say between which ends the laboratories are drawn."""
+    microns, percent = ([scale * end for end in ends] for scale, ends in ((1e6, _HALF_WIDTHS), (100.0, _SPREADS)))
+    return (
+        f"half widths of {microns[0]:g} to {microns[1]:g} um, {_FLOW_RATES[0]} to {_FLOW_RATES[1] - 1} flow rates, "
+        f"{_CAPSULES[0]} to {_CAPSULES[1] - 1} capsules, G_s that scatters by {percent[0]:.0f} to {percent[1]:.0f} %, "
+        f"and stated errors of the edges of {_SCALES[0]:g} to {_SCALES[1]:g} l"
+    )
+
+
 def drawn_lab(rng: np.random.Generator, *, flow_rates: bool | None = None) -> tuple[Lab, int]:
     """Draw a laboratory and the number of its capsules; half of the labs state flow rates, or all, or none.
 

@@ -83,12 +83,12 @@ def session_modulus_words(study: Study) -> str:
         return ""
     median, low, high = (_MODULUS.shown(value) for value in (found.median, found.low, found.high))
     those = {
-        Verdict.NAMED: "the size of the effect and the viscosity",
-        Verdict.AMBIGUOUS: "which effect it is, its size and the viscosity",
-    }.get(study.verdict, "the effects and laws of the membrane that were tried and the viscosity")
+        Verdict.NAMED: "the uncertainty of the effect's size and of the viscosity",
+        Verdict.AMBIGUOUS: "the uncertainty of which effect it is, of its size and of the viscosity",
+    }.get(study.verdict, "what the effects that were tried could do, and the uncertainty of the viscosity")
     return (
-        f"Median G_s of the session: {median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g}), with what is not "
-        f"known of {those}."
+        f"Median G_s of the session: {median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g}), including "
+        f"{those}."
     )
 
 
