@@ -92,7 +92,7 @@ ROWS = (
     Row("inflation of 3.5 %", ("pre_inflation",), "pre-inflation-0.035"),
     Row("hardening of 0.8", ("strain_hardening",), "strain-hardening-0.8"),
     Row("at rest 7.5 % flatter than a sphere", ("rest_aspect",), "rest-aspect-0.925"),
-    Row("channel 7.5 % wider across", ("section_aspect",), "section-aspect-1.075"),
+    Row("channel 7.5 % deeper than wide", ("section_aspect",), "section-aspect-1.075"),
     Row("pixels 4 % oblong", ("pixel_aspect",), seen=_oblong(1.04)),
     Row("barrel, 1 %", ("distortion",), barrel=-0.01),
     Row("motion of 0.03 l", ("exposure",), seen=_moving(0.03)),
