@@ -15,8 +15,8 @@ from capsbayes.evidence.blind.operated import true_effect_of
 from capsbayes.evidence.blind.pools import POOLS
 from capsbayes.evidence.exam.labs import drawn_lab
 
-HALVES = {"development": 0, "locked": 1}
-"""Halves of the exam, which differ in their seeds."""
+HALVES = {"locked": 1, "development": 0}
+"""Halves of the exam in the order of their page, and which of the two ranges of seeds each has."""
 
 _SESSIONS, _NULL_SESSIONS, _UNKNOWN_SESSIONS = 6, 60, 22  # those with a bound of their own, enough to meet it
 _DRAWN = {  # a small and a large size of faults that are not simulated; see `_IN_SI`
