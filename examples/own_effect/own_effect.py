@@ -18,7 +18,7 @@ class DrawnFlanks:
     null_value = 0.0
     kind = Kind.SESSION
     changes = "Flanks lie too far out, the more so where the edge runs along the walls; nose and rear are right."
-    separated_by = "A picture of a bead: it would look higher than long."
+    separated_by = "A picture of a bead that nearly touches the walls: it would look higher than long."
     circumstances = ("half_width",)
     prior = Quantity(0.0, 0.4e-6, "m", low=-np.inf)
 
