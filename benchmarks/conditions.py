@@ -26,6 +26,7 @@ import cv2
 import numpy as np
 import scipy.linalg
 from camera import MARGIN, Camera, Capsule, Grey, Looks, View, beside, photograph
+from marked import renew
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
@@ -274,8 +275,7 @@ def main() -> None:
     print(table(made))
     if asked.write:
         STORED.write_text(json.dumps(made, indent=1) + "\n")
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        PAGE.write_text(before + BEGIN + table(made) + END + rest.partition(END)[2])
+        renew(PAGE, BEGIN, END, table(made))
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 from camera import Grey, View, film
 from conditions import CONDITIONS, HALF_WIDTH, LEVELS, scenery
+from marked import renew
 from rich.progress import track
 from silhouettes import NAMES, without_one
 from threadpoolctl import threadpool_limits
@@ -156,8 +157,7 @@ def main() -> None:
                 STORED.write_text(json.dumps(stored, indent=1) + "\n")
     print(table(stored))
     if asked.write:
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        PAGE.write_text(before + BEGIN + table(stored) + END + rest.partition(END)[2])
+        renew(PAGE, BEGIN, END, table(stored))
 
 
 if __name__ == "__main__":

@@ -17,6 +17,8 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from marked import renew
+
 from capsbayes import Surrogate
 from capsbayes.database import Database
 from capsbayes.diagnosis import Study, Verdict, diagnose
@@ -150,8 +152,7 @@ def main() -> None:
                 STORED.write_text(json.dumps(found, indent=1) + "\n")
     print(table(found))
     if options.write:
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}{table(found)}{END}{rest.partition(END)[2]}")
+        renew(PAGE, BEGIN, END, table(found))
 
 
 if __name__ == "__main__":

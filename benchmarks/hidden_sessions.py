@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from marked import renew
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Surrogate, diagnose
@@ -143,10 +144,7 @@ def stored() -> list[dict[str, Any]]:
 
 def write(marks: tuple[str, str], lines: list[str]) -> None:
     """Write a table into the page, between its marks."""
-    begin, end = marks
-    text = "\n".join(lines)
-    before, _, rest = PAGE.read_text().partition(begin)
-    PAGE.write_text(f"{before}{begin}{text}\n{end}{rest.partition(end)[2]}")
+    renew(PAGE, *marks, "".join(f"{line}\n" for line in lines))
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import membrane_pools
 import numpy as np
+from marked import renew
 from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
 
@@ -146,5 +147,4 @@ if __name__ == "__main__":
     text = table()
     print(text)
     if options.write:
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{text}{END}{rest.partition(END)[2]}")
+        renew(PAGE, BEGIN, END, f"\n{text}")

@@ -33,6 +33,7 @@ from typing import Any
 import membrane_coverage
 import membrane_pools
 import numpy as np
+from marked import renew
 from membrane_coverage import HALF_WIDTH, LENGTH_ERROR, NOISE, VELOCITY, VISCOSITY
 from population_coverage import share
 
@@ -342,9 +343,8 @@ def main() -> None:
     print(*shown.values(), sep="\n")
     if options.write:
         STORED.write_text(json.dumps(counts, indent=1) + "\n")
-        for name, (before, after) in MARKS.items():
-            whole = before + shown[name] + after
-            PAGE.write_text(re.sub(f"{before}.*{after}", lambda _, t=whole: t, PAGE.read_text(), flags=re.DOTALL))
+        for name, marks in MARKS.items():
+            renew(PAGE, *marks, shown[name])
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from typing import Any
 
 import membrane_pools
 import numpy as np
+from marked import renew
 from population_coverage import share
 
 from capsbayes import Experiment, MeasuredOutline, Measurement, OutlineNoise, Surrogate
@@ -225,9 +226,8 @@ def main() -> None:
     print(*map(table, rows.values()), sep="\n")
     if options.write:
         STORED.write_text(json.dumps(rows, indent=1) + "\n")
-        for pool, (before, after) in MARKS.items():
-            whole = before + table(rows[pool]) + after
-            PAGE.write_text(re.sub(f"{before}.*{after}", lambda _, t=whole: t, PAGE.read_text(), flags=re.DOTALL))
+        for pool, marks in MARKS.items():
+            renew(PAGE, *marks, table(rows[pool]))
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from typing import Any
 
 import membrane_pools
 import numpy as np
+from marked import renew
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Experiment, MeasuredOutline, Measurement, OutlineNoise, Session, Surrogate
@@ -191,8 +192,7 @@ def main() -> None:
     print(table(found))
     if options.write:
         STORED.write_text(json.dumps(found, indent=1) + "\n")
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}{table(found)}{END}{rest.partition(END)[2]}")
+        renew(PAGE, BEGIN, END, table(found))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import membrane_batches
 import membrane_coverage
 import membrane_pools
 import numpy as np
+from marked import renew
 from membrane_batches import PUMP, Session
 from membrane_coverage import HALF_WIDTH, LENGTH_ERROR, NOISE, VELOCITY, VISCOSITY
 
@@ -208,13 +208,12 @@ def main() -> None:
         same = {kind: store.load(f"same-capsule-{kind}") for kind in membrane_coverage.KINDS}
         STORED.write_text(json.dumps(kinds, indent=1) + "\n")
         SAME.write_text(json.dumps(same, indent=1) + "\n")
-        for (before, after), shown in (
+        for marks, shown in (
             (MARKS, table(kinds)),
             (SAME_MARKS, same_capsule_table(same)),
             (MAP_MARKS, map_table(json.loads(MAP.read_text()))),
         ):
-            whole = before + shown + after
-            PAGE.write_text(re.sub(f"{before}.*{after}", lambda _, t=whole: t, PAGE.read_text(), flags=re.DOTALL))
+            renew(PAGE, *marks, shown)
 
 
 if __name__ == "__main__":

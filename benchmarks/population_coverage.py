@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from marked import renew
 from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
@@ -84,9 +85,7 @@ def main() -> None:
             known = {row: known[row] for row in ROWS if row in known}
             STORED.write_text(json.dumps(known, indent=1) + "\n")
             print(table({name: known[name]}), flush=True)
-    before, after = MARKS
-    page = PAGE.read_text()
-    PAGE.write_text(re.sub(f"{before}.*{after}", lambda _: before + table(known) + after, page, flags=re.DOTALL))
+    renew(PAGE, *MARKS, table(known))
 
 
 @cache

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+from marked import renew
 from numpy.typing import NDArray
 from pictures import scenery
 from rich.progress import track
@@ -167,11 +168,8 @@ def main() -> None:
         print(f"{name}: {len(tally.failed)} omitted: {', '.join(sorted(tally.failed)) or 'none'}")
     if asked.write:
         STORED.write_text(json.dumps(made, indent=1) + "\n")
-        page = PAGE.read_text()
-        for (begin, end), text in zip(MARKS, (coverage_table(made), width_table(made)), strict=True):
-            before, _, rest = page.partition(begin)
-            page = before + begin + text + end + rest.partition(end)[2]
-        PAGE.write_text(page)
+        for marks, text in zip(MARKS, (coverage_table(made), width_table(made)), strict=True):
+            renew(PAGE, *marks, text)
 
 
 def without_one(cases: Database, random: np.random.Generator) -> tuple[Database, Surrogate]:

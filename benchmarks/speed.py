@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from marked import renew
 
 if TYPE_CHECKING:
     from capsbayes.infer import Posterior
@@ -59,8 +60,7 @@ def main() -> None:
             STORED.write_text(json.dumps({name: stored[name] for name in ROWS if name in stored}, indent=1) + "\n")
     print(table(stored))
     if asked.write:
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        PAGE.write_text(before + BEGIN + table(stored) + END + rest.partition(END)[2])
+        renew(PAGE, BEGIN, END, table(stored))
 
 
 def table(stored: dict[str, Row]) -> str:

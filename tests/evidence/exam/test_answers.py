@@ -72,7 +72,7 @@ STATED = (
     (
         "limits.md",
         "pre inflation 0.035, not in the catalogue",
-        "held the truth in {held} of {sessions} sessions, {unknown} of which ended as unknown",
+        "held the truth in {held} of {sessions} sessions; {unknown} of them ended as unknown",
     ),
     ("diagnosing.md", "pixel aspect 1.04", "pixels oblong by 4 % were named in {right} of {sessions} sessions"),
     ("diagnosing.md", "pixel aspect 1.02", "and by 2 % in {right} of {sessions}, with others in question in {several}"),
