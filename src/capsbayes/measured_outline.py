@@ -12,7 +12,7 @@ import scipy.linalg
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.csv_file import read_numbers, text_of_numbers
-from capsbayes.files.input_file import InputFile, checked_table, file_name, not_negative, number
+from capsbayes.files.input_file import InputFile, checked_table, file_name, number
 from capsbayes.files.output_file import write_file
 from capsbayes.profile import arc_length, signed_area
 
@@ -25,6 +25,9 @@ SILHOUETTE = "silhouette"
 VIEWS = (MID_PLANE, SILHOUETTE)
 
 FEWEST_POINTS = 16
+MOST = 1000.0
+"""Half widths, above which no error of an outline and no length along it lies."""
+
 _OFF_MIDDLE = 0.015  # of the length, by which the centre of the convex hull is ahead of the middle in no capsule
 _OFF_AXIS = 0.02  # of the breadth, by which it is beside the middle in no capsule that is usable
 _LONGER = 1.5  # than L_z, or shorter, is no outline over the same l
@@ -53,18 +56,14 @@ class OutlineNoise:
 
     def __post_init__(self) -> None:
         for name, good in (
-            ("scale", self.scale > 0.0),
-            ("correlation_length", self.correlation_length >= 0.0),
+            ("scale", 0.0 < self.scale <= MOST),
+            ("correlation_length", 0.0 <= self.correlation_length <= MOST),
             ("white", 0.0 <= self.white <= 1.0),
         ):
             if not good:
-                expected = {"scale": "a positive number", "white": "a number from 0 to 1"}
-                raise InputError(
-                    "OutlineNoise",
-                    name,
-                    expected.get(name, "a number that is not negative"),
-                    f"{getattr(self, name):g}",
-                )
+                most = 1.0 if name == "white" else MOST
+                expected = f"a {'positive ' if name == 'scale' else ''}number up to {most:g}"
+                raise InputError("OutlineNoise", name, expected, f"{getattr(self, name):g}")
 
     def covariance(self, points: Floats) -> Floats:
         """Return the covariance (m, m) of the errors at the vertices (m, 2) of a closed outline."""
@@ -188,8 +187,8 @@ class MeasuredOutline:
         """
         table = file.table(
             "outline",
-            required={"file": file_name("outline.csv"), "noise": number, "correlation": number},
-            optional={"white": number, "pose": _pose, "view": check_view},
+            required={"file": file_name("outline.csv"), "noise": number(0.0, MOST), "correlation": number(0.0, MOST)},
+            optional={"white": number(0.0, 1.0), "pose": _pose, "view": check_view},
         )
         noise = OutlineNoise(table["noise"], table["correlation"], table.get("white", 0.0))
         points = read_numbers(table["file"], _COLUMNS, "file of points")
@@ -335,5 +334,5 @@ def check_view(view: object, where: str, key: str) -> str:
 
 
 def _pose(table: object, where: str, key: str) -> Pose:
-    readers = {entry.name: not_negative for entry in fields(Pose)} | {"middle": number}
+    readers = {entry.name: number(0.0, MOST) for entry in fields(Pose)} | {"middle": number()}
     return Pose(**checked_table(table, where, key, optional=readers))

@@ -124,8 +124,8 @@ class Measurement(Readable):
         if self.flow_rate is not None:
             rate = Quantity.of(self.flow_rate, "flow_rate", where=where)
             error = rate.error or _apart(self.flow_rate_error, where, "flow_rate_error", ("m^3/s",)) or 0.0
-            if not 0.0 <= error < np.inf:
-                raise InputError(where, "flow_rate_error", "a number that is not negative", repr(error))
+            if not 0.0 <= error <= rate.value:
+                raise InputError(where, "flow_rate_error", f"a number from 0 to {rate.value:g}", repr(error))
             object.__setattr__(self, "flow_rate", rate.value)
             object.__setattr__(self, "flow_rate_error", error)
         bound = self.axial_length_bound
@@ -175,6 +175,8 @@ class Measurement(Readable):
         for name, number in ((key, value), (f"{key}_error", error)):
             if number is None or not (np.isfinite(number) and number > 0.0):
                 raise InputError(where, name, "a positive finite number", repr(number))
+        if error > value:
+            raise InputError(where, f"{key}_error", f"at most the value {value:g}", f"{error:g}")
         if key == "capsule_velocity" or self.over_half_width:
             Quantity.of(float(value), key, where=where)
 

@@ -217,6 +217,9 @@ STATED: Mapping[str, Stated] = MappingProxyType(
 )
 """The quantities that a user states, by name."""
 
+BELIEVED = ("surface_shear_modulus", "capsule_radius", "membrane_thickness")
+"""Those that are not measured: their errors may be larger than their values."""
+
 OF_THE_MEMBRANE = ("pre_inflation", "area_dilation_modulus", "strain_hardening", "bending")
 """Parameters of a membrane of the general law."""
 

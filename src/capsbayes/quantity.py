@@ -13,14 +13,15 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.parameters import PARAMETERS, SI_UNITS, STATED
-from capsbayes.units import parsed
+from capsbayes.parameters import BELIEVED, PARAMETERS, SI_UNITS, STATED
+from capsbayes.units import LARGEST, parsed
 
 Given = Any
 """Any form that `Quantity.of` reads: a Quantity, a text, a number in SI, a pint quantity, a frozen distribution."""
 
 _NEGATIVE_SHARE = 1e-6  # of a distribution's mass that may lie below zero before it is refused
 _FAR = 10.0  # standard deviations beyond which a cut changes neither mean nor deviation
+_LOG_NORMAL = 1e-6, 1e3  # error over mean of a log-normal quantity, least and most
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,8 +99,13 @@ class Quantity:
         """Return a log-normal quantity with this mean and standard deviation (of itself, not of its logarithm)."""
         import scipy.stats  # half a second to import
 
+        least, most = _LOG_NORMAL
+        if not (mean > 0.0 and least <= error / mean <= most):
+            expected = f"a positive mean, and an error from {least:g} to {most:g} times the mean"
+            raise InputError("quantity", "log-normal", expected, f"{mean:g} +/- {error:g}")
         variance = math.log1p((error / mean) ** 2)
-        return _of_frozen(scipy.stats.lognorm(math.sqrt(variance), scale=mean * math.exp(-0.5 * variance)), unit)
+        made = _of_frozen(scipy.stats.lognorm(math.sqrt(variance), scale=mean * math.exp(-0.5 * variance)), unit)
+        return replace(made, value=mean, error=error)
 
     @classmethod
     def of(
@@ -130,9 +136,11 @@ class Quantity:
         Raises
         ------
         InputError
-            If it cannot be used: not a quantity, of another unit, not positive, or beyond what is plausible.
+            If it cannot be used: not a quantity, of another unit, not positive, of an error larger than its value
+            where it is measured (a name or units are given), or beyond what is plausible.
         """
         key = name if key is None else key
+        measured = bool(name or units) and not signed and name not in BELIEVED
         units = tuple(units) or ((PARAMETERS[name].si,) if name in PARAMETERS else SI_UNITS)
         usual = name in STATED and PARAMETERS[name].si in units
         example = STATED[name if usual else "half_width"].example
@@ -147,12 +155,17 @@ class Quantity:
         elif hasattr(given, "cdf"):
             made = _of_frozen(given, units[0])
         elif isinstance(given, (int, float, np.floating, np.integer)) and not isinstance(given, bool):
+            if not abs(given) <= LARGEST:
+                raise InputError(where, key, "a finite number", repr(given)[:40])
             made = cls(float(given), unit=units[0])
         else:
             expected = f'a positive number, a text like "{example}" or a frozen distribution of scipy.stats'
             raise InputError(where, key, expected, repr(given))
         if not signed:
             made.check_positive(where, key)
+            if measured and made.shape == "normal" and made.error > made.value:
+                expected = f"an error of at most the value {made.value:g} {made.unit}".rstrip()
+                raise InputError(where, key, expected, f"{made.error:g}")
             made = replace(made, low=0.0) if made.shape == "normal" else made
         if usual and made.unit == PARAMETERS[name].si:
             made._check_plausible(where, key, name, bare=not isinstance(given, str))
@@ -174,14 +187,12 @@ class Quantity:
         Parameters
         ----------
         text : object
-            Value of a key; only text can be read. ``"0.85 Pa s"`` is known; ``"0.85 +/- 0.02 Pa s"`` is normal, cut
-            at zero unless signed; ``"0.80 .. 0.90 Pa s"`` is uniform, ``"log-uniform 1 .. 100 mN/m"`` log-uniform,
-            ``"log-normal 50 +/- 10 mN/m"`` log-normal with this mean and standard deviation.
+            Value of a key; only text can be read. The page on conventions says how a quantity is written. A normal one
+            is cut at zero unless signed.
         where, key : str
             File and key, for the message.
         units : sequence of str
-            SI units to convert to, one for each dimension allowed; an empty string allows a bare number (a ratio, never
-            a percentage).
+            SI units to convert to, one for each dimension allowed; an empty string allows a bare number.
         example : str
             A value that would have been right, for the message.
         signed : bool
@@ -202,21 +213,22 @@ class Quantity:
         if not isinstance(text, str) or not text.strip():
             raise InputError(where, key, wanted, "nothing" if text in (None, "") else repr(text))
         found = parsed(text, units, where=where, key=key, wanted=wanted)
-        if not (math.isfinite(found.first) and (signed or found.first > 0.0)):
-            raise InputError(where, key, f"a {'' if signed else 'positive '}finite number, {wanted}", repr(text))
+        if not (signed or found.first > 0.0):
+            raise InputError(where, key, f"a positive finite number, {wanted}", repr(text))
         if found.is_range:
-            if not found.first < found.second < math.inf or (found.shape and found.first <= 0.0):
+            if not found.first < found.second or (found.shape and found.first <= 0.0):
                 raise InputError(where, key, "low < high", repr(text))
             if found.shape == "log-normal":
                 raise InputError(where, key, "a mean and an error after log-normal", repr(text))
             return (cls.log_uniform if found.shape else cls.uniform)(found.first, found.second, found.unit)
-        if found.shape == "log-uniform" or not (math.isfinite(found.second) and found.second >= 0.0):
-            expected = "a range after log-uniform" if found.shape else f"a finite error, {wanted}"
+        if found.shape == "log-uniform" or found.second < 0.0:
+            expected = "a range after log-uniform" if found.shape == "log-uniform" else f"an error, {wanted}"
             raise InputError(where, key, expected, repr(text))
         if found.shape:
-            if not (found.first > 0.0 and found.second > 0.0):
-                raise InputError(where, key, "a positive mean and error after log-normal", repr(text))
-            return cls.log_normal(found.first, found.second, found.unit)
+            try:
+                return cls.log_normal(found.first, found.second, found.unit)
+            except InputError as error:
+                raise InputError(where, key, error.expected, repr(text)) from None
         return cls(found.first, found.second, found.unit, low=-math.inf if signed else 0.0)
 
     @property

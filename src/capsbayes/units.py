@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+import unicodedata
+from collections.abc import Callable, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from typing import NamedTuple
 
 from capsbayes.errors import InputError
 
+LARGEST = 1e60
+"""Number in SI that can be read, and the inverse of the smallest: squares and products of them are numbers too."""
+
 # A table of its own, as a library of all units takes half a second to import, and knows some that nobody means here:
 # "a" would be a year, and "l", which is the half width of the channel, a litre.
 _PREFIXES = {
     **dict.fromkeys(("nano", "n"), Fraction(1, 10**9)),
-    **dict.fromkeys(("micro", "µ", "μ", "u"), Fraction(1, 10**6)),
+    **dict.fromkeys(("micro", "μ", "u"), Fraction(1, 10**6)),
     **dict.fromkeys(("milli", "m"), Fraction(1, 10**3)),
     **dict.fromkeys(("centi", "c"), Fraction(1, 100)),
     **dict.fromkeys(("deci", "d"), Fraction(1, 10)),
@@ -30,23 +34,35 @@ class Unit(NamedTuple):
     Parameters
     ----------
     size : Fraction
-    length, mass, time : int
+    length, mass, time, temperature : int
         Powers.
+    zero : Fraction
+        Its zero in SI, as that of degrees Celsius.
     """
 
     size: Fraction
     length: int = 0
     mass: int = 0
     time: int = 0
+    temperature: int = 0
+    zero: Fraction = Fraction(0)
+
+    @property
+    def dimension(self) -> tuple[int, ...]:
+        """Powers of the units of SI."""
+        return self[1:5]
 
     def times(self, other: Unit, power: int) -> Unit:
         """Return the product with a power of another unit."""
-        powers = (mine + power * its for mine, its in zip(self[1:], other[1:], strict=True))
+        powers = (mine + power * its for mine, its in zip(self.dimension, other.dimension, strict=True))
         return Unit(self.size * other.size**power, *powers)
 
     def measured(self, number: float) -> float:
         """Return a number of this unit in SI, the nearest one to what its shortest decimal says."""
-        return float(Fraction(repr(number)) * self.size) if math.isfinite(number) else number
+        try:
+            return float(Fraction(repr(number)) * self.size + self.zero) if math.isfinite(number) else number
+        except OverflowError:
+            return math.inf
 
 
 _UNITS = {
@@ -62,17 +78,33 @@ _UNITS = {
     **dict.fromkeys(("dyn", "dyne"), Unit(Fraction(1, 10**5), 1, 1, -2)),
     **dict.fromkeys(("Pa", "pascal"), Unit(Fraction(1), -1, 1, -2)),
     **dict.fromkeys(("P", "poise"), Unit(Fraction(1, 10), -1, 1, -1)),
-    **dict.fromkeys(("%", "percent"), Unit(Fraction(1, 100))),
+    **dict.fromkeys(("St", "stokes"), Unit(Fraction(1, 10**4), 2, 0, -1)),
+    **dict.fromkeys(("K", "kelvin"), Unit(Fraction(1), 0, 0, 0, 1)),
 }
+_CELSIUS = dict.fromkeys(("degC", "°C", "C", "celsius"), Unit(Fraction(1), 0, 0, 0, 1, Fraction(27315, 100)))
+_KINEMATIC = (2, 0, -1, 0)  # powers of m^2/s
 
 # Nothing of a text is evaluated: numbers are matched by these patterns, and a unit is names with one-digit powers.
-_NUMBER = r"[-+]?(?:(?:\d+(?:\.(?!\.)\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
+_LONGEST = 200
+_NUMBER = r"[-+]?(?:(?:[0-9]+(?:\.(?!\.)[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|nan|inf)"
 _TEXT = re.compile(
-    rf"(?:(?P<shape>log-uniform|log-normal)\s+)?(?P<first>{_NUMBER})"
-    rf"(?:\s*(?P<between>\+/-|±|\.\.)\s*(?P<second>{_NUMBER})|\((?P<digits>\d+)\))?\s*(?P<unit>.*)"
+    rf"(?:(?P<shape>log-uniform|log-normal)\s+)?(?P<first>{_NUMBER})(?:\((?P<digits>[0-9]+)\))?\s*(?P<unit>.*?)"
+    rf"(?:\s*(?P<between>±|\.\.(?!\.))\s*(?P<second>{_NUMBER})\s*(?P<percent>%?)\s*(?P<last>.*))?"
 )
-_PARENTHESES = re.compile(r"\(([^()]*)\)(.*)")
-_FACTOR = re.compile(r"\s*(?P<sign>[*·/]?)\s*(?P<name>[A-Za-zµμ]+|%)\s*(?:(?:\^|\*\*)\s*(?P<power>[-+]?\d))?")
+_PARENTHESES = re.compile(r"(?P<shape>log-\w+\s+|)\((?P<numbers>[^()A-DF-Za-df-z]*|nan|inf)\)(?P<unit>.*)")
+_FACTOR = re.compile(r"\s*(?P<sign>[*·⋅./]?)\s*(?P<name>[A-Za-zμ]+)\s*(?:(?:\^|\*\*)\s*(?P<power>[-+]?[0-9]))?")
+_SUPERSCRIPT = re.compile(r"[⁺⁻]?[⁰¹²³⁴-⁹]+")
+
+_BY_NAME = (
+    (
+        re.compile(r"[0-9](?=.*(?<![eE^*])\+[\s{]*[0-9.])(?=.*(?<![eE^*])-[\s{]*[0-9.])"),
+        "an asymmetric error",
+        "write the larger of the two after +/-, or a range low .. high",
+    ),
+    (re.compile(r"[0-9],[0-9]"), "a decimal comma", "write a decimal point, and no separator of thousands"),
+    (re.compile(r"[×x✕*·⋅]\s*10(?![0-9])"), "a power of ten", "write 2.5e-5 for 2.5 times 10^-5"),
+)
+_OF_PER_CENT = 'write % after an error only, as in "6.20 +/- 1% mm/s", and a ratio as a number, 0.02 for 2 %'
 
 
 class ParsedText(NamedTuple):
@@ -98,7 +130,9 @@ class ParsedText(NamedTuple):
 
 
 def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str) -> ParsedText:
-    """Split a text into its numbers and its unit, and convert the numbers to SI.
+    """Split a text into its numbers and their units, and convert the numbers to SI.
+
+    The page on conventions says what can be written, under "How a quantity is written".
 
     Parameters
     ----------
@@ -111,17 +145,59 @@ def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str
     Raises
     ------
     InputError
-        If the text cannot be parsed, or its unit is unknown or of another dimension.
+        If the text cannot be parsed, its units are unknown or of another dimension, or its numbers are not finite.
     """
-    text = text.strip()
-    found = _TEXT.fullmatch(_PARENTHESES.sub(r"\1 \2", text) if text.startswith("(") else text)
-    if found is None:
-        raise InputError(where, key, wanted, repr(text))
-    numbers = float(found["first"]), float(found["second"] or 0.0)
+    stated = repr(text if len(text) <= _LONGEST else f"{text[:40]} ...")
+
+    def refused(found: str = "", advice: str = "") -> InputError:
+        return InputError(where, key, wanted, f"{found} in {stated}" if found else stated, advice)
+
+    plain = _plain(text[: _LONGEST + 1])
+    for pattern, name, advice in _BY_NAME:
+        if pattern.search(plain):
+            raise refused(name, advice)
+    inside = _PARENTHESES.fullmatch(plain)
+    found = _TEXT.fullmatch("{shape}{numbers} {unit}".format(**inside.groupdict()).strip() if inside else plain)
+    if found is None or len(text) > _LONGEST:
+        raise refused()
+    is_range, percent, last = found["between"] == "..", bool(found["percent"]), found["last"] or ""
+    of_first = found["unit"] or last
+    if "%" in of_first + last or (percent and (is_range or not of_first or (found["unit"] and last))):
+        raise refused("a per cent", _OF_PER_CENT)
+    target, scale = _resolved(of_first, units, refused)
+    number = float(found["first"])
     if found["digits"]:  # 50.0(5) is 50.0 +/- 0.5
-        numbers = numbers[0], float(found["digits"]) * 10.0 ** int(Decimal(found["first"]).as_tuple().exponent)
-    unit, numbers = _converted(numbers, found["unit"], units, text, where, key, wanted)
-    return ParsedText(*numbers, unit, found["between"] == "..", found["shape"] or "")
+        if found["between"] or not math.isfinite(number):
+            raise refused()
+        second = float(f"{found['digits']}e{Decimal(found['first']).as_tuple().exponent}")
+    else:
+        second = float(found["second"] or 0.0)
+    other = scale
+    if percent:
+        if number == 0.0 or scale.zero:
+            raise refused("a per cent of a number that may be zero", _OF_PER_CENT)
+        second = abs(number) * second / 100.0
+    elif found["second"] and of_first:
+        if not last:
+            raise refused(f"no unit after {found['second']}")
+        its, other = _resolved(last, units, refused)
+        if its != target:
+            raise refused("two kinds of units")
+    if not is_range:
+        other = other._replace(zero=Fraction(0))
+    numbers = scale.measured(number), other.measured(second)
+    for there in numbers:
+        if there and not 1.0 / LARGEST <= abs(there) <= LARGEST:
+            raise InputError(where, key, f"a finite number, {wanted}", stated)
+    return ParsedText(*numbers, target, is_range, found["shape"] or "")
+
+
+def _plain(text: str) -> str:
+    """Return a text with one spelling of blanks, signs, powers and units."""
+    text = _SUPERSCRIPT.sub(lambda found: f"^{found[0]}", text)
+    text = unicodedata.normalize("NFKC", text).replace("−", "-")
+    text = re.sub(r"\+\s?/\s?-|\+-", "±", text)
+    return re.sub(r"\bper ?cent\b", "%", re.sub(r"(?:°|\bdeg)\s+C\b", "°C", text)).strip()
 
 
 def _named(name: str) -> Unit | None:
@@ -141,6 +217,8 @@ def _unit(text: str) -> Unit | str | None:
 
     A name that is unknown is returned itself; None if the text cannot be parsed.
     """
+    if text.strip() in _CELSIUS:
+        return _CELSIUS[text.strip()]
     rest, inverse = re.subn(r"^1\s*(?=/)", "", text.strip())
     unit, place, allowed = Unit(Fraction(1)), 0, "/" if inverse else ""
     while place < len(rest):
@@ -155,20 +233,19 @@ def _unit(text: str) -> Unit | str | None:
     return unit
 
 
-def _converted(
-    numbers: tuple[float, float], unit: str, units: Sequence[str], text: str, where: str, key: str, wanted: str
-) -> tuple[str, tuple[float, float]]:
-    """Return the first of the SI units that fits, and the numbers in it."""
-    if not unit:
+def _resolved(text: str, units: Sequence[str], refused: Callable[..., InputError]) -> tuple[str, Unit]:
+    """Return the first of the SI units that fits the unit of a text, and the latter over it."""
+    if not text:
         if "" not in units:
-            raise InputError(where, key, wanted, f"no unit in {text!r}")
-        return "", numbers
-    stated = _unit(unit)
+            raise refused("no unit")
+        return "", Unit(Fraction(1))
+    stated = _unit(text)
     if isinstance(stated, str):
-        raise InputError(where, key, wanted, f"an unknown unit in {text!r}")
+        raise refused("an unknown unit")
     for target in filter(None, units):
         into = _unit(target)
-        if isinstance(stated, Unit) and isinstance(into, Unit) and stated[1:] == into[1:]:
-            into_target = stated.times(into, -1)
-            return target, (into_target.measured(numbers[0]), into_target.measured(numbers[1]))
-    raise InputError(where, key, wanted, repr(text))
+        if isinstance(stated, Unit) and isinstance(into, Unit) and stated.dimension == into.dimension:
+            return target, stated._replace(size=stated.size / into.size)
+    if isinstance(stated, Unit) and stated.dimension == _KINEMATIC and "Pa s" in units:
+        raise refused("a kinematic viscosity", "multiply it by the density of the liquid")
+    raise refused()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from nicegui import ui
 
 _PAIR = re.compile(r"^\s*(?P<value>[^\s+]+)(?:\s*\+/-\s*(?P<error>\S+))?(?:\s+(?P<unit>\S.*))?$")
-_NO_NUMBER = re.compile(r"[^\d.,eE+-]")
+_WITH_UNIT = re.compile(r"[^\W\d_eE]|°")  # a letter that is no exponent's
 
 
 class QuantityField:
@@ -41,12 +41,13 @@ class QuantityField:
 
     @property
     def text(self) -> str:
-        """The quantity as a text, empty where no number is given; a text in place of the number is taken as it is."""
+        """The quantity as a text, empty where no number is given; a number may have its own unit, and an error its own."""
         value, error = (self._value.value or "").strip(), (self._error.value or "").strip()
-        if not value or _NO_NUMBER.search(value):
+        if not value:
             return value
-        unit = f" {self._unit.value}" if self._unit is not None else ""
-        return f"{value} +/- {error}{unit}" if error else f"{value}{unit}"
+        stated = f"{value} +/- {error}" if error else value
+        own = self._unit is None or _WITH_UNIT.search(value)
+        return stated if own else f"{stated} {self._unit.value}"
 
     @text.setter
     def text(self, text: str) -> None:

@@ -15,6 +15,8 @@ from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together, write_file
 
+_LARGEST = {"m": 1e-4, "s": 0.1, "s/m": 1e3}  # size of an effect by its unit; of a ratio 10
+
 if TYPE_CHECKING:
     from capsbayes.evidence.blind import BlindSession, TrueEffect
 
@@ -89,12 +91,15 @@ def _true_effect(name: str, effects: Path | None) -> TrueEffect:
 def _size(effect: TrueEffect, text: str) -> float:
     from capsbayes.quantity import Quantity
 
-    if effect.name == "none":
-        return 0.0
     example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(effect.unit, "0.03")
+    if effect.name == "none" and text.strip() != "0":
+        raise InputError("hide", "--effect-size", "nothing with --effect none", repr(text))
     read = Quantity.read(text, where="hide", key="--effect-size", units=(effect.unit,), example=example, signed=True)
     if read.error:
         raise InputError("hide", "--effect-size", f'a number without an error, as "{example}"', repr(text))
+    if abs(read.value) > (most := _LARGEST.get(effect.unit, 10.0)):
+        expected = f"a size of at most {most:g} {effect.unit}".rstrip()
+        raise InputError("hide", "--effect-size", expected, repr(text), f'write it as "{example}"')
     return read.value
 
 

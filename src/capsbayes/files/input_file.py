@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import stat
 import tomllib
@@ -16,6 +15,7 @@ from typing import Any
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import note_input
 from capsbayes.quantity import Quantity
+from capsbayes.units import LARGEST
 
 Reader = Callable[[Any, str, str], Any]
 """Function of a value, the file and the dotted key; it returns what the value means, or raises InputError."""
@@ -25,6 +25,8 @@ VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 """Endings of the files of pictures."""
 
 Keys = Mapping[str, Reader] | Collection[str]
+
+_SHOWN = 40  # letters of a number that is none, in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,18 +162,15 @@ def unread(value: Any, where: str, key: str) -> Any:
     return value
 
 
-def number(value: object, where: str, key: str) -> float:
-    """Read a number without a unit."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputError(where, key, "a number", repr(value))
-    return value
+def number(least: float = -LARGEST, most: float = LARGEST) -> Reader:
+    """Return a reader of a number without a unit, from the least to the most."""
 
+    def read(value: object, where: str, key: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= most:
+            raise InputError(where, key, f"a number from {least:g} to {most:g}", repr(value)[:_SHOWN])
+        return float(value)
 
-def not_negative(value: object, where: str, key: str) -> float:
-    """Read a finite number that is zero or positive."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < math.inf:
-        raise InputError(where, key, "a number that is not negative", repr(value))
-    return value
+    return read
 
 
 def file_name(example: str) -> Reader:

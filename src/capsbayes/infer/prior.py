@@ -45,6 +45,9 @@ from capsbayes.quantity import Given, Quantity
 LEAST_COVERED = 0.8
 """Of the mass of the prior of a coordinate, by the range of the model."""
 
+NARROWEST = 1e-3
+"""Standard deviation of a prior of G_s or a over its mean, below which no engine resolves it."""
+
 _RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
 _LIMITED = ("surface_shear_modulus", "capsule_radius")
 THICKNESS = "membrane_thickness"
@@ -73,7 +76,7 @@ class Prior:
     Raises
     ------
     InputError
-        If G_s or a is a known number, or a limit is not positive.
+        If G_s or a is a known number or nearly so, or a limit is not positive.
 
     Examples
     --------
@@ -91,6 +94,8 @@ class Prior:
             if stated.known or (stated.is_range and stated.low <= 0.0):
                 expected = 'a distribution, as "low .. high" with 0 < low < high, or "mean +/- error"'
                 raise InputError("prior", name, expected, str(stated))
+            if not stated.is_range and stated.sd < NARROWEST * stated.mean:
+                raise InputError("prior", name, f"a standard error of at least {NARROWEST:.1%}", str(stated))
             object.__setattr__(self, name, stated)
         read = {name: _coordinate(quantity, "prior", name) for name, quantity in self.coordinates.items()}
         if THICKNESS in read and "bending" in read:

@@ -103,4 +103,6 @@ def _cell(value: Any, name: str) -> tuple[Any, float]:
         read = Quantity.of(value, units=(PARAMETERS[base].si,), where="table", key=name, signed=True)
     except InputError:
         return str(value), np.nan
+    if read.shape != "normal":
+        return str(value), np.nan
     return read.value, read.error if read.error else np.nan

@@ -82,6 +82,9 @@ def print_membrane_flow(
 
     given, key = planned.given, "--mean-velocity"
     speeds = [Quantity.read(text, where=key, key="", units=("m/s",), example="2 mm/s") for text in given[key] or []]
+    for speed in speeds:
+        if not speed.known:
+            raise InputError(key, "", 'a number without an error, as "2 mm/s"', str(speed))
     design = membrane_flow_design(
         *expected,
         **asked,

@@ -44,6 +44,8 @@ AT_BORDER = 1e-4  # of the largest density: cells at the border of the domain th
 _EDGE_DROP = 12.0  # at the edge of a window: less than 1e-5 is cut off there
 _ROUNDS = 12
 _FINER = 3.0  # at most from window to window with an outline, where each node is costly and most lie off the posterior
+_CONTRADICTED = 600.0  # of the log density, by which priors lower it at every shape: near the smallest float
+_TAIL = 1e-6  # of a prior that is no range, beyond either end of where it holds shapes
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
 _SETTLED = 1.0  # standard deviations of log Ca or a/l between pilot and likeliest shape, up to which it suffices
 _NARROWINGS, _NARROWER = 3, 0.7  # of a lattice to where the priors hold shapes: at most, while its cells get this small
@@ -164,11 +166,7 @@ class Quadrature:
 
     def _first_window(self, measurement: Measurement, density: PosteriorDensity) -> Window:
         rough = with_error_of_half_width(density)
-        nodes = self.table.nodes
-        args = (nodes.model, nodes.log_ca, nodes.size)
-        log_density = rough.log_density(*args) + rough.log_share(*args)
-        if not np.isfinite(np.nanmax(log_density)):
-            raise no_shape_in(self.prior, rough, nodes, measurement.source or "prior")
+        log_density = log_density_in(self.prior, rough, self.table.nodes, measurement.source or "prior")
         return self.table.window.around(self.table.carried(log_density), (_FIRST, _FIRST), self.table.window)
 
     def _on(
@@ -238,7 +236,22 @@ def check_shape(model: ForwardModel, measurement: Measurement, density: Posterio
     )
 
 
-def no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> InputError:
+def log_density_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> Floats:
+    """Return the log of the posterior density at nodes; refuse priors that hold no shape with the measured lengths.
+
+    Raises
+    ------
+    InputError
+    """
+    at = nodes.model, nodes.log_ca, nodes.size
+    of_lengths = density.log_density(*at)
+    both = np.asarray(of_lengths + density.log_share(*at))
+    if not np.nanmax(both) > np.nanmax(of_lengths) - _CONTRADICTED:
+        raise _no_shape_in(prior, density, nodes, where)
+    return both
+
+
+def _no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> InputError:
     """Return the refusal of a prior that holds no shape with the measured lengths; it names the bound in the way."""
     lengths = density.likelihood.log_density(nodes.model)
     likely = lengths > np.nanmax(lengths) - COARSE_DROP
@@ -251,16 +264,18 @@ def no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: st
     advice = "check the units of half width, viscosity and velocity, or widen the prior"
     for (name, values), limits in zip(found.items(), prior.both, strict=True):
         known = PARAMETERS[name]
-        low, high, first, last = map(known.shown, (limits.low, limits.high, values.min(), values.max()))
+        ends = (limits.low, limits.high) if limits.is_range else limits.ppf([_TAIL, 1.0 - _TAIL]).tolist()
+        low, high, first, last = map(known.shown, (*ends, values.min(), values.max()))
         for end, bound, beyond in (("lower", low, last < low), ("upper", high, first > high)):
             if beyond:
                 expected = (
                     f"{known.symbol} from {first:.4g} to {last:.4g} {known.shown_unit}, as shapes of these lengths have"
                 )
                 got = f"{bound:.4g} {known.shown_unit} as the {end} end of its prior"
+                got = got if limits.is_range else f"the prior {limits.shown(name)}"
                 return InputError(where, f"prior.{name}", expected, got, advice)
-    expected = "ranges that contain G_s and a of some shape with these lengths"
-    return InputError(where, "prior", expected, "ranges that contain none", advice)
+    expected = "priors that hold G_s and a of some shape with these lengths"
+    return InputError(where, "prior", expected, "priors that hold none", advice)
 
 
 def _log_prior(table: CoarseTable, unseen: PosteriorDensity) -> Floats:

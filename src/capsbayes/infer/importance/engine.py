@@ -17,7 +17,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import Nodes
-from capsbayes.infer.grid.quadrature import UNSEEN, check_shape, no_shape_in, with_error_of_half_width
+from capsbayes.infer.grid.quadrature import UNSEEN, check_shape, log_density_in, with_error_of_half_width
 from capsbayes.infer.importance.frame import Frame, check_thickness
 from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.importance.proposal import Proposal
@@ -120,9 +120,7 @@ class ImportanceSampling:
         if near is not None:
             return self._next_to(near, frame, density, measurement)
         cloud = self._over_prior(frame, density)
-        if not np.any(np.isfinite(cloud.log_density)):
-            where = measurement.source or "prior"
-            raise no_shape_in(self.prior, with_error_of_half_width(density), cloud.nodes, where)
+        log_density_in(self.prior, with_error_of_half_width(density), cloud.nodes, measurement.source or "prior")
         proposal, tried = self._fitted(frame, density, cloud)
         check_shape(self.model, measurement, with_error_of_half_width(density), cloud.joined(tried).nodes)
         if measurement.outline is None:
