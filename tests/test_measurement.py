@@ -120,7 +120,8 @@ def test_values_that_cannot_be_are_refused(changes):
     [
         {},
         {"flow_rate": 1e-11},
-        {"over_half_width": False, "axial_extent": 5e-5, "axial_extent_error": 1e-7, "axial_length": 4e-5},
+        {"over_half_width": False, "axial_extent": 5e-5, "axial_extent_error": 1e-7, "axial_length": 4e-5}
+        | {"axial_length_error": 1e-7},
         {"axial_length": None, "axial_length_error": None, "axial_length_bound": 2.2},
     ],
 )
@@ -167,7 +168,7 @@ def test_an_outline_is_written_next_to_it_and_read_again(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("noise = 0.004", 'noise = "small"'), "outline.noise: expected a number, got 'small'"),
+        (("noise = 0.004", 'noise = "small"'), "outline.noise: expected a number from 0 to 1000, got 'small'"),
         (("noise = 0.004", "noise = 0.0"), "scale: expected a positive number"),
         (("noise = 0.004\n", ""), "outline.noise: expected a value, got nothing"),
         (("capsule.outline.csv", "other.csv"), "other.csv: expected a file of points, got nothing there"),

@@ -54,7 +54,6 @@ def test_the_unit_tells_which_of_two_dimensions_is_meant():
         ("inf um", "inf um"),
         ("50 +/- nan um", "nan"),
         ("50 +/- -1 um", "-1 um"),
-        ("50 um +/- 1 um", "50 um +/- 1 um"),
         ("fifty um", "fifty um"),
         ("__import__('os')", "__import__"),
         ("", "nothing"),
@@ -70,11 +69,6 @@ def test_a_mistake_is_named_with_what_would_have_been_right(text, got):
     assert "50.0 +/- 0.5 um" in caught.value.expected
     assert got in caught.value.got
     assert "\n" not in str(caught.value)
-
-
-def test_a_percentage_is_no_ratio():
-    with pytest.raises(InputError, match=r"got '2.14 \+/- 0.5 %'"):
-        read("2.14 +/- 0.5 %", "")
 
 
 def test_zero_and_negative_numbers_are_read_where_they_are_allowed():
@@ -109,7 +103,7 @@ def test_a_range_is_uniform_or_log_uniform(text, shape, low, high):
     assert (found.mean, found.sd) == pytest.approx((found.distribution.mean(), found.distribution.std()))
 
 
-@pytest.mark.parametrize("text", ["0.9 .. 0.8 um", "1 .. 1 um", "1 .. inf um", "log-uniform 1 um"])
+@pytest.mark.parametrize("text", ["0.9 .. 0.8 um", "1 .. 1 um", "log-uniform 1 um"])
 def test_a_range_rises(text):
     with pytest.raises(InputError, match=r"low < high|a range after log-uniform"):
         read(text)

@@ -155,9 +155,12 @@ class Quantity:
         elif hasattr(given, "cdf"):
             made = _of_frozen(given, units[0])
         elif isinstance(given, (int, float, np.floating, np.integer)) and not isinstance(given, bool):
-            if not abs(given) <= LARGEST:
-                raise InputError(where, key, "a finite number", repr(given)[:40])
-            made = cls(float(given), unit=units[0])
+            try:
+                made = cls(float(given), unit=units[0])
+            except OverflowError:  # an integer of hundreds of digits
+                made = cls(math.inf, unit=units[0])
+            if signed and not math.isfinite(made.value):
+                raise InputError(where, key, "a finite number", repr(made.value))
         else:
             expected = f'a positive number, a text like "{example}" or a frozen distribution of scipy.stats'
             raise InputError(where, key, expected, repr(given))
@@ -213,8 +216,9 @@ class Quantity:
         if not isinstance(text, str) or not text.strip():
             raise InputError(where, key, wanted, "nothing" if text in (None, "") else repr(text))
         found = parsed(text, units, where=where, key=key, wanted=wanted)
-        if not (signed or found.first > 0.0):
-            raise InputError(where, key, f"a positive finite number, {wanted}", repr(text))
+        usable = all(number == 0.0 or 1.0 / LARGEST <= abs(number) <= LARGEST for number in found[:2])
+        if not (usable and (signed or found.first > 0.0)):
+            raise InputError(where, key, f"a {'' if signed else 'positive '}finite number, {wanted}", repr(text))
         if found.is_range:
             if not found.first < found.second or (found.shape and found.first <= 0.0):
                 raise InputError(where, key, "low < high", repr(text))

@@ -54,8 +54,10 @@ class Unit(NamedTuple):
 
     def times(self, other: Unit, power: int) -> Unit:
         """Return the product with a power of another unit."""
-        powers = (mine + power * its for mine, its in zip(self.dimension, other.dimension, strict=True))
-        return Unit(self.size * other.size**power, *powers)
+        length, mass, time, temperature = (
+            mine + power * its for mine, its in zip(self.dimension, other.dimension, strict=True)
+        )
+        return Unit(self.size * other.size**power, length, mass, time, temperature)
 
     def measured(self, number: float) -> float:
         """Return a number of this unit in SI, the nearest one to what its shortest decimal says."""
@@ -145,7 +147,7 @@ def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str
     Raises
     ------
     InputError
-        If the text cannot be parsed, its units are unknown or of another dimension, or its numbers are not finite.
+        If the text cannot be parsed, or its units are unknown or of another dimension.
     """
     stated = repr(text if len(text) <= _LONGEST else f"{text[:40]} ...")
 
@@ -185,11 +187,7 @@ def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str
             raise refused("two kinds of units")
     if not is_range:
         other = other._replace(zero=Fraction(0))
-    numbers = scale.measured(number), other.measured(second)
-    for there in numbers:
-        if there and not 1.0 / LARGEST <= abs(there) <= LARGEST:
-            raise InputError(where, key, f"a finite number, {wanted}", stated)
-    return ParsedText(*numbers, target, is_range, found["shape"] or "")
+    return ParsedText(scale.measured(number), other.measured(second), target, is_range, found["shape"] or "")
 
 
 def _plain(text: str) -> str:

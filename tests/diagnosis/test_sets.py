@@ -247,7 +247,7 @@ def test_a_wrong_table_is_one_line(tmp_path, change, message):
         ),
         (
             lambda one: one.assign(noise_scale=-one.noise_scale),
-            "set.nc: capsule 1: scale: expected a positive number, got -0.01",
+            "set.nc: capsule 1: scale: expected a positive number up to 1000, got -0.01",
         ),
     ],
 )
@@ -297,7 +297,7 @@ def test_the_pose_of_an_outline_is_kept_or_refused(tmp_path):
     written = file.read_text()
     for change, message in (
         (("offset =", "halo ="), "outline.pose.halo: expected one of along, across, tilt, offset"),
-        (("offset = 0.01", "offset = -0.01"), "outline.pose.offset: expected a number that is not negative, got -0.01"),
+        (("offset = 0.01", "offset = -0.01"), "outline.pose.offset: expected a number from 0 to 1000, got -0.01"),
     ):
         file.write_text(written.replace(*change))
         with pytest.raises(InputError, match=re.escape(message)):

@@ -41,13 +41,12 @@ class QuantityField:
 
     @property
     def text(self) -> str:
-        """The quantity as a text, empty where no number is given; a number may have its own unit, and an error its own."""
+        """The quantity as a text, empty where no number is given; a number that has a unit keeps it."""
         value, error = (self._value.value or "").strip(), (self._error.value or "").strip()
         if not value:
             return value
         stated = f"{value} +/- {error}" if error else value
-        own = self._unit is None or _WITH_UNIT.search(value)
-        return stated if own else f"{stated} {self._unit.value}"
+        return stated if self._unit is None or _WITH_UNIT.search(value) else f"{stated} {self._unit.value}"
 
     @text.setter
     def text(self, text: str) -> None:

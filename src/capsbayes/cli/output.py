@@ -7,7 +7,6 @@ import functools
 import inspect
 import io
 import json
-import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.errors import InputError
 from capsbayes.files.output_file import together, write_file
 from capsbayes.show.writers import Writer
 
@@ -42,17 +40,11 @@ class _NoTerminal(io.TextIOBase):
 
 
 def quietable(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the option ``--quiet``, with which files and exit status are all that it leaves.
-
-    A number that is not finite is refused, which typer takes within any limits.
-    """
+    """Give a command the option ``--quiet``, with which files and exit status are all that it leaves."""
     signature = inspect.signature(command, eval_str=True)
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
-        for name, value in given.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise InputError(f"--{name.replace('_', '-')}", "", "a finite number", f"{value}")
         if not given.pop("quiet"):
             command(**given)
             return

@@ -177,7 +177,7 @@ class MeasuredLengths:
         checked = checked.refused(length > numbers["axial_extent"], "axial_length", "at most the axial extent")
         for name in ("axial_extent", "axial_length", "capsule_velocity", "flow_rate"):
             error = f"{name}_error"
-            checked = checked.refused(numbers[error] > numbers[name], error, "at most the value")
+            checked = checked.refused(numbers[error] > numbers[name], error, "an error of at most the value")
         wrong = np.abs(np.nan_to_num(numbers["length_correlation"])) >= 1.0
         return checked.refused(wrong, "length_correlation", "a number between -1 and 1")
 

@@ -14,6 +14,7 @@ from capsbayes.infer.many.tabulated.mixture import COMPONENTS
 from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.misfit import PREDICTED
+from capsbayes.status import Status
 
 Strings = NDArray[Any]  # of str, or of objects that are
 
@@ -83,6 +84,12 @@ class CapsuleRows:
             np.full(count, np.nan),
             np.zeros((count, COMPONENTS, len(OF_COMPONENTS)), np.float32),
         )
+
+    def refuse(self, row: int, status: Status, reason: str) -> None:
+        """Set status and reason of a row, and clear what an engine may have found for it under another prior."""
+        self.status[row], self.reason[row], self.components[row] = status.name, reason, 0.0
+        for of_engine in (self.summaries, self.leaning, self.p_values, self.reynolds_number):
+            of_engine[row] = np.nan
 
     @classmethod
     def joined(cls, parts: Iterable[CapsuleRows], count: int) -> CapsuleRows:

@@ -42,11 +42,10 @@ def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run
     try:
         _fill(rows, row, measurement, run)
     except InputError as error:
-        rows.status[row] = (Status.NO_SHAPE if isinstance(error, NoShapeError) else Status.UNUSABLE).name
-        rows.reason[row] = str(error)
+        rows.refuse(row, Status.NO_SHAPE if isinstance(error, NoShapeError) else Status.UNUSABLE, str(error))
     except Exception as error:  # a batch does not stop for one capsule
         raise_interruption(error)
-        rows.status[row], rows.reason[row] = Status.RAISED.name, f"{type(error).__name__}: {error}"
+        rows.refuse(row, Status.RAISED, f"{type(error).__name__}: {error}")
 
 
 def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:

@@ -147,7 +147,7 @@ class TableTask(RowsTask):
         try:
             own = replace(run, prior=run.prior.with_texts(texts, where=where)) if texts else run
         except InputError as error:
-            rows.status[row], rows.reason[row] = Status.UNUSABLE.name, str(error)
+            rows.refuse(row, Status.UNUSABLE, str(error))
             return
         fill_exactly(rows, row, self.measured.measurement(row), own)
 
@@ -198,7 +198,7 @@ class FileTask(RowsTask):
             else:
                 rows.status[row] = measurement.status.name
         except CapsbayesError as error:
-            rows.status[row], rows.reason[row] = Status.UNUSABLE.name, str(error)
+            rows.refuse(row, Status.UNUSABLE, str(error))
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ class OutlinesTask(RowsTask):
         for row, measurement in enumerate(self.measurements):
             rows.numbers[row] = numbers_of(measurement)
         for row, line in enumerate(self.left_out, start=len(self.measurements)):
-            rows.status[row], rows.reason[row] = Status.UNUSABLE.name, line
+            rows.refuse(row, Status.UNUSABLE, line)
         return rows, list(range(len(self.measurements)))
 
     def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
