@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from capsbayes.errors import InputError
 from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 
@@ -35,3 +36,9 @@ def test_one_capsule_keeps_its_errors():
     outline = MeasuredOutline(POINTS, OutlineNoise(0.003, 0.3, 0.5), Pose(offset=0.002))
     assert outline.shared_by(1).noise == outline.noise
     assert outline.shared_by(1).pose == outline.pose
+
+
+@pytest.mark.parametrize("numbers", [(np.inf, 0.2, 0.0), (0.01, np.inf, 0.0), (0.01, 1e300, 0.0), (0.01, 0.2, np.nan)])
+def test_an_error_beyond_all_lengths_of_a_capsule_is_refused(numbers):
+    with pytest.raises(InputError, match=r"OutlineNoise: .*: expected a (positive )?number up to 1"):
+        OutlineNoise(*numbers)

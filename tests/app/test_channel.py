@@ -13,6 +13,7 @@ from nicegui.testing import user_simulation
 from capsbayes.app.desk import Bench, Desk
 from capsbayes.app.steps.channel import ChannelStep
 from capsbayes.experiment import Experiment
+from capsbayes.quantity import Quantity
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*/experiment.toml"))
 EVERYTHING = """
@@ -80,6 +81,9 @@ def test_there_is_a_field_for_whatever_an_experiment_states(text, tmp_path):
 def test_a_velocity_is_needed_with_a_viscosity_and_left_out_with_the_product_of_both(tmp_path):
     desk, step, _ = filled(tmp_path, EVERYTHING, velocity="6.2")
     assert (desk.stated.velocity, step.complete) == ("6.2 mm/s", True)
+    for typed in ("6.2 +/- 1% mm/s", "6.2 +/- 1%", "0.62 cm/s +/- 62 um/s"):
+        desk, _, _ = filled(tmp_path, EVERYTHING, velocity=typed)
+        assert Quantity.of(desk.stated.velocity).parameters == pytest.approx((6.2e-3, 6.2e-5))
     desk, step, _ = filled(tmp_path, TENSION, velocity="6.2")
     assert (desk.stated.velocity, step.complete) == ("", True)
 

@@ -32,6 +32,9 @@ def invoke():
             ["--effect", "halo", "--effect-size", "3 +/- 1 um"],
             "hide: --effect-size: expected a number without an error",
         ),
+        (["--effect", "halo", "--effect-size", "5 m"], "hide: --effect-size: expected a size of at most 0.0001 m"),
+        (["--effect", "none", "--effect-size", "5 m"], "hide: --effect-size: expected nothing with --effect none"),
+        (["--effect", "swelling", "--effect-size", "5 m"], "hide: --effect-size: expected a text in s/m"),
     ],
 )
 def test_a_mistake_is_one_line(invoke, tmp_path, options, message):

@@ -1,7 +1,7 @@
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.files.input_file import InputFile
+from capsbayes.files.input_file import InputFile, number
 
 
 def written(tmp_path, text):
@@ -45,3 +45,9 @@ def test_what_is_no_file_or_no_toml_is_said(tmp_path):
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="expected a TOML file"):
         InputFile.read(binary)
+
+
+@pytest.mark.parametrize("value", ["inf", "-inf", "nan", "1" + 400 * "0", "1e61", "true", '"1"'])
+def test_a_number_is_finite(tmp_path, value):
+    with pytest.raises(InputError, match=r"file.toml: correlation: expected a number from -1e\+60 to 1e\+60, got "):
+        InputFile.read(written(tmp_path, f"correlation = {value}")).table(required={"correlation": number()})

@@ -3,9 +3,10 @@
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from capsbayes import Experiment, Measurement, Posterior, Surrogate, identify
+from capsbayes import Experiment, Measurement, MembraneSurrogate, Posterior, Surrogate, identify
 from capsbayes.errors import InputError
 from capsbayes.infer import Prior
 from capsbayes.infer.many import identify_folder
@@ -43,6 +44,27 @@ def test_a_prior_in_conflict_with_the_lengths_is_said_within_seconds(surrogate, 
     assert posterior.status is Status.LENGTHS_MISFIT
     assert min(posterior.p_values.values()) < 1e-3 * LEVEL
     assert any("predictive p-value of L_" in sentence for sentence in caveats(posterior))
+
+
+@pytest.mark.parametrize("engine", ["emcee", "quadrature"])
+@pytest.mark.parametrize("prior", ["5 +/- 0.1 mN/m", "log-normal 5 +/- 0.1 mN/m", "4 .. 5 mN/m", "5 +/- 0.01 N/m"])
+def test_a_prior_that_holds_no_shape_is_refused_with_what_the_shapes_have(surrogate, channel, ovalbumin, prior, engine):
+    with pytest.raises(
+        InputError, match=r"prior\.surface_shear_modulus: expected G_s from .* as shapes of these lengths"
+    ):
+        identify(ovalbumin, surrogate, channel, seed=1, engine=engine, prior=Prior(prior))
+
+
+def test_it_is_refused_with_the_membrane_unknown_too(channel, ovalbumin):
+    model = MembraneSurrogate.open("square")
+    for prior in (Prior("5 +/- 0.1 mN/m"), Prior(capsule_radius="100 +/- 0.2 um")):
+        with pytest.raises(InputError, match="as shapes of these lengths have, got the prior"):
+            identify(ovalbumin, model, channel, seed=1, prior=prior)
+
+
+def test_a_prior_narrower_than_any_engine_resolves_is_refused():
+    with pytest.raises(InputError, match=r"surface_shear_modulus: expected a standard error of at least 0\.1%"):
+        Prior("45 +/- 0.001 mN/m")
 
 
 def test_p_values_are_reported_everywhere(surrogate, channel, ovalbumin, tmp_path):
@@ -86,6 +108,7 @@ def test_rows_of_a_table_say_the_same(surrogate, channel, tmp_path):
         "2.14,0.02,1.81,0.02,6.2,0.06,,,200 .. 400 mN/m,,",
         "2.14,0.02,1.81,0.02,6.2,0.06,,,50 +/- 10 mN/m,,",
         "2.14,0.02,1.81,0.02,6.2,0.06,,,50 mN/m,,",
+        "2.14,0.02,1.81,0.02,6.2,0.06,,,5 +/- 0.1 mN/m,,",
         "2.14,0.02,1.81,0.02,1200,12,,,,50,1",
     ]
     table = tmp_path / "capsules.csv"
@@ -93,11 +116,13 @@ def test_rows_of_a_table_say_the_same(surrogate, channel, tmp_path):
     found = identify_folder(
         table, surrogate, channel, out=tmp_path / "o.nc", seed=1, check=0.0, scheduler="synchronous"
     )
-    expected = ["DONE", "FLOW_CONFLICT", "DONE", "LENGTHS_MISFIT", "DONE", "UNUSABLE", "INERTIA"]
+    expected = ["DONE", "FLOW_CONFLICT", "DONE", "LENGTHS_MISFIT", "DONE", "UNUSABLE", "UNUSABLE", "INERTIA"]
     assert found["status"].tolist() == expected
     assert found["p_value_flow_rate"][1] < 1e-6 < LEVEL < found["p_value_flow_rate"][0]
-    assert found["reynolds_number"][6] > 20.0
+    assert found["reynolds_number"][7] > 20.0
     assert "a distribution" in found["reason"][5]
+    assert "as shapes of these lengths have, got the prior 5 +/- 0.1 mN/m" in found["reason"][6]
+    assert np.isnan(found["surface_shear_modulus_median"][5:7]).all()
 
 
 def test_inertia_is_said_and_the_density_is_stated(surrogate, channel, ovalbumin):

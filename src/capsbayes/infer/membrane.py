@@ -142,10 +142,10 @@ class Membrane:
         units = (PARAMETERS[name].si,)
         try:
             return Quantity.of(given, name, where=self.source, units=units, signed=name != THICKNESS)
-        except InputError:
+        except InputError as error:
             example = "0.6 +/- 0.2 um" if name == THICKNESS else "1.5 +/- 0.3"
             expected = f'a number, a text as "{example}", or "{UNKNOWN}"'
-            raise InputError(self.source, name, expected, repr(given)) from None
+            raise InputError(self.source, name, expected, error.got, error.advice) from None
 
     def _check(self) -> None:
         """Refuse two statements of one number."""

@@ -214,8 +214,8 @@ def _coordinate(given: Given, where: str, key: str) -> Quantity:
     expected = 'a range as "0 .. 0.1" or a value with its error as "0.03 +/- 0.01"'
     try:
         read = Quantity.of(given, key, where=where, units=("",), signed=True)
-    except InputError:
-        raise InputError(where, key, expected, repr(given)) from None
+    except InputError as error:
+        raise InputError(where, key, expected, error.got, error.advice) from None
     if read.known:
         raise InputError(where, key, expected, repr(given))
     return read
