@@ -33,6 +33,10 @@ class Status(enum.Enum):
     SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them (--crop)."
     DEBRIS = "The object found is too small for a capsule."
     DOUBLET = "The outline is notched: two capsules touch or overlap, or something sticks to one (erase it: --erase)."
+    INTERLACED = (
+        "The odd rows of the frame show another moment than the even ones (interlaced video); deinterlace the film, or "
+        "film without."
+    )
     LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."
     OVERLAP = "A second nose is seen inside the capsule: two capsules overlap."
     SMEARED = "The capsule moved by more than three pixels during the exposure; expose it for a shorter time."
@@ -44,8 +48,12 @@ class Status(enum.Enum):
     FEW_FRAMES = "The capsule was seen whole in fewer than three frames, too few for a velocity and its error."
     UNSTEADY = "The capsule still changes along the channel; film it further downstream."
     COVERED = (
-        "The median of the film is not the empty channel: something dark lies still, or covers a place in half of the "
-        "frames; give a background."
+        "The film does not show the empty channel: capsules cover a place in all but a few frames, as where they move by "
+        "less than their own length, or something dark lies still; film longer, or give a background (--background)."
+    )
+    TAKE_TURNS = (
+        "Two kinds of frames take turns, as those of two channels or exposures; split the film, and measure one kind, "
+        "with the frame rate that it then has."
     )
     # posteriors
     NOT_MIXED = "The chains did not pass their convergence gates within the budget; do not use the intervals."

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.image.edges.robust import median
 from capsbayes.image.walls import WallLines
@@ -19,13 +19,21 @@ _BRIGHT = 85.0  # percentile along the channel that is taken for the empty chann
 _ROWS = 64  # of all frames that are held in memory a second time
 _CORE = 0.8  # of the half width: part of the channel whose light is averaged along it
 _FAINT = 0.01  # of the light: larger differences from a smooth trend are objects
+_TILE = 8  # px: side of the squares over which light is averaged where frames are compared
+_FEWEST_TURNS = 4  # frames that tell that two kinds of them take turns
+_APART = 0.4  # of the level: a lamp that flickers by a fifth to either side differs by as much from frame to frame
+_LEAST = 1e-6  # grey levels, against a division by zero
 _DARKEST = 0.02  # of the median of the background: below, the ratio to it is meaningless
 
 
-def temporal_median(frames: Sequence[NDArray[Any]]) -> Floats:
+def temporal_median(
+    frames: Sequence[NDArray[Any]], covered: Sequence[Booleans] | None = None, *, share: float = 0.5
+) -> Floats:
     """Return the background of a film: at each pixel the median over the frames, which hides passing capsules.
 
-    There are at least three (rows, columns) arrays, spread over more than the passage of a capsule.
+    There are at least three (rows, columns) arrays, spread over more than the passage of a capsule. Where it is known
+    which pixels of each frame a capsule covers, these do not count; each pixel is free in some frame. The median is the
+    quantile of another share of the frames where that is given.
 
     Raises
     ------
@@ -37,16 +45,65 @@ def temporal_median(frames: Sequence[NDArray[Any]]) -> Floats:
         got = f"{len(frames)} of shapes {', '.join(map(str, sorted(shapes)))}" if len(frames) else "none"
         raise InputError("background", "frames", "at least three frames of one shape", got)
     blocks = np.array_split(np.arange(len(frames[0])), max(1, len(frames[0]) // _ROWS))
-    return np.concatenate([_median(np.stack([frame[rows] for frame in frames])) for rows in blocks])
+    return np.concatenate(
+        [
+            _quantile(
+                np.stack([frame[rows] for frame in frames]),
+                None if covered is None else np.stack([each[rows] for each in covered]),
+                share,
+            )
+            for rows in blocks
+        ]
+    )
 
 
-def _median(levels: NDArray[Any]) -> Floats:
-    """Return the median over the first axis, by sorting: for tens of levels in a third of the time of np.median."""
+def _quantile(levels: NDArray[Any], covered: Booleans | None, share: float) -> Floats:
+    """Return a quantile over the first axis, by sorting: for tens of levels in a third of the time of np.median."""
+    count: Any = len(levels)
+    if covered is not None:  # what is covered comes last
+        count = len(levels) - np.count_nonzero(covered, axis=0).ravel()
+        levels = np.where(covered, np.inf, levels).astype(np.float32)
     ordered = np.ascontiguousarray(levels.reshape(len(levels), -1).T)
     ordered.sort(axis=1)
-    middle = len(levels) // 2
-    both = ordered[:, [middle if len(levels) % 2 else middle - 1, middle]]
-    return np.asarray(both.mean(axis=1, dtype=np.float64).reshape(levels.shape[1:]))
+    place = share * (count - 1)
+    rows = np.arange(len(ordered))
+    below, above = (ordered[rows, rounded.astype(int)] for rounded in (np.floor(place), np.ceil(place)))
+    return np.asarray((0.5 * below + 0.5 * above).reshape(levels.shape[1:]), dtype=np.float64)
+
+
+def brightness(grey: NDArray[Any], reference: NDArray[Any]) -> float:
+    """Return the light of a frame over that of another or of the empty channel, both (rows, columns) arrays.
+
+    It is the median over tiles, most of which show no capsule. Where the ratio is beyond a factor of two, it is no
+    flicker of a lamp, and 1 is returned.
+    """
+    size = max(1, grey.shape[1] // _TILE), max(1, grey.shape[0] // _TILE)
+    tiles, empty = (
+        np.asarray(cv2.resize(each.astype(np.float64), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
+        for each in (grey, reference)
+    )
+    ratio = median(tiles / np.maximum(empty, max(_DARKEST * median(empty), _LEAST)))
+    return ratio if 0.5 < ratio < 2.0 else 1.0
+
+
+def take_turns(frames: Sequence[NDArray[Any]]) -> bool:
+    """Return whether successive frames are of two kinds that take turns, as those of two channels or exposures.
+
+    They differ in their level, or in their darkest or brightest parts compared with it. A capsule that comes and goes
+    changes these too, but not in half of the steps from frame to frame.
+    """
+    if len(frames) < _FEWEST_TURNS:
+        return False
+    dark, level, bright = np.array([np.quantile(frame[::2, ::2], (0.01, 0.5, 0.99)) for frame in frames]).T
+    level = np.maximum(level, _LEAST)
+    for value in (np.log(level), dark / level, np.minimum(bright / level, 1.0 / _APART)):
+        ordered = np.sort(value)
+        widest = int(np.argmax(np.diff(ordered)))
+        first = value > 0.5 * (ordered[widest] + ordered[widest + 1])
+        turns = np.count_nonzero(first[1:] != first[:-1])
+        if ordered[widest + 1] - ordered[widest] > _APART and 2 * turns >= len(frames):
+            return True
+    return False
 
 
 def estimate_background(grey: Floats, walls: WallLines, percentile: float = _BRIGHT) -> Floats:

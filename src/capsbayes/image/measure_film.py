@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image.background import estimate_background, flatten, temporal_median, transmission
+from capsbayes.image.background import (
+    brightness,
+    estimate_background,
+    flatten,
+    take_turns,
+    temporal_median,
+    transmission,
+)
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.contrast import Contrast
@@ -37,6 +45,11 @@ if TYPE_CHECKING:
 
 _SAMPLED = 41  # frames in the median that is the background
 _TELLING = 9  # frames that tell contrast and smoothing, where the background is given
+_FIRST = 12  # frames in which it is sought whether two kinds take turns
+_STEADY = 0.01  # of the light: smaller changes from frame to frame are left
+_BARE = 0.8  # quantile of the frames that shows the empty channel where capsules cover it in most of them
+_AROUND = 12  # px around a capsule that its halo may reach
+_FREE, _SHARE_FREE = 3, 0.25  # fewest frames, and share of them, in which each place is free of capsules
 _COLUMNS = {  # of the table of capsules, and the attributes of their measurements
     "axial_extent_over_l": "axial_extent",
     "axial_extent_error_over_l": "axial_extent_error",
@@ -145,11 +158,11 @@ def measure_film(
     given = background is not None
     # they tell the background, the contrast, and whether the film was smoothed
     sampled: list[Pixels] = [packed(picture.grey) for picture in _sample(film, by_hand, given=given)]
-    empty = read_picture(background).grey if background is not None else _background(film, sampled)
-    view = _view(film, empty, sampled, by_hand, experiment, given=given)
+    stated = None if background is None else read_picture(background).grey
+    view = _view(film, stated, sampled, by_hand, experiment)
     if isinstance(view, Status):
         return FilmMeasurement(view)
-    del sampled, empty  # hundreds of megabytes, which the frames do not need
+    del sampled  # hundreds of megabytes, which the frames do not need
     linker = Linker(view.walls, direction)
     records: dict[Track, FrameRecord] = {}
     statuses: Counter[Status] = Counter()
@@ -171,17 +184,27 @@ def measure_film(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Part of the frames that is analysed, as rows and columns; the walls in it, and the factor from grey to light.
+    """Part of the frames that is analysed, as rows and columns; the walls and the empty channel in it.
+
+    The gain is the factor from grey levels, as they are analysed, to light over that of the empty channel.
 
     The shift is that of `Detection`.
     """
 
     part: tuple[slice, slice]
     walls: WallLines
+    empty: Floats
     gain: Floats
     between: Booleans
     contrast: Contrast
     shift: float
+
+    def light(self, picture: Picture) -> Floats:
+        """Return the light of a frame over that of the empty channel under the lamp of the frame."""
+        level = brightness(picture.grey, self.empty)
+        if abs(level - 1.0) >= _STEADY:
+            picture = replace(picture, grey=picture.grey / level)
+        return np.asarray(self.contrast.shown(picture).grey * self.gain)
 
     def is_clipped(self, picture: Picture) -> bool:
         return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))
@@ -196,7 +219,7 @@ def _measure_frame(
     statuses: Counter[Status],
 ) -> None:
     """Find the blobs of one frame, link them and measure each."""
-    light = view.contrast.shown(picture).grey * view.gain
+    light = view.light(picture)
     noise = pixel_noise(light)
     blobs = find_blobs(light, view.walls, noise)
     for blob, track in zip(blobs, linker.link(frame, blobs), strict=True):
@@ -218,33 +241,40 @@ def _sample(film: Film, by_hand: ByHand, *, given: bool) -> Iterable[Picture]:
     return film.spread(_TELLING if given else _SAMPLED)
 
 
-def _background(film: Film, sampled: list[Pixels]) -> Floats:
-    if len(sampled) < 3:
+def _view(
+    film: Film, stated: Floats | None, sampled: list[Pixels], by_hand: ByHand, experiment: Experiment
+) -> _View | Status:
+    """Return how the frames are seen before the empty channel, which is stated or shows between the capsules."""
+    first = [picture.grey for picture in islice(film.frames(), _FIRST) if picture is not None]
+    if not first:
+        raise InputError(str(film.source), "", "frames that can be read", "none")
+    if stated is not None and first[0].shape != stated.shape:
+        return Status.BACKGROUND_DIFFERS
+    rows, columns = part = by_hand.part(first[0].shape)
+    if take_turns([frame[part] for frame in first]):
+        return Status.TAKE_TURNS
+    if stated is None and len(sampled) < 3:
         raise InputError(
             str(film.source), "", "at least three readable frames", f"{len(sampled)}", "or give a background"
         )
-    return temporal_median(sampled)
-
-
-def _view(
-    film: Film, empty: Floats, sampled: list[Pixels], by_hand: ByHand, experiment: Experiment, *, given: bool
-) -> _View | Status:
-    first = next((picture for picture in film.frames() if picture is not None), None)
-    if first is None:
-        raise InputError(str(film.source), "", "frames that can be read", "none")
-    if first.shape != empty.shape:
-        return Status.BACKGROUND_DIFFERS
-    rows, columns = part = by_hand.part(first.shape)
-    stated = by_hand.lines_in_part(first.shape, experiment.half_width)
-    empty, sampled = empty[part], [frame[part] for frame in sampled if frame.shape == empty.shape]
-    contrast = Contrast.of(sampled, empty, stated, by_hand.contrast)
-    empty = empty if contrast.mirror is None else contrast.mirror - empty
+    lines = by_hand.lines_in_part(first[0].shape, experiment.half_width)
+    sampled = [frame[part] for frame in sampled if frame.shape == first[0].shape]
+    sampled = _evenly_lit(sampled, sampled[len(sampled) // 2] if stated is None else stated[part])
+    empty = temporal_median(sampled) if stated is None else stated[part]
+    contrast = Contrast.of(sampled, empty, lines, by_hand.contrast)
+    if contrast.walls is not None and stated is None:
+        freed = _without_capsules(sampled, empty, contrast, contrast.walls)
+        if freed is None:
+            return Status.COVERED
+        empty = freed
+        contrast = Contrast.of(sampled, empty, lines, by_hand.contrast)
+    raw, empty = empty, empty if contrast.mirror is None else contrast.mirror - empty
     walls = contrast.walls
     if walls is None:
         return Status.NO_WALLS
-    if stated is not None:
+    if lines is not None:
         walls = compared_with_bands(walls, empty)
-    if not given:
+    if stated is None:
         light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
         if find_blobs(light, walls, pixel_noise(light)):
             return Status.COVERED
@@ -255,7 +285,45 @@ def _view(
     read = slice(rows.start + near.start, rows.start + near.stop), columns
     gain = transmission(np.ones_like(shown), shown)
     shift = _shift([frame[near] for frame in sampled], contrast, walls, gain)
-    return _View(read, walls, gain, between, contrast, shift)
+    return _View(read, walls, raw[near], gain, between, contrast, shift)
+
+
+def _evenly_lit(frames: list[Pixels], reference: Pixels) -> list[Pixels]:
+    """Return frames in the light of another one, where the lamp flickers."""
+    levels = [brightness(frame, reference) for frame in frames]
+    return [
+        frame if abs(level - 1.0) < _STEADY else (frame / level).astype(np.float32)
+        for frame, level in zip(frames, levels, strict=True)
+    ]
+
+
+def _without_capsules(frames: list[Pixels], empty: Floats, contrast: Contrast, walls: WallLines) -> Floats | None:
+    """Return the empty channel by the frames in which no capsule covers a pixel; None where these are too few.
+
+    Capsules are sought before a quantile that shows the channel also where they cover a place in most of the frames.
+    """
+    near = walls.rows_around((empty.shape[0], empty.shape[1]))
+    walls, frames = walls.moved(0, -near.start), [frame[near] for frame in frames]
+    share = _BARE if contrast.mirror is None else 1.0 - _BARE
+
+    def shown(grey: Pixels) -> Floats:
+        return contrast.shown(Picture.from_array(grey)).grey
+
+    gain = transmission(np.ones(frames[0].shape), shown(temporal_median(frames, share=share)))
+    covered = []
+    for frame in frames:
+        light = shown(frame) * gain
+        light /= brightness(light, np.ones_like(light))
+        mask = np.zeros(light.shape, dtype=np.uint8)
+        for blob in find_blobs(light, walls, pixel_noise(light)):
+            cv2.fillPoly(mask, [np.rint(blob.polygon).astype(np.int32)], 1)
+        covered.append(cv2.dilate(mask, np.ones((2 * _AROUND + 1,) * 2, dtype=np.uint8)) > 0)
+    free = len(frames) - np.count_nonzero(covered, axis=0)
+    if free.min() < max(_FREE, _SHARE_FREE * len(frames)):
+        return None
+    freed = empty.copy()
+    freed[near] = temporal_median(frames, covered)
+    return freed
 
 
 def _shift(sampled: list[Pixels], contrast: Contrast, walls: WallLines, gain: Floats) -> float:
