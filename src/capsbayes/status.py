@@ -48,8 +48,8 @@ class Status(enum.Enum):
     FEW_FRAMES = "The capsule was seen whole in fewer than three frames, too few for a velocity and its error."
     UNSTEADY = "The capsule still changes along the channel; film it further downstream."
     COVERED = (
-        "The film does not show the empty channel: capsules cover a place in all but a few frames, as where they move by "
-        "less than their own length, or something dark lies still; film longer, or give a background (--background)."
+        "The film does not show the empty channel: capsules cover a place in all but a few frames, as they do if they "
+        "move by less than their own length, or something dark lies still; film longer, or give a background."
     )
     TAKE_TURNS = (
         "Two kinds of frames take turns, as those of two channels or exposures; split the film, and measure one kind, "

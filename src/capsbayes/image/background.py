@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
-from capsbayes.image.edges.robust import median
+from capsbayes.image.edges.robust import median, quantile
 from capsbayes.image.walls import WallLines
 
 _BRIGHT = 85.0  # percentile along the channel that is taken for the empty channel
@@ -20,6 +20,7 @@ _ROWS = 64  # of all frames that are held in memory a second time
 _CORE = 0.8  # of the half width: part of the channel whose light is averaged along it
 _FAINT = 0.01  # of the light: larger differences from a smooth trend are objects
 _TILE = 8  # px: side of the squares over which light is averaged where frames are compared
+_FLICKER, _STEADY = 5.0, 0.01  # largest factor, and smallest change, by which the light of frames is evened out
 _FEWEST_TURNS = 4  # frames that tell that two kinds of them take turns
 _APART = 0.4  # of the level: a lamp that flickers by a fifth to either side differs by as much from frame to frame
 _LEAST = 1e-6  # grey levels, against a division by zero
@@ -71,19 +72,19 @@ def _quantile(levels: NDArray[Any], covered: Booleans | None, share: float) -> F
     return np.asarray((0.5 * below + 0.5 * above).reshape(levels.shape[1:]), dtype=np.float64)
 
 
-def brightness(grey: NDArray[Any], reference: NDArray[Any]) -> float:
+def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) -> float:
     """Return the light of a frame over that of another or of the empty channel, both (rows, columns) arrays.
 
-    It is the median over tiles, most of which show no capsule. Where the ratio is beyond a factor of two, it is no
-    flicker of a lamp, and 1 is returned.
+    It is a quantile over tiles: capsules may cover a smaller part of them than its share. A ratio beyond a factor of
+    five is no lamp that flickers, and a hundredth makes no difference: 1 is returned.
     """
     size = max(1, grey.shape[1] // _TILE), max(1, grey.shape[0] // _TILE)
     tiles, empty = (
         np.asarray(cv2.resize(each.astype(np.float64), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
         for each in (grey, reference)
     )
-    ratio = median(tiles / np.maximum(empty, max(_DARKEST * median(empty), _LEAST)))
-    return ratio if 0.5 < ratio < 2.0 else 1.0
+    ratio = quantile((tiles / np.maximum(empty, max(_DARKEST * median(empty), _LEAST))).ravel(), share)
+    return ratio if 1.0 / _FLICKER < ratio < _FLICKER and abs(ratio - 1.0) > _STEADY else 1.0
 
 
 def take_turns(frames: Sequence[NDArray[Any]]) -> bool:

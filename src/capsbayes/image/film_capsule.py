@@ -25,6 +25,7 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
 
+_LENGTHS = "L_z", "L_a"
 _FEWEST = 3  # frames that give a velocity and its error
 _UNLIKE = 0.2  # of the frames: more that disagree with the others are no chance, but another shape
 _SAMPLING = 0.005  # px: no centroid is located better than that in a picture sampled at whole pixels
@@ -184,7 +185,7 @@ class FilmCapsule:
             sha256=sha256,
         )
         if status.ok and outlines is not None and speed is not None and walls is not None:
-            change = 0.5 * lengths[0] * drifts["L_z"].unmodelled_error  # of either end
+            change = 0.5 * lengths[0] * _unmodelled_error(drifts, "L_z")  # of either end
             silhouette = outlines.taken(alike).sharpest().silhouette(walls, int(np.sign(speed.value)), change)
             measured = replace(measured, outline=silhouette)
         return cls(status, record, speed, drifts, repeat, measured, alike)
@@ -224,7 +225,7 @@ def _motion(frames: list[FrameMeasurement]) -> tuple[Velocity, dict[str, Drift]]
     drifts = {} if speed.drift is None else {"v_o": speed.drift}
     lengths = np.array([measured.lengths for measured in frames])
     random = np.array([np.diag(measured.covariance - measured.systematic) for measured in frames])
-    for index, name in enumerate(("L_z", "L_a")):
+    for index, name in enumerate(_LENGTHS):
         seen = np.isfinite(lengths[:, index])
         if seen.sum() >= _FEWEST:
             drifts[name] = drift(along[seen], lengths[seen, index], random[seen, index])
@@ -235,8 +236,8 @@ def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Flo
     """Return mean lengths, covariance of their errors, and scatter from frame to frame [px, px^2, px].
 
     The error of the mean is that of the scatter, or of the noise if this is larger, and the part that all frames share:
-    misfit of the edge's model, walls, and a change along the channel that is significant but negligible. If the rear is
-    seen in half of the frames, all lengths are taken from these.
+    misfit of the edge's model, walls, and the changes along the channel if one is significant but negligible. If the
+    rear is seen in half of the frames, all lengths are taken from these.
     """
     with_rear = [measured for measured in frames if np.isfinite(measured.lengths[1])]
     used = with_rear if 2 * len(with_rear) >= len(frames) and len(with_rear) >= _FEWEST else frames
@@ -250,10 +251,15 @@ def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Flo
     scatter = lengths.std(axis=0, ddof=1)
     raised = np.where(scatter > expected, scatter / np.where(expected > 0.0, expected, 1.0), 1.0)
     covariance = random * np.outer(raised, raised) / len(used) + systematic
-    for index, name in enumerate(("L_z", "L_a")):
-        if name in drifts:
-            covariance[index, index] += np.nan_to_num(drifts[name].unmodelled_error * mean[index]) ** 2
+    for index, name in enumerate(_LENGTHS):
+        covariance[index, index] += np.nan_to_num(_unmodelled_error(drifts, name) * mean[index]) ** 2
     return mean, covariance, scatter
+
+
+def _unmodelled_error(drifts: dict[str, Drift], name: str) -> float:
+    """Return the error of a length, over its mean, for its change along the channel, if one of them is significant."""
+    significant = any(drifts[each].significant for each in _LENGTHS if each in drifts)
+    return abs(drifts[name].change) if significant and name in drifts else 0.0
 
 
 def _pixel_size(l_px: float, l_variance: float, experiment: Experiment) -> Quantity:

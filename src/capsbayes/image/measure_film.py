@@ -46,8 +46,7 @@ if TYPE_CHECKING:
 _SAMPLED = 41  # frames in the median that is the background
 _TELLING = 9  # frames that tell contrast and smoothing, where the background is given
 _FIRST = 12  # frames in which it is sought whether two kinds take turns
-_STEADY = 0.01  # of the light: smaller changes from frame to frame are left
-_BARE = 0.8  # quantile of the frames that shows the empty channel where capsules cover it in most of them
+_BARE = 0.8  # share of the frames, or of the channel, that dark capsules may cover
 _AROUND = 12  # px around a capsule that its halo may reach
 _FREE, _SHARE_FREE = 3, 0.25  # fewest frames, and share of them, in which each place is free of capsules
 _COLUMNS = {  # of the table of capsules, and the attributes of their measurements
@@ -201,10 +200,9 @@ class _View:
 
     def light(self, picture: Picture) -> Floats:
         """Return the light of a frame over that of the empty channel under the lamp of the frame."""
-        level = brightness(picture.grey, self.empty)
-        if abs(level - 1.0) >= _STEADY:
-            picture = replace(picture, grey=picture.grey / level)
-        return np.asarray(self.contrast.shown(picture).grey * self.gain)
+        level = brightness(picture.grey, self.empty, _bare(self.contrast))
+        even = picture if level == 1.0 else replace(picture, grey=picture.grey / level)
+        return np.asarray(self.contrast.shown(even).grey * self.gain)
 
     def is_clipped(self, picture: Picture) -> bool:
         return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))
@@ -288,11 +286,16 @@ def _view(
     return _View(read, walls, raw[near], gain, between, contrast, shift)
 
 
+def _bare(contrast: Contrast) -> float:
+    """Return the quantile of grey levels that shows the empty channel also where capsules cover most of it."""
+    return _BARE if contrast.mirror is None else 1.0 - _BARE
+
+
 def _evenly_lit(frames: list[Pixels], reference: Pixels) -> list[Pixels]:
     """Return frames in the light of another one, where the lamp flickers."""
     levels = [brightness(frame, reference) for frame in frames]
     return [
-        frame if abs(level - 1.0) < _STEADY else (frame / level).astype(np.float32)
+        frame if level == 1.0 else (frame / level).astype(np.float32)
         for frame, level in zip(frames, levels, strict=True)
     ]
 
@@ -304,7 +307,7 @@ def _without_capsules(frames: list[Pixels], empty: Floats, contrast: Contrast, w
     """
     near = walls.rows_around((empty.shape[0], empty.shape[1]))
     walls, frames = walls.moved(0, -near.start), [frame[near] for frame in frames]
-    share = _BARE if contrast.mirror is None else 1.0 - _BARE
+    share = _bare(contrast)
 
     def shown(grey: Pixels) -> Floats:
         return contrast.shown(Picture.from_array(grey)).grey
@@ -313,7 +316,7 @@ def _without_capsules(frames: list[Pixels], empty: Floats, contrast: Contrast, w
     covered = []
     for frame in frames:
         light = shown(frame) * gain
-        light /= brightness(light, np.ones_like(light))
+        light /= brightness(light, np.ones_like(light), _BARE)
         mask = np.zeros(light.shape, dtype=np.uint8)
         for blob in find_blobs(light, walls, pixel_noise(light)):
             cv2.fillPoly(mask, [np.rint(blob.polygon).astype(np.int32)], 1)

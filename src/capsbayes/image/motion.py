@@ -46,8 +46,8 @@ class Drift:
 
     @property
     def unmodelled_error(self) -> float:
-        """Standard deviation, over the mean, of a quantity that changes evenly; zero if the change is insignificant."""
-        return abs(self.change) / np.sqrt(12.0) if self.significant else 0.0
+        """Error over the mean, the cause of a change being unknown: the change itself, zero if it is insignificant."""
+        return abs(self.change) if self.significant else 0.0
 
 
 @dataclass(frozen=True)
