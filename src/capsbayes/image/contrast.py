@@ -96,6 +96,10 @@ class Contrast:
             return cls(None, walls)
         return cls(level, bright_walls)
 
+    def darkened(self, grey: NDArray[Any]) -> NDArray[Any]:
+        """Return grey levels as they are analysed."""
+        return grey if self.mirror is None else self.mirror - grey
+
     def shown(self, picture: Picture) -> Picture:
         """Return a picture as it is analysed."""
         return picture if self.mirror is None else picture.mirrored(self.mirror)

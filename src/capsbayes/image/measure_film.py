@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -201,8 +201,7 @@ class _View:
     def light(self, picture: Picture) -> Floats:
         """Return the light of a frame over that of the empty channel under the lamp of the frame."""
         level = brightness(picture.grey, self.empty, _bare(self.contrast))
-        even = picture if level == 1.0 else replace(picture, grey=picture.grey / level)
-        return np.asarray(self.contrast.shown(even).grey * self.gain)
+        return np.asarray(self.contrast.darkened(picture.grey / level) * self.gain)
 
     def is_clipped(self, picture: Picture) -> bool:
         return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))
@@ -243,20 +242,20 @@ def _view(
     film: Film, stated: Floats | None, sampled: list[Pixels], by_hand: ByHand, experiment: Experiment
 ) -> _View | Status:
     """Return how the frames are seen before the empty channel, which is stated or shows between the capsules."""
-    first = [picture.grey for picture in islice(film.frames(), _FIRST) if picture is not None]
-    if not first:
+    first = next((picture for picture in film.frames() if picture is not None), None)
+    if first is None:
         raise InputError(str(film.source), "", "frames that can be read", "none")
-    if stated is not None and first[0].shape != stated.shape:
+    if stated is not None and first.shape != stated.shape:
         return Status.BACKGROUND_DIFFERS
-    rows, columns = part = by_hand.part(first[0].shape)
-    if take_turns([frame[part] for frame in first]):
+    rows, columns = part = by_hand.part(first.shape)
+    if take_turns(picture.grey for picture in islice(film.frames(part), _FIRST) if picture is not None):
         return Status.TAKE_TURNS
     if stated is None and len(sampled) < 3:
         raise InputError(
             str(film.source), "", "at least three readable frames", f"{len(sampled)}", "or give a background"
         )
-    lines = by_hand.lines_in_part(first[0].shape, experiment.half_width)
-    sampled = [frame[part] for frame in sampled if frame.shape == first[0].shape]
+    lines = by_hand.lines_in_part(first.shape, experiment.half_width)
+    sampled = [frame[part] for frame in sampled if frame.shape == first.shape]
     sampled = _evenly_lit(sampled, sampled[len(sampled) // 2] if stated is None else stated[part])
     empty = temporal_median(sampled) if stated is None else stated[part]
     contrast = Contrast.of(sampled, empty, lines, by_hand.contrast)
@@ -266,8 +265,7 @@ def _view(
             return Status.COVERED
         empty = freed
         contrast = Contrast.of(sampled, empty, lines, by_hand.contrast)
-    raw, empty = empty, empty if contrast.mirror is None else contrast.mirror - empty
-    walls = contrast.walls
+    raw, empty, walls = empty, contrast.darkened(empty), contrast.walls
     if walls is None:
         return Status.NO_WALLS
     if lines is not None:
@@ -307,16 +305,10 @@ def _without_capsules(frames: list[Pixels], empty: Floats, contrast: Contrast, w
     """
     near = walls.rows_around((empty.shape[0], empty.shape[1]))
     walls, frames = walls.moved(0, -near.start), [frame[near] for frame in frames]
-    share = _bare(contrast)
-
-    def shown(grey: Pixels) -> Floats:
-        return contrast.shown(Picture.from_array(grey)).grey
-
-    gain = transmission(np.ones(frames[0].shape), shown(temporal_median(frames, share=share)))
+    bare = contrast.darkened(temporal_median(frames, share=_bare(contrast)))
     covered = []
     for frame in frames:
-        light = shown(frame) * gain
-        light /= brightness(light, np.ones_like(light), _BARE)
+        light = transmission(contrast.darkened(frame), bare)
         mask = np.zeros(light.shape, dtype=np.uint8)
         for blob in find_blobs(light, walls, pixel_noise(light)):
             cv2.fillPoly(mask, [np.rint(blob.polygon).astype(np.int32)], 1)
@@ -333,6 +325,6 @@ def _shift(sampled: list[Pixels], contrast: Contrast, walls: WallLines, gain: Fl
     """Return the median of the shifts of some frames that follow from smoothing [px]."""
     shifts = []
     for frame in sampled[:: max(1, len(sampled) // _TELLING)]:
-        light = contrast.shown(Picture.from_array(frame)).grey * gain
+        light = contrast.darkened(frame) * gain
         shifts.append(edge_shift(light, walls, find_blobs(light, walls, pixel_noise(light))))
     return float(np.median(shifts)) if shifts else 0.0
