@@ -43,7 +43,7 @@ def test_the_recipe_of_conda_needs_what_the_wheel_needs():
         assert {str(part) for part in limits if part.operator == "<"} <= parts
 
 
-@pytest.mark.parametrize("one", needed("rtdc", "cluster", "test"), ids=lambda one: one.name)
+@pytest.mark.parametrize("one", needed("rtdc", "cluster", "xlsx", "test"), ids=lambda one: one.name)
 def test_the_lock_holds_a_version_that_is_allowed(one):
     assert Version(LOCKED[one.name]) in one.specifier
 

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from capsbayes.errors import InputError
-from capsbayes.files.csv_file import plain_cell, read_csv, read_numbers, safe_cell, text_of_table
+from capsbayes.files.csv_file import plain_cell, read_columns, read_numbers, safe_cell, text_of_table
 from capsbayes.files.output_file import RECORD, guarded, note_input, together, write_dataset, write_file
 
 
@@ -104,7 +104,7 @@ def test_cells_that_a_spreadsheet_would_run_are_text(tmp_path):
     cells = ["=1+1", "+1+1", "-a", "@SUM(1)", "\t=1", "a\r=1", "'=1", "-0.5", "plain", "it's"]
     text = text_of_table(pd.DataFrame({"name": cells, "x": -1.0}), index=False)
     (tmp_path / "t.csv").write_text(text)
-    read = read_csv(tmp_path / "t.csv")
+    read = read_columns(tmp_path / "t.csv", texts=("name",))
     assert [plain_cell(cell) for cell in read["name"]] == [cell.replace("\r", " ") for cell in cells]
     assert all(safe_cell(cell)[0] not in "=+@\t\r" for cell in ["\r=1", *cells])
     assert read["x"].tolist() == [-1.0] * len(cells)
@@ -113,13 +113,13 @@ def test_cells_that_a_spreadsheet_would_run_are_text(tmp_path):
 def test_numbers_of_a_table_are_read_to_the_last_digit(tmp_path):
     numbers = np.exp(np.linspace(-20.0, 20.0, 300)).tolist()
     (tmp_path / "t.csv").write_text("\n".join(["x", *map(repr, numbers)]))
-    assert read_csv(tmp_path / "t.csv")["x"].tolist() == numbers
+    assert read_columns(tmp_path / "t.csv")["x"].tolist() == numbers
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "a readable table, got no names of columns"),
+        ("", "expected a table, got no names of columns"),
         ("\n\n", "no names of columns"),
         ("a,b\n1,2,3\n", "line 2: expected 2 cells, got 3"),
         ("a,b\n1,2\n1\n", "line 3: expected 2 cells, got 1"),
@@ -127,7 +127,7 @@ def test_numbers_of_a_table_are_read_to_the_last_digit(tmp_path):
         ("a,b\n1,2\na,b\n", "line 3: expected the names of the columns in the first line only"),
         ("a,b\n1,\0\n", "zero bytes"),
         ('a,b\n1,"2\n', "readable"),
-        (b"a,b\n\xff,1\n", "readable"),
+        (b"a,b\n\xff,1\n", "line 2: expected numbers for a and b, got ÿ, 1"),
         ("a,b\n1,x\n", "line 2: expected numbers for a and b, got 1, x"),
         ("a,b\n\n1,inf\n", "line 3: expected numbers"),
         ("a,c\n1,2\n", "b: expected a column of that name, got columns a, c"),

@@ -1,77 +1,223 @@
-"""Tables as CSV files: read strictly, and written so that no spreadsheet runs a cell as a formula."""
+"""Tables of users: CSV files and sheets as spreadsheets write them; written so that no cell is run as a formula."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+import itertools
+import re
+import warnings
+import zipfile
+from array import array
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
-from capsbayes.files.input_file import read_bytes
+from capsbayes.files.input_file import parsing, read_bytes
 
 if TYPE_CHECKING:
     import pandas as pd
 
+MISSING = frozenset(("", "na", "n/a", "#n/a", "<na>", "nan", "-nan", "null", "none"))
+"""Cells, in lower case, that state no number."""
 
 _RUN_BY_SPREADSHEETS = ("=", "+", "-", "@", "\t")
+_SEPARATORS = {"\t": "a tab", ";": "';'", ",": "','", " ": "blanks"}  # the first of them that the first line holds
+_WITH_COMMA = re.compile(r"[+-]?(\d*,\d+|\d+,)(e[+-]?\d+)?", re.IGNORECASE)
+_MOST_COLUMNS = 1000
+_LARGEST_BOOK = 2**28  # bytes of an .xlsx file that is unpacked
+_SUMMARIES = frozenset(
+    "mean means average averages avg median sd std stdev stddev sem variance cv rsd sum total count min max "
+    "mittel mittelwert mittelwerte durchschnitt standardabweichung stabw summe anzahl "
+    "moyenne médiane écart ecart somme media promedio mediana desviación suma ø".split()
+)
 
 
-def read_csv(path: str | Path, noun: str = "table") -> pd.DataFrame:
-    """Read a table whose lines all have as many cells as its first line, which names the columns.
+def read_columns(
+    path: str | Path, noun: str = "table", *, texts: Collection[str] = (), unnamed: Sequence[str] = ()
+) -> pd.DataFrame:
+    """Read a table whose first line names the columns and whose other lines have as many cells.
+
+    A text file is in UTF-8, UTF-16 or Windows-1252. Its first line shows whether tabs, semicolons, commas or blanks
+    separate the cells. Behind tabs and semicolons the decimal mark may be a comma, if it is one in the whole file. Of an
+    ``.xlsx`` file the one sheet that is not empty is read. Empty columns behind the last name are ignored.
 
     Parameters
     ----------
     path : path
     noun : str
         What the file should be, for the message of an error.
+    texts : collection of str
+        Columns whose cells are no numbers.
+    unnamed : sequence of str
+        Names of the columns of a file whose first line holds numbers.
 
     Returns
     -------
     pandas DataFrame
-        Its index is the number of the line in the file.
+        Numbers as such, other cells as texts, empty ones as NaN; a blank line is a row of NaN. Its index is the number
+        of the line in the file.
 
     Raises
     ------
     InputError
         On a file that is missing or no such table.
     """
+    where, raw = str(path), read_bytes(path, noun)
+    with parsing(where, f"a readable {noun}"):
+        if Path(path).suffix.lower() == ".xlsx":
+            return _frame(_sheet(raw, where), "", where, texts, unnamed)
+        text = _text(raw, where)
+        first = re.sub(r'"[^"]*"', "", text.lstrip("\n").partition("\n")[0]).strip(" ")
+        separator = next((mark for mark in _SEPARATORS if mark in first), ",")
+        lines = text.split("\n") if separator == " " else ()
+        file = io.StringIO("\n".join(line.strip() for line in lines) if lines else text)
+        reader = csv.reader(file, delimiter=separator, skipinitialspace=True, strict=True)
+        return _frame(((reader.line_num, cells) for cells in reader), separator, where, texts, unnamed)
+
+
+def _text(raw: bytes, where: str) -> str:
+    """Return the text of a file, each line ended as in Python."""
+    encodings = ["utf-8-sig", "cp1252"]
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ["utf-16"]
+    elif b"\0" in raw[:2]:
+        encodings = ["utf-16-be" if raw[:1] == b"\0" else "utf-16-le"]
+    for encoding in encodings:
+        try:
+            text = raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text.replace("\r\n", "\n").replace("\r", "\n")
+    got = "zero bytes" if b"\0" in raw else "other bytes"
+    raise InputError(where, "", "a text in UTF-8, UTF-16 or Windows-1252", got)
+
+
+def _sheet(raw: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of each row of the one sheet of an .xlsx file that is not empty."""
+    try:
+        import openpyxl
+    except ImportError:
+        advice = "pip install 'capsbayes[xlsx]', or save the table as .csv"
+        raise InputError(where, "", "a reader of .xlsx files", "none is installed", advice) from None
+    with zipfile.ZipFile(io.BytesIO(raw)) as packed:
+        if sum(part.file_size for part in packed.infolist()) > _LARGEST_BOOK:
+            raise InputError(where, "", f"a sheet of at most {_LARGEST_BOOK >> 20} MiB", "a larger one")
+    sheets = {}
+    with warnings.catch_warnings(action="ignore"):
+        books = [openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=kept) for kept in (False, True)]
+        for formulas, values in zip(*(book.worksheets for book in books), strict=True):
+            for sheet in (formulas, values):
+                sheet.reset_dimensions()  # a file may declare millions of cells that it does not hold
+            rows = [list(map(_cell_text, *both)) for both in zip(formulas.values, values.values, strict=True)]
+            if any(map(any, rows)):
+                sheets[formulas.title] = rows
+    if len(sheets) != 1:
+        raise InputError(where, "", "one sheet with a table", ", ".join(sheets) or "none", "remove the others")
+    (rows,) = sheets.values()
+    width = max(map(len, rows))
+    yield from ((line, cells + [""] * (width - len(cells))) for line, cells in enumerate(rows, start=1))
+
+
+def _cell_text(formula: Any, value: Any) -> str:
+    """Return the text of a cell of a sheet; one that states no number says why, to be refused with its row."""
+    if value is None:
+        return "" if formula is None else f"{formula}, a formula without its value"
+    return str(value) if isinstance(value, str | int | float) else f"{value}, a date"
+
+
+class _Column:
+    """Cells of one column, row by row: numbers, and the texts that are none."""
+
+    def __init__(self, *, of_texts: bool) -> None:
+        self._numbers, self._words, self._of_texts = array("d"), dict[int, str](), of_texts
+
+    def add(self, cell: str, number: float | None) -> None:
+        if cell and (number is None or self._of_texts):
+            self._words[len(self._numbers)] = cell
+        self._numbers.append(np.nan if number is None or self._of_texts else number)
+
+    @property
+    def values(self) -> Any:
+        found = np.array(self._numbers)
+        if self._words or self._of_texts:
+            found = found.astype(object)
+            found[list(self._words)] = list(self._words.values())
+        return found
+
+
+class _Numbers:
+    """Reader of the numbers of a table, which notes their decimal marks."""
+
+    def __init__(self, *, commas: bool) -> None:
+        self._commas, self.marks = commas, dict[str, str]()
+
+    def read(self, cell: str, line: int) -> float | None:
+        """Return the number of a cell, NaN if it is missing, None if it is none."""
+        try:
+            number = None if "_" in cell else float(cell)
+        except ValueError:
+            if not (self._commas and _WITH_COMMA.fullmatch(cell)):
+                return np.nan if cell.lower() in MISSING else None
+            number = float(cell.replace(",", "."))
+        for mark in ",.":
+            if mark in cell and mark not in self.marks:
+                self.marks[mark] = f"{cell!r} in line {line}"
+        return number
+
+
+def _frame(
+    rows: Iterable[tuple[int, list[str]]], separator: str, where: str, texts: Collection[str], unnamed: Sequence[str]
+) -> pd.DataFrame:
+    """Return the table of rows of cells, the first of which names the columns."""
     import pandas as pd
 
-    where, expected = str(path), f"a readable {noun}"
-    try:
-        raw = read_bytes(path, noun)
-        lines = csv.reader(_text(raw), skipinitialspace=True)
-        names = [name.strip() for name in next(lines, [])]
-        if b"\0" in raw or not any(names):
-            raise InputError(where, "", expected, "one with zero bytes" if b"\0" in raw else "no names of columns")
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(where, name, "one column of this name", str(names.count(name)))
-        numbers = []
-        for line in lines:
-            place = f"{where}, line {lines.line_num}"
-            if line and len(line) != len(names):
-                raise InputError(place, "", f"{len(names)} cells", str(len(line)))
-            if [cell.strip() for cell in line] == names:
-                raise InputError(place, "", "the names of the columns in the first line only", "them again")
-            if any(line) or len(line) > 1:
-                numbers.append(lines.line_num)
-        older = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
-        exact: dict[str, Any] = {"float_precision": "round_trip"} if older else {}  # the default from pandas 3.1 on
-        frame = pd.read_csv(_text(raw), skipinitialspace=True, names=names, header=0, index_col=False, **exact)
-        return frame.set_axis(pd.Index(numbers, name="line")[: len(frame)])
-    except (ValueError, csv.Error) as error:  # pandas and csv have their own
-        raise InputError(where, "", expected, " ".join(str(error).split())[:120]) from None
+    numbers, rows = _Numbers(commas=separator in (";", "\t")), iter(rows)
+    first, names = next(((line, cells) for line, cells in rows if any(map(str.strip, cells))), (0, []))
+    if unnamed and len(names) == len(unnamed) and None not in [numbers.read(name.strip(), first) for name in names]:
+        rows, names = itertools.chain([(first, names)], rows), list(unnamed)
+    names = _checked_names([name.strip() for name in names], where)
+    columns, lines, width = [_Column(of_texts=name in texts) for name in names], [], 0
+    for line, found in rows:
+        cells = [cell.strip() for cell in found]
+        if not any(cells):
+            cells = [""] * len(names)
+        elif cells == names:
+            raise InputError(f"{where}, line {line}", "", "the names of the columns in the first line only", "them again")
+        else:
+            width = width or len(cells)  # empty cells behind the last name are in all lines, or one is a lost number
+            if len(cells) != width or width < len(names) or any(cells[len(names) :]):
+                got = f"{len(cells)}, separated by {_SEPARATORS[separator]}" if separator else f"{len(cells)}"
+                advice = "write decimal points, or separate by semicolons" if separator == "," else ""
+                expected = f"{max(width, len(names)) if not any(cells[len(names) :]) else len(names)} cells"
+                raise InputError(f"{where}, line {line}", "", expected, got, advice)
+        for column, cell in zip(columns, cells, strict=False):
+            column.add(cell, numbers.read(cell, line))
+        lines.append(line)
+    if len(numbers.marks) > 1:
+        got = " and ".join(numbers.marks.values())
+        raise InputError(where, "", "one decimal mark, a comma or a point", got, "write all numbers alike")
+    values = {name: column.values for name, column in zip(names, columns, strict=True)}
+    return pd.DataFrame(values, index=pd.Index(lines, name="line", dtype=np.int64))
 
 
-def _text(raw: bytes) -> io.TextIOWrapper:
-    """Return the text of a file, decoded piece by piece."""
-    return io.TextIOWrapper(io.BytesIO(raw), encoding="utf-8-sig", newline=None)
+def _checked_names(names: list[str], where: str) -> list[str]:
+    """Return the names of the columns up to the last one."""
+    names = names[: max((place for place, name in enumerate(names, start=1) if name), default=0)]
+    if not names:
+        raise InputError(where, "", "a table", "no names of columns")
+    if len(names) > _MOST_COLUMNS:
+        raise InputError(where, "", f"at most {_MOST_COLUMNS} columns, as each is one number", str(len(names)))
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise InputError(where, name, "one column of this name", str(count))
+    return names
 
 
 def read_numbers(path: str | Path, columns: Sequence[str], noun: str = "table") -> Floats:
@@ -84,19 +230,61 @@ def read_numbers(path: str | Path, columns: Sequence[str], noun: str = "table") 
     Raises
     ------
     InputError
-        On a column that is missing, or a cell without a number.
+        On a column that is missing, or a row without numbers or that is none of the table's own.
     """
-    import pandas as pd
-
-    table = read_csv(path, noun)
+    table = read_columns(path, noun)
     for name in columns:
         if name not in table:
             raise InputError(str(path), name, "a column of that name", f"columns {', '.join(map(str, table))}")
+    return finite_numbers(table, columns, str(path))
+
+
+def finite_numbers(table: pd.DataFrame, columns: Sequence[str], where: str) -> Floats:
+    """Return columns of a table of `read_columns` as an (n, len(columns)) array, without blank rows.
+
+    Raises
+    ------
+    InputError
+        On a cell without a finite number, and on a row below a blank one or of a spreadsheet's summary.
+    """
+    import pandas as pd
+
+    blank = blank_rows(table)
     numbers = table[list(columns)].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
-    for row in np.flatnonzero(~np.isfinite(numbers).all(axis=1)).tolist():
-        got = ", ".join(map(str, table[list(columns)].iloc[row]))
-        raise InputError(f"{path}, line {table.index[row]}", "", f"numbers for {' and '.join(columns)}", got)
-    return numbers
+    below = ~blank & (np.cumsum(blank) > 0)
+    sums = np.zeros(len(table), dtype=bool)
+    for _, cells in table.items():
+        if cells.dtype.kind != "f":
+            sums |= np.array([is_summary(cell) for cell in cells], dtype=bool)
+    for row in np.flatnonzero(below | sums | ~(blank | np.isfinite(numbers).all(axis=1)))[:1].tolist():
+        cells = table[list(columns)].iloc[row]
+        got = ", ".join(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in cells)
+        got += ", below a blank row" if below[row] else ", in a row of a summary" if sums[row] else ""
+        raise InputError(f"{where}, line {table.index[row]}", "", f"numbers for {' and '.join(columns)}", got)
+    return np.asarray(numbers[~blank])
+
+
+def blank_rows(table: pd.DataFrame) -> Booleans:
+    """Return which rows of a table hold nothing : (n,) array."""
+    blank = np.ones(len(table), dtype=bool)
+    for _, values in table.items():
+        empty = values.isna().to_numpy(dtype=bool)
+        if values.dtype.kind not in "fiub":
+            empty = empty | np.array([isinstance(cell, str) and not cell.strip() for cell in values], dtype=bool)
+        blank &= empty
+    return blank
+
+
+def is_summary(name: object) -> bool:
+    """Return True for the name of a row in which a spreadsheet sums up those above.
+
+    Examples
+    --------
+    >>> [is_summary(name) for name in ("Mean (n = 12)", "std. dev.", "Mittelwert:", "capsule 7", "max-1")]
+    [True, True, True, False, False]
+    """
+    bare = re.sub(r"\(.*?\)|\bn\s*=\s*\d+", " ", str(name).casefold().replace(".", ""))
+    return not any(map(str.isdigit, bare)) and next(iter(re.findall(r"\w+", bare)), "") in _SUMMARIES
 
 
 def safe_cell(text: str) -> str:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import stat
 import tomllib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from capsbayes.errors import InputError
+from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.files.output_file import note_input
 from capsbayes.quantity import Quantity
 from capsbayes.units import LARGEST
@@ -57,12 +58,8 @@ class InputFile:
             If it is missing, unreadable or not TOML.
         """
         path, raw = Path(path), read_bytes(path)
-        try:
+        with parsing(str(path), "a TOML file"):  # not UTF-8, not TOML, or an integer of thousands of digits
             content = tomllib.loads(raw.decode())
-        except ValueError as error:  # not UTF-8, not TOML, or an integer of thousands of digits
-            raise InputError(str(path), "", "a TOML file", str(error)) from None
-        except RecursionError:
-            raise InputError(str(path), "", "a TOML file", "arrays or tables nested too deeply") from None
         return cls(path, content, hashlib.sha256(raw).hexdigest())
 
     def table(
@@ -111,6 +108,24 @@ def read_bytes(path: str | Path, noun: str = "file") -> bytes:
         raise InputError(str(path), "", f"a readable {noun}", str(error.strerror)) from None
     except ValueError:
         raise InputError(repr(str(path)), "", f"a {noun}", "a name that no file can have") from None
+
+
+@contextlib.contextmanager
+def parsing(where: str, expected: str) -> Iterator[None]:
+    """Refuse in one line what a parser of a user's file cannot read: each library has errors of its own.
+
+    Parameters
+    ----------
+    where, expected : str
+        File, and what it should be.
+    """
+    try:
+        yield
+    except CapsbayesError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(where, "", expected, reason) from None
 
 
 def checked_table(

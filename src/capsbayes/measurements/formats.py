@@ -11,13 +11,13 @@ from capsbayes.measurement import Measurement
 from capsbayes.measurements.folder import read_folder, write_folder
 from capsbayes.measurements.measured_set import MeasuredSet
 from capsbayes.measurements.netcdf import read_netcdf, write_netcdf
-from capsbayes.measurements.table import read_table, write_table
+from capsbayes.measurements.table import SHEETS, read_table, write_table
 
-_READERS = {".csv": read_table, ".nc": read_netcdf}
+_READERS = dict.fromkeys(SHEETS, read_table) | {".nc": read_netcdf}
 
 
 def read_set(path: str | Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
-    """Read a folder of measurement files, a table of lengths (.csv) or a file of outlines (.nc).
+    """Read a folder of measurement files, a table of lengths (.csv, .xlsx) or a file of outlines (.nc).
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def read_set(path: str | Path, experiment: Experiment | str | Path | None = None
     path = Path(path)
     if path.is_dir():
         return read_folder(path, experiment)
-    expected = "a folder of measurement files, a .csv table or a .nc file"
+    expected = "a folder of measurement files, a .csv or .xlsx table or a .nc file"
     if not path.exists():
         raise InputError(str(path), "", expected, "nothing there")
     if path.suffix not in _READERS:

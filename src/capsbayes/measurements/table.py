@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.files.csv_file import plain_cell, read_csv, text_of_table
-from capsbayes.files.input_file import read_bytes
+from capsbayes.files.csv_file import MISSING, blank_rows, is_summary, plain_cell, read_columns, text_of_table
+from capsbayes.files.input_file import parsing, read_bytes
 from capsbayes.files.output_file import write_file
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.columns import usual_columns
@@ -55,10 +55,21 @@ _HEADERS: dict[str, dict[str, float]] = {
 NUMBERS = tuple(_HEADERS)
 """Numbers that a row may hold: lengths over l, the others in SI."""
 
+SHEETS = (".csv", ".xlsx")
+"""Endings of the tables that a spreadsheet writes."""
+
 _NEEDED = NUMBERS[:4]
 _PRIORS = {name: f"{name}_prior" for name in ("surface_shear_modulus", "capsule_radius")}
 _NAMES = ("name", "capsule")
 _IGNORED = ("status", "frames", "alike")
+_SUMMARY_ROWS = 4  # at the end of a table, of means and the like
+_ROUNDED = 5e-4  # of a number in such a row
+_STATISTICS: dict[str, Callable[[Floats], Floats]] = {
+    "mean": partial(np.mean, axis=0),
+    "median": partial(np.median, axis=0),
+    "sum": partial(np.sum, axis=0),
+    "standard deviation": partial(np.std, axis=0, ddof=1),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +101,7 @@ class MeasuredLengths:
 
     @classmethod
     def read(cls, path: str | Path) -> MeasuredLengths:
-        """Read a CSV or Parquet table, or a NetCDF file without outlines.
+        """Read a CSV, .xlsx or Parquet table, or a NetCDF file without outlines.
 
         Parameters
         ----------
@@ -129,6 +140,9 @@ class MeasuredLengths:
         import pandas as pd
 
         frame = frame.rename(columns=lambda name: str(name).strip()).reset_index(drop=True)
+        blank = blank_rows(frame)
+        below = (np.cumsum(blank) > 0)[~blank]
+        frame = frame[~blank].reset_index(drop=True)
         frame = usual_columns(frame, {name: next(iter(headers)) for name, headers in _HEADERS.items()}, source)
         _check_columns(source, list(frame.columns))
         if not len(frame):
@@ -145,19 +159,37 @@ class MeasuredLengths:
             numbers[name] = headers[header] * found.to_numpy(dtype=np.float64)
             for row in np.flatnonzero(found.isna() & ~frame[header].isna()).tolist():
                 text = str(frame[header][row]).strip()
-                if text.lower() not in ("", "nan"):
+                if text.lower() not in MISSING:
                     refusals[row] = refusals[row] or f"{header}: expected a number, got {text!r}"
         if "status" in frame:
             given = frame["status"].fillna("DONE").astype(str).str.strip().to_numpy()
             refusals[given != "DONE"] = [f"status: {status}" for status in given[given != "DONE"]]
-        names = np.arange(1, len(frame) + 1).astype(str).astype(object)
         label = next((header for header in _NAMES if header in frame), None)
-        if label is not None:
-            names = np.where(frame[label].isna(), names, frame[label].astype(str).map(plain_cell))
+        given = [""] * len(frame) if label is None else list(map(_label, frame[label]))
+        for row, name in enumerate(given):
+            if is_summary(name) or (below[row] and not name):
+                got = f"{name!r}, a row of a spreadsheet's summary" if name else "a row below a blank one, without a name"
+                refusals[row] = f"name: expected a capsule, got {got}"
+        names = np.array([name or str(row) for row, name in enumerate(given, start=1)], dtype=object)
         texts = {name: frame[header].fillna("").astype(str) for name, header in _PRIORS.items() if header in frame}
         priors = {name: values.str.strip().to_numpy(dtype=np.str_) for name, values in texts.items()}
         read = cls(numbers, names.astype(np.str_), refusals.astype(np.str_), source, sha256, priors)
-        return read._checked()
+        return read._checked()._without_summary()
+
+    def _without_summary(self) -> MeasuredLengths:
+        """Refuse those of the last rows in which all numbers are the mean, the sum or the spread of the rows above."""
+        values, refusals = np.stack([self.numbers[name] for name in _NEEDED], axis=1), self.refusals.astype(object)
+        last = range(max(len(self) - _SUMMARY_ROWS, 0), len(self))
+        above = values[: last.start][self.refusals[: last.start] == ""]
+        for row in last:
+            varying = np.ptp(above, axis=0) > 0.0 if len(above) else np.zeros(len(_NEEDED), dtype=bool)
+            if refusals[row] == "" and len(above) > 2 and varying.sum() > 1:
+                for word, found in _STATISTICS.items():
+                    if np.allclose(values[row, varying], found(above[:, varying]), rtol=_ROUNDED, atol=0.0):
+                        refusals[row] = f"name: expected a capsule, got the {word} of the rows above"
+            if refusals[row] == "":
+                above = np.concatenate([above, values[row : row + 1]])
+        return replace(self, refusals=refusals.astype(np.str_))
 
     def _checked(self) -> MeasuredLengths:
         """Refuse the rows that no single measurement may hold."""
@@ -292,28 +324,34 @@ def write_table(path: Path, measurements: Sequence[Measurement]) -> None:
 
 
 def is_table_of_lengths(path: Path) -> bool:
-    """Return True for a CSV or Parquet table, and for a NetCDF file without outlines."""
-    return path.suffix in (".csv", ".parquet") or (path.suffix == ".nc" and "outline" not in opened(path).variables)
+    """Return True for a CSV, .xlsx or Parquet table, and for a NetCDF file without outlines."""
+    return path.suffix in (*SHEETS, ".parquet") or (path.suffix == ".nc" and "outline" not in opened(path).variables)
 
 
 def _frame(path: Path) -> pd.DataFrame:
     import pandas as pd
 
-    if path.suffix == ".csv":
-        return read_csv(path, "table of lengths")
+    if path.suffix in SHEETS:
+        return read_columns(path, "table of lengths", texts=(*_NAMES, "status", *_PRIORS.values()))
     raw = read_bytes(path, "table of lengths")
     if path.suffix == ".nc":
         dataset = opened(path)
         kept = [str(name) for name in dataset.variables if dataset[name].dims == ("capsule",)]
         return pd.DataFrame({next(iter(_HEADERS.get(name, {name: 1.0}))): dataset[name].values for name in kept})
-    try:
-        return pd.read_parquet(io.BytesIO(raw))
-    except ImportError:
-        advice = "pip install 'capsbayes[parquet]', or write the table as .csv"
-        raise InputError(str(path), "", "a reader of Parquet files", "none is installed", advice) from None
-    except Exception as error:  # the reader has errors of its own for a damaged file
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(str(path), "", "a readable .parquet table", reason) from None
+    with parsing(str(path), "a readable .parquet table"):
+        try:
+            return pd.read_parquet(io.BytesIO(raw))
+        except ImportError:
+            advice = "pip install 'capsbayes[parquet]', or write the table as .csv"
+            raise InputError(str(path), "", "a reader of Parquet files", "none is installed", advice) from None
+
+
+def _label(name: object) -> str:
+    """Return the name of a capsule, empty where a cell states none."""
+    if name is None or name != name:
+        return ""
+    whole = isinstance(name, float) and name.is_integer()
+    return plain_cell(str(int(name) if whole else name)).strip()  # type: ignore[call-overload]
 
 
 def _check_columns(source: str, columns: list[str]) -> None:

@@ -460,7 +460,7 @@ def test_some_capsules_are_sampled_and_agree_and_chains_are_kept_on_request(tmp_
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("nothing", "nothing there"), ("t.xlsx", "ends in .xlsx"), ("empty.csv", "expected"), ("t.nc", "a NetCDF file")],
+    [("nothing", "nothing there"), ("t.ods", "ends in .ods"), ("empty.csv", "expected"), ("t.nc", "a NetCDF file")],
 )
 def test_what_cannot_be_read_is_one_clear_line(tmp_path, name, words):
     if name != "nothing":

@@ -26,7 +26,7 @@ from capsbayes.measurement import Measurement
 from capsbayes.measurements import read_set
 from capsbayes.measurements.folder import is_recording, measurement_files
 from capsbayes.measurements.netcdf import opened
-from capsbayes.measurements.table import MeasuredLengths, is_table_of_lengths
+from capsbayes.measurements.table import SHEETS, MeasuredLengths, is_table_of_lengths
 from capsbayes.work import Store
 
 ROWS = 250
@@ -60,7 +60,7 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
     Parameters
     ----------
     source : Path or MeasuredLengths
-        A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc).
+        A folder of measurement files and pictures, a table of lengths (.csv, .xlsx, .parquet, .nc), a file of outlines (.nc).
     run : Run
     store : Store
         Where the rows are kept.
@@ -84,8 +84,8 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
             lambda row: measured_file(files[row], run),
             lambda row: prior_of_file(files[row], run.prior),
         )
-    if source.suffix not in (".csv", ".parquet", ".nc"):
-        expected = "a folder, a .csv, .parquet or .nc file"
+    if source.suffix not in (*SHEETS, ".parquet", ".nc"):
+        expected = "a folder, a .csv, .xlsx, .parquet or .nc file"
         raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
     _check_experiment(run, str(source))
     if is_table_of_lengths(source):
