@@ -31,10 +31,10 @@ _SEPARATORS = {"\t": "a tab", ";": "';'", ",": "','", " ": "blanks"}  # the firs
 _WITH_COMMA = re.compile(r"[+-]?(\d*,\d+|\d+,)(e[+-]?\d+)?", re.IGNORECASE)
 _MOST_COLUMNS = 1000
 _LARGEST_BOOK = 2**28  # bytes of an .xlsx file that is unpacked
-_SUMMARIES = frozenset(
-    "mean means average averages avg median sd std stdev stddev sem variance cv rsd sum total count min max "
-    "mittel mittelwert mittelwerte durchschnitt standardabweichung stabw summe anzahl "
-    "moyenne médiane écart ecart somme media promedio mediana desviación suma ø".split()
+_SUMMARIES = re.compile(
+    "means?|averages?|avg|median|sd|std|stdev|stddev|sem|variance|cv|rsd|sum|total|count|min|max|"
+    "mittel|mittelwerte?|durchschnitt|standardabweichung|stabw|summe|anzahl|"
+    "moyenne|médiane|[ée]cart|somme|media|promedio|mediana|desviación|suma|ø"
 )
 
 
@@ -44,8 +44,8 @@ def read_columns(
     """Read a table whose first line names the columns and whose other lines have as many cells.
 
     A text file is in UTF-8, UTF-16 or Windows-1252. Its first line shows whether tabs, semicolons, commas or blanks
-    separate the cells. Behind tabs and semicolons the decimal mark may be a comma, if it is one in the whole file. Of an
-    ``.xlsx`` file the one sheet that is not empty is read. Empty columns behind the last name are ignored.
+    separate the cells. Behind tabs and semicolons the decimal mark may be a comma, if it is one in the whole file. Of
+    an ``.xlsx`` file the one sheet that is not empty is read. Empty columns behind the last name are ignored.
 
     Parameters
     ----------
@@ -188,8 +188,9 @@ def _frame(
         cells = [cell.strip() for cell in found]
         if not any(cells):
             cells = [""] * len(names)
-        elif cells == names:
-            raise InputError(f"{where}, line {line}", "", "the names of the columns in the first line only", "them again")
+        elif cells[: len(names)] == names:
+            expected = "the names of the columns in the first line only"
+            raise InputError(f"{where}, line {line}", "", expected, "them again")
         else:
             width = width or len(cells)  # empty cells behind the last name are in all lines, or one is a lost number
             if len(cells) != width or width < len(names) or any(cells[len(names) :]):
@@ -284,7 +285,7 @@ def is_summary(name: object) -> bool:
     [True, True, True, False, False]
     """
     bare = re.sub(r"\(.*?\)|\bn\s*=\s*\d+", " ", str(name).casefold().replace(".", ""))
-    return not any(map(str.isdigit, bare)) and next(iter(re.findall(r"\w+", bare)), "") in _SUMMARIES
+    return not any(map(str.isdigit, bare)) and bool(_SUMMARIES.fullmatch(next(iter(re.findall(r"\w+", bare)), "")))
 
 
 def safe_cell(text: str) -> str:

@@ -168,7 +168,7 @@ class MeasuredLengths:
         given = [""] * len(frame) if label is None else list(map(_label, frame[label]))
         for row, name in enumerate(given):
             if is_summary(name) or (below[row] and not name):
-                got = f"{name!r}, a row of a spreadsheet's summary" if name else "a row below a blank one, without a name"
+                got = f"{name!r}, a row of a spreadsheet's summary" if name else "one without a name below a blank row"
                 refusals[row] = f"name: expected a capsule, got {got}"
         names = np.array([name or str(row) for row, name in enumerate(given, start=1)], dtype=object)
         texts = {name: frame[header].fillna("").astype(str) for name, header in _PRIORS.items() if header in frame}

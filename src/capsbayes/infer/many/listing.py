@@ -60,7 +60,8 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
     Parameters
     ----------
     source : Path or MeasuredLengths
-        A folder of measurement files and pictures, a table of lengths (.csv, .xlsx, .parquet, .nc), a file of outlines (.nc).
+        A folder of measurement files and pictures, a table of lengths (.csv, .xlsx, .parquet, .nc), a file of
+        outlines (.nc).
     run : Run
     store : Store
         Where the rows are kept.
