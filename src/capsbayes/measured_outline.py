@@ -14,7 +14,7 @@ from capsbayes.errors import InputError
 from capsbayes.files.csv_file import read_numbers, text_of_numbers
 from capsbayes.files.input_file import InputFile, checked_table, file_name, number
 from capsbayes.files.output_file import write_file
-from capsbayes.profile import arc_length, signed_area
+from capsbayes.profile import arc_length, check_simple, signed_area
 
 MID_PLANE = "mid-plane"
 """View of an outline in the plane x = 0."""
@@ -279,7 +279,7 @@ class MeasuredOutline:
 
 
 def check_placed(outline: MeasuredOutline, axial_extent: float, where: str) -> None:
-    """Refuse an outline that is not over l, or whose flow is not towards larger z in the first column.
+    """Refuse an outline that crosses itself, is not over l, or whose flow is not towards larger z in the first column.
 
     A capsule is blunter behind than ahead: the centre of the convex hull of all shapes of the databases is behind the
     middle of their length, by 0.003 to 0.066 of it.
@@ -295,6 +295,7 @@ def check_placed(outline: MeasuredOutline, axial_extent: float, where: str) -> N
     ------
     InputError
     """
+    check_simple(outline.points, where)
     extent = float(np.ptp(outline.points[:, 0]))
     if not axial_extent / _LONGER < extent < axial_extent * _LONGER:
         expected = f"points over l, some {axial_extent:.3g} long along the flow as axial_extent says"

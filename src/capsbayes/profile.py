@@ -10,6 +10,10 @@ from numpy.typing import ArrayLike
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 
+_MOST_SIDES = 1000  # of an outline, compared with each other
+_NEIGHBOURS = 4  # sides of it that noise may make cross
+_NARROWEST = 0.05  # of the way between two points along it: their distance, which is 0.098 in the narrowest hollow
+_LOOP = 20  # part of its points that go round a loop
 _AXIS_TOLERANCE = 1e-6  # of the axial extent: how far from y = 0 the nose may lie (single precision rounds it)
 
 
@@ -188,6 +192,31 @@ class Profile:
         float
         """
         return max(_furthest(self.points, other.points), _furthest(other.points, self.points))
+
+
+def check_simple(points: Floats, where: str) -> None:
+    """Refuse an outline (p, 2) that crosses or touches itself, goes round twice, or whose points are not in order.
+
+    Sides that are close along it may cross, as noise makes them do. Of many points, some are omitted.
+
+    Raises
+    ------
+    InputError
+    """
+    starts = points[:: -(-len(points) // _MOST_SIDES)]
+    sides, apart = np.roll(starts, -1, axis=0) - starts, starts[None] - starts[:, None]
+    on_left = sides[:, None, 0] * apart[:, :, 1] >= sides[:, None, 1] * apart[:, :, 0]
+    opposite = on_left != np.roll(on_left, -1, axis=1)
+    numbers, (arc, whole) = np.arange(len(starts)), np.split(arc_length(starts), [-1])
+    steps, way = (np.abs(np.subtract.outer(along, along)) for along in (numbers, arc))
+    steps = np.minimum(steps, len(starts) - steps)
+    narrow = np.hypot(apart[..., 0], apart[..., 1]) < _NARROWEST * np.minimum(way, whole - way)
+    for wrong, least, got in (
+        (opposite & opposite.T, _NEIGHBOURS, "one that crosses itself, or points that are not in order"),
+        (narrow, max(_NEIGHBOURS, len(starts) // _LOOP), "one that touches itself, or a second loop"),
+    ):
+        if (wrong & (steps > least)).any():
+            raise InputError(where, "points", "one line around the capsule that does not cross itself", got)
 
 
 def vertex_normals(points: Floats) -> Floats:

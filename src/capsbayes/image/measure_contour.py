@@ -37,6 +37,8 @@ _DRIFT = 0.5  # l: length along the edge over which the rest of it is alike, as 
 _MOST_POINTS = 128  # of a silhouette: those of a denser contour are averaged
 _SPARSE = 200  # points: a contour of fewer is smoothed by a spline, as its sides cut off the curve
 _ROWS = 1_000_000  # of the picture of a contour, whose size is not known: at most
+_LONG = 3.0  # times the median side: one that points may be missing on
+_MOST_MISSING = 0.05  # of the radius, or a pixel: what may lie beyond such a side
 _LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
 
 
@@ -93,6 +95,7 @@ def measure_contour(
     Measurement
         Lengths over l, and the silhouette. The scatter of its points is that of the contour against the curve through
         their neighbours; half of the variance of the edge's error is alike all around, the rest along l/2 of the edge.
+        What may lie beyond a side that is much longer than the others is added to the errors of the lengths.
         L_a is that of the contour if its rear is concave by more than four errors of the depth and l/10, and the hollow
         is no part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper
         bound.
@@ -122,7 +125,7 @@ def measure_contour(
     of_width = 0.0 if between is not None else experiment.half_width.sd / experiment.half_width.mean
     relative = np.hypot(edge.unit.error / edge.unit.value, of_width)
     profile = Profile.from_outline(_smooth(edge.points))
-    own = (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
+    own = _missing(contour) ** 2 + (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
     hollow = max(_CONCAVE[0] * np.sqrt(2.0 * own), _CONCAVE[1] * half_width)
     depth = profile.parachute_depth if profile.parachute_depth > hollow else np.nan
     covariance = np.zeros((4, 4))
@@ -216,6 +219,35 @@ def _edge(
     return _Edge(unit, centred, error, _scatter(outline))
 
 
+def _missing(contour: ContourFile) -> float:
+    """Return how far the edge may lie beyond the sides that are longer than the others, if it is an arc there.
+
+    An arc that turns by an angle rises above its chord by an eighth of it times the chord. It makes the angle of the
+    chord with the stretches before and after it, a share of its length each, larger by that share.
+
+    Raises
+    ------
+    InputError
+        If that is too far for points to be missing there.
+    """
+    points = contour.points[:, 0] + 1j * contour.points[:, 1]
+    arc = arc_length(contour.points)
+    sides, closed, furthest = np.diff(arc), np.append(points, points[0]), 0.0
+    usual = np.median(sides)
+    allowed = max(_MOST_MISSING * np.sqrt(abs(signed_area(contour.points)) / np.pi), float(contour.unit == "px"))
+    for k in np.flatnonzero(sides > _LONG * usual).tolist():
+        share = min(0.5, _LONG * usual / sides[k])
+        around = np.array([arc[k] - share * sides[k], arc[k], arc[k + 1], arc[k + 1] + share * sides[k]])
+        steps = np.diff(np.interp(around % arc[-1], arc, closed))
+        height = float(sides[k] * np.abs(np.angle(steps[1:] / steps[:-1])).sum() / (8.0 * (1.0 + share)))
+        if height > allowed:
+            got = " and ".join(f"({end.real:.4g}, {end.imag:.4g})" for end in closed[k : k + 2])
+            expected = "points all around the capsule, once"
+            raise InputError(contour.source, "points", expected, f"none between {got} {contour.unit}")
+        furthest = max(furthest, height)
+    return furthest
+
+
 def _scatter(outline: Floats) -> float:
     """Return the standard deviation of the points along the normal, against cubics through two neighbours either side.
 
@@ -235,10 +267,16 @@ def _scatter(outline: Floats) -> float:
 
 
 def _smooth(outline: Floats) -> Floats:
-    """Return dense points of a smooth closed curve through the points of a sparse contour."""
+    """Return dense points of a smooth closed curve through those of a sparse contour; its long sides stay straight.
+
+    A cubic would rise above a long run of pixels, at whose ends the contour turns by half a right angle.
+    """
     if len(outline) >= _SPARSE:
         return outline
-    closed = np.concatenate([outline, outline[:1]])
-    place = arc_length(outline)
+    place, closed = arc_length(outline), np.concatenate([outline, outline[:1]])
+    parts = np.diff(place) / np.median(np.diff(place))
+    parts = np.where(parts > _LONG, np.ceil(parts), 1.0)
+    at = np.interp(np.arange(parts.sum() + 1.0), np.append(0.0, np.cumsum(parts)), place)
+    closed, place = np.stack([np.interp(at, place, closed[:, axis]) for axis in (0, 1)], axis=1), at
     spline = CubicSpline(place, closed, bc_type="periodic")
     return np.asarray(spline(np.linspace(0.0, place[-1], 2 * _SPARSE, endpoint=False)))
