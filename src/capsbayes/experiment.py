@@ -92,7 +92,7 @@ class Experiment(Readable):
 
     def __post_init__(self) -> None:
         where = self.source or "experiment"
-        if self.cross_section not in AREAS:
+        if not isinstance(self.cross_section, str) or self.cross_section not in AREAS:
             expected = " or ".join(f'"{name}"' for name in AREAS)
             raise InputError(where, "cross_section", expected, repr(self.cross_section))
         given = [key for key in _FLUID if getattr(self, key) is not None]

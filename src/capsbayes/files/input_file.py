@@ -96,12 +96,24 @@ def read_bytes(path: str | Path, noun: str = "file") -> bytes:
     InputError
         If it is missing, no file, or cannot be read.
     """
-    try:
-        if not stat.S_ISREG(os.stat(path).st_mode):
-            got = "a folder" if os.path.isdir(path) else "a device"
-            raise InputError(str(path), "", f"a readable {noun}", got)
+    check_file(path, noun)
+    with parsing(str(path), f"a readable {noun}"):
         note_input(Path(path))
         return Path(path).read_bytes()
+
+
+def check_file(path: str | Path, noun: str = "file") -> None:
+    """Refuse a path that names no file: reading a pipe or a device may never end.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        mode = os.stat(path).st_mode
+        if not stat.S_ISREG(mode):
+            got = "a folder" if stat.S_ISDIR(mode) else "a pipe or socket" if not stat.S_ISCHR(mode) else "a device"
+            raise InputError(str(path), "", f"a readable {noun}", got)
     except FileNotFoundError:
         raise InputError(str(path), "", f"a {noun}", "nothing there") from None
     except OSError as error:
@@ -111,13 +123,13 @@ def read_bytes(path: str | Path, noun: str = "file") -> bytes:
 
 
 @contextlib.contextmanager
-def parsing(where: str, expected: str) -> Iterator[None]:
+def parsing(where: str, expected: str, advice: str = "") -> Iterator[None]:
     """Refuse in one line what a parser of a user's file cannot read: each library has errors of its own.
 
     Parameters
     ----------
-    where, expected : str
-        File, and what it should be.
+    where, expected, advice : str
+        File, what it should be, and the remedy.
     """
     try:
         yield
@@ -125,7 +137,7 @@ def parsing(where: str, expected: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(where, "", expected, reason) from None
+        raise InputError(where, "", expected, f"a file that cannot be read as one ({reason})", advice) from None
 
 
 def checked_table(

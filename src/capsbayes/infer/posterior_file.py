@@ -10,6 +10,7 @@ from typing import Any
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import WATER, Experiment
+from capsbayes.files.input_file import check_file, parsing
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.deterministic import DeterministicAnswer
 from capsbayes.infer.inputs import Inputs
@@ -106,24 +107,15 @@ def read_fields(path: Path) -> dict[str, Any]:
     """
     import h5netcdf
 
-    if not path.is_file():
-        raise InputError(str(path), "", "the file of a posterior", "nothing there")
-    try:
-        with h5netcdf.File(path, "r") as file:
-            attributes = {name: file.attrs[name] for name in file.attrs}
-            groups = {
-                name: {key: variable[...] for key, variable in file[name].variables.items()} for name in file.groups
-            }
-    except OSError as error:
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(str(path), "", "the file of a posterior", f"a damaged or foreign file ({reason})") from None
+    check_file(path, "file of a posterior")
+    with parsing(str(path), "the file of a posterior"), h5netcdf.File(path, "r") as file:
+        attributes = {name: file.attrs[name] for name in file.attrs}
+        groups = {name: {key: variable[...] for key, variable in file[name].variables.items()} for name in file.groups}
     if RECORD not in attributes or "posterior" not in groups:
         expected, advice = "the file of a posterior, as capsbayes identify writes it", "identify the capsule again"
         raise InputError(str(path), "", expected, "one that lacks what makes it whole", advice)
-    try:
+    with parsing(str(path), "the file of a posterior, whole"):
         return _fields(attributes, groups)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(str(path), "", "the file of a posterior", f"one that lacks {error}") from error
 
 
 def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.files.input_file import VIDEOS, InputFile
+from capsbayes.files.input_file import VIDEOS, InputFile, check_file, parsing
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 
@@ -91,9 +91,10 @@ def is_recording(file: Path) -> bool:
     import PIL.Image
 
     try:
-        with PIL.Image.open(file) as picture:
+        check_file(file)
+        with parsing(str(file), "a picture"), PIL.Image.open(file) as picture:
             return getattr(picture, "n_frames", 1) > 1
-    except (OSError, ValueError, SyntaxError):  # not a picture: said when it is read
+    except InputError:  # not a picture: said when it is read
         return False
 
 

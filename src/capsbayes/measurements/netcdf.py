@@ -11,6 +11,7 @@ import xarray as xr
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.files.input_file import check_file, parsing
 from capsbayes.files.output_file import write_dataset
 from capsbayes.measured_outline import MID_PLANE, MeasuredOutline, OutlineNoise, Pose, check_view
 from capsbayes.measurement import CONDITIONS, Measurement
@@ -98,12 +99,9 @@ def opened(path: Path) -> xr.Dataset:
     InputError
         If it is none, or damaged.
     """
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as opened:
-            return opened.load()
-    except Exception as error:  # h5py, h5netcdf and xarray each have their own errors for a damaged file
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(str(path), "", "a NetCDF file", reason) from None
+    check_file(path, "NetCDF file")
+    with parsing(str(path), "a NetCDF file"), xr.open_dataset(path, engine="h5netcdf") as opened:
+        return opened.load()
 
 
 def _check(path: Path, dataset: xr.Dataset) -> None:

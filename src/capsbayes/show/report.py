@@ -10,6 +10,7 @@ import xarray as xr
 from capsbayes.database import Database
 from capsbayes.diagnosis import Study
 from capsbayes.errors import InputError
+from capsbayes.files.input_file import parsing
 from capsbayes.files.output_file import write_file
 from capsbayes.infer import Posterior
 from capsbayes.infer.many import Population
@@ -119,11 +120,8 @@ def opened(result: str | Path) -> tuple[Result, str]:
 
 def _read(path: Path) -> Result:
     """Read a file as what its dimensions and groups say it is."""
-    try:
-        with h5netcdf.File(path, "r") as file:
-            groups, dimensions = set(file.groups), set(file.dimensions)
-    except OSError:
-        raise InputError(str(path), "", f"a NetCDF file of {_KINDS}", "a file that cannot be read as one") from None
+    with parsing(str(path), f"a NetCDF file of {_KINDS}"), h5netcdf.File(path, "r") as file:
+        groups, dimensions = set(file.groups), set(file.dimensions)
     if "posterior" in groups:
         return Posterior.read(path)
     if "case" in dimensions:

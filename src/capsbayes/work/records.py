@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from capsbayes.files.input_file import read_bytes
 from capsbayes.files.output_file import refusing
 
 
@@ -33,9 +35,7 @@ class Records:
     def read(self) -> list[dict[str, Any]]:
         """Return the records in their order, without lines that were cut off; none if there is no file."""
         records = []
-        for line in self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else ():
-            try:
+        for line in read_bytes(self.path).splitlines() if self.path.exists() else ():
+            with contextlib.suppress(ValueError, RecursionError):
                 records.append(json.loads(line))
-            except json.JSONDecodeError:
-                continue
         return records

@@ -16,6 +16,7 @@ from capsbayes.evidence.blind.pools import read_pool
 from capsbayes.evidence.exam.answer import Answer, answer_session
 from capsbayes.evidence.exam.cells import HALVES, Cell
 from capsbayes.evidence.exam.frozen import code_digest
+from capsbayes.files.input_file import parsing
 from capsbayes.files.output_file import make_folder
 from capsbayes.interruption import keeping
 from capsbayes.surrogate import Surrogate
@@ -114,7 +115,9 @@ def _records(folder: Path, cell: Cell) -> Records:
 
 def _read(folder: Path, cell: Cell, work: str) -> dict[int, Answer]:
     """Return the answers of a cell by seed, the latest if there are several."""
-    lines = [line for line in _records(folder, cell).read() if line.pop("work") == work]
-    for line in lines:
-        line.pop("code")
-    return {line.pop("seed"): Answer(**line) for line in lines}
+    records = _records(folder, cell)
+    with parsing(str(records.path), "answers as written by exam", "remove it to compute everything anew"):
+        lines = [line for line in records.read() if line.pop("work") == work]
+        for line in lines:
+            line.pop("code")
+        return {line.pop("seed"): Answer(**line) for line in lines}

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
-from capsbayes.errors import InputError
+from capsbayes.files.input_file import parsing
 from capsbayes.work import Records
 
 Values: TypeAlias = Mapping[str, float | list[float]]
@@ -115,15 +115,14 @@ class Results:
     def read(cls, records: Records, topic: str) -> Results:
         """Read the outcomes of a topic; a file that holds something else is an InputError."""
         outcomes = {}
-        try:
+        with parsing(str(records.path), "results as written by verify", "remove it to compute everything anew"):
             for record in records.read():
                 name = record.pop("section") if "section" in record else record.pop("topic")  # section: up to 0.1.0
-                item = record.pop("item")
+                item = str(record.pop("item"))
                 if name == topic:
-                    outcomes[item] = Outcome(**record)
-        except (AttributeError, KeyError, TypeError) as error:
-            advice = "remove it to compute everything anew"
-            raise InputError(str(records.path), "", "results as written by verify", repr(error), advice) from error
+                    found = Outcome(**record)
+                    values = {str(key): np.array(value, dtype=float).tolist() for key, value in found.values.items()}
+                    outcomes[item] = Outcome(float(found.seconds), values, str(found.failed))
         return cls(outcomes)
 
     def value(self, item: str, name: str) -> float:
@@ -140,7 +139,7 @@ class Results:
     def series(self, item: str, name: str) -> Floats:
         """Return a series (k,) of numbers, one NaN where the item has not been computed or failed."""
         outcome = self.outcomes.get(item)
-        return np.atleast_1d(np.nan if outcome is None or outcome.failed else outcome.values[name]).astype(float)
+        return np.atleast_1d(np.nan if outcome is None or outcome.failed else outcome.values[name])
 
     def across(self, items: Iterable[str], name: str) -> Floats:
         """Return the number `name` of several items (k,)."""

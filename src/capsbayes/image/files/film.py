@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.files.input_file import PICTURES, VIDEOS
+from capsbayes.files.input_file import PICTURES, VIDEOS, check_file
 from capsbayes.image.files.picture import (
     MOST_IN_FRAMES,
     Picture,
@@ -55,15 +55,16 @@ class Film:
         """
         path = Path(path)
         where = str(path)
+        if not path.is_dir():
+            check_file(path, "film")
         if path.is_dir():
             pictures = _pictures(path)
             count = len(pictures)
             for picture in pictures:
+                check_file(picture, "picture")
                 check_size(picture, str(picture), most=MOST_IN_FRAMES)
             if not pictures:
                 raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
-        elif not path.is_file():
-            raise InputError(where, "", "a film", "nothing there")
         elif path.suffix.lower() in VIDEOS:
             with quietly():
                 video = cv2.VideoCapture(where)

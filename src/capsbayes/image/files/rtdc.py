@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Booleans
 from capsbayes.errors import InputError
+from capsbayes.files.input_file import check_file, parsing
 from capsbayes.image.files.picture import MOST_IN_FRAMES, check_pixels
 
 _MICROMETRE = 1e-6  # the unit of the file's lengths
@@ -75,6 +76,8 @@ class RtdcFile:
             if flash is not None:
                 flash = _positive(flash, where, "imaging:flash duration", "microseconds") * _MICROSECOND
             count = min(len(file["events/image"]), len(file["events/mask"]))
+            if not count:
+                raise InputError(where, "events", "at least one event", "none")
         with path.open("rb") as raw:
             digest = hashlib.file_digest(raw, "sha256").hexdigest()
         return cls(path, count, pixel, width, digest, flash)
@@ -95,13 +98,9 @@ def _opened(path: Path) -> Iterator[Any]:
     except ImportError as error:
         advice = 'install it with pip install "capsbayes[rtdc]"'
         raise InputError(str(path), "", "a package that reads .rtdc files", f"no {error.name}", advice) from None
-    if not path.is_file():
-        raise InputError(str(path), "", "a file", "nothing there")
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError):
-        raise InputError(str(path), "", "an .rtdc file (HDF5)", "a file that cannot be read as one") from None
+    check_file(path, ".rtdc file")
+    with parsing(str(path), "an .rtdc file (HDF5)"), h5py.File(path, "r") as file:
+        yield file
 
 
 def _check_pictures(dataset: Any, where: str, name: str) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError, InputError
-from capsbayes.files.input_file import PICTURES, InputFile
+from capsbayes.files.input_file import PICTURES, InputFile, read_bytes
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
 from capsbayes.infer.many.run import Run
@@ -270,9 +270,8 @@ def _named_in(file: Path) -> list[Path]:
 def _content(file: Path) -> bytes:
     """Return a hash of the content of a file; of one that cannot be read, none: its row says why."""
     try:
-        with file.open("rb") as opened:
-            return hashlib.file_digest(opened, "sha256").digest()
-    except OSError:
+        return hashlib.sha256(read_bytes(file)).digest()
+    except InputError:
         return b""
 
 
