@@ -31,7 +31,7 @@ class InputError(CapsbayesError):
         self.where, self.key, self.expected, self.got, self.advice = where, key, expected, got, advice
         place = f"{where}: {key}" if key else where
         tail = f"; {advice}" if advice else ""
-        super().__init__(f"{place}: expected {expected}, got {got}{tail}")
+        super().__init__(" ".join(f"{place}: expected {expected}, got {got}{tail}".splitlines()))
 
 
 class NoRoomError(InputError):

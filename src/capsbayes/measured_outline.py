@@ -328,7 +328,7 @@ def _centre_off_middle(points: Floats, where: str) -> Floats:
 
 def check_view(view: object, where: str, key: str) -> str:
     """Return the name of a view, "mid-plane" for the "section" of older files; refuse another word."""
-    view = MID_PLANE if view == "section" else view
+    view = MID_PLANE if isinstance(view, str) and view == "section" else view
     if not isinstance(view, str) or view not in VIEWS:
         raise InputError(where, key, " or ".join(f'"{known}"' for known in VIEWS), repr(view))
     return str(view)

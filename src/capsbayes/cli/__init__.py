@@ -7,6 +7,7 @@ only when the command runs, so that ``capsbayes --help`` stays fast.
 from __future__ import annotations
 
 import importlib
+import os
 import shlex
 import sys
 import warnings
@@ -70,6 +71,9 @@ for _group, _names in COMMANDS.items():
 
 def main() -> None:
     """Run the command line; a user's mistake ends as one line and exit status 2, an interruption as one line too."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # it was closed before the start, as by >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     try:
         with interruptible(), warnings.catch_warnings():
             warnings.simplefilter("ignore", append=True)  # of libraries, next to our one line
@@ -84,6 +88,9 @@ def main() -> None:
         sys.exit(error.exit_status)
     except CapsbayesError as error:
         _end("capsbayes", str(error))
+    except BrokenPipeError:  # nobody reads on, as behind | head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except OSError as error:
         _end("capsbayes", f"{error.filename or 'output'}: {error.strerror or error}")
     except MemoryError:

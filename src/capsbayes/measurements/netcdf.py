@@ -118,7 +118,7 @@ def _check(path: Path, dataset: xr.Dataset) -> None:
         if found.dims != dims or found.dtype.kind not in "fiu" or (name == "outline" and found.shape[2] != 2):
             sizes = ", ".join(f"{dim}: {size}" for dim, size in found.sizes.items())
             raise InputError(str(path), name, wanted, f"one of {found.dtype} ({sizes})")
-        if found.attrs.get("units", unit) != unit:
+        if str(found.attrs.get("units", unit)) != unit:
             raise InputError(str(path), name, wanted, f"one in {found.attrs['units']}", "convert it")
 
 

@@ -15,6 +15,7 @@ from capsbayes.files.output_file import write_file
 from capsbayes.infer import Posterior
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
+from capsbayes.measurements.netcdf import opened as opened_dataset
 from capsbayes.show.pages.database import database_page
 from capsbayes.show.pages.population import MOST_ROWS, population_page
 from capsbayes.show.pages.posterior import posterior_page
@@ -127,6 +128,5 @@ def _read(path: Path) -> Result:
     if "case" in dimensions:
         return Database.read(path)
     if "capsule" in dimensions:
-        with xr.open_dataset(path, engine="h5netcdf") as file:
-            return Population.of_dataset(file.load(), str(path))
+        return Population.of_dataset(opened_dataset(path), str(path))
     raise InputError(str(path), "", f"a NetCDF file of {_KINDS}", f"one with {', '.join(dimensions) or 'nothing'}")
