@@ -60,6 +60,7 @@ class InputFile:
         path, raw = Path(path), read_bytes(path)
         with parsing(str(path), "a TOML file"):  # not UTF-8, not TOML, or an integer of thousands of digits
             content = tomllib.loads(raw.decode())
+            _check_integers(content)
         return cls(path, content, hashlib.sha256(raw).hexdigest())
 
     def table(
@@ -214,6 +215,14 @@ def file_name(example: str) -> Reader:
 def quantity(name: str) -> Reader:
     """Return a reader of the text of a quantity in `capsbayes.parameters`."""
     return lambda value, where, key: Quantity.of_text(value, name, where=where, key=key)
+
+
+def _check_integers(value: Any) -> None:
+    """Refuse integers of more than the 64 bits that TOML has."""
+    if isinstance(value, int) and abs(value) >= 2**63:
+        raise ValueError("an integer of more than 64 bits")
+    for one in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check_integers(one)
 
 
 def _dotted(table: str, key: str) -> str:
