@@ -49,6 +49,8 @@ COUNT = int(os.environ.get("CAPSBAYES_FUZZ", "12"))
 
 ANGLE = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 POINTS = np.stack([80.25 + 30.0 * np.cos(ANGLE), 60.5 + 30.0 * np.sin(ANGLE)], axis=1)
+CONTOUR = b"x_px,y_px\n" + b"\n".join(b"%.2f,%.2f" % (x, y) for x, y in POINTS)
+LABELME = json.dumps({"shapes": [{"label": "c", "points": POINTS.tolist()}]}).encode()
 MEASUREMENT = """experiment = "experiment.toml"
 [measurement]
 axial_extent = "2.1 +/- 0.01"
@@ -83,6 +85,10 @@ pixel_aspect = "1.0 +/- 0.01"
 
 def of_bytes(content):
     return lambda path: path.write_bytes(content)
+
+
+def copied(name):
+    return lambda path: shutil.copy(EXAMPLES / name, path)
 
 
 def a_picture(suffix):
@@ -159,6 +165,10 @@ def all_of_rtdc(path):
     return list(RtdcFile.open(path).pictures())
 
 
+def read_outlines(path):
+    return read_set(path, CHANNEL)
+
+
 def read_outline(path):
     (path.parent / "outline.csv").write_bytes(path.read_bytes())
     return Measurement.read(path.parent / "capsule.toml")
@@ -173,19 +183,19 @@ READERS = {
     "prior": (".toml", of_bytes(MEASUREMENT.encode()), Prior.read),
     "membrane": (".toml", of_bytes(MEASUREMENT.encode()), Membrane.read),
     "outline": (".csv", of_bytes(OUTLINE.encode()), read_outline),
-    "table": (".csv", lambda path: shutil.copy(EXAMPLES / "batch" / "capsules.csv", path), MeasuredLengths.read),
+    "table": (".csv", copied("batch/capsules.csv"), MeasuredLengths.read),
     "sheet": (".xlsx", a_sheet, MeasuredLengths.read),
     "lengths": (".nc", lengths_nc, MeasuredLengths.read),
-    "outlines": (".nc", lambda path: shutil.copy(EXAMPLES / "shared_membrane" / "outlines.nc", path), lambda path: read_set(path, CHANNEL)),
+    "outlines": (".nc", copied("shared_membrane/outlines.nc"), read_outlines),
     "cases": (".csv", of_bytes(b"capillary_number,size_ratio\n0.05,0.9\n0.06,0.95\n"), read_cases),
-    "contour": (".csv", of_bytes(b"x_px,y_px\n" + b"\n".join(b"%.2f,%.2f" % (x, y) for x, y in POINTS)), ContourFile.read),
+    "contour": (".csv", of_bytes(CONTOUR), ContourFile.read),
     "ROI": (".roi", of_bytes(a_roi()), ContourFile.read),
-    "LabelMe": (".json", of_bytes(json.dumps({"shapes": [{"label": "c", "points": POINTS.tolist()}]}).encode()), ContourFile.read),
+    "LabelMe": (".json", of_bytes(LABELME), ContourFile.read),
     "PNG": (".png", of_bytes(a_picture(".png")), Picture.read),
     "TIFF": (".tif", of_bytes(a_picture(".tif")), Picture.read),
     "JPEG": (".jpg", of_bytes(a_picture(".jpg")), Picture.read),
     "stack": (".tif", a_stack, all_of_film),
-    "video": (".avi", lambda path: shutil.copy(EXAMPLES / "pictures" / "film.avi", path), Film.open),
+    "video": (".avi", copied("pictures/film.avi"), Film.open),
     "rtdc": (".rtdc", an_rtdc, all_of_rtdc),
     "database": (".nc", lambda path: manufactured.database(4, 3).write(path), Database.read),
     "membrane database": (".nc", membrane_database, MembraneDatabase.read),
@@ -193,7 +203,7 @@ READERS = {
     "population": (".nc", lambda path: population().write(path), opened),
     "part": (".part", a_part, load_part),
     "results": (".jsonl", results_file, lambda path: Results.read(Records(path), "t").value("i", "a")),
-    "columns": (".csv", lambda path: shutil.copy(EXAMPLES / "pictures" / "contour.csv", path), read_columns),
+    "columns": (".csv", copied("pictures/contour.csv"), read_columns),
 }  # fmt: skip
 
 HDF5 = b"\x89HDF"

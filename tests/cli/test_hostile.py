@@ -6,6 +6,7 @@ Commands, options and what they read and write are found from the command line i
 
 import contextlib
 import inspect
+import os
 import shutil
 import signal
 import sys
@@ -289,7 +290,7 @@ def cases_of_inputs():
     for command in COMMANDS:
         for option in declared(command, Reads):
             suffix = READ.get(option) or Path(USES[command].split()[0]).suffix
-            for kind in (*KINDS[suffix], "missing", "a folder", "a device", "too long"):
+            for kind in (*KINDS[suffix], "missing", "a folder", "a device", "a pipe", "too long"):
                 yield command, option, suffix, kind
 
 
@@ -302,6 +303,8 @@ def test_a_hostile_input(place, monkeypatch, capfd, command, option, suffix, kin
         (place / name).mkdir()
     elif kind == "a device":
         (place / name).symlink_to("/dev/zero")
+    elif kind == "a pipe":
+        os.mkfifo(place / name)
     elif kind == "too long":
         name = "h" * 300 + suffix
     words = replaced(command, option, name)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import written
+from command_line import run, written
 from drawn import circle
 from typer.testing import CliRunner
 
@@ -201,3 +201,17 @@ def test_recorded_doublets_and_broken_masks_are_refused_by_name():
     assert {1, 2, 8, 9, 10, 12} <= {event.number for event in cells if event.detection.status.ok}
     broken = events(FOLDER / "mask_with_artefact.rtdc", replace(PIXEL, value=0.68e-6))
     assert Counter(event.detection.status for event in broken) == {Status.BROKEN_MASK: 10}
+
+
+def test_a_file_without_events_is_one_line_and_leaves_nothing(path, tmp_path, monkeypatch, capsys):
+    with h5py.File(path, "a") as file:
+        for name in ("image", "mask"):
+            del file[f"events/{name}"]
+            file[f"events/{name}"] = np.zeros((0, 80, 160), np.uint8)
+    EXPERIMENT.write(tmp_path / "experiment.toml")
+    words = ("measure", path, "--experiment", tmp_path / "experiment.toml", "--velocity", "0.15 +/- 0.005 m/s")
+    status, _, complaint = run(
+        monkeypatch, capsys, *map(str, words), "--pixel-size", "0.34 +/- 0.003 um", "--out", str(tmp_path / "made")
+    )
+    assert (status, "events: expected at least one event, got none" in complaint) == (2, True)
+    assert not (tmp_path / "made").exists()

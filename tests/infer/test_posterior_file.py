@@ -132,10 +132,12 @@ def test_a_distribution_without_a_name_is_said(posterior, tmp_path):
 
 
 def test_other_files_are_said(posterior, tmp_path):
-    with pytest.raises(InputError, match=r"none\.nc: expected the file of a posterior, got nothing there"):
+    with pytest.raises(InputError, match=r"none\.nc: expected a file of a posterior, got nothing there"):
         Posterior.read(tmp_path / "none.nc")
     (tmp_path / "text.nc").write_text("no numbers")
-    with pytest.raises(InputError, match=r"text\.nc: expected the file of a posterior, got a damaged or foreign file"):
+    with pytest.raises(
+        InputError, match=r"text\.nc: expected the file of a posterior, got a file that cannot be read as one"
+    ):
         Posterior.read(tmp_path / "text.nc")
     path = posterior.write(tmp_path / "old.nc")
     with h5netcdf.File(path, "a") as file:

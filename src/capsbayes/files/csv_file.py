@@ -8,9 +8,9 @@ import itertools
 import re
 import warnings
 import zipfile
-from array import array
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,44 +132,18 @@ def _cell_text(formula: Any, value: Any) -> str:
     return str(value) if isinstance(value, str | int | float) else f"{value}, a date"
 
 
-class _Column:
-    """Cells of one column, row by row: numbers, and the texts that are none."""
-
-    def __init__(self, *, of_texts: bool) -> None:
-        self._numbers, self._words, self._of_texts = array("d"), dict[int, str](), of_texts
-
-    def add(self, cell: str, number: float | None) -> None:
-        if cell and (number is None or self._of_texts):
-            self._words[len(self._numbers)] = cell
-        self._numbers.append(np.nan if number is None or self._of_texts else number)
-
-    @property
-    def values(self) -> Any:
-        found = np.array(self._numbers)
-        if self._words or self._of_texts:
-            found = found.astype(object)
-            found[list(self._words)] = list(self._words.values())
-        return found
-
-
-class _Numbers:
-    """Reader of the numbers of a table, which notes their decimal marks."""
-
-    def __init__(self, *, commas: bool) -> None:
-        self._commas, self.marks = commas, dict[str, str]()
-
-    def read(self, cell: str, line: int) -> float | None:
-        """Return the number of a cell, NaN if it is missing, None if it is none."""
-        try:
-            number = None if "_" in cell else float(cell)
-        except ValueError:
-            if not (self._commas and _WITH_COMMA.fullmatch(cell)):
-                return np.nan if cell.lower() in MISSING else None
-            number = float(cell.replace(",", "."))
-        for mark in ",.":
-            if mark in cell and mark not in self.marks:
-                self.marks[mark] = f"{cell!r} in line {line}"
-        return number
+def _number(cell: str, line: int, marks: dict[str, str], *, commas: bool) -> float | None:
+    """Return the number of a cell, NaN if it is missing, None if it is none; note the first of each decimal mark."""
+    try:
+        number = None if "_" in cell else float(cell)
+    except ValueError:
+        if not (commas and _WITH_COMMA.fullmatch(cell)):
+            return np.nan if cell.lower() in MISSING else None
+        number = float(cell.replace(",", "."))
+    for mark in ",.":
+        if mark in cell and mark not in marks:
+            marks[mark] = f"{cell!r} in line {line}"
+    return number
 
 
 def _frame(
@@ -178,14 +152,16 @@ def _frame(
     """Return the table of rows of cells, the first of which names the columns."""
     import pandas as pd
 
-    numbers, rows = _Numbers(commas=separator in (";", "\t")), iter(rows)
+    marks: dict[str, str] = {}
+    number, rows = partial(_number, marks=marks, commas=separator in (";", "\t")), iter(rows)
     first, names = next(((line, cells) for line, cells in rows if any(map(str.strip, cells))), (0, []))
-    if unnamed and len(names) == len(unnamed) and None not in [numbers.read(name.strip(), first) for name in names]:
+    if unnamed and len(names) == len(unnamed) and None not in [number(name.strip(), first) for name in names]:
         rows, names = itertools.chain([(first, names)], rows), list(unnamed)
     names = _checked_names([name.strip() for name in names], where)
-    columns, lines, width = [_Column(of_texts=name in texts) for name in names], [], 0
-    for line, found in rows:
-        cells = [cell.strip() for cell in found]
+    columns: dict[str, list[Any]] = {name: [] for name in names}
+    lines, width = [], 0
+    for line, given in rows:
+        cells = [cell.strip() for cell in given]
         if not any(cells):
             cells = [""] * len(names)
         elif cells[: len(names)] == names:
@@ -198,14 +174,14 @@ def _frame(
                 advice = "write decimal points, or separate by semicolons" if separator == "," else ""
                 expected = f"{max(width, len(names)) if not any(cells[len(names) :]) else len(names)} cells"
                 raise InputError(f"{where}, line {line}", "", expected, got, advice)
-        for column, cell in zip(columns, cells, strict=False):
-            column.add(cell, numbers.read(cell, line))
+        for (name, values), cell in zip(columns.items(), cells, strict=False):
+            found = (cell or np.nan) if name in texts else number(cell, line)
+            values.append(cell if found is None else found)
         lines.append(line)
-    if len(numbers.marks) > 1:
-        got = " and ".join(numbers.marks.values())
+    if len(marks) > 1:
+        got = " and ".join(marks.values())
         raise InputError(where, "", "one decimal mark, a comma or a point", got, "write all numbers alike")
-    values = {name: column.values for name, column in zip(names, columns, strict=True)}
-    return pd.DataFrame(values, index=pd.Index(lines, name="line", dtype=np.int64))
+    return pd.DataFrame(columns, index=pd.Index(lines, name="line", dtype=np.int64))
 
 
 def _checked_names(names: list[str], where: str) -> list[str]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,7 @@ _NAMES = ("name", "capsule")
 _IGNORED = ("status", "frames", "alike")
 _SUMMARY_ROWS = 4  # at the end of a table, of means and the like
 _ROUNDED = 5e-4  # of a number in such a row
-_STATISTICS: dict[str, Callable[[Floats], Floats]] = {
+_STATISTICS: dict[str, Callable[[Floats], Any]] = {
     "mean": partial(np.mean, axis=0),
     "median": partial(np.median, axis=0),
     "sum": partial(np.sum, axis=0),
@@ -165,12 +165,12 @@ class MeasuredLengths:
             given = frame["status"].fillna("DONE").astype(str).str.strip().to_numpy()
             refusals[given != "DONE"] = [f"status: {status}" for status in given[given != "DONE"]]
         label = next((header for header in _NAMES if header in frame), None)
-        given = [""] * len(frame) if label is None else list(map(_label, frame[label]))
-        for row, name in enumerate(given):
+        labels = [""] * len(frame) if label is None else list(map(_label, frame[label]))
+        for row, name in enumerate(labels):
             if is_summary(name) or (below[row] and not name):
                 got = f"{name!r}, a row of a spreadsheet's summary" if name else "one without a name below a blank row"
                 refusals[row] = f"name: expected a capsule, got {got}"
-        names = np.array([name or str(row) for row, name in enumerate(given, start=1)], dtype=object)
+        names = np.array([name or str(row) for row, name in enumerate(labels, start=1)], dtype=object)
         texts = {name: frame[header].fillna("").astype(str) for name, header in _PRIORS.items() if header in frame}
         priors = {name: values.str.strip().to_numpy(dtype=np.str_) for name, values in texts.items()}
         read = cls(numbers, names.astype(np.str_), refusals.astype(np.str_), source, sha256, priors)

@@ -104,10 +104,23 @@ def test_results_of_earlier_versions_are_read(tmp_path):
     assert again.computed == []
 
 
-def test_damaged_results_are_refused(tmp_path):
-    (tmp_path / "results.jsonl").write_text('{"topic": []}\n')
+@pytest.mark.parametrize(
+    "line",
+    ['{"topic": []}', "{}", "5", '{"topic": "topic", "item": "one", "seconds": 1, "values": []}',
+     '{"topic": "topic", "item": "one", "seconds": 1, "values": {"value": {}}}'],
+)  # fmt: skip
+def test_damaged_results_are_refused(tmp_path, line):
+    (tmp_path / "results.jsonl").write_text(f"{line}\n")
     with pytest.raises(InputError, match=r"results as written by verify, got .*remove it"):
         verify([Counted().topic], tmp_path)
+
+
+@pytest.mark.parametrize("line", ["{", "{" * 100_000, "\u2028"])
+def test_a_line_that_was_cut_off_is_computed_again(tmp_path, line):
+    (tmp_path / "results.jsonl").write_text(f"{line}\n")
+    again = Counted()
+    assert verify([again.topic], tmp_path)["topic"][0].ours == 1.0
+    assert again.computed == ["one", "two"]
 
 
 @pytest.mark.parametrize(
