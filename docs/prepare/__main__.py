@@ -15,7 +15,7 @@ from neighbours import DOCS, NEIGHBOURS, PICTURES, ROOT, with_links
 from notebooks import NOTEBOOKS, page_of
 
 TARGET = ROOT / "build" / "docs"
-LEFT_OUT = shutil.ignore_patterns("prepare", "*.py", "*.json", "*.jsonl", "__pycache__")
+LEFT_OUT = shutil.ignore_patterns("prepare", "*.py", "*.json", "__pycache__")
 
 
 def main() -> int:

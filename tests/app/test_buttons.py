@@ -39,7 +39,7 @@ def test_the_next_flow_rate_and_the_population_of_one_capsule_of_a_film(browser,
         ready(together).click()
         link = page.get_by_role("link", name="Open population.html")
         link.wait_for()
-        report = page.context.request.get(address.partition("/?")[0] + link.get_attribute("href"))
+        report = page.context.request.get(link.evaluate("link => link.href"))
         assert report.status == 200
         diagnose = page.get_by_role("button", name="What does the model miss? from 10 capsules on")
         sync.expect(diagnose).to_be_disabled()
@@ -61,7 +61,7 @@ def test_twelve_capsules_are_diagnosed_behind_a_bar(browser, tmp_path):
         ready(page.get_by_role("button", name="What does the model miss?", exact=True)).click()
         link = page.get_by_role("link", name="Open study.html")
         link.wait_for()
-        study = page.context.request.get(address.partition("/?")[0] + link.get_attribute("href"))
+        study = page.context.request.get(link.evaluate("link => link.href"))
         assert (study.status, "12 capsules" in study.text()) == (200, True)
         assert said == []
         page.close()

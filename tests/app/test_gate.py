@@ -1,29 +1,43 @@
-"""What stands before the pages of the bench, by plain requests: token, hosts, sizes, and what else it serves."""
+"""What stands before the pages of the bench, by plain requests: token, cookie, hosts, sizes, and files."""
 
 import pytest
 
 pytest.importorskip("nicegui", reason="the extra app is not installed")
 
 import asyncio
+import html
+import os
+import re
+import shlex
+import signal
+import stat
+import sys
 
 import httpx
 from fastapi import FastAPI, Request
+from processes import capsbayes, wait_until
 from starlette.requests import ClientDisconnect
 
 from capsbayes.app import server
 from capsbayes.app.desk import Bench
-from capsbayes.app.server import Gate
+from capsbayes.app.server import Gate, make_private
+from capsbayes.errors import InputError
 
 PORT = 8123
 HOST = f"http://127.0.0.1:{PORT}"
-TOKEN = "only-for-this-test"
+WITHOUT_BROWSER = "import webbrowser; webbrowser.open = lambda address: False\nfrom capsbayes.cli import main\nmain()"
+LEADS_TO = re.compile(r'content="0;url=([^"]+)"')
 
 
 class Browser:
-    """Asks the pages behind a gate, and keeps cookies."""
+    """Asks the pages behind a gate by their paths below its own, and keeps cookies."""
 
     def __init__(self, gate):
         self.gate, self.cookies = gate, httpx.Cookies()
+        self.place, _, self.token = gate.address.removeprefix(HOST).partition("/?")
+
+    def enter(self, **how):
+        return self.get(f"/?{self.token}", **how)
 
     def get(self, path, **how):
         return self.ask("GET", path, **how)
@@ -35,7 +49,7 @@ class Browser:
         async def asked():
             transport = httpx.ASGITransport(self.gate)
             async with httpx.AsyncClient(transport=transport, base_url=HOST, cookies=self.cookies) as client:
-                answer = await client.request(method, path, **how)
+                answer = await client.request(method, self.place + path, **how)
                 self.cookies.update(client.cookies)
                 return answer
 
@@ -57,12 +71,12 @@ def client(tmp_path):
         return len(await request.body())
 
     (tmp_path / "report.html").write_text("<p>kept</p>")
-    client = Browser(Gate(app, TOKEN, PORT))
+    client = Browser(Gate(app, PORT))
     client.offered = bench.offer(tmp_path / "report.html")
     return client
 
 
-def answer_to_a_socket(headers):
+def answer_to_a_socket(client, headers):
     """What is sent to a browser that opens a socket, by an application that accepts all of them."""
     sent = []
 
@@ -72,8 +86,9 @@ def answer_to_a_socket(headers):
     async def send(message):
         sent.append(message["type"])
 
-    scope = {"type": "websocket", "path": "/socket", "query_string": b"", "headers": headers}
-    asyncio.run(Gate(accepting, TOKEN, PORT)(scope, None, send))
+    scope = {"type": "websocket", "path": f"{client.place}/socket", "query_string": b"", "headers": headers}
+    client.gate._app = accepting
+    asyncio.run(client.gate(scope, None, send))
     return sent
 
 
@@ -83,34 +98,46 @@ def test_without_the_token_nothing_is_served(client):
         assert (refused.status_code, "served" in refused.text) == (403, False)
     assert client.post("/upload", content=b"x").status_code == 403
     host = (b"host", f"127.0.0.1:{PORT}".encode())
-    assert answer_to_a_socket([host]) == ["websocket.close"]
-    cookie = (b"cookie", f"capsbayes-{PORT}={TOKEN}".encode())
-    assert answer_to_a_socket([host, cookie]) == ["websocket.accept"]
-    assert answer_to_a_socket([host, cookie, (b"origin", b"http://evil.example")]) == ["websocket.close"]
+    assert answer_to_a_socket(client, [host]) == ["websocket.close"]
+    planted = "capsbayes=planted-by-another-port"
+    cookie = (b"cookie", f"{client.enter().headers['set-cookie'].partition(';')[0]}; {planted}".encode())
+    assert answer_to_a_socket(client, [host, cookie]) == ["websocket.accept"]
+    assert answer_to_a_socket(client, [host, cookie, (b"origin", b"http://evil.example")]) == ["websocket.close"]
+    assert answer_to_a_socket(client, [host, (b"cookie", planted.encode())]) == ["websocket.close"]
 
 
-def test_the_token_opens_the_page_and_its_browser_keeps_it_out_of_the_reach_of_scripts_and_other_sites(client):
-    opened = client.get(f"/?token={TOKEN}")
-    assert opened.status_code == 200
-    cookie = opened.headers["set-cookie"]
-    assert {"HttpOnly", "SameSite=Strict"} <= {part.strip() for part in cookie.split(";")}
-    assert client.get("/").status_code == 200
+def test_the_token_opens_the_page_once_and_is_not_in_the_cookie_which_goes_to_the_path_of_the_page_alone(client):
+    opened = client.enter()
+    assert (opened.status_code, html.unescape(LEADS_TO.search(opened.text)[1])) == (200, f"{client.place}/")
+    cookie, *about = (part.strip() for part in opened.headers["set-cookie"].split(";"))
+    assert sorted(about) == sorted(["HttpOnly", "SameSite=Strict", f"Path={client.place}/"])
+    used = client.token.removeprefix("token=")
+    assert used not in cookie + opened.text
+    assert client.place not in cookie
+    assert (client.get("/").json(), client.get(client.offered).text) == ("served", "<p>kept</p>")
+    client.cookies.clear()
+    assert client.enter().status_code == 403
+    assert client.get(client.gate.address.removeprefix(HOST + client.place)).status_code == 200  # the next token
+    client.place = ""
+    assert [client.get(path, headers={"cookie": cookie}).status_code for path in ("/", client.offered)] == [403, 403]
 
 
 def test_nothing_may_be_fetched_from_elsewhere(client):
-    headers = client.get(f"/?token={TOKEN}").headers
+    client.enter()
+    headers = client.get("/").headers
     assert "default-src 'self'" in headers["content-security-policy"]
     assert headers["referrer-policy"] == "no-referrer"
 
 
 @pytest.mark.parametrize("headers", [{"host": "evil.example:8123"}, {"origin": "http://evil.example"}])
 def test_other_hosts_and_foreign_pages_are_refused_even_with_the_token(client, headers):
-    assert client.get(f"/?token={TOKEN}", headers=headers).status_code == 403
+    assert client.enter(headers=headers).status_code == 403
+    assert client.enter().status_code == 200
 
 
 def test_an_upload_beyond_the_cap_is_refused_whether_or_not_it_says_its_size(client, monkeypatch):
     monkeypatch.setattr(server, "MOST_BYTES", 100)
-    client.get(f"/?token={TOKEN}")
+    client.enter()
     assert client.post("/upload", content=b"x" * 100).json() == 100
     assert client.post("/upload", content=b"x" * 101).status_code == 413
 
@@ -123,9 +150,59 @@ def test_an_upload_beyond_the_cap_is_refused_whether_or_not_it_says_its_size(cli
 
 
 def test_files_are_served_by_a_number_drawn_at_random_and_never_by_a_path(client, tmp_path):
-    client.get(f"/?token={TOKEN}")
+    client.enter()
     assert client.get(client.offered).text == "<p>kept</p>"
     _, kept, key, name = client.offered.split("/")
     assert len(key) > 20
     for path in (f"/{kept}/{'0' * len(key)}/{name}", f"/{kept}/{key}/../../etc/passwd", f"/kept/..%2f..%2fetc/{name}"):
         assert client.get(path).status_code == 404
+
+
+def test_a_browser_that_stays_open_is_led_to_the_page_by_a_file_that_only_the_user_reads(tmp_path, monkeypatch):
+    """By the command itself: other users of the machine see the browser's command line, and try folder and port."""
+    folder, seen, browser = tmp_path / "bench", tmp_path / "seen", tmp_path / "browser.py"
+    browser.write_text(
+        f"import pathlib, sys, time\npathlib.Path({str(seen)!r}).write_text(sys.argv[1])\ntime.sleep(900)"
+    )
+    monkeypatch.setenv("BROWSER", f"{shlex.join([sys.executable, str(browser)])} %s")
+    with capsbayes("app", "--folder", folder) as bench:
+        try:
+            address = re.search(r"http\S+", bench.stdout.readline())[0]
+            place, _, token = address.partition("?token=")
+            wait_until(lambda: seen.exists() and seen.read_text(), bench)
+            file = next(folder.iterdir())
+            assert seen.read_text() == file.as_uri()
+            assert token not in file.as_uri()
+            assert place.split("/")[-2] not in file.as_uri()
+            assert [stat.S_IMODE(path.stat().st_mode) for path in (folder, file)] == [0o700, 0o600]
+            assert html.unescape(LEADS_TO.search(file.read_text())[1]) == address
+            with httpx.Client() as tab:
+                assert tab.get(address).status_code == 200
+                assert list(folder.iterdir()) == []
+                page = tab.get(place)
+                script = page.url.join(re.search(r'src="([^"]+/nicegui\.js)"', page.text)[1])
+                served = (place, script, f"{place}_nicegui_ws/socket.io/?EIO=4&transport=polling")
+                assert [tab.get(path).status_code for path in served] == [200] * 3
+            assert [httpx.get(path).status_code for path in (address, *served)] == [403] * 4
+            bench.stdout.readline()  # the folder
+            assert httpx.get(re.search(r"http\S+", bench.stdout.readline())[0]).status_code == 200
+        finally:
+            os.killpg(bench.pid, signal.SIGKILL)
+
+
+def test_the_file_that_leads_to_the_page_is_gone_when_nobody_opened_it(tmp_path):
+    with capsbayes("app", "--folder", tmp_path / "bench", program=WITHOUT_BROWSER) as bench:
+        wait_until(lambda: list(tmp_path.glob("bench/open-*.html")), bench)
+        bench.send_signal(signal.SIGINT)
+        bench.communicate()
+    assert list((tmp_path / "bench").iterdir()) == []
+
+
+def test_a_folder_that_others_could_enter_is_closed_to_them_unless_they_need_it(tmp_path):
+    tmp_path.chmod(0o775)
+    make_private(tmp_path)
+    assert stat.S_IMODE(tmp_path.stat().st_mode) == 0o700
+    tmp_path.chmod(0o1777)
+    with pytest.raises(InputError, match=r"app: --folder: expected a folder that only you can enter, got .*share"):
+        make_private(tmp_path)
+    assert stat.S_IMODE(tmp_path.stat().st_mode) == 0o1777

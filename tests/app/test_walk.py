@@ -54,7 +54,7 @@ def test_from_a_picture_to_the_saved_report(bench, browser, picture, tmp_path):
     assert page.evaluate("document.documentElement.scrollWidth") == 390
     kept(page, "bench-phone", tmp_path)
     assert said == []
-    report = page.context.request.get(address.partition("/?")[0] + link.get_attribute("href"))
+    report = page.context.request.get(link.evaluate("link => link.href"))
     assert "The intervals can be used" in report.text()
     found = Posterior.read(folder / "capsule" / "posterior.nc").marginals["surface_shear_modulus"]
     assert found.lower_95 < true_modulus() < found.upper_95

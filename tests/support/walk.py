@@ -33,16 +33,16 @@ def served(folder):
 
 @contextlib.contextmanager
 def chromium():
-    """A browser without a window."""
+    """A browser without a window; its tabs share their cookies, as the address of a bench opens it once."""
     with sync.sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
-        yield opened
+        yield opened.new_context(viewport={"width": 1400, "height": 900})
         opened.close()
 
 
 def opened(browser, address):
     """A tab with the page in it, and the list of what its console says."""
-    page = browser.new_page(viewport={"width": 1400, "height": 900})
+    page = browser.new_page()
     page.set_default_timeout(WAIT)
     said = []
     page.on("console", lambda message: said.append(message.text))

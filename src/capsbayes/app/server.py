@@ -1,14 +1,19 @@
-"""The server of the bench: on this machine alone, behind a token in the address, with a cap on what is uploaded."""
+"""The server of the bench: on this machine alone, for whoever opens its address, with a cap on what is uploaded."""
 
 from __future__ import annotations
 
+import contextlib
 import hmac
+import html
+import os
 import secrets
 import socket
+import stat
+import tempfile
 import webbrowser
-from collections.abc import Callable
-from http.cookies import CookieError, SimpleCookie
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from threading import Thread
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -36,18 +41,28 @@ _HEADERS = [
 
 
 class Gate:
-    """What stands before the pages: it refuses whoever does not know the token, other hosts, and too large uploads.
+    """What stands before the pages: it refuses whoever did not open the address, other hosts, and too large uploads.
+
+    The token in the address opens the page once; then a new one is drawn. From then on the browser is known by another
+    secret, in a cookie for a path that is drawn at random, because browsers send cookies to every port of this machine.
 
     Parameters
     ----------
     app : ASGI application
-    token : str
     port : int
+    used : function, optional
+        Called when the address was used.
     """
 
-    def __init__(self, app: Any, token: str, port: int) -> None:
-        self._app, self._token, self._port = app, token, port
-        self._cookie = f"capsbayes-{port}"  # cookies do not tell ports apart
+    def __init__(self, app: Any, port: int, used: Callable[[], object] = lambda: None) -> None:
+        self._app, self._port, self._used = app, port, used
+        self._place, self._cookie = f"/{secrets.token_urlsafe(16)}", f"capsbayes={secrets.token_urlsafe(32)}"
+        self._token = secrets.token_urlsafe(32)
+
+    @property
+    def address(self) -> str:
+        """Where the page is opened next."""
+        return f"http://{LOOPBACK}:{self._port}{self._place}/?token={self._token}"
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Answer a request, or refuse it."""
@@ -55,24 +70,23 @@ class Gate:
             await self._app(scope, receive, send)
             return
         headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
-        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-        brings = self._same(asked)
-        if not (brings or self._same(self._kept(headers))) or not self._is_here(headers):
-            await _refuse(scope, send, 403, "This page is opened by the address that capsbayes app printed.")
+        brings = scope["type"] == "http" and self._brings_token(scope)
+        within = scope["path"].startswith(f"{self._place}/")
+        if not (within and (brings or self._is_known(headers)) and self._is_here(headers)):
+            await _refuse(scope, send, 403, "This page is opened by the address that capsbayes app printed last.")
+        elif brings:
+            await self._let_in(send)
         elif int(headers.get(b"content-length", "0") or 0) > MOST_BYTES:
             await _refuse(scope, send, 413, f"At most {MOST_BYTES >> 20} MB.")
         else:
-            await self._app(scope, _capped(receive), self._marked(send, brings))
+            await self._app({**scope, "root_path": self._place}, _capped(receive), _marked(send))
 
-    def _same(self, token: str) -> bool:
-        return hmac.compare_digest(token.encode(), self._token.encode())
+    def _brings_token(self, scope: Any) -> bool:
+        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        return scope["method"] == "GET" and _same(asked, self._token)
 
-    def _kept(self, headers: dict[bytes, str]) -> str:
-        try:
-            kept = SimpleCookie(headers.get(b"cookie", "")).get(self._cookie)
-        except CookieError:
-            return ""
-        return "" if kept is None else kept.value
+    def _is_known(self, headers: dict[bytes, str]) -> bool:
+        return any(_same(kept.strip(), self._cookie) for kept in headers.get(b"cookie", "").split(";"))
 
     def _is_here(self, headers: dict[bytes, str]) -> bool:
         """Refuse the name of another host, by which a foreign page would reach this one, and requests of such pages."""
@@ -80,16 +94,36 @@ class Gate:
         origin = headers.get(b"origin", "")
         return headers.get(b"host", "") in here and (not origin or origin.removeprefix("http://") in here)
 
-    def _marked(self, send: Any, brings: bool) -> Any:
-        async def marked(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                kept = [(name, value) for name, value in message.get("headers", []) if name.lower() != b"cache-control"]
-                cookie = f"{self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/"
-                more = [(b"set-cookie", cookie.encode())] if brings else []
-                message = {**message, "headers": [*kept, *_HEADERS, *more]}
-            await send(message)
+    async def _let_in(self, send: Any) -> None:
+        """Give the cookie to a browser, and send it on to the page, whose address holds no token."""
+        self._token = secrets.token_urlsafe(32)
+        self._used()
+        cookie = f"{self._cookie}; HttpOnly; SameSite=Strict; Path={self._place}/"
+        kind = [(b"content-type", b"text/html; charset=utf-8"), (b"set-cookie", cookie.encode())]
+        await send({"type": "http.response.start", "status": 200, "headers": [*kind, *_HEADERS]})
+        # a page of this site, and no redirection: a browser that was sent here by a file would not send the cookie then
+        await send({"type": "http.response.body", "body": _sent_on(f"{self._place}/").encode()})
 
-        return marked
+
+def _same(given: str, secret: str) -> bool:
+    return hmac.compare_digest(given.encode(), secret.encode())
+
+
+def _marked(send: Any) -> Any:
+    async def marked(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            kept = [(name, value) for name, value in message.get("headers", []) if name.lower() != b"cache-control"]
+            message = {**message, "headers": [*kept, *_HEADERS]}
+        await send(message)
+
+    return marked
+
+
+def _sent_on(address: str) -> str:
+    """Return a page that leads to an address."""
+    place = html.escape(address)
+    head = f'<link rel="icon" href="data:,"><meta http-equiv="refresh" content="0;url={place}">'
+    return f'<!DOCTYPE html><meta charset="utf-8"><title>capsbayes</title>{head}<a href="{place}">capsbayes</a>'
 
 
 def _capped(receive: Any) -> Any:
@@ -117,8 +151,8 @@ async def _refuse(scope: Any, send: Any, status: int, reason: str) -> None:
     await send({"type": "http.response.body", "body": reason.encode()})
 
 
-def made(bench: Bench, token: str, port: int) -> Gate:
-    """Return the application that serves a bench."""
+def made(bench: Bench, port: int, used: Callable[[], object]) -> Gate:
+    """Return the application that serves a bench, see `Gate`."""
     inner = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     inner.include_router(bench.router())
     pages.on_startup(bench.start)
@@ -132,7 +166,37 @@ def made(bench: Bench, token: str, port: int) -> Gate:
         tailwind=False,
         reconnect_timeout=30.0,
     )
-    return Gate(inner, token, port)
+    return Gate(inner, port, used)
+
+
+def make_private(folder: Path) -> None:
+    """Make a folder, or the one that is there, one that no other user of this machine can enter.
+
+    Raises
+    ------
+    InputError
+        If that cannot be done, or others need it, as they do ``/tmp``.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if os.name != "posix":  # folders of a user are private there
+        return
+    with contextlib.suppress(PermissionError):
+        if not folder.stat().st_mode & stat.S_ISVTX:
+            folder.chmod(0o700)
+    if folder.stat().st_mode & 0o077:
+        raise InputError("app", "--folder", "a folder that only you can enter", f"{folder}, which others share")
+
+
+@contextlib.contextmanager
+def _file_that_leads_to(address: str, folder: Path) -> Iterator[Path]:
+    """Write a page that only the user can read: other users of this machine see the command line of a browser."""
+    handle, name = tempfile.mkstemp(prefix="open-", suffix=".html", dir=folder, text=True)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(_sent_on(address))
+        yield Path(name)
+    finally:
+        Path(name).unlink(missing_ok=True)
 
 
 def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webbrowser.open) -> None:
@@ -141,32 +205,39 @@ def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webb
     Parameters
     ----------
     folder : Path
-        Where capsules are kept.
+        Where capsules are kept; it is made private.
     port : int
         0 for any that is free.
-    opened : function of the address, optional
-        Called once pages are served.
+    opened : function of the address of a file, optional
+        Called once pages are served, in a thread of its own; the file leads to the page, and is removed once it did.
 
     Raises
     ------
     InputError
-        If the port is taken.
+        If the port is taken, or the folder cannot be private.
     """
-    with socket.socket() as listening:
+    with socket.socket() as listening, contextlib.ExitStack() as until_used:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listening.bind((LOOPBACK, port))
         except OSError as error:
             raise InputError("app", "--port", "a port that is free", f"{port}: {error.strerror}") from None
-        port, token = listening.getsockname()[1], secrets.token_urlsafe(32)
-        address = f"http://{LOOPBACK}:{port}/?token={token}"
+        listening.listen()  # a browser that is faster than the server waits
         bench = Bench(folder)
-        gate = made(bench, token, port)
+        make_private(bench.folder)
+
+        def used() -> None:
+            until_used.close()
+            print(f"The page was opened. To open it in another browser: {gate.address}", flush=True)
+
+        gate = made(bench, listening.getsockname()[1], used)
 
         def ready() -> None:
-            print(f"The bench is open at {address}\nCapsules are kept in {bench.folder}; Ctrl-C ends it.", flush=True)
+            kept = f"Capsules are kept in {bench.folder}, which only you can enter; Ctrl-C ends it."
+            print(f"The bench is open at {gate.address}\n{kept}", flush=True)
             if opened is not None:
-                opened(address)
+                file = until_used.enter_context(_file_that_leads_to(gate.address, bench.folder))
+                Thread(target=opened, args=(file.as_uri(),), daemon=True).start()
 
         pages.on_startup(ready)
         config = uvicorn.Config(
