@@ -1,8 +1,6 @@
-"""Give each worker process of pytest one thread, bound its memory, mark the numerical tests, and count skipped ones."""
+"""Give each of pytest's worker processes one thread and little memory, mark the numerical tests, count skipped ones."""
 
 import os
-import resource
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -19,10 +17,6 @@ ROUNDING_CANNOT_REACH = (  # of the folders above: interrupted work, texts, file
     "surrogate/test_off_nodes.py",
 )
 
-MOST_MEMORY = 1.5
-"""GB that a worker process may take; the whole suite in one process (``-n0``) may take more."""
-peaks = {}  # of the workers, in the process that runs them
-
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read when numpy is first imported
     os.environ.setdefault(name, "1")
 
@@ -34,24 +28,13 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.numerical)
 
 
-def pytest_sessionfinish(session):
-    if hasattr(session.config, "workeroutput"):
-        kilo = 1 if sys.platform == "darwin" else 1024
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * kilo
-        session.config.workeroutput["peak_memory"] = peak / 1e9
-    elif any(peak > MOST_MEMORY for peak in peaks.values()):
-        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+def pytest_sessionstart(session):
+    import workers  # which needs numpy to be told of one thread before
 
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_testnodedown(node):
-    if hasattr(node, "workeroutput"):  # not of one that crashed
-        peaks[node.gateway.id] = node.workeroutput["peak_memory"]
+    workers.register(session.config)
 
 
 def pytest_terminal_summary(terminalreporter):
     reasons = Counter(str(report.longrepr[2]) for report in terminalreporter.stats.get("skipped", ()))
     for reason, number in reasons.most_common():
         terminalreporter.write_line(f"{number} skipped: {reason.removeprefix('Skipped: ')}")
-    for name, peak in sorted(peaks.items()):
-        terminalreporter.write_line(f"Peak memory of {name}: {peak:.2f} GB of at most {MOST_MEMORY} GB")
