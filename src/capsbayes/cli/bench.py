@@ -14,7 +14,9 @@ from capsbayes.errors import InputError
 
 def bench(
     folder: Annotated[
-        Path, typer.Option(help="Folder in which capsules are kept, one folder each."), Writes(within=())
+        Path,
+        typer.Option(help="Folder in which capsules are kept, one folder each; no other user can enter it."),
+        Writes(within=()),
     ] = Path("capsbayes-bench"),
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine; 0 for any that is free.")] = 0,
     browser: Annotated[
@@ -23,7 +25,7 @@ def bench(
 ) -> None:
     """Open the bench in a browser: from a picture to the report, without a line of code.
 
-    The page is served on this machine alone, to whoever has the address that is printed.
+    The page is served on this machine alone, to the browser that opens the address that is printed; it works once.
     """
     if importlib.util.find_spec("nicegui") is None:
         advice = 'install it with pip install "capsbayes[app]"'
