@@ -40,8 +40,8 @@ class Measurement(Readable):
         Maximum extension along the flow L_z and its standard error, over l or
         in metres.
     capsule_velocity, capsule_velocity_error : float [m/s]
-        Velocity of the capsule v_o and its standard error; both are missing, None and NaN, where the experiment states
-        the viscous tension.
+        Velocity of the capsule v_o and its standard error; both are missing, None and NaN, where it was not measured
+        because the flow rate is known or the experiment states the viscous tension.
     axial_length, axial_length_error : float, optional
         Length on the axis L_a and its standard error, in the unit of L_z;
         missing where the rear is hidden behind its rim.
@@ -64,8 +64,8 @@ class Measurement(Readable):
     axial_length_bound : float, optional
         Upper limit of a missing L_a: the length of the silhouette with two standard errors.
     flow_rate, flow_rate_error : float, optional
-        Flow rate of the pump [m^3/s] and its standard error, zero if it is taken as known: a second source of the mean
-        velocity U, which is the flow rate over the area of the cross-section.
+        Flow rate in the channel [m^3/s] and its standard error, zero if it is taken as known: a source of the mean
+        velocity U, which is the flow rate over the area of the cross-section, next to the velocity or in its place.
     conditions : mapping of str to float
         ``half_width`` and ``viscosity`` of this capsule of a set, in SI, if they differ from those of the experiment. A
         measurement file states them by the experiment that it names.
@@ -196,9 +196,9 @@ class Measurement(Readable):
         ----------
         path : path
             File with a table ``[measurement]``: ``axial_extent``,
-            ``capsule_velocity`` unless the experiment states a viscous tension, and optionally ``axial_length`` and
-            ``length_correlation``, or ``axial_length_bound``, ``flow_rate``, ``walls`` and ``doubt``. It may name its
-            experiment file (``experiment = "..."``, relative to itself) and state a ``[prior]``, which
+            ``capsule_velocity`` or ``flow_rate`` or both, unless the experiment states a viscous tension, and
+            optionally ``axial_length`` and ``length_correlation``, or ``axial_length_bound``, ``walls`` and ``doubt``.
+            It may name its experiment file (``experiment = "..."``, relative to itself) and state a ``[prior]``, which
             `capsbayes.infer.Prior.read` reads, a ``[membrane]``, which `capsbayes.infer.Membrane.read` reads, and an
             ``[outline]``, which `MeasuredOutline.read` reads.
 
@@ -214,10 +214,6 @@ class Measurement(Readable):
         file = InputFile.read(path)
         others = dict.fromkeys(("prior", "membrane", "outline"), unread)
         top = file.table(required=("measurement",), optional={"experiment": file_name("experiment.toml"), **others})
-        stated = file.content.get("measurement")
-        if isinstance(stated, dict) and "flow_rate" in stated and "capsule_velocity" not in stated:
-            advice = 'state v_o loosely where it was not measured: it is 1 to 1.5 times Q/A, as "6.0 +/- 0.9 mm/s"'
-            raise InputError(str(path), "measurement.capsule_velocity", "a velocity", "a flow rate alone", advice)
         table = file.table(
             "measurement",
             required={"axial_extent": _measured("", "m")},
@@ -317,7 +313,9 @@ class Measurement(Readable):
             If it is missing.
         """
         if self.capsule_velocity is None:
-            where, advice = self.source or "measurement", "or state viscous_tension = mu U in the experiment"
+            where, advice = self.source or "measurement", "the flow rate alone identifies a capsule, but is no velocity"
+            if self.flow_rate is None:
+                advice = "or state flow_rate, or viscous_tension = mu U in the experiment"
             raise InputError(where, "measurement.capsule_velocity", "a value with an error", "nothing", advice)
         return Quantity(self.capsule_velocity, self.capsule_velocity_error, "m/s")
 

@@ -135,15 +135,6 @@ def test_inertia_is_said_and_the_density_is_stated(surrogate, channel, ovalbumin
     assert oil.reynolds_number(1.0) == pytest.approx(0.8 / 0.998 * water.reynolds_number(1.0))
 
 
-def test_a_flow_rate_without_a_velocity_is_one_clear_line(tmp_path):
-    path = tmp_path / "capsule.toml"
-    path.write_text('[measurement]\naxial_extent = "2.14 +/- 0.02"\nflow_rate = "0.71 uL/min"\n')
-    with pytest.raises(
-        InputError, match="capsule_velocity: expected a velocity, got a flow rate alone; state v_o loosely"
-    ):
-        Measurement.read(path)
-
-
 @pytest.mark.parametrize("name", ["section_aspect", "corner_radius"])
 def test_areas_of_cross_sections_are_those_of_the_flow(surrogate, channel, name):
     named = {"section_aspect": "aspect", "corner_radius": "corner_radius"}[name]

@@ -13,6 +13,8 @@ a function of one number each, whatever the distributions of the inputs are.
 
 A flow rate Q ties v_o, l and v_o/U together: Q r / (A v_o) = 1 with the area A of the cross-section. With log-normal
 v_o, l and Q this is one more Gaussian factor in log r, and the inputs given the shape stay log-normal: `kernel.Flow`.
+Where v_o was not measured, its variance is infinite: there is no such factor, U = Q / (A l^2), and v_o = U r is
+predicted. The powers above are then (Ca A)^-g, Q^g p(Q) and l^(k - 2g) p(l).
 """
 
 from __future__ import annotations
@@ -136,17 +138,25 @@ class PosteriorDensity:
     @cached_property
     def capsule_velocity(self) -> LogGrid:
         """v_o, weighted as in the factored posterior."""
+        if self.inputs.by_flow_rate:
+            return LogGrid.known(1.0)._replace(variance=np.inf)
         return LogGrid.of(self.inputs.capsule_velocity, self.prior.surface_shear_modulus.power - 1)
 
     @cached_property
     def half_width(self) -> LogGrid:
         """l, weighted as in the factored posterior."""
-        return LogGrid.of(self.inputs.half_width, self.prior.capsule_radius.power)
+        return LogGrid.of(self.inputs.half_width, self._width_power)
+
+    @property
+    def _width_power(self) -> int:
+        through_flow = 2 * self.prior.surface_shear_modulus.power if self.inputs.by_flow_rate else 0
+        return self.prior.capsule_radius.power - through_flow
 
     @cached_property
     def flow_rate(self) -> LogGrid | None:
         """Q, if it is given."""
-        return None if self.inputs.flow_rate is None else LogGrid.of(self.inputs.flow_rate, -1)
+        power = self.prior.surface_shear_modulus.power - 1 if self.inputs.by_flow_rate else -1
+        return None if self.inputs.flow_rate is None else LogGrid.of(self.inputs.flow_rate, power)
 
     def flow(self, half_width: Floats | None, model: ModelAtPoints | None = None) -> Flow | None:
         """Return the second source of U, if there is one; the half width is given where it is a dimension."""
@@ -187,12 +197,14 @@ class PosteriorDensity:
         if log_density is None:
             log_density = self.likelihood.log_density(model, self.width_at(half_width))
         flow = self.flow(half_width, model)
-        if flow is not None:
+        by_rate = self.inputs.by_flow_rate
+        if flow is not None and not by_rate:
             mean, variance = self.velocity_ratio(model, half_width)
             mismatch, total = flow_mismatch(_log(mean), np.maximum(variance, 0.0) / mean**2, flow)
             log_density = log_density - 0.5 * (mismatch**2 / total + np.log(total))
         if self.prior.surface_shear_modulus.power:
-            log_density = log_density - log_ca - _log(model.velocity_ratio)
+            of_flow = (0.0 if model.log_area is None else model.log_area) if by_rate else _log(model.velocity_ratio)
+            log_density = log_density - log_ca - of_flow
         if self.prior.capsule_radius.power != 1:
             log_density = log_density - np.log(size)
         return log_density
@@ -211,8 +223,7 @@ class PosteriorDensity:
         log_density = self.log_density(*place) + self.log_share(*place)
         if half_width is None:
             return log_density
-        power = self.prior.capsule_radius.power
-        return log_density + self.inputs.half_width.log_shape(half_width) + power * np.log(half_width)
+        return log_density + self.inputs.half_width.log_shape(half_width) + self._width_power * np.log(half_width)
 
     def log_share(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
@@ -291,7 +302,7 @@ class PosteriorDensity:
         draws |= {name: masses.drawn(rng, count) for name, masses in free.items()}
         unconditioned = draws["velocity_ratio"]
         draws = self._given_flow(rng, draws, model, width)
-        out = np.flatnonzero(~self._in_range(draws, model.velocity_ratio))
+        out = np.flatnonzero(~self._in_range(draws, self._ratio_of_prior(draws, model)))
         for tries in 2 ** np.arange(_ROUNDS):
             if not out.size or out.size * tries > _MOST_TRIES:
                 break
@@ -301,7 +312,7 @@ class PosteriorDensity:
             again |= {name: masses.drawn(rng, row.size) for name, masses in free.items()}
             if self.flow_rate is not None:
                 again = self._given_flow(rng, again, model.taken(row), None if width is None else width[row])
-            good = np.flatnonzero(self._in_range(again, model.velocity_ratio[row]))
+            good = np.flatnonzero(self._in_range(again, self._ratio_of_prior(again, model.taken(row))))
             first = np.flatnonzero(np.diff(row[good], prepend=-1))  # the rows are in order
             found = row[good[first]]
             for name in (*free, "velocity_ratio"):
@@ -331,9 +342,11 @@ class PosteriorDensity:
         total = flow_mismatch(np.log(mean), variance, flow)[1]
         rate = self.flow_rate.drawn(rng, len(mean))
         area = self.inputs.area * np.exp(0.0 if model.log_area is None else model.log_area) * made["half_width"] ** 2
-        pull = np.log(rate * made["velocity_ratio"] / (area * made["capsule_velocity"])) / total
+        mismatch = np.log(rate * made["velocity_ratio"] / (area * made["capsule_velocity"]))
+        pull = mismatch / total
         made["velocity_ratio"] = made["velocity_ratio"] * np.exp(-variance * pull)
-        made["capsule_velocity"] = made["capsule_velocity"] * np.exp(flow.velocity * pull)
+        speed = mismatch if self.inputs.by_flow_rate else flow.velocity * pull
+        made["capsule_velocity"] = made["capsule_velocity"] * np.exp(speed)
         if width is None:
             made["half_width"] = made["half_width"] * np.exp(2.0 * flow.half_width * pull)
         return made
@@ -348,19 +361,26 @@ class PosteriorDensity:
     ) -> None:
         """Move the inputs of draws to where the priors of G_s and a hold them: all if they are no ranges, else some."""
         both = self._scaled_factors(model, np.log(draws["capillary_number"]), draws["size_ratio"], width)
-        mu, velocity = self.viscosity.variance, self.capsule_velocity.variance
-        share = mu / (mu + velocity) if mu else 0.0
-        kinds = ({"viscosity": share, "capsule_velocity": 1.0 - share}, {"half_width": 1.0} if width is None else {})
-        for (prior, factor, logs), shares in zip(both, kinds, strict=True):
+        mu, force = self.viscosity.variance, both[0][1].variance
+        share = mu / force if mu else 0.0
+        kinds = {"viscosity": share, "capsule_velocity": 1.0 - share}, {"half_width": 1.0} if width is None else {}
+        if self.inputs.by_flow_rate and width is None and force:
+            kinds[0]["half_width"] = -2.0 * self.half_width.variance / force
+        names = ("surface_shear_modulus", "capsule_radius")
+        for of, (prior, factor, logs), shares in zip(names, both, kinds, strict=True):
             rows = out if prior.is_range else np.arange(len(logs))
             if len(factor.masses) > 1 and rows.size and shares:
-                now = np.log(np.prod([draws[name][rows] for name in shares], axis=0))
-                change = _drawn_within(rng, prior, factor, logs[rows]) - now
+                now = np.log(_derived({**draws, "velocity_ratio": self._ratio_of_prior(draws, model)})[of][rows])
+                change = _drawn_within(rng, prior, factor, logs[rows]) + logs[rows] - now
                 for name, part in shares.items():
                     draws[name][rows] *= np.exp(part * change)
 
+    def _ratio_of_prior(self, draws: Mapping[str, Floats], model: ModelAtPoints) -> Floats:
+        """Return the v_o/U by which draws of v_o tell G_s in its prior: the mean, unless v_o follows from the draw."""
+        return draws["velocity_ratio"] if self.inputs.by_flow_rate else model.velocity_ratio
+
     def _in_range(self, draws: Mapping[str, Floats], velocity_ratio: Floats) -> Booleans:
-        """Return where G_s, by the mean v_o/U as in the prior, and a are within their ranges : (n,) bool array."""
+        """Return where G_s, by a v_o/U, and a are within their ranges : (n,) bool array."""
         at_mean = _derived({**draws, "velocity_ratio": velocity_ratio})
         modulus, radius = at_mean["surface_shear_modulus"], at_mean["capsule_radius"]
         g, a = self.prior.surface_shear_modulus, self.prior.capsule_radius

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
-from capsbayes.experiment import capsule_radius, mean_velocity, surface_shear_modulus
+from capsbayes.experiment import capsule_radius, surface_shear_modulus
 from capsbayes.infer.inputs import Inputs
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -51,8 +51,7 @@ def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: 
     found = inverse(database)(
         axial_extent=measurement.axial_extent / scale, axial_length=measurement.axial_length / scale
     )
-    speed, ratio = inputs.capsule_velocity.value, 1.0 if inputs.viscous_tension else found.velocity_ratio
-    flow = mean_velocity(capsule_velocity=speed, velocity_ratio=ratio)
+    flow = inputs.mean_velocity(found.velocity_ratio)
     modulus = surface_shear_modulus(
         viscosity=inputs.viscosity.value, mean_velocity=flow, capillary_number=found.capillary_number
     )

@@ -83,7 +83,8 @@ class Flow(NamedTuple):
     offset : float
         Log of Q / (A v_o), by the means of the logarithms: minus log(v_o/U) if both agree; NaN without a flow rate.
     velocity, half_width, rate : float
-        Variances of log v_o, of log l (zero where l is known or a dimension of its own) and of log Q.
+        Variances of log v_o (infinite where it was not measured: the flow rate is then the only source), of log l
+        (zero where l is known or a dimension of its own) and of log Q.
     """
 
     offset: float
@@ -119,13 +120,15 @@ def given_flow(log_ratio, variance, flow):  # type: ignore[no-untyped-def]
     changes, variances : tuples of four
     """
     mismatch, total = flow_mismatch(log_ratio, variance, flow)
-    own, width = flow.velocity + variance, flow.half_width
-    pull = mismatch / total
-    changes = own * pull, 2.0 * width * pull, flow.velocity * pull, -variance * pull
+    width, pull = flow.half_width, mismatch / total
+    by_rate = 4.0 * width + flow.rate
+    own = 1.0 / (1.0 + by_rate / (flow.velocity + variance))  # shares of the mismatch, one if v_o was not measured
+    speed = 1.0 / (1.0 + (by_rate + variance) / flow.velocity)
+    changes = own * mismatch, 2.0 * width * pull, speed * mismatch, -variance * pull
     return changes, (
-        own * (1.0 - own / total),
+        own * by_rate,
         width * (1.0 - 4.0 * width / total),
-        flow.velocity * (1.0 - flow.velocity / total),
+        speed * (by_rate + variance),
         variance * (1.0 - variance / total),
     )
 

@@ -5,7 +5,7 @@ for it, or on the other side. Each number is predicted from those before it, and
 L_a from velocity and L_z, the flow rate from all of them. No number is used for its own prediction, so that the
 p-values are uniform and independent if all is as stated (M. Rosenblatt, Ann. Math. Stat. 23 (1952) 470; with the prior
 as part of the model: G. E. P. Box, J. R. Stat. Soc. A 143 (1980) 383). The velocity has none: the prior of the mean
-velocity is flat, and nothing before it predicts it.
+velocity is flat, and nothing before it predicts it. Where the velocity was not measured, the flow rate takes its place.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def p_values(engine: ExactEngine, measurement: Measurement, posterior: ExactPost
     """Return the p-values of what was measured, by name; of the lengths unless an outline takes their place."""
     found = {} if measurement.outline is not None else _of_lengths(engine, posterior.density)
     rate = posterior.density.flow_rate
-    if rate is not None:
+    if rate is not None and not posterior.density.inputs.by_flow_rate:
         draws = engine(replace(measurement, flow_rate=None)).drawn(np.random.default_rng([0, 3]), _DRAWS)
         area = posterior.density.inputs.area * posterior.forward.relative_area(draws)
         flow = np.log(draws["mean_velocity"] * draws["half_width"] ** 2 * area)

@@ -91,7 +91,8 @@ def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) 
 
 def _log_modulus(grid: WeightedPosterior, theta: Theta) -> Floats:
     """Return ln G_s up to what viscosity and velocity add, and NaN where there is no shape : (n,) array."""
-    return np.asarray(-np.log(theta["capillary_number"] * _shapes(grid, theta).velocity_ratio))
+    ratio = 1.0 if grid.density.inputs.by_flow_rate else _shapes(grid, theta).velocity_ratio
+    return np.asarray(-np.log(theta["capillary_number"] * ratio))
 
 
 def _explained(log_modulus: Floats, numbers: Floats) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import DatabaseError
-from capsbayes.experiment import Experiment, mean_velocity, surface_shear_modulus
+from capsbayes.experiment import Experiment, surface_shear_modulus
 from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.measurement import Measurement
@@ -85,9 +85,7 @@ def modulus_over_laws(
     for law in product(*ends):
         place = _nearest(model.fixed(**dict(zip(_LAW, law, strict=True))), seen)
         if place is not None:
-            ratio = 1.0 if inputs.viscous_tension else place[1]
-            flow = mean_velocity(capsule_velocity=inputs.capsule_velocity.value, velocity_ratio=ratio)
-            viscosity = inputs.viscosity.value
+            flow, viscosity = inputs.mean_velocity(place[1]), inputs.viscosity.value
             found.append(surface_shear_modulus(viscosity=viscosity, mean_velocity=flow, capillary_number=place[0]))
     return (float(min(found)), float(max(found))) if len(found) > 1 else None
 

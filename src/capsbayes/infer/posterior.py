@@ -246,8 +246,9 @@ class Posterior:
             "flow_rate": (seen.flow_rate, seen.flow_rate_error, "m^3/s"),
             "half_width": (self.inputs.half_width.value, self.inputs.half_width.error, "m"),
         }
+        if self.inputs.viscous_tension or self.inputs.by_flow_rate:
+            del pairs["capsule_velocity"]  # it is not used, or was not measured
         if self.inputs.viscous_tension:
-            del pairs["capsule_velocity"]  # it is not used
             pairs["viscous_tension"] = self.inputs.viscosity.value, self.inputs.viscosity.error, "N/m"
         else:
             pairs["viscosity"] = self.inputs.viscosity.value, self.inputs.viscosity.error, "Pa s"

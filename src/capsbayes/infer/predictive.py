@@ -149,19 +149,23 @@ class Predictive:
         InputError
             If the priors leave hardly anything of the domain.
         """
-        rng = np.random.default_rng([self.seed, 4])
+        rng, inputs = np.random.default_rng([self.seed, 4]), self.inputs
         (low, high), sizes = self.model.domain.bounds
         draws = {
             "capillary_number": np.exp(rng.uniform(np.log(low), np.log(high), _CANDIDATES)),
             "size_ratio": rng.uniform(*sizes, _CANDIDATES),
-            "half_width": self.inputs.half_width.drawn(rng, _CANDIDATES),
-            "viscosity": self.inputs.viscosity.drawn(rng, _CANDIDATES),
-            "capsule_velocity": self.inputs.capsule_velocity.drawn(rng, _CANDIDATES),
+            "half_width": inputs.half_width.drawn(rng, _CANDIDATES),
+            "viscosity": inputs.viscosity.drawn(rng, _CANDIDATES),
         }
         draws["capsule_radius"] = capsule_radius(size_ratio=draws["size_ratio"], half_width=draws["half_width"])
         self._draw_coordinates(draws, rng)
         points = self._at(draws)
-        ratio = np.ones(_CANDIDATES) if self.inputs.viscous_tension else points.velocity_ratio
+        ratio = np.ones(_CANDIDATES) if inputs.viscous_tension else points.velocity_ratio
+        if inputs.flow_rate is not None and inputs.by_flow_rate:
+            area = inputs.area * self.model.relative_area(draws) * draws["half_width"] ** 2
+            draws["capsule_velocity"] = inputs.flow_rate.drawn(rng, _CANDIDATES) * ratio / area
+        else:
+            draws["capsule_velocity"] = inputs.capsule_velocity.drawn(rng, _CANDIDATES)
         with np.errstate(invalid="ignore"):
             draws["mean_velocity"] = mean_velocity(capsule_velocity=draws["capsule_velocity"], velocity_ratio=ratio)
             draws["surface_shear_modulus"] = surface_shear_modulus(
@@ -186,7 +190,9 @@ class Predictive:
 
     def _log_weight(self, draws: Mapping[str, Floats]) -> Floats:
         """Return the log of p(log G_s) p(a) l / v_o, see `capsbayes.infer.prior`, over the density proposed."""
-        total = np.log(draws["half_width"]) - np.log(draws["capsule_velocity"])
+        total = np.log(draws["half_width"])
+        if not self.inputs.by_flow_rate:  # then v_o is not a coordinate
+            total = total - np.log(draws["capsule_velocity"])
         for name, less in (("surface_shear_modulus", 0), ("capsule_radius", 1)):
             prior = getattr(self.prior, name)
             total = total + prior.log_weight(draws[name]) + (prior.power - less) * np.log(draws[name])

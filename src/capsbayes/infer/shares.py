@@ -61,11 +61,12 @@ def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[
         "viscosity": density.viscosity.variance / total if of_modulus else 0.0,
         "capsule_velocity": density.capsule_velocity.variance / total if of_modulus else 0.0,
     }
-    flow = density.flow(None)
+    flow, by_rate_alone = density.flow(None), density.inputs.by_flow_rate
     if flow is not None:  # the weights of both sources of U, and those of a length and of the flow rate as sources of l
         width = 0.0 if density.shape_depends_on_half_width else flow.half_width
         whole = flow.velocity + flow.rate + 4.0 * width
-        by_rate, own = (flow.velocity / whole, 0.0) if of_modulus else (2.0 * width / whole, 1.0)
+        weight = 1.0 if by_rate_alone else flow.velocity / whole
+        by_rate, own = (weight, 0.0) if of_modulus else (2.0 * width / whole, 1.0)
         shares["capsule_velocity"] = (1.0 - own - by_rate) ** 2 * flow.velocity / total
         shares["flow_rate"] = by_rate**2 * flow.rate / total
         shares["half_width"] = (own - 2.0 * by_rate) ** 2 * width / total
@@ -76,8 +77,9 @@ def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[
             shares[coordinate.name] = posterior.variance_given(coordinate.name, quantity) / total
     if not density.shape_depends_on_half_width and flow is None:
         shares["half_width"] = 0.0 if of_modulus else density.half_width.variance / total
-    if density.inputs.viscous_tension:
+    if by_rate_alone or density.inputs.viscous_tension:
         del shares["capsule_velocity"]
+    if density.inputs.viscous_tension:
         shares["viscous_tension"] = shares.pop("viscosity")
     return shares
 

@@ -19,11 +19,14 @@ from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_exp
 from capsbayes.parameters import PARAMETERS
 
 # numbers over the capsules
-_NEEDED = ("axial_extent", "axial_extent_error", "capsule_velocity", "capsule_velocity_error")
+_NEEDED = ("axial_extent", "axial_extent_error")
+_VELOCITY = ("capsule_velocity", "capsule_velocity_error")
 _LENGTH = ("axial_length", "axial_length_error")
 _RATE = ("flow_rate", "flow_rate_error")
 _NOISE = {"noise_scale": "l", "noise_correlation": "l", "noise_white": "1"}
-_UNITS = {name: PARAMETERS[name.removesuffix("_error")].unit for name in (*_NEEDED, *_LENGTH, *_RATE, *CONDITIONS)}
+_UNITS = {
+    name: PARAMETERS[name.removesuffix("_error")].unit for name in (*_NEEDED, *_VELOCITY, *_LENGTH, *_RATE, *CONDITIONS)
+}
 _OUTLINE = ("capsule", "point", "axis")
 
 
@@ -35,10 +38,10 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
     path : Path
         With the variables ``outline`` (capsule, point, axis) [l], columns (z, y), filled up with NaN behind a short
         one; over the capsules ``axial_extent``, ``axial_extent_error`` [l], ``capsule_velocity``,
-        ``capsule_velocity_error`` [m/s], ``noise_scale``, ``noise_correlation`` [l] as of `OutlineNoise`; optionally
-        ``noise_white``, ``axial_length``, ``axial_length_error`` [l], ``flow_rate`` and ``flow_rate_error`` [m^3/s],
-        ``half_width`` [m] and ``viscosity`` [Pa s] where they are not those of the experiment (else NaN), and ``name``.
-        A variable's attribute ``units``, if it has one, must be the unit here. The attribute ``view`` says
+        ``capsule_velocity_error`` [m/s] or ``flow_rate`` and ``flow_rate_error`` [m^3/s] or all four, ``noise_scale``,
+        ``noise_correlation`` [l] as of `OutlineNoise`; optionally ``noise_white``, ``axial_length``,
+        ``axial_length_error`` [l], ``half_width`` [m] and ``viscosity`` [Pa s] where they are not those of the
+        experiment (else NaN), and ``name``. A variable's attribute ``units``, if it has one, must be the unit here. The attribute ``view`` says
         what all outlines show, ``"mid-plane"`` by default.
     experiment : Experiment or path
         By default the file that the attribute ``experiment`` names, relative to this one.
@@ -79,7 +82,7 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
         points[row, : len(outline.points)] = outline.points
     noises = [outline.noise for outline in outlines]
     noise = np.array([[noise.scale, noise.correlation_length, noise.white] for noise in noises])
-    numbers = {name: [getattr(seen, name) for seen in measurements] for name in (*_NEEDED, *_LENGTH)}
+    numbers = {name: [getattr(seen, name) for seen in measurements] for name in (*_NEEDED, *_VELOCITY, *_LENGTH)}
     numbers |= dict(zip(_NOISE, noise.T, strict=True))
     own = {name: [seen.conditions.get(name, np.nan) for seen in measurements] for name in CONDITIONS}
     own |= {name: [getattr(seen, name) or np.nan for seen in measurements] for name in _RATE}
@@ -106,7 +109,8 @@ def opened(path: Path) -> xr.Dataset:
 
 def _check(path: Path, dataset: xr.Dataset) -> None:
     """Refuse a file that lacks a variable, or has one of another shape or unit."""
-    needed = ("outline", *_NEEDED, "noise_scale", "noise_correlation")
+    velocity = () if "flow_rate" in dataset.variables else _VELOCITY
+    needed = ("outline", *_NEEDED, *velocity, "noise_scale", "noise_correlation")
     for name, unit in {"outline": "l", **_UNITS, **_NOISE}.items():
         dims = _OUTLINE if name == "outline" else ("capsule",)
         wanted = f"a variable ({', '.join(dims)}) in {unit}"
@@ -126,8 +130,10 @@ def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
     capsule = dataset.isel(capsule=row)
     label = str(capsule["name"].item()) if "name" in capsule.variables else str(row + 1)
     where = f"{path}: capsule {label}"
-    numbers = {name: float(capsule[name]) for name in (*_NEEDED, *_LENGTH, *_RATE) if name in capsule.variables}
-    seen = {name: value for name, value in numbers.items() if name in _NEEDED or np.isfinite(value)}
+    names = (*_NEEDED, *_VELOCITY, *_LENGTH, *_RATE)
+    numbers = {name: float(capsule[name]) for name in names if name in capsule.variables}
+    needed = _NEEDED if np.isfinite(numbers.get("flow_rate", np.nan)) else (*_NEEDED, *_VELOCITY)
+    seen = {name: value for name, value in numbers.items() if name in needed or np.isfinite(value)}
     points = np.asarray(capsule["outline"].values, np.float64)
     view = check_view(capsule.attrs.get("view", MID_PLANE), str(path), "view")
     white = float(capsule["noise_white"]) if "noise_white" in capsule.variables else 0.0

@@ -58,7 +58,7 @@ NUMBERS = tuple(_HEADERS)
 SHEETS = (".csv", ".xlsx")
 """Endings of the tables that a spreadsheet writes."""
 
-_NEEDED = NUMBERS[:4]
+_NEEDED, _VELOCITY_PAIR = NUMBERS[:2], NUMBERS[2:4]
 _PRIORS = {name: f"{name}_prior" for name in ("surface_shear_modulus", "capsule_radius")}
 _NAMES = ("name", "capsule")
 _IGNORED = ("status", "frames", "alike")
@@ -107,9 +107,10 @@ class MeasuredLengths:
         ----------
         path : path
             Table with the columns ``axial_extent_over_l``, ``axial_extent_error_over_l``, ``capsule_velocity_m_per_s``
-            and ``capsule_velocity_error_m_per_s`` (or both ``..._mm_per_s``); optionally ``axial_length_over_l`` and
+            and ``capsule_velocity_error_m_per_s`` (or both ``..._mm_per_s``), next to which or in place of which
+            ``flow_rate_ul_per_min`` (or ``_m3_per_s``) and ``flow_rate_error_ul_per_min`` may stand; optionally
+            ``axial_length_over_l`` and
             ``axial_length_error_over_l``, whose cells may be empty where the rear is hidden, ``length_correlation``,
-            ``flow_rate_ul_per_min`` (or ``_m3_per_s``) and ``flow_rate_error_ul_per_min``,
             ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or
             ``_mpa_s``) where they are not those of the experiment, ``name``, and ``status``, which is DONE for a
             capsule to be used. ``surface_shear_modulus_prior`` and ``capsule_radius_prior`` hold texts as
@@ -195,10 +196,12 @@ class MeasuredLengths:
         """Refuse the rows that no single measurement may hold."""
         numbers, checked = self.numbers, self
         length = numbers["axial_length"]
+        velocity = np.isnan(numbers["flow_rate"]) | ~np.isnan([numbers[name] for name in _VELOCITY_PAIR]).all(axis=0)
         for name in NUMBERS:
             if name == "length_correlation":
                 continue
             given = ~np.isnan(length if name == "axial_length_error" else numbers[name]) | (name in _NEEDED)
+            given = velocity if name in _VELOCITY_PAIR else given
             least = -np.finfo(float).tiny if name == "flow_rate_error" else 0.0  # a flow rate may be known
             wrong = given & ~(np.isfinite(numbers[name]) & (numbers[name] > least))
             checked = checked.refused(wrong, name, "a positive finite number")
@@ -360,6 +363,9 @@ def _check_columns(source: str, columns: list[str]) -> None:
     for column in columns:
         if column not in known:
             raise InputError(source, column, f"one of the columns {', '.join(known)}", "an unknown column")
-    for name in _NEEDED:
+    by_rate = any(header in columns for header in _HEADERS["flow_rate"])
+    for name in _NEEDED if by_rate else (*_NEEDED, *_VELOCITY_PAIR):
         if not any(header in columns for header in _HEADERS[name]):
-            raise InputError(source, next(iter(_HEADERS[name])), "a column of this name", f"only {', '.join(columns)}")
+            advice = "or flow_rate_ul_per_min" if name in _VELOCITY_PAIR else ""
+            header, got = next(iter(_HEADERS[name])), f"only {', '.join(columns)}"
+            raise InputError(source, header, "a column of this name", got, advice)

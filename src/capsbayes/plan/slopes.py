@@ -56,6 +56,9 @@ class Setting:
 def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
     """Return the numeric inputs of a measurement; an outline replaces the lengths."""
     known = {"viscosity": (inputs.viscosity, "Pa s"), "capsule_velocity": (inputs.capsule_velocity, "m/s")}
+    if inputs.flow_rate is not None and inputs.by_flow_rate:
+        del known["capsule_velocity"]
+        known["flow_rate"] = inputs.flow_rate, "m^3/s"
     known["half_width"] = (inputs.half_width, "m")
     found = {name: Setting(name, quantity.value, quantity.error, unit) for name, (quantity, unit) in known.items()}
     unit = "l" if measurement.over_half_width else "m"
@@ -128,6 +131,7 @@ def _of_input(name: str) -> Callable[[Measurement, Inputs, float], _Case]:
 _MOVES: Mapping[str, Callable[[Measurement, Inputs, float], _Case]] = {
     "viscosity": _of_input("viscosity"),
     "capsule_velocity": _of_input("capsule_velocity"),
+    "flow_rate": _of_input("flow_rate"),
     "half_width": _of_input("half_width"),
     "axial_extent": lambda measurement, inputs, value: (replace(measurement, axial_extent=value), inputs),
     "axial_length": lambda measurement, inputs, value: (replace(measurement, axial_length=value), inputs),

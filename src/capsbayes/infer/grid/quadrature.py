@@ -122,7 +122,8 @@ class Quadrature:
     def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
         """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities.
 
-        Neither the lengths nor a flow rate are read. Covariances are widened as those of a `CoarseTable`.
+        Neither the lengths nor a flow rate next to a velocity are read. Covariances are widened as those of a
+        `CoarseTable`.
 
         Parameters
         ----------
@@ -136,7 +137,7 @@ class Quadrature:
         logs : (n,) array
             Up to a constant of the capsule.
         """
-        inputs = replace(density.inputs, flow_rate=None)
+        inputs = density.inputs.first_source
         table, unseen = self.table, replace(density, likelihood=UNSEEN, outline=None, inputs=inputs)
         for _ in range(_NARROWINGS):
             narrower = table.window.around(table.carried(_log_prior(table, unseen)), table.window.shape, table.window)
@@ -256,9 +257,9 @@ def _no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: s
     lengths = density.likelihood.log_density(nodes.model)
     likely = lengths > np.nanmax(lengths) - COARSE_DROP
     inputs, ratio = density.inputs, nodes.model.velocity_ratio[likely]
-    force = inputs.viscosity.value * inputs.capsule_velocity.value
+    tension = inputs.viscosity.value * inputs.mean_velocity(ratio)
     found = {
-        "surface_shear_modulus": force / (np.exp(nodes.log_ca[likely]) * ratio),
+        "surface_shear_modulus": tension / np.exp(nodes.log_ca[likely]),
         "capsule_radius": inputs.half_width.value * nodes.size[likely],
     }
     advice = "check the units of half width, viscosity and velocity, or widen the prior"

@@ -145,7 +145,7 @@ class ImportanceSampling:
         logs : (n,) array
             Up to a constant of the capsule.
         """
-        inputs, rough = replace(density.inputs, flow_rate=None), with_error_of_half_width(density)
+        inputs, rough = density.inputs.first_source, with_error_of_half_width(density)
         if density.by_thickness:
             inputs = replace(inputs, half_width=Quantity(inputs.half_width.value, unit="m"))
         extent = replace(rough, likelihood=replace(rough.likelihood, length=None), outline=None, inputs=inputs)

@@ -149,7 +149,8 @@ class WeightedPosterior(NodePosterior):
         """Means of log G_s and log a at each point, up to a constant : (n,) arrays."""
         width = self._theta.get("half_width")
         radius = np.log(self.nodes.size) + (0.0 if width is None else np.log(width))
-        return {"surface_shear_modulus": -self.nodes.log_ca - self._ratio[0], "capsule_radius": radius}
+        ratio = 0.0 if self.density.inputs.by_flow_rate else self._ratio[0]
+        return {"surface_shear_modulus": -self.nodes.log_ca - ratio, "capsule_radius": radius}
 
     @property
     def _kept(self) -> tuple[Floats, Nodes, Floats | None]:

@@ -72,6 +72,9 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
     flat = np.exp(-_log_prior(run.prior.surface_shear_modulus, moduli) - _log_prior(run.prior.capsule_radius, radii))
     into = np.empty(rows.components.shape[1:])
     logs = np.log([draws[name] for name in _SHARED])
+    if (inputs := posterior.density.inputs).by_flow_rate:  # U is shared too
+        flow = draws["mean_velocity"] * run.model.relative_area(draws) / inputs.mean_velocity(1.0)
+        moduli = moduli - np.log(flow)
     # a capsule's own viscosity and half width, over those of all, are not among what all share
     of_all = own if run.experiment is None else run.experiment
     shift = [np.log(_centre(own, name) / _centre(of_all, name)) for name in _SHARED]

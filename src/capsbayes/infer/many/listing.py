@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.input_file import PICTURES, InputFile
@@ -112,7 +114,8 @@ def _table(measured: MeasuredLengths, run: Run, store: Store) -> Listed:
     for name, (value, error) in (("capsule_velocity", measured.velocities.T), ("flow_rate", measured.rates.T)):
         expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {name.rpartition('_')[2]}"
         measured = measured.refused(error > LOOSEST_VELOCITY * value, f"{name}_error", expected)
-    rows = _EXACT_ROWS if run.model.coordinates or run.prior.is_general else ROWS
+    by_rate = bool(np.isnan(measured.velocities[:, 0]).any())
+    rows = _EXACT_ROWS if run.model.coordinates or run.prior.is_general or by_rate else ROWS
     tasks: list[RowsTask] = [
         TableTask(store, measured.taken(slice(first, first + rows))) for first in range(0, len(measured), rows)
     ]

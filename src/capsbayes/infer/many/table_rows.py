@@ -33,6 +33,10 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     _refuse(rows, measured)
     if run.model.coordinates or run.prior.is_general:  # beyond the compiled rows
         return rows, usable.tolist()
+    by_rate = np.isnan(measured.velocities[usable, 0])
+    usable, exact = usable[~by_rate], usable[by_rate].tolist()
+    if not len(usable):
+        return rows, exact
     shifts = np.stack([_own(measured, name, experiment) for name in reversed(CONDITIONS)], axis=1)
     found = lengths_rows(
         measured.lengths[usable],
@@ -61,7 +65,7 @@ def rows_of_table(measured: MeasuredLengths, run: Run, experiment: Experiment) -
     rows.leaning[far] = np.nan
     resolved = (facts["end"] == FOUND) & (facts["within"] >= _ALL_WITHIN)
     own = np.array([bool(measured.prior_texts(row)) for row in usable.tolist()], dtype=bool)
-    return rows, usable[(~resolved & (facts["end"] != FAR)) | own].tolist()
+    return rows, sorted([*exact, *usable[(~resolved & (facts["end"] != FAR)) | own].tolist()])
 
 
 def _status(rows: CapsuleRows, row: int) -> Status:

@@ -228,7 +228,8 @@ def hierarchy(
         Replaces the one stored with the population; needed if its errors are not normal distributions.
     shared_velocity_error : float
         Relative standard error that all velocities have in common, as from the size of a pixel or the frame rate; the
-        errors of the single velocities are then those without it.
+        errors of the single velocities are then those without it. Of capsules with a flow rate and no velocity, the
+        errors of flow rate and half width are taken as common.
     tails : str
         ``"normal"``, or ``"student"`` for t distributions, whose degrees of freedom are inferred: a few outlying
         capsules then hardly change the spread.
@@ -281,6 +282,11 @@ def hierarchy(
         for name, quantity in (("surface_shear_modulus", viscosity), ("capsule_radius", half_width))
     }
     shifts["surface_shear_modulus"] *= np.exp(shared_velocity_error * rng.standard_normal(len(parameters)))
+    by_rate = kept & np.isnan(population["capsule_velocity"]) & np.isfinite(population["flow_rate"])
+    if by_rate.any():  # one pump and one channel: U = Q / A is wrong for all alike
+        rate_error = np.max(np.nan_to_num(population["flow_rate_error"][by_rate]) / population["flow_rate"][by_rate])
+        of_rate = np.exp(rate_error * rng.standard_normal(len(parameters)))
+        shifts["surface_shear_modulus"] *= of_rate / shifts["capsule_radius"] ** 2
     draws = {name: without[name] * shifts[name] for name in without} | _spreads(log_posterior, parameters)
     leaning = float(np.mean(population["status"][kept] == Status.LEANS_ON_BORDER.name))
     missing, changes = np.empty(0), dict[str, float]()

@@ -57,7 +57,8 @@ class Batch:
         See `Reduced`.
     left, known : (n,) arrays
     log_velocity, velocity_error : (n,) arrays
-        ln(v_o / (m/s)) and the relative standard error, with that of the model once this is known.
+        ln(v_o / (m/s)) and the relative standard error, with that of the model once this is known; U in place of v_o,
+        and infinite, where the flow rate alone was measured.
     log_mean_velocity : (n,) array
         ln(U / (m/s)) by the flow rate, NaN where none was given.
     group : (n,) array
@@ -147,9 +148,11 @@ def batch_of(
     rates = [measurement.flow_rate or np.nan for measurement in measurements]
     rate_errors = [(m.flow_rate_error or 0.0) / m.flow_rate for m in measurements if m.flow_rate]
     area = AREAS[experiment.cross_section] * width.value**2
-    speeds = [measurement.known_velocity for measurement in measurements]
-    velocity, errors = (np.array([getattr(speed, name) for speed in speeds]) for name in ("value", "error"))
     mean_velocity = np.log(np.array(rates) / area)
+    missing = [m.capsule_velocity is None and bool(m.flow_rate) for m in measurements]
+    speeds = [None if none else m.known_velocity for none, m in zip(missing, measurements, strict=True)]
+    velocity = np.array([u if v is None else v.value for u, v in zip(np.exp(mean_velocity), speeds, strict=True)])
+    errors = np.array([np.inf if speed is None else speed.error for speed in speeds])
     return Batch(
         rows=np.array([one.rows for one in reduced]),
         target=np.array([one.target for one in reduced]),
