@@ -109,6 +109,7 @@ def write_events(folder):
     with h5py.File(folder / "cells.rtdc", "w", track_order=False) as file:
         file.attrs["imaging:pixel size"] = 1e6 * PIXEL
         file.attrs["setup:channel width"] = 2e6 * EXPERIMENT.half_width.value
+        file.attrs["setup:flow rate"] = 1e9 * FLOW * 4.0 * EXPERIMENT.half_width.value**2  # uL/s
         masks = [_filled(view) for view in shots]
         for name, arrays in (("image", pictures), ("mask", masks)):
             file.create_dataset(f"events/{name}", data=np.stack(arrays), compression="gzip", chunks=(1, *EVENT_SHAPE))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -302,6 +302,12 @@ class Measurement(Readable):
             found["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
         stated = {"walls": self.walls, "doubt": self.doubt, "source": self.source}
         return found | {name: text for name, text in stated.items() if text}
+
+    def flowing(self, rate: Quantity | None) -> Measurement:
+        """Return the same with a flow rate [m^3/s], if there is one and the measurement did not fail."""
+        if rate is None or not self.status.ok:
+            return self
+        return replace(self, flow_rate=rate.value, flow_rate_error=rate.error)
 
     @property
     def known_velocity(self) -> Quantity:

@@ -31,8 +31,8 @@ taper = "0.000 +/- 0.002"
 TENSION = 'cross_section = "square"\nhalf_width = "25 um"\nviscous_tension = "28 +/- 1 mN/m"\n'
 
 
-def filled(folder, text, *, velocity=""):
-    """Give the form a file, then a velocity, in a page without a browser; return desk, step, and what it says."""
+def filled(folder, text, *, velocity="", rate=""):
+    """Give the form a file, then a velocity or a flow rate, in a page without a browser; return desk, step, and what it says."""
     desk, made = Desk(Bench(folder), folder=folder), []
 
     def page():
@@ -48,6 +48,8 @@ def filled(folder, text, *, velocity=""):
                 await asyncio.sleep(0.01)
             if velocity:
                 user.find("Velocity of the capsule").type(velocity)
+            if rate:
+                user.find("Or flow rate in the channel").type(rate)
             return said.text
 
     said = asyncio.run(given())
@@ -68,7 +70,7 @@ def same(one, other):
 def test_the_experiments_of_the_examples_fill_the_form_and_are_saved_as_they_were(path, tmp_path):
     _, step, said = filled(tmp_path, path.read_text(encoding="utf-8"))
     same(Experiment.read(tmp_path / "experiment.toml"), Experiment.read(path))
-    assert (step.complete, said) == (False, "The velocity of the capsule is missing.")
+    assert (step.complete, said) == (False, "The velocity of the capsule is missing, or the flow rate.")
 
 
 @pytest.mark.parametrize("text", [EVERYTHING, TENSION], ids=["everything", "viscous tension"])
@@ -86,6 +88,14 @@ def test_a_velocity_is_needed_with_a_viscosity_and_left_out_with_the_product_of_
         assert Quantity.of(desk.stated.velocity).parameters == pytest.approx((6.2e-3, 6.2e-5))
     desk, step, _ = filled(tmp_path, TENSION, velocity="6.2")
     assert (desk.stated.velocity, step.complete) == ("", True)
+
+
+def test_a_flow_rate_makes_a_velocity_unnecessary_and_an_old_velocity_is_forgotten(tmp_path):
+    desk, step, _ = filled(tmp_path, EVERYTHING, rate="0.56")
+    assert (desk.stated.velocity, desk.stated.flow_rate, step.complete) == ("", "0.56 uL/min", True)
+    desk, step, _ = filled(tmp_path, EVERYTHING, velocity="6.2")
+    step.forget_velocity()
+    assert (desk.stated.velocity, step.complete) == ("", False)
 
 
 def test_a_key_that_no_experiment_has_is_refused_by_its_name(tmp_path):

@@ -107,7 +107,7 @@ def _identified(folder: str, stated: Stated) -> tuple[Posterior, _Seen | None]:
         return kept[3], kept[1]
     found = None if known is not None else detected(stated, experiment)
     if found is not None:
-        known = measurement_of(found[1], found[0], experiment, _speed(stated, experiment))
+        known = measurement_of(found[1], found[0], experiment, *_speeds(stated, experiment))
     assert known is not None, "read or measured"
     measurement = known
     if not measurement.status.ok:
@@ -134,14 +134,22 @@ def _opened(cross_section: str, view: str, *, known: bool) -> ForwardModel:
     return MembraneSurrogate.open(cross_section, view=view)
 
 
-def _speed(stated: Stated, experiment: Experiment) -> Quantity | None:
+def _speeds(stated: Stated, experiment: Experiment) -> tuple[Quantity | None, Quantity | None]:
+    """Return the velocity and the flow rate of step 3, at least one of them unless mu U is stated there."""
     if experiment.viscous_tension is not None:
-        return None
-    example = "6.20 +/- 0.06 mm/s"
-    read = Quantity.read(stated.velocity, where="velocity", key="", units=("m/s",), example=example)
+        return None, None
+    if stated.flow_rate and not stated.velocity:
+        return None, _with_error("flow rate", stated.flow_rate, "0.56 +/- 0.01 uL/min")
+    speed = _with_error("velocity", stated.velocity, "6.20 +/- 0.06 mm/s")
+    return speed, _with_error("flow rate", stated.flow_rate, "0.56 +/- 0.01 uL/min") if stated.flow_rate else None
+
+
+def _with_error(where: str, text: str, example: str) -> Quantity:
+    name, unit = {"velocity": ("capsule_velocity", "m/s"), "flow rate": ("flow_rate", "m^3/s")}[where]
+    read = Quantity.read(text, where=where, key="", units=(unit,), example=example)
     if read.known:
-        raise InputError("velocity", "", f'a standard error, as in "{example}"', repr(stated.velocity))
-    return Quantity.of(read, "capsule_velocity", where="velocity", key="")
+        raise InputError(where, "", f'a standard error, as in "{example}"', repr(text))
+    return Quantity.of(read, name, where=where, key="")
 
 
 def warm() -> None:

@@ -23,11 +23,14 @@ def bench_page(bench: Bench) -> None:
     ui.add_css(_STYLE.read_text(encoding="utf-8"))
     ui.run_javascript("document.documentElement.lang = 'en'")
     desk = Desk(bench)
-    measured = False
+    measured, folder = False, desk.folder
 
     def changed(good: bool | None = None) -> None:
-        nonlocal measured
+        nonlocal measured, folder
         measured = measured if good is None else good
+        before, folder = folder, desk.folder
+        if before not in (None, folder):
+            channel.forget_velocity()
         if desk.folder is None:
             missing = "Give a picture first."
         elif not measured:

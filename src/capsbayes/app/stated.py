@@ -29,7 +29,7 @@ class Stated:
         Names of files in the capsule's folder.
     measured : str
         Name of the file of a measurement, in place of a picture that is to be measured.
-    velocity, walls, wall_error, pixel_size, crop, erase, flow, contrast
+    velocity, flow_rate, walls, wall_error, pixel_size, crop, erase, flow, contrast
         As the options of ``capsbayes identify``.
     membrane : str
         ``"unknown"``, a law, or empty for the default, neo-Hookean.
@@ -50,6 +50,11 @@ class Stated:
     contrast: str = ""
     membrane: str = ""
     engine: str = "quadrature"
+    flow_rate: str = ""
+
+    def of(self, picture: str = "", **stated: str) -> Stated:
+        """Return what is stated of another picture, with the velocity and the flow rate of step 3."""
+        return Stated(picture, velocity=self.velocity, flow_rate=self.flow_rate, **stated)
 
     def by_hand(self) -> dict[str, str]:
         """What `capsbayes.image.ByHand` takes, as far as it is stated."""
@@ -61,8 +66,8 @@ class Stated:
         words = ["capsbayes", "identify", self.measured or self.picture]
         options: dict[str, str] = {}
         if not self.measured:
-            options = {"experiment": EXPERIMENT, "velocity": self.velocity, "background": self.background}
-            options |= {"flow": self.flow, **self.by_hand()}
+            options = {"experiment": EXPERIMENT, "velocity": self.velocity, "flow_rate": self.flow_rate}
+            options |= {"background": self.background, "flow": self.flow, **self.by_hand()}
         options |= {"membrane": self.membrane, "engine": self.engine, "seed": str(SEED), "out": "."}
         for name, text in options.items():
             if text:
@@ -76,20 +81,25 @@ class OfMany:
 
     Parameters
     ----------
-    velocity, frame_rate, pixel_size, flow
+    flow_rate, frame_rate, pixel_size, flow
         As the options of ``capsbayes measure``, each for the kinds of files that take it.
     """
 
-    velocity: str = ""
+    flow_rate: str = ""
     frame_rate: str = ""
     pixel_size: str = ""
     flow: str = ""
 
-    def command(self, name: str, *, film: bool) -> list[str]:
-        """Return the command that measures a file in its folder."""
+    def command(self, name: str, *, film: bool, velocity: str = "") -> list[str]:
+        """Return the command that measures a file in its folder; of events, the velocity is one that they share."""
+        events = Path(name).suffix.lower() in EVENTS
         options = {"flow": self.flow, "out": "."}
-        options = {"frame-rate": self.frame_rate} | options if film else {"velocity": self.velocity} | options
-        if Path(name).suffix.lower() in EVENTS:
+        if film:
+            options = {"frame-rate": self.frame_rate} | options
+        else:
+            own = "shared-velocity" if events else "velocity"
+            options = {own: velocity, "flow-rate": self.flow_rate} | options
+        if events:
             options = {"pixel-size": self.pixel_size} | options
         words = ["capsbayes", "measure", name, "--experiment", EXPERIMENT]
         for option, text in options.items():

@@ -13,16 +13,18 @@ from capsbayes.cli.options import (
     Background,
     ExperimentFile,
     Flow,
+    FlowRate,
     ModelName,
     Priors,
     Scheduler,
     Seed,
+    SharedVelocity,
     Velocity,
     Workers,
     by_hand_of,
     named_model,
     prior_texts,
-    speed_of,
+    speeds_of,
     with_options_of,
 )
 from capsbayes.cli.output import model_words, print_json
@@ -54,6 +56,8 @@ def batch(
     database: ModelName = None,
     prior: Priors = None,
     velocity: Velocity = None,
+    flow_rate: FlowRate = None,
+    shared_velocity: SharedVelocity = None,
     background: Background = None,
     flow: Flow = None,
     by_hand: Any = None,
@@ -79,14 +83,18 @@ def batch(
     from capsbayes.experiment import Experiment
     from capsbayes.infer import Prior
     from capsbayes.infer.many import identify_folder
-    from capsbayes.infer.many.listing import cross_section_and_view
+    from capsbayes.infer.many.listing import cross_section_and_view, pictures_of
 
     stated = {option: by_hand and getattr(by_hand, name) for name, option in BY_HAND.items()}
-    for option, given in {"--velocity": velocity, "--background": background, "--flow": flow, **stated}.items():
+    speeds = {"--velocity": velocity, "--shared-velocity": shared_velocity, "--flow-rate": flow_rate}
+    for option, given in {**speeds, "--background": background, "--flow": flow, **stated}.items():
         if given is not None and not capsules.is_dir():
             raise InputError("batch", option, "a folder of pictures", str(capsules))
     known = None if experiment is None else Experiment.read(experiment)
     cross_section, view = cross_section_and_view(capsules, known)
+    pictures = pictures_of(capsules) if capsules.is_dir() else ()
+    several = "" if len(pictures) == 1 and velocity is not None else f"{len(pictures)} pictures"
+    found_speeds = speeds_of(speeds, None, several)
     population = identify_folder(
         capsules,
         named_model(database, cross_section, view),
@@ -94,7 +102,8 @@ def batch(
         out=out,
         seed=seed,
         prior=Prior().with_texts(prior_texts(prior), where="--prior"),
-        capsule_velocity=None if velocity is None else speed_of(velocity),
+        shared_velocity=found_speeds.get("capsule_velocity"),
+        flow_rate=found_speeds.get("flow_rate"),
         background=background,
         flow=flow,
         by_hand=by_hand,

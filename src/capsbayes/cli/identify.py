@@ -15,6 +15,7 @@ from capsbayes.cli.options import (
     Background,
     ExperimentFile,
     Flow,
+    FlowRate,
     MembraneKnown,
     ModelName,
     Priors,
@@ -26,7 +27,7 @@ from capsbayes.cli.options import (
     membrane_of,
     named_experiment,
     prior_texts,
-    speed_in,
+    speeds_of,
     with_options_of,
 )
 from capsbayes.cli.output import conclude, model_words
@@ -62,6 +63,7 @@ def identify(
     membrane: MembraneKnown = None,
     prior: Priors = None,
     velocity: Velocity = None,
+    flow_rate: FlowRate = None,
     background: Background = None,
     flow: Flow = None,
     by_hand: Any = None,
@@ -88,16 +90,17 @@ def identify(
     from capsbayes.show.writers import posterior_files
     from capsbayes.work import resumable
 
+    speeds = {"--velocity": velocity, "--flow-rate": flow_rate}
     if is_picture(capsule):
         if experiment is None:
             raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
         channel = Experiment.read(experiment)
-        speed = speed_in(velocity, channel)
-        measurement = measured_picture(capsule, channel, speed, background, flow, out, by_hand=by_hand, quiet=as_json)
+        how = speeds_of(speeds, channel), background, flow, out
+        measurement = measured_picture(capsule, channel, *how, by_hand=by_hand, quiet=as_json)
         written, stated = Prior(), None
     else:
         of_pictures = {option: by_hand and getattr(by_hand, name) for name, option in BY_HAND.items()}
-        of_pictures |= {"--velocity": velocity, "--background": background, "--flow": flow}
+        of_pictures |= speeds | {"--background": background, "--flow": flow}
         for option, given in of_pictures.items():
             if given is not None:
                 raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule))
@@ -112,8 +115,8 @@ def identify(
         prepare(known.cross_section)
     model = capsule_model(database, sheet, known.cross_section, view)
     with resumable(out):
-        how = {"engine": engine, "effort": effort, "prior": believed, "membrane": sheet}
-        posterior = identified(measurement, model, known, seed=seed, **how)
+        settings = {"engine": engine, "effort": effort, "prior": believed, "membrane": sheet}
+        posterior = identified(measurement, model, known, seed=seed, **settings)
         if not model.coordinates:
             posterior = with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)

@@ -40,6 +40,16 @@ ExperimentFile = Annotated[
     Reads(),
 ]
 Velocity = Annotated[str | None, typer.Option(help="Velocity of the capsule in a picture, as '6.20 +/- 0.06 mm/s'.")]
+FlowRate = Annotated[
+    str | None,
+    typer.Option(help="Flow rate in the channel, as '0.56 +/- 0.01 uL/min': U = Q/A then follows without a velocity."),
+]
+SharedVelocity = Annotated[
+    str | None,
+    typer.Option(
+        help="Velocity that several capsules share, as '4.86 +/- 0.30 mm/s'; the error is its spread between capsules."
+    ),
+]
 Background = Annotated[
     Path | None, typer.Option(help="Picture of the empty channel, to go with a picture or a film."), Reads()
 ]
@@ -351,24 +361,53 @@ def choose(command: str, option: str, name: str, known: Mapping[str, Any]) -> An
     return known[name]
 
 
-def speed_in(text: str | None, experiment: Experiment) -> Quantity | None:
-    """Read ``--velocity`` as `speed_of` does; None where the experiment states mu U in place of viscosity and it."""
-    if experiment.viscous_tension is None:
-        return speed_of(text)
-    if text is not None:
-        raise InputError("--velocity", "", "none: the experiment states viscous_tension, mu U", repr(text))
-    return None
+_SPEEDS = {
+    "--velocity": ("capsule_velocity", "m/s", "6.20 +/- 0.06 mm/s"),
+    "--shared-velocity": ("capsule_velocity", "m/s", "4.86 +/- 0.30 mm/s"),
+    "--flow-rate": ("flow_rate", "m^3/s", "0.56 +/- 0.01 uL/min"),
+}
 
 
-def speed_of(text: str | None) -> Quantity:
-    """Read ``--velocity``, which must have an error."""
+def speeds_of(
+    stated: Mapping[str, str | None], experiment: Experiment | None, several: str = ""
+) -> dict[str, Quantity]:
+    """Return velocity and flow rate by name, from the texts of their options.
+
+    Parameters
+    ----------
+    stated : mapping of str
+        By `_SPEEDS`.
+    experiment : Experiment or None
+    several : str
+        How many capsules they hold for, as "3 events"; empty for one, of which one of both must be stated unless the
+        experiment states mu U.
+
+    Raises
+    ------
+    InputError
+        On a quantity without an error, a velocity of one capsule for several, or any next to mu U.
+    """
     from capsbayes.quantity import Quantity
 
-    example = "6.20 +/- 0.06 mm/s"
-    read = Quantity.read(text, where="--velocity", key="", units=("m/s",), example=example)
-    if read.error == 0.0:
-        raise InputError("--velocity", "", f'a standard error, as in "{example}"', repr(text))
-    return Quantity.of(read, "capsule_velocity", where="--velocity", key="")
+    given = {option: text for option, text in stated.items() if text is not None}
+    tension = experiment is not None and experiment.viscous_tension is not None
+    if not (given or several or tension):
+        raise InputError("--velocity", "", f'a text like "{_SPEEDS["--velocity"][2]}", or --flow-rate', "nothing")
+    found = {}
+    for option, text in given.items():
+        name, unit, example = _SPEEDS[option]
+        if tension:
+            raise InputError(option, "", "none: the experiment states viscous_tension, mu U", repr(text))
+        if option == "--velocity" and several:
+            advice = "give --flow-rate, which needs no velocity, or --shared-velocity with the spread between capsules"
+            raise InputError(option, "", "one capsule, as each has a velocity of its own", several, advice)
+        if name in found:
+            raise InputError(option, "", "one velocity", "--velocity too")
+        read = Quantity.read(text, where=option, key="", units=(unit,), example=example)
+        if read.error == 0.0:
+            raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
+        found[name] = Quantity.of(read, name, where=option, key="")
+    return found
 
 
 def prior_texts(priors: list[str] | None) -> dict[str, str]:

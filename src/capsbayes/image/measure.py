@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import AREAS, Experiment
 from capsbayes.image.background import estimate_background, transmission
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.by_hand import ByHand
@@ -115,6 +115,7 @@ def measure(
     experiment: Experiment,
     *,
     capsule_velocity: Given | None = None,
+    flow_rate: Given | None = None,
     background: str | Path | ArrayLike | None = None,
     flow: str | None = None,
     by_hand: ByHand | None = None,
@@ -128,7 +129,9 @@ def measure(
     experiment : Experiment
     capsule_velocity : Quantity [m/s]
         v_o with its standard error, which one picture does not show; in any form that `Quantity.of`
-        reads. It is missing where the experiment states the viscous tension.
+        reads. It is missing where the flow rate is stated, or the experiment states the viscous tension.
+    flow_rate : Quantity, optional [m^3/s]
+        Flow rate in the channel with its standard error.
     background : path or array, optional
         The empty channel; by default it is estimated from the picture.
     flow : str, optional
@@ -150,22 +153,31 @@ def measure(
         If a file is missing or not a picture, `flow` is another word, or what is stated by hand does not suit the
         picture.
     """
-    if capsule_velocity is not None or experiment.viscous_tension is None:
+    rate = None if flow_rate is None else Quantity.of(flow_rate, "flow_rate", where="measure")
+    if capsule_velocity is not None or (rate is None and experiment.viscous_tension is None):
         capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure")
     seen = read_picture(picture)
     empty = None if background is None else read_picture(background)
     detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
-    return measurement_of(detection, seen, experiment, capsule_velocity)
+    return measurement_of(detection, seen, experiment, capsule_velocity, rate)
 
 
 def measurement_of(
-    detection: Detection, picture: Picture, experiment: Experiment, capsule_velocity: Quantity | None
+    detection: Detection,
+    picture: Picture,
+    experiment: Experiment,
+    capsule_velocity: Quantity | None,
+    flow_rate: Quantity | None = None,
 ) -> Measurement:
     """Return the measurement that follows from a detection in a picture, refused unless its status is ``DONE``."""
     status = detection.status
-    if status.ok and capsule_velocity is not None:
-        pixel_size = experiment.half_width.mean / float(detection.lengths[3])
-        status = Status.SMEARED if smeared(experiment.exposure, capsule_velocity.value, pixel_size) else status
+    width = experiment.half_width.mean
+    speeds = [] if capsule_velocity is None else [capsule_velocity.value]
+    if flow_rate is not None:  # a capsule is not slower than the mean flow
+        speeds.append(flow_rate.value / (AREAS[experiment.cross_section] * width**2))
+    if status.ok and speeds:
+        pixel_size = width / float(detection.lengths[3])
+        status = Status.SMEARED if smeared(experiment.exposure, speeds[0], pixel_size) else status
     lengths, covariance, outline = detection.lengths, detection.covariance, silhouette_of(detection)
     if status.ok and (camera := experiment.camera) is not None:
         columns = picture.shape[1]
@@ -182,7 +194,7 @@ def measurement_of(
         source=picture.source,
         sha256=picture.sha256,
     )
-    return replace(measured, outline=outline) if status.ok else measured
+    return replace(measured, outline=outline).flowing(flow_rate) if status.ok else measured
 
 
 def measurement_of_lengths(

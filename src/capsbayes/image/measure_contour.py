@@ -62,6 +62,7 @@ def measure_contour(
     *,
     capsule_velocity: Given | None,
     flow: str,
+    flow_rate: Given | None = None,
     edge_error: Given | None = None,
     pixel_size: Given | None = None,
     points: str | None = None,
@@ -75,9 +76,11 @@ def measure_contour(
     contour : ContourFile
     experiment : Experiment
     capsule_velocity : Quantity [m/s]
-        v_o with its standard error. This and the next two in any form that `Quantity.of` reads.
+        v_o with its standard error. This and the other quantities in any form that `Quantity.of` reads.
     flow : str
         ``"right"`` or ``"left"``.
+    flow_rate : Quantity, optional [m^3/s]
+        Flow rate in the channel with its standard error, next to the velocity or in its place.
     edge_error : Quantity, optional [m]
         Standard error of either end of the contour, which it does not show itself; the value is used, not its error. By
         default it is that of `EDGE_ERROR` pixels.
@@ -106,10 +109,11 @@ def measure_contour(
         If an option is missing that the file does not tell.
     """
     direction = FLOWS[flow] if check_flow(flow) else 1
-    capsule_velocity, edge_error, pixel_size = (
+    capsule_velocity, rate, edge_error, pixel_size = (
         None if given is None else Quantity.of(given, name, where="measure_contour", key=key, units=(unit,))
         for given, name, key, unit in (
             (capsule_velocity, "capsule_velocity", None, "m/s"),
+            (flow_rate, "flow_rate", None, "m^3/s"),
             (edge_error, "", "edge_error", "m"),
             (pixel_size, "", "pixel_size", "m"),
         )
@@ -147,7 +151,7 @@ def measure_contour(
     seen = _silhouette(edge, half_width, float(relative), hollow=bool(np.isfinite(depth)))
     if seen is not None and aspect.sd > 0.0:
         seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
-    return replace(measured, outline=seen)
+    return replace(measured, outline=seen).flowing(rate)
 
 
 def _between(contour: ContourFile, stated: ByHand) -> WallLines:

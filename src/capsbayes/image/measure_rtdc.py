@@ -78,8 +78,9 @@ def measure_rtdc(
     file: RtdcFile | str | Path,
     experiment: Experiment,
     *,
-    capsule_velocity: Given | None,
     pixel_size: Given,
+    flow_rate: Given | None = None,
+    shared_velocity: Given | None = None,
     flow: str | None = None,
     axis: Any = None,
     events: Iterable[int] | None = None,
@@ -91,10 +92,14 @@ def measure_rtdc(
     file : RtdcFile or path
     experiment : Experiment
         Its channel must be that of the file; the viscosity of the liquid is not in the file.
-    capsule_velocity : Quantity [m/s]
-        v_o with its standard error, which the file does not hold; this and the next as `Quantity.of` reads them.
     pixel_size : Quantity [m]
-        With its standard error, which the file does not hold; its value must be about that of the file.
+        With its standard error, which the file does not hold; its value must be about that of the file. This and the
+        next two as `Quantity.of` reads them.
+    flow_rate : Quantity, optional [m^3/s]
+        In the channel, of sample and sheath together, with its standard error, which the file does not hold.
+    shared_velocity : Quantity, optional [m/s]
+        v_o of all events; its error is the spread of the velocities from capsule to capsule, and counts as an
+        independent error of each. Small capsules are faster than large ones in the same flow.
     flow : str, optional
         ``"right"`` or ``"left"``, which the file does not hold; by default it follows from the shape.
     axis : text or sequence of float, optional [px]
@@ -106,11 +111,17 @@ def measure_rtdc(
     Raises
     ------
     InputError
-        If the file cannot be used, or its channel or pixels are not those of the experiment.
+        If the file cannot be used, its channel or pixels are not those of the experiment, or neither flow rate nor
+        velocity is stated, nor the viscous tension in the experiment.
     """
     file = file if isinstance(file, RtdcFile) else RtdcFile.open(file)
-    if capsule_velocity is not None:
-        capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure_rtdc")
+    speed = rate = None
+    if shared_velocity is not None:
+        speed = Quantity.of(shared_velocity, "capsule_velocity", where="measure_rtdc")
+    if flow_rate is not None:
+        rate = Quantity.of(flow_rate, "flow_rate", where="measure_rtdc")
+    if speed is None and rate is None and experiment.viscous_tension is None:
+        raise _without_velocity(file)
     pixel_size = Quantity.of(pixel_size, where="measure_rtdc", key="pixel_size", units=("m",))
     direction = check_flow(flow)
     _check_channel(file, experiment, pixel_size)
@@ -128,8 +139,16 @@ def measure_rtdc(
         picture = replace(Picture.from_array(image), source=f"{file.path}, event {number}", sha256=file.sha256)
         light = picture.grey * gain
         detection = analyse_blob(light, pixel_noise(light), walls, blob_of_mask(mask, walls), direction, shift)
-        measured = measurement_of(detection, picture, known, capsule_velocity)
+        measured = measurement_of(detection, picture, known, speed, rate)
         yield Event(number, picture, detection, measured, pixel_size)
+
+
+def _without_velocity(file: RtdcFile) -> InputError:
+    """Return the refusal of a file whose flow rate lacks at least its error."""
+    stated = "" if file.flow_rate is None else f"{1e9 * file.flow_rate:.6g}"
+    advice = f'give --flow-rate "{stated or "0.16"} +/- ERROR uL/s", or --shared-velocity with the spread of v_o'
+    expected, got = "a flow rate with its error", f"{stated} uL/s without an error" if stated else "nothing"
+    return InputError(str(file.path), "setup:flow rate", expected, got, advice)
 
 
 def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity) -> None:

@@ -41,8 +41,8 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
         ``capsule_velocity_error`` [m/s] or ``flow_rate`` and ``flow_rate_error`` [m^3/s] or all four, ``noise_scale``,
         ``noise_correlation`` [l] as of `OutlineNoise`; optionally ``noise_white``, ``axial_length``,
         ``axial_length_error`` [l], ``half_width`` [m] and ``viscosity`` [Pa s] where they are not those of the
-        experiment (else NaN), and ``name``. A variable's attribute ``units``, if it has one, must be the unit here. The attribute ``view`` says
-        what all outlines show, ``"mid-plane"`` by default.
+        experiment (else NaN), and ``name``. A variable's attribute ``units``, if it has one, must be the unit here.
+        The attribute ``view`` says what all outlines show, ``"mid-plane"`` by default.
     experiment : Experiment or path
         By default the file that the attribute ``experiment`` names, relative to this one.
 

@@ -51,6 +51,7 @@ class ChannelStep:
             self._section.props("dense outlined").classes("bench-choice")
             self._fields = {key: QuantityField(*about, self._read) for key, about in _FIELDS.items()}
             self._velocity = QuantityField("Velocity of the capsule", ("mm/s", "um/s", "m/s"), self._read)
+            self._rate = QuantityField("Or flow rate in the channel", ("uL/min", "uL/s"), self._read)
             viscosity_helper(self._fields["viscosity"])
             with ui.expansion("Camera and further numbers"):
                 self._fields |= {key: QuantityField(*about, self._read) for key, about in _RARE.items()}
@@ -64,13 +65,17 @@ class ChannelStep:
 
     @property
     def complete(self) -> bool:
-        """True if the experiment can be written and a velocity is given, or mu U in its place."""
-        return not self._message.text and bool(self.desk.stated.velocity or self._tension)
+        """True if the experiment can be written and a velocity or a flow rate is given, or mu U in their place."""
+        return not self._message.text and bool(self._velocity.text or self._rate.text or self._tension)
 
     @property
     def _tension(self) -> str:
         """The product mu U, with which a velocity is neither needed nor used."""
         return self._fields["viscous_tension"].text
+
+    def forget_velocity(self) -> None:
+        """Clear the velocity, which was that of an earlier capsule."""
+        self._velocity.text = ""
 
     def _read(self) -> None:
         """Take over what the form states, and say what is missing."""
@@ -81,9 +86,10 @@ class ChannelStep:
             "camera": camera,
         }
         self.desk.stated.velocity = "" if self._tension else self._velocity.text
+        self.desk.stated.flow_rate = "" if self._tension else self._rate.text
         self._message.text = self.desk.keep_experiment()
-        if not self._message.text and not (self._velocity.text or self._tension):
-            self._message.text = "The velocity of the capsule is missing."
+        if not self._message.text and not (self._velocity.text or self._rate.text or self._tension):
+            self._message.text = "The velocity of the capsule is missing, or the flow rate."
         self._changed()
 
     async def _file_given(self, event: events.UploadEventArguments) -> None:

@@ -25,11 +25,11 @@ _FLOWS = {"": "found from the shape", "right": "to the right", "left": "to the l
 
 @dataclass
 class _File:
-    """A file that was given: where it is kept, whether it is a film, and its row on the page."""
+    """A file that was given: where it is kept, its velocity unless it is a film, and its row on the page."""
 
     folder: Path
     name: str
-    film: bool
+    velocity: QuantityField | None
     status: ui.label
     row: ui.element
     waiting: bool = True
@@ -54,6 +54,10 @@ class ManyStep:
         with ui.card().classes("bench-step bench-many"):
             ui.html("<h2>Many capsules: films, .rtdc files, several pictures</h2>", sanitize=False)
             ui.label("They are measured with the channel and the liquid of step 3, and added to all capsules.")
+            ui.label(
+                "Each capsule has a velocity of its own, which a film shows: state the flow rate in step 3, or the "
+                "velocity next to each picture. One velocity for the events of a file needs its spread as the error."
+            )
             upload = ui.upload(
                 label="Drop files here, or choose them with +",
                 multiple=True,
@@ -91,15 +95,19 @@ class ManyStep:
             shutil.rmtree(folder)
             self._message.text = str(error)
             return
-        film = seen["count"] > 1 and not name.endswith(EVENTS)
+        of_events = name.endswith(EVENTS)
+        film, velocity = seen["count"] > 1 and not of_events, None
         what = {True: "frames", False: "events"}[film]
         with self._list, ui.element("div").classes("bench-file") as row:
             ui.html(f'<img src="{seen["src"]}" alt="{html.escape(name)}">', sanitize=False)
             with ui.element("div"):
                 count = f", {seen['count']} {what}" if seen["count"] > 1 else ""
                 ui.label(f"{name}: {seen['columns']} x {seen['rows']} px{count}")
+                if not film:
+                    label = "Velocity shared by all events, ± its spread" if of_events else "Velocity of this capsule"
+                    velocity = QuantityField(label, ("mm/s", "um/s", "m/s"))
                 status = ui.label("waits").classes("bench-told")
-        self._files.append(_File(folder, name, film, status, row))
+        self._files.append(_File(folder, name, velocity, status, row))
         self._start.enabled = self._running is None
 
     def _pressed(self) -> None:
@@ -111,7 +119,8 @@ class ManyStep:
 
     async def _measured(self) -> None:
         """Measure the files that wait, one after the other."""
-        stated = OfMany(self.desk.stated.velocity, self._rate.text, self._pixel.text, self._flow.value or "")
+        rate, tension = self.desk.stated.flow_rate, self.desk.experiment.get("viscous_tension")
+        stated = OfMany(rate, self._rate.text, self._pixel.text, self._flow.value or "")
         done: list[tuple[Path, list[str]]] = []
         self._start.enabled, self._stop.enabled = False, True
         try:
@@ -121,7 +130,12 @@ class ManyStep:
                     self._message.text = missing and f"{missing} See step 3."
                     if missing:
                         return
-                    words = stated.command(file.name, film=file.film)
+                    velocity = file.velocity.text if file.velocity is not None and not tension else ""
+                    if not (velocity or rate or tension or file.velocity is None):
+                        file.status.text = _NO_VELOCITY
+                        file.status.classes(replace="bench-message")
+                        continue
+                    words = stated.command(file.name, film=file.velocity is None, velocity=velocity)
                     if await self._one(file, words):
                         done.append((file.folder, words))
         finally:
@@ -170,3 +184,6 @@ class ManyStep:
 
 
 _MOST_SHOWN = 12
+_NO_VELOCITY = (
+    "Its velocity is missing: that of step 3 is of one capsule. Type the file's own, or the flow rate in step 3."
+)

@@ -10,7 +10,7 @@ from nicegui import events, ui
 
 from capsbayes.app.desk import MOST_BYTES, Desk
 from capsbayes.app.overlay import Overlay
-from capsbayes.app.stated import EXPERIMENT, MEASUREMENT, OVERLAY, Stated, new_folder, safe_name
+from capsbayes.app.stated import EXPERIMENT, MEASUREMENT, OVERLAY, new_folder, safe_name
 from capsbayes.app.worker import WorkFailedError
 from capsbayes.files.input_file import PICTURES
 
@@ -107,7 +107,7 @@ class PictureStep:
             return
         folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
         await event.file.save(folder / name)
-        self.desk.folder, self.desk.stated = folder, Stated(picture=name, velocity=self.desk.stated.velocity)
+        self.desk.folder, self.desk.stated = folder, self.desk.stated.of(picture=name)
         try:
             picture = await self.desk.measured("shown", name=name)
             self.desk.bench.identifying.start()
@@ -126,7 +126,7 @@ class PictureStep:
 
     async def show_measured(self, folder: Path) -> None:
         """Show a capsule that was measured in a film or in an event, by the overlay that is kept in its folder."""
-        self.desk.folder, self.desk.stated = folder, Stated(measured=MEASUREMENT, velocity=self.desk.stated.velocity)
+        self.desk.folder, self.desk.stated = folder, self.desk.stated.of(measured=MEASUREMENT)
         self._show_stated()
         self._tell(f"{folder.name} of {folder.parent.name} was chosen.")
         self._card.visible = True
@@ -204,7 +204,7 @@ class PictureStep:
 
     async def _forget(self) -> None:
         stated = self.desk.stated
-        self.desk.stated = Stated(stated.picture, stated.background, stated.velocity, membrane=stated.membrane)
+        self.desk.stated = stated.of(stated.picture, background=stated.background, membrane=stated.membrane)
         self._show_stated()
         await self.measure()
 

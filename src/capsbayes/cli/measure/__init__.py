@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.cli.measure.picture import DETECTED, as_record, measured_picture, pair, print_outline
-from capsbayes.cli.options import BY_HAND, AsJson, Background, Flow, Velocity, by_hand_of, speed_in, with_options_of
+from capsbayes.cli.options import (
+    BY_HAND,
+    AsJson,
+    Background,
+    Flow,
+    FlowRate,
+    SharedVelocity,
+    Velocity,
+    by_hand_of,
+    speeds_of,
+    with_options_of,
+)
 from capsbayes.cli.output import print_json
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
@@ -23,10 +34,11 @@ if TYPE_CHECKING:
 _CONTOURS = (".csv", ".txt", ".roi", ".json")  # as `capsbayes.image.files.contour` reads, which is slow to import
 # which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
-    "picture": ("--velocity", "--background", *BY_HAND.values()),
+    "picture": ("--velocity", "--flow-rate", "--background", *BY_HAND.values()),
     "film": ("--frame-rate", "--background", *(option for option in BY_HAND.values() if option != "--erase")),
     "contour": (
         "--velocity",
+        "--flow-rate",
         "--walls",
         "--wall-error",
         "--pixel-size",
@@ -34,7 +46,7 @@ _TAKES = {
         "--contour-unit",
         "--contour-points",
     ),
-    ".rtdc file": ("--velocity", "--pixel-size", "--axis"),
+    ".rtdc file": ("--flow-rate", "--shared-velocity", "--pixel-size", "--axis"),
 }
 
 
@@ -59,6 +71,8 @@ def measure(
     ],
     experiment: Annotated[Path, typer.Option(help="TOML file of the experiment."), Reads()],
     velocity: Velocity = None,
+    flow_rate: FlowRate = None,
+    shared_velocity: SharedVelocity = None,
     frame_rate: Annotated[
         str | None, typer.Option(help='Of a film, as "2000 Hz"; default: frame_rate of the experiment.')
     ] = None,
@@ -85,8 +99,11 @@ def measure(
     from capsbayes.work import resumable
 
     kind = _kind(picture)
+    speeds = {"--velocity": velocity, "--shared-velocity": shared_velocity, "--flow-rate": flow_rate}
+    if kind == ".rtdc file" and velocity is not None:
+        speeds_of(speeds, None, several="the events of a file")
     options = {
-        "--velocity": velocity,
+        **speeds,
         "--frame-rate": frame_rate,
         "--background": background,
         **{option: by_hand and getattr(by_hand, name) for name, option in BY_HAND.items()},
@@ -103,11 +120,11 @@ def measure(
             how = {"frame_rate": frame_rate, "background": background, "flow": flow, "by_hand": by_hand}
             measure_film(picture, known, **how, out=out, as_json=as_json)
         elif kind == ".rtdc file":
-            speed = speed_in(velocity, known)
-            measure_rtdc(picture, known, velocity=speed, flow=flow, by_hand=by_hand, out=out, as_json=as_json)
+            stated = speeds_of(speeds, known, several="the events of a file")
+            measure_rtdc(picture, known, stated, flow=flow, by_hand=by_hand, out=out, as_json=as_json)
         elif kind == "contour":
             of_contour = edge_error, contour_unit, contour_points, flow
-            measured = _measured_contour(picture, known, speed_in(velocity, known), by_hand, *of_contour)
+            measured = _measured_contour(picture, known, speeds_of(speeds, known), by_hand, *of_contour)
             if out is not None:
                 measured.write(out / "measurement.toml")
             if as_json:
@@ -115,8 +132,8 @@ def measure(
             else:
                 _print_contour(measured)
         else:
-            speed = speed_in(velocity, known)
-            measured_picture(picture, known, speed, background, flow, out, by_hand=by_hand, as_json=as_json)
+            found = speeds_of(speeds, known)
+            measured_picture(picture, known, found, background, flow, out, by_hand=by_hand, as_json=as_json)
 
 
 def _typed(given: object) -> str:
@@ -137,7 +154,7 @@ def _kind(path: Path) -> str:
 def _measured_contour(
     path: Path,
     experiment: Experiment,
-    speed: Quantity | None,
+    speeds: Mapping[str, Quantity],
     by_hand: ByHand | None,
     edge_error: str | None,
     unit: str | None,
@@ -156,7 +173,8 @@ def _measured_contour(
     return measure_contour(
         ContourFile.read(path, unit),
         experiment,
-        capsule_velocity=speed,
+        capsule_velocity=speeds.get("capsule_velocity"),
+        flow_rate=speeds.get("flow_rate"),
         edge_error=edge,
         flow=flow,
         points=points,

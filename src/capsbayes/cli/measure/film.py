@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from capsbayes.quantity import Quantity
 
 _PART = 200  # events that are measured and written as one step
+_RATES = 0.01  # largest relative difference of the flow rate between file and option that is not told
 
 
 def measure_film(
@@ -66,14 +68,15 @@ def measure_film(
 def measure_rtdc(
     path: Path,
     experiment: Experiment,
+    speeds: Mapping[str, Quantity],
     *,
-    velocity: Quantity | None,
     flow: str | None,
     by_hand: ByHand | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
     """Measure the events of a file, count their statuses, and write the files of each."""
+    import numpy as np
     import pandas as pd
 
     from capsbayes.image.files.rtdc import RtdcFile
@@ -84,10 +87,15 @@ def measure_rtdc(
     if by_hand is None or by_hand.pixel_size is None:
         raise InputError("measure", "--pixel-size", 'one with an error, as "0.340 +/- 0.003 um"', "nothing")
     file, how = RtdcFile.open(path), {"pixel_size": by_hand.pixel_size, "axis": by_hand.axis, "flow": flow}
+    rate = speeds.get("flow_rate")
+    if rate is not None and file.flow_rate is not None and not np.isclose(rate.value, file.flow_rate, rtol=_RATES):
+        stated, given = f"{1e9 * file.flow_rate:.4g}", f"{1e9 * rate.value:.4g}"
+        typer.echo(f"The file states a flow rate of {stated} uL/s; the {given} uL/s of --flow-rate are used.", err=True)
 
     def measured(events: range) -> list[dict[str, object]]:
         rows = []
-        for event in measure_rtdc(file, experiment, capsule_velocity=velocity, events=events, **how):
+        velocity = speeds.get("capsule_velocity")
+        for event in measure_rtdc(file, experiment, shared_velocity=velocity, flow_rate=rate, events=events, **how):
             rows.append(event.row())
             if out is not None:
                 write_detection(out / f"event-{event.number}", event.picture, event.detection, event.measurement)
@@ -97,7 +105,7 @@ def measure_rtdc(
     with progress_bar(file.events, "events") as update:
         for start in range(0, file.events, _PART):
             events = range(start, min(start + _PART, file.events))
-            key = "events", file.sha256, experiment, velocity, by_hand, flow, events
+            key = "events", file.sha256, experiment, dict(speeds), by_hand, flow, events
             rows += step_of(list, key, partial(measured, events))
             update(events.stop)
     table = pd.DataFrame(rows)

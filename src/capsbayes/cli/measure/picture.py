@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,7 @@ def is_picture(path: Path) -> bool:
 def measured_picture(
     path: Path,
     experiment: Experiment,
-    speed: Quantity | None,
+    speeds: Mapping[str, Quantity],
     background: Path | None,
     flow: str | None,
     out: Path | None,
@@ -48,8 +49,9 @@ def measured_picture(
     ----------
     path : Path
     experiment : Experiment
-    speed : Quantity, optional [m/s]
-        Velocity of the capsule with its standard error; None where the experiment states the viscous tension.
+    speeds : mapping of Quantity
+        ``capsule_velocity`` [m/s] or ``flow_rate`` [m^3/s] with its standard error, or both; neither where the
+        experiment states the viscous tension.
     background : Path, optional
         Picture of the empty channel.
     flow : str, optional
@@ -72,7 +74,7 @@ def measured_picture(
     seen = Picture.read(path)
     empty = None if background is None else Picture.read(background)
     detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
-    measured = measurement_of(detection, seen, experiment, speed)
+    measured = measurement_of(detection, seen, experiment, speeds.get("capsule_velocity"), speeds.get("flow_rate"))
     if detection.status.ok and not quiet:
         _print(detection, experiment)
         if experiment.camera is not None:
@@ -95,7 +97,7 @@ def as_record(measured: Measurement) -> dict[str, object]:
     record: dict[str, object] = {"status": measured.status.name, "sentence": str(measured.status)}
     if not measured.status.ok:
         return record
-    for name in ("axial_extent", "axial_length", "capsule_velocity"):
+    for name in ("axial_extent", "axial_length", "capsule_velocity", "flow_rate"):
         if getattr(measured, name) is not None:
             record[name] = {"value": getattr(measured, name), "error": getattr(measured, f"{name}_error")}
     points = 0 if measured.outline is None else len(measured.outline.points)

@@ -20,6 +20,7 @@ from capsbayes.image.files.picture import MOST_IN_FRAMES, check_pixels
 
 _MICROMETRE = 1e-6  # the unit of the file's lengths
 _MICROSECOND = 1e-6
+_MICROLITRE = 1e-9
 _LARGEST_CHUNK = 2**28  # bytes that are in memory together
 
 
@@ -38,6 +39,8 @@ class RtdcFile:
         Hash of the file.
     flash_duration : float, optional [s]
         Time for which light falls on one picture.
+    flow_rate : float, optional [m^3/s]
+        In the channel, of sample and sheath together.
 
     References
     ----------
@@ -50,6 +53,7 @@ class RtdcFile:
     channel_width: float
     sha256: str
     flash_duration: float | None = None
+    flow_rate: float | None = None
 
     @classmethod
     def open(cls, path: str | Path) -> RtdcFile:
@@ -75,12 +79,15 @@ class RtdcFile:
             flash = file.attrs.get("imaging:flash duration")
             if flash is not None:
                 flash = _positive(flash, where, "imaging:flash duration", "microseconds") * _MICROSECOND
+            rate = file.attrs.get("setup:flow rate")
+            if rate is not None:
+                rate = _positive(rate, where, "setup:flow rate", "microlitres a second") * _MICROLITRE
             count = min(len(file["events/image"]), len(file["events/mask"]))
             if not count:
                 raise InputError(where, "events", "at least one event", "none")
         with path.open("rb") as raw:
             digest = hashlib.file_digest(raw, "sha256").hexdigest()
-        return cls(path, count, pixel, width, digest, flash)
+        return cls(path, count, pixel, width, digest, flash, rate)
 
     def pictures(self, events: Iterable[int] | None = None) -> Iterator[tuple[NDArray[np.uint8], Booleans]]:
         """Iterate over the picture and the mask of each event, or of some by number : (rows, columns) arrays."""

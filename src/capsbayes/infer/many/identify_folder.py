@@ -52,7 +52,8 @@ def identify_folder(
     out: str | os.PathLike[str],
     seed: int,
     prior: Prior | None = None,
-    capsule_velocity: Given | None = None,
+    shared_velocity: Given | None = None,
+    flow_rate: Given | None = None,
     background: str | os.PathLike[str] | None = None,
     flow: str | None = None,
     by_hand: Any = None,
@@ -85,8 +86,11 @@ def identify_folder(
     seed : int
         Seed of all random numbers; stored in the result.
     prior : Prior, optional
-    capsule_velocity : Quantity, optional [m/s]
-        Velocity of the capsules in pictures, which do not show it; in any form that `Quantity.of` reads.
+    shared_velocity : Quantity, optional [m/s]
+        Velocity that the capsules in pictures share, in any form that `Quantity.of` reads; its error is the spread
+        from capsule to capsule, and counts as an independent error of each.
+    flow_rate : Quantity, optional [m^3/s]
+        Flow rate in the channel of the pictures, with its standard error; no velocity is needed with it.
     background : path, optional
         Picture of the empty channel.
     flow : str, optional
@@ -124,9 +128,11 @@ def identify_folder(
     parts = out.with_name(f"{out.name}.parts")
     _check_outputs(given, out, parts)
     where = None if background is None else Path(background)
-    if capsule_velocity is not None:
-        capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="identify_folder")
-    run = Run(model, experiment, prior or Prior(), seed, capsule_velocity, where, flow, by_hand)
+    speed, rate = (
+        None if given_one is None else Quantity.of(given_one, name, where="identify_folder")
+        for given_one, name in ((shared_velocity, "capsule_velocity"), (flow_rate, "flow_rate"))
+    )
+    run = Run(model, experiment, prior or Prior(), seed, speed, rate, where, flow, by_hand)
     check_coordinates(model, run.prior)
     if experiment is not None:
         model.check_experiment(experiment)

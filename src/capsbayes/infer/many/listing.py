@@ -138,9 +138,13 @@ def capsule_files(folder: Path) -> list[Path]:
     InputError
         If a film or an .rtdc file in the folder is not measured yet.
     """
+    return [*measurement_files(folder), *pictures_of(folder)]
+
+
+def pictures_of(folder: Path) -> list[Path]:
+    """Return the pictures of a folder, films among them excepted."""
     named = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PICTURES]
-    pictures = [file for file in named if not is_recording(file)]
-    return [*measurement_files(folder), *pictures]
+    return [file for file in named if not is_recording(file)]
 
 
 def common_experiment(source: Path) -> Experiment | None:

@@ -30,8 +30,8 @@ class Run:
         None if each measurement names its own.
     prior : Prior
     seed : int
-    capsule_velocity : Quantity, optional [m/s]
-        Of capsules of which there are pictures.
+    capsule_velocity, flow_rate : Quantity, optional [m/s], [m^3/s]
+        Of capsules of which there are pictures: a velocity that they share, the flow rate in their channel.
     background : Path, optional
         Picture of the empty channel.
     flow : str, optional
@@ -45,6 +45,7 @@ class Run:
     prior: Prior
     seed: int
     capsule_velocity: Quantity | None = None
+    flow_rate: Quantity | None = None
     background: Path | None = None
     flow: str | None = None
     by_hand: Any = None
@@ -58,7 +59,8 @@ class Run:
     def fingerprint(self) -> str:
         """Hash of everything that decides the results, the capsules themselves excepted."""
         background = None if self.background is None else read_bytes(self.background, "picture of the empty channel")
-        how = self.experiment, self.prior, self.capsule_velocity, self.flow, background, self.by_hand
+        speeds = self.capsule_velocity, self.flow_rate
+        how = self.experiment, self.prior, speeds, self.flow, background, self.by_hand
         return digest_of(__version__, self.model, self.seed, *how)
 
     def experiment_of(self, measurement: Measurement) -> Experiment:

@@ -295,8 +295,11 @@ def measured_file(file: Path, run: Run) -> Measurement:
         return Measurement.read(file)
     from capsbayes.image import measure  # OpenCV takes its time
 
-    if run.experiment is None or run.capsule_velocity is None:
-        missing = "experiment" if run.experiment is None else "capsule_velocity"
-        raise InputError(str(file), missing, "what a picture does not show", "nothing", "give it for all pictures")
+    if run.experiment is None or not (run.capsule_velocity or run.flow_rate):
+        missing, advice = "experiment", "give it for all pictures"
+        if run.experiment is not None:
+            missing, advice = "capsule_velocity", "give the flow rate, or a velocity that all share with its spread"
+        raise InputError(str(file), missing, "what a picture does not show", "nothing", advice)
     how: dict[str, Any] = {"background": run.background, "flow": run.flow, "by_hand": run.by_hand}
-    return measure(file, run.experiment, capsule_velocity=run.capsule_velocity, **how)
+    how |= {"capsule_velocity": run.capsule_velocity, "flow_rate": run.flow_rate}
+    return measure(file, run.experiment, **how)

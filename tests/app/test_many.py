@@ -1,0 +1,47 @@
+"""Several files on the page: each has a velocity of its own, or all have the flow rate of step 3."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nicegui")
+from nicegui import ui  # noqa: E402
+from nicegui.testing import user_simulation  # noqa: E402
+
+from capsbayes.app.desk import Bench, Desk  # noqa: E402
+from capsbayes.app.steps.many import ManyStep  # noqa: E402
+
+PICTURE = Path("examples/pictures/capsule.png").read_bytes()
+
+
+def test_one_velocity_for_several_pictures_is_refused_in_the_words_of_the_page(tmp_path, monkeypatch):
+    """Step 3 holds the velocity of one capsule: no file is measured with it."""
+    bench = Bench(tmp_path)
+    desk, made = Desk(bench, experiment={"cross_section": "square", "half_width": "25 um", "viscosity": "0.8 Pa s"}), []
+    desk.stated.velocity = "4.86 +/- 0.04 mm/s"
+
+    async def shown(task, **how):
+        return {"rows": 160, "columns": 220, "src": "", "count": 1}
+
+    async def chosen(folder):
+        raise AssertionError(folder)
+
+    async def told():
+        async with user_simulation(lambda: made.append(ManyStep(desk, lambda: None, chosen))) as user:
+            await user.open("/")
+            upload = next(one for one in user.find(ui.upload).elements)
+            files = [ui.upload.SmallFileUpload(name, "", PICTURE) for name in ("a.png", "b.png")]
+            await upload.handle_uploads(files)
+            while len(made[-1]._files) < 2:
+                await asyncio.sleep(0.05)
+            user.find("Measure them all").click()
+            while any(file.status.text == "waits" for file in made[-1]._files):
+                await asyncio.sleep(0.05)
+            return {file.status.text for file in made[-1]._files}
+
+    monkeypatch.setattr(bench.measuring, "run", shown)
+    said = asyncio.run(asyncio.wait_for(told(), 60))
+    expected = "Its velocity is missing: that of step 3 is of one capsule."
+    assert said == {f"{expected} Type the file's own, or the flow rate in step 3."}
+    assert not list(tmp_path.glob("**/measurement.toml"))
