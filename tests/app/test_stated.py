@@ -57,7 +57,11 @@ def test_the_commands_state_what_is_stated_and_nothing_else():
     ("name", "film", "options"),
     [
         ("a.avi", True, {"--frame-rate": "400 Hz"}),
-        ("a.rtdc", False, {"--shared-velocity": "6.2 +/- 0.06 mm/s", "--flow-rate": "1 uL/s", "--pixel-size": "0.34 um"}),
+        (
+            "a.rtdc",
+            False,
+            {"--shared-velocity": "6.2 +/- 0.06 mm/s", "--flow-rate": "1 uL/s", "--pixel-size": "0.34 um"},
+        ),
         ("a.png", False, {"--velocity": "6.2 +/- 0.06 mm/s", "--flow-rate": "1 uL/s"}),
     ],
 )
