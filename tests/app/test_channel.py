@@ -32,7 +32,7 @@ TENSION = 'cross_section = "square"\nhalf_width = "25 um"\nviscous_tension = "28
 
 
 def filled(folder, text, *, velocity="", rate=""):
-    """Give the form a file, then a velocity or a flow rate, in a page without a browser; return desk, step, and what it says."""
+    """Give the form a file, then a velocity or flow rate, without a browser; return desk, step, and what it says."""
     desk, made = Desk(Bench(folder), folder=folder), []
 
     def page():

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("nicegui")
-from nicegui import ui  # noqa: E402
-from nicegui.testing import user_simulation  # noqa: E402
+from nicegui import ui
+from nicegui.testing import user_simulation
 
-from capsbayes.app.desk import Bench, Desk  # noqa: E402
-from capsbayes.app.steps.many import ManyStep  # noqa: E402
+from capsbayes.app.desk import Bench, Desk
+from capsbayes.app.steps.many import ManyStep
 
 PICTURE = Path("examples/pictures/capsule.png").read_bytes()
 

@@ -60,13 +60,13 @@ def test_the_commands_state_what_is_stated_and_nothing_else():
         (
             "a.rtdc",
             False,
-            {"--shared-velocity": "6.2 +/- 0.06 mm/s", "--flow-rate": "1 uL/s", "--pixel-size": "0.34 um"},
+            {"--shared-velocity": "6 +/- 1 mm/s", "--flow-rate": "1 uL/s", "--pixel-size": "0.34 um"},
         ),
-        ("a.png", False, {"--velocity": "6.2 +/- 0.06 mm/s", "--flow-rate": "1 uL/s"}),
+        ("a.png", False, {"--velocity": "6 +/- 1 mm/s", "--flow-rate": "1 uL/s"}),
     ],
 )
 def test_each_kind_of_file_is_measured_with_the_options_that_it_takes(name, film, options):
     stated = OfMany("1 uL/s", "400 Hz", "0.34 um")
-    words = stated.command(name, film=film, velocity="6.2 +/- 0.06 mm/s")
+    words = stated.command(name, film=film, velocity="6 +/- 1 mm/s")
     assert words[:5] == ["capsbayes", "measure", name, "--experiment", "experiment.toml"]
     assert dict(zip(words[5::2], words[6::2], strict=True)) == {**options, "--out": "."}

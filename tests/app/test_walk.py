@@ -70,7 +70,8 @@ def test_a_film_events_and_a_picture_at_once_are_measured_and_added_to_the_popul
     rows = page.locator(".bench-file")
     sync.expect(rows).to_have_count(3, timeout=WAIT)
     sync.expect(rows.locator("img")).to_have_count(3)
-    filled(page, FIELDS | {"Frame rate of a film": ("400", ""), "Size of a pixel of an .rtdc file": ("0.68", "0.002")})
+    of_many = {"Frame rate of a film": ("400", ""), "Size of a pixel of an .rtdc file": ("0.68", "0.002")}
+    filled(page, FIELDS | of_many | {"Or flow rate in the channel": ("0.5625", "0.006")})
     ready(page.get_by_role("button", name="Measure them all")).click()
     page.locator(".bench-progress").get_by_text("frames of film.avi").wait_for()
     sync.expect(rows.locator(".bench-status.good")).to_have_count(3, timeout=WAIT)

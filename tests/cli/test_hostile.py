@@ -356,6 +356,7 @@ QUANTITIES = (
 )
 OF_TEXT = {
     ("measure", "--velocity"): QUANTITIES,
+    ("measure", "--flow-rate"): QUANTITIES,
     ("measure", "--flow"): ("up",),
     ("measure", "--walls"): ("", "x", "nan, 5", "5", "1, 2, 3", "1e300, 2e300", "190, -1", "0 199, 199 0", "9" * 5000),
     ("measure", "--wall-error"): ("", "x", "1 px"),

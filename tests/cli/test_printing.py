@@ -49,7 +49,8 @@ def test_what_is_wrong_is_printed_all_the_same(monkeypatch, capsys):
 def test_a_film_and_events_as_json(monkeypatch, capsys):
     film = json.loads(run(monkeypatch, capsys, "measure", PICTURES / "film.avi", *KNOWN, "--json")[1])
     assert [row["status"] for row in film["capsules"]] == ["DONE"]
-    events = (PICTURES / "cells.rtdc", *KNOWN, *MOVES, "--pixel-size", "0.680 +/- 0.006 um", "--json")
+    flows = ("--flow-rate", "0.5625 +/- 0.006 uL/min")
+    events = (PICTURES / "cells.rtdc", *KNOWN, *flows, "--pixel-size", "0.680 +/- 0.006 um", "--json")
     assert json.loads(run(monkeypatch, capsys, "measure", *events)[1])["statuses"] == {"DONE": 3}
 
 

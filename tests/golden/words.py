@@ -214,7 +214,7 @@ AT_WORK = (
         *("--edge-error", "0.1 um", "--flow", "right", "--out", "traced"),
     ),
     (
-        *("measure", "events.rtdc", "--experiment", "sphere.toml", "--velocity", "150 +/- 5 mm/s"),
+        *("measure", "events.rtdc", "--experiment", "sphere.toml", "--shared-velocity", "150 +/- 5 mm/s"),
         *("--pixel-size", "0.34 +/- 0.003 um", "--out", "sorted"),
     ),
     ("sensitivity", "budget", OVALBUMIN, "--out", "budget"),

@@ -38,7 +38,7 @@ recorded = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are n
 
 
 def events(path, pixel=PIXEL):
-    return list(measure_rtdc(path, EXPERIMENT, capsule_velocity=SPEED, pixel_size=pixel))
+    return list(measure_rtdc(path, EXPERIMENT, shared_velocity=SPEED, pixel_size=pixel))
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_events_that_smear_during_the_flash_are_refused(path, flash, speed, stat
     known = replace(EXPERIMENT, exposure=stated)
     velocity = Quantity(speed, 0.01 * speed, "m/s")
     found = [
-        event.measurement.status for event in measure_rtdc(path, known, capsule_velocity=velocity, pixel_size=PIXEL)
+        event.measurement.status for event in measure_rtdc(path, known, shared_velocity=velocity, pixel_size=PIXEL)
     ]
     assert found[:2] == [Status.SMEARED if refused else Status.DONE] * 2
     assert found[2] is Status.BROKEN_MASK
@@ -117,7 +117,7 @@ def test_drawn_spheres_and_a_mask_in_two_pieces(path):
 
 def test_events_have_the_silhouette_of_a_picture(path, tmp_path):
     """A sphere does not tell the flow: it is stated. The error of the pixel moves all points of the edge alike."""
-    how = {"capsule_velocity": SPEED, "pixel_size": PIXEL}
+    how = {"shared_velocity": SPEED, "pixel_size": PIXEL}
     assert [event.measurement.outline for event in measure_rtdc(path, EXPERIMENT, **how)] == [None] * 3
     for event in list(measure_rtdc(path, EXPERIMENT, **how, flow="right"))[:2]:
         event.measurement.write(tmp_path / "measurement.toml")
@@ -147,6 +147,41 @@ def test_what_a_file_lacks_is_named(path, spoil, message):
     assert "\n" not in str(caught.value)
 
 
+def test_a_flow_rate_is_that_of_every_event_and_needs_an_error(path):
+    with pytest.raises(
+        InputError, match=r'setup:flow rate: .*got nothing; give --flow-rate "0.16 \+/- ERROR uL/s", or --'
+    ):
+        list(measure_rtdc(path, EXPERIMENT, pixel_size=PIXEL))
+    with h5py.File(path, "a") as file:
+        file.attrs["setup:flow rate"] = 0.04
+    assert RtdcFile.open(path).flow_rate == pytest.approx(0.04e-9)
+    with pytest.raises(InputError, match=r'got 0.04 uL/s without an error; give --flow-rate "0.04 \+/- ERROR uL/s"'):
+        list(measure_rtdc(path, EXPERIMENT, pixel_size=PIXEL))
+    stated = {"pixel_size": PIXEL, "flow_rate": "40 +/- 1 nL/s"}
+    found = [event.measurement for event in measure_rtdc(path, EXPERIMENT, **stated)]
+    assert [seen.status.ok for seen in found] == [True, True, False]
+    for seen in found[:2]:
+        assert seen.capsule_velocity is None
+        assert (seen.flow_rate, seen.flow_rate_error) == pytest.approx((4e-11, 1e-12))
+    smeared = replace(EXPERIMENT, exposure="20 us")  # 0.1 m/s: 2 um, 5.9 px
+    assert next(measure_rtdc(path, smeared, **stated)).measurement.status is Status.SMEARED
+
+
+def test_one_velocity_for_all_events_is_refused_and_another_flow_rate_than_that_of_the_file_is_said(path, tmp_path):
+    EXPERIMENT.write(tmp_path / "experiment.toml")
+    words = ["measure", str(path), "--experiment", str(tmp_path / "experiment.toml"), "--pixel-size", "0.34(1) um"]
+    refused = CliRunner().invoke(app, [*words, "--velocity", "150 +/- 5 mm/s"])
+    assert "--velocity: expected one capsule, as each has a velocity of its own, got the events" in str(
+        refused.exception
+    )
+    both = CliRunner().invoke(app, [*words, "--velocity", "1(1) mm/s", "--shared-velocity", "1(1) mm/s"])
+    assert isinstance(both.exception, InputError)
+    with h5py.File(path, "a") as file:
+        file.attrs["setup:flow rate"] = 0.06
+    told = CliRunner().invoke(app, [*words, "--flow-rate", "0.04 +/- 0.001 uL/s"])
+    assert "The file states a flow rate of 0.06 uL/s; the 0.04 uL/s of --flow-rate are used." in told.output
+
+
 def test_a_file_that_is_no_hdf5_is_refused(tmp_path):
     (tmp_path / "cells.rtdc").write_bytes(b"no HDF5")
     with pytest.raises(InputError, match=r"expected an \.rtdc file"):
@@ -168,7 +203,7 @@ def test_an_interrupted_run_goes_on_with_the_next_part(path, tmp_path, monkeypat
     monkeypatch.setattr(files_of_detection, "write_detection", interrupted)
     EXPERIMENT.write(tmp_path / "experiment.toml")
     words = ["measure", str(path), "--experiment", str(tmp_path / "experiment.toml"), "--out", str(tmp_path / "made")]
-    words += ["--velocity", "150 +/- 5 mm/s", "--pixel-size", "0.34 +/- 0.003 um"]
+    words += ["--shared-velocity", "150 +/- 5 mm/s", "--pixel-size", "0.34 +/- 0.003 um"]
     for _ in range(2):
         result = CliRunner().invoke(app, words)
     assert counted == ["event-0", "event-1", "event-1", "event-2"]

@@ -310,7 +310,7 @@ def test_pictures_are_measured_and_identified(tmp_path):
     cv2.imwrite(str(folder / "empty.png"), made.background)
     model = Surrogate.open("square-neo-hookean", view="silhouette")
     found = identify_folder(
-        folder, model, EXPERIMENT, out=tmp_path / "r.nc", capsule_velocity=Quantity(5e-3, 5e-5, "m/s"), **HERE
+        folder, model, EXPERIMENT, out=tmp_path / "r.nc", shared_velocity=Quantity(5e-3, 5e-5, "m/s"), **HERE
     )
     assert found["name"].tolist() == ["a", "empty"]
     assert Status[found["status"][0]].ok

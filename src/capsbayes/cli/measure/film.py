@@ -76,7 +76,6 @@ def measure_rtdc(
     as_json: bool,
 ) -> None:
     """Measure the events of a file, count their statuses, and write the files of each."""
-    import numpy as np
     import pandas as pd
 
     from capsbayes.image.files.rtdc import RtdcFile
@@ -88,7 +87,7 @@ def measure_rtdc(
         raise InputError("measure", "--pixel-size", 'one with an error, as "0.340 +/- 0.003 um"', "nothing")
     file, how = RtdcFile.open(path), {"pixel_size": by_hand.pixel_size, "axis": by_hand.axis, "flow": flow}
     rate = speeds.get("flow_rate")
-    if rate is not None and file.flow_rate is not None and not np.isclose(rate.value, file.flow_rate, rtol=_RATES):
+    if rate is not None and file.flow_rate is not None and abs(rate.value / file.flow_rate - 1.0) > _RATES:
         stated, given = f"{1e9 * file.flow_rate:.4g}", f"{1e9 * rate.value:.4g}"
         typer.echo(f"The file states a flow rate of {stated} uL/s; the {given} uL/s of --flow-rate are used.", err=True)
 
