@@ -1,3 +1,5 @@
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -46,6 +48,34 @@ def test_a_picture_becomes_a_file_that_identify_reads(folder):
     canvas = cv2.imread(str(out / "overlay.png"))
     assert canvas.shape == (800, 4 * made.picture.shape[1], 3)
     assert np.any(canvas[:, :, 2].astype(int) - canvas[:, :, 1] > 100)  # the red outline
+
+
+def test_a_flow_rate_is_kept_in_place_of_the_velocity(folder):
+    folder, _ = folder
+    rate = ("--flow-rate", "0.60 +/- 0.01 uL/min")
+    assert run(folder, "capsule.png", *rate, "--out", str(folder / "m")).exit_code == 0
+    measured = Measurement.read(folder / "m" / "measurement.toml")
+    assert measured.capsule_velocity is None
+    assert (measured.flow_rate, measured.flow_rate_error) == pytest.approx((1e-11, 1e-11 / 60.0))
+    both = run(folder, "capsule.png", *rate, *VELOCITY, "--json")
+    assert {"capsule_velocity", "flow_rate"} <= set(json.loads(both.output))
+    neither = run(folder, "capsule.png")
+    assert str(neither.exception).endswith("or --flow-rate, got nothing")
+
+
+def test_a_batch_of_pictures_refuses_the_velocity_of_one(folder):
+    folder, made = folder
+    (folder / "pictures").mkdir()
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(folder / "pictures" / name), made.picture)
+    words = ["batch", str(folder / "pictures"), "--experiment", str(folder / "experiment.toml")]
+    refused = CliRunner().invoke(app, [*words, *VELOCITY, "--out", str(folder / "r.nc")])
+    assert "expected one capsule, as each has a velocity of its own, got 2 pictures; give --flow-rate" in str(
+        refused.exception
+    )
+    assert not (folder / "r.nc.parts").exists()
+    exact = CliRunner().invoke(app, [*words, "--shared-velocity", "5 mm/s", "--out", str(folder / "r.nc")])
+    assert str(exact.exception).startswith("--shared-velocity: expected a standard error")
 
 
 def test_an_empty_channel_ends_with_its_status(folder):

@@ -371,21 +371,9 @@ _SPEEDS = {
 def speeds_of(
     stated: Mapping[str, str | None], experiment: Experiment | None, several: str = ""
 ) -> dict[str, Quantity]:
-    """Return velocity and flow rate by name, from the texts of their options.
+    """Return velocity and flow rate by name, for one capsule or for `several`, as "3 events"; refuse what is missing.
 
-    Parameters
-    ----------
-    stated : mapping of str
-        By `_SPEEDS`.
-    experiment : Experiment or None
-    several : str
-        How many capsules they hold for, as "3 events"; empty for one, of which one of both must be stated unless the
-        experiment states mu U.
-
-    Raises
-    ------
-    InputError
-        On a quantity without an error, a velocity of one capsule for several, or any next to mu U.
+    Of one capsule, one of both is needed unless the experiment states mu U.
     """
     from capsbayes.quantity import Quantity
 

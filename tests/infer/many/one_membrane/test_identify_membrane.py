@@ -1,6 +1,7 @@
 """The membrane of a batch: found where it is told, its prior kept where not, and stated as the files say."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,20 @@ def test_an_inflation_is_found(known):
     assert known.marginals["pre_inflation"].contains(0.03, level=95)
     assert known.widths_over_prior()["pre_inflation"] < 0.5
     assert known.marginals["surface_shear_modulus"].contains(MODULUS, level=95)
+
+
+def test_flow_rates_take_the_place_of_velocities(known, capsules):
+    still = []
+    for number, capsule in enumerate(capsules[0]):
+        rate = (0.04, 0.08)[number % 2] * MODULUS / 0.85 * 4.0 * 25e-6**2
+        of_pump = {"flow_rate": rate, "flow_rate_error": 0.01 * rate}
+        still.append(replace(capsule, capsule_velocity=None, capsule_velocity_error=np.nan, **of_pump))
+    membrane = Membrane("neo-Hookean", bending=1e-4)
+    found = identify_membrane(still, EXPERIMENT, seed=1, membrane=membrane, laws=False)
+    assert found.flow.tolist() == known.flow.tolist()
+    for name, truth in (("pre_inflation", 0.03), ("surface_shear_modulus", MODULUS)):
+        assert found.marginals[name].contains(truth, level=95)
+        assert found.marginals[name].sd == pytest.approx(known.marginals[name].sd, rel=0.4)
 
 
 def test_each_capsule_has_its_own_modulus_and_radius(known, capsules):
