@@ -38,6 +38,10 @@ class NoRoomError(InputError):
     """A disk that is full."""
 
 
+class CutOffError(InputError):
+    """A file that holds less than it says."""
+
+
 class NoShapeError(InputError):
     """A measurement that lies far from every shape of the model."""
 

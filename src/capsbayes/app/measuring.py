@@ -12,9 +12,10 @@ import numpy as np
 from capsbayes.app.stated import EVENTS, EXPERIMENT, Stated
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
+from capsbayes.files.recording import is_film
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detection import Detection
-from capsbayes.image.files.film import Film, is_film
+from capsbayes.image.files.film import Film
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.files.rtdc import RtdcFile
 from capsbayes.image.measure import detect

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.files.input_file import VIDEOS, InputFile, check_file, parsing
+from capsbayes.files.input_file import VIDEOS, InputFile, check_file
+from capsbayes.files.recording import is_film
 from capsbayes.measurement import CONDITIONS, Measurement
 from capsbayes.measurements.measured_set import MeasuredSet, gathered, known_experiment
 
@@ -88,13 +89,10 @@ def is_recording(file: Path) -> bool:
     suffix = file.suffix.lower()
     if suffix not in (".tif", ".tiff"):
         return suffix in (*VIDEOS, ".rtdc") and file.is_file()
-    import PIL.Image
-
     try:
         check_file(file)
-        with parsing(str(file), "a picture"), PIL.Image.open(file) as picture:
-            return getattr(picture, "n_frames", 1) > 1
-    except InputError:  # not a picture: said when it is read
+        return is_film(file)
+    except InputError:  # said when it is read
         return False
 
 

@@ -7,7 +7,8 @@ from drawn_film import exposed, written
 from png_header import png_of_size
 
 from capsbayes.errors import InputError
-from capsbayes.image.files.film import Film, is_film
+from capsbayes.files.recording import is_film
+from capsbayes.image.files.film import Film
 
 FRAMES = [exposed(np.full((40, 64), 20.0 + 10.0 * number), number) for number in range(12)]
 

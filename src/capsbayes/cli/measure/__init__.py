@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capsbayes.cli.measure.picture import DETECTED, as_record, measured_picture, pair, print_outline
+from capsbayes.cli.measure.picture import DETECTED, as_record, is_picture, measured_picture, pair, print_outline
 from capsbayes.cli.options import (
     BY_HAND,
     AsJson,
@@ -141,13 +141,15 @@ def _typed(given: object) -> str:
 
 
 def _kind(path: Path) -> str:
-    from capsbayes.image.files.film import is_film
+    from capsbayes.files.recording import is_film, kind_of, unknown
 
     suffix = path.suffix.lower()
     if suffix in _CONTOURS:
         return "contour"
     if suffix == ".rtdc":
         return ".rtdc file"
+    if path.is_file() and not kind_of(path) and not is_picture(path):
+        raise unknown(str(path))
     return "film" if is_film(path) else "picture"
 
 

@@ -25,10 +25,11 @@ _POWERS = {2: "squared", 3: "cubed"}
 
 
 def is_picture(path: Path) -> bool:
-    """Return True for the name of a picture."""
+    """Return True for the name of a picture, or its first bytes."""
     from capsbayes.files.input_file import PICTURES
+    from capsbayes.files.recording import PICTURE_KINDS, kind_of
 
-    return path.suffix.lower() in PICTURES
+    return path.suffix.lower() in PICTURES or kind_of(path) in PICTURE_KINDS
 
 
 def measured_picture(

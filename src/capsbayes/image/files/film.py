@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import re
 from collections.abc import Collection, Iterator
@@ -11,13 +12,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capsbayes.errors import InputError
-from capsbayes.files.input_file import PICTURES, VIDEOS, check_file
+from capsbayes.errors import CutOffError, InputError
+from capsbayes.files.input_file import PICTURES, check_file
+from capsbayes.files.recording import VIDEO_KINDS, kind_of
 from capsbayes.image.files.picture import (
     MOST_IN_FRAMES,
     Picture,
     Pixels,
     check_pixels,
+    check_single,
     check_size,
     decode,
     in_rgb_order,
@@ -39,10 +42,13 @@ class Film:
         Folder of pictures, taken in the order of the numbers in their names, or a file.
     count : int
         Number of frames that the film should have; a film that was cut short holds fewer.
+    behind : (int, tuple of int, str), optional
+        As of `capsbayes.files.recording.Images`.
     """
 
     source: Path
     count: int
+    behind: tuple[int, tuple[int, ...], str] | None = None
 
     @classmethod
     def open(cls, path: str | Path) -> Film:
@@ -53,7 +59,7 @@ class Film:
         InputError
             If the film is missing, empty or not a film.
         """
-        path = Path(path)
+        path, behind = Path(path), None
         where = str(path)
         if not path.is_dir():
             check_file(path, "film")
@@ -62,10 +68,12 @@ class Film:
             count = len(pictures)
             for picture in pictures:
                 check_file(picture, "picture")
-                check_size(picture, str(picture), most=MOST_IN_FRAMES)
+                with contextlib.suppress(CutOffError):  # a frame that cannot be read, as others
+                    if images := check_size(picture, str(picture), most=MOST_IN_FRAMES):
+                        check_single(images, str(picture))
             if not pictures:
                 raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
-        elif path.suffix.lower() in VIDEOS:
+        elif kind_of(path) in VIDEO_KINDS:
             with quietly():
                 video = cv2.VideoCapture(where)
                 opened = video.isOpened()
@@ -75,10 +83,11 @@ class Film:
             if count * _LEAST_BYTES > path.stat().st_size:
                 raise InputError(where, "", "as many frames as the file says", f"room for fewer than its {count}")
         else:
-            count = _pages(path) if check_size(path, where, most=MOST_IN_FRAMES) else 0
+            images = check_size(path, where, most=MOST_IN_FRAMES)
+            count, behind = (images.count, images.behind) if images else (0, None)
         if count < 1:
             raise InputError(where, "", "a film (AVI, MP4, TIFF or a folder)", "a file that cannot be read as one")
-        return cls(path, count)
+        return cls(path, count, behind)
 
     def frames(
         self, part: tuple[slice, slice] = (slice(None), slice(None)), *, only: Collection[int] | None = None
@@ -112,7 +121,12 @@ class Film:
         if self.source.is_dir():
             for number, path in enumerate(_pictures(self.source)):
                 yield decode(path.read_bytes()) if number in wanted else None
-        elif self.source.suffix.lower() in VIDEOS:
+        elif self.behind is not None:
+            offset, shape, dtype = self.behind
+            frames = np.memmap(self.source, dtype, "r", offset, shape)
+            for number in range(self.count):
+                yield frames[number] if number in wanted else None
+        elif kind_of(self.source) in VIDEO_KINDS:
             with quietly():
                 video = cv2.VideoCapture(str(self.source))
             for number in range(self.count):
@@ -132,21 +146,10 @@ def evenly_spaced(total: int, count: int) -> set[int]:
     return set(np.unique(np.linspace(0, total - 1, count).round().astype(int)).tolist())
 
 
-def is_film(path: Path) -> bool:
-    """Return True for a folder, a video or a TIFF file of several pages."""
-    suffix = path.suffix.lower()
-    return path.is_dir() or suffix in VIDEOS or (suffix in (".tif", ".tiff") and path.is_file() and _pages(path) > 1)
-
-
 def _read_pages(path: Path, start: int, count: int) -> list[Pixels]:
     with quietly():
         pages = cv2.imreadmulti(str(path), start, count, flags=cv2.IMREAD_UNCHANGED)[1]
     return [in_rgb_order(page) for page in pages]
-
-
-def _pages(path: Path) -> int:
-    with quietly():
-        return cv2.imcount(str(path)) if cv2.haveImageReader(str(path)) else 0
 
 
 def _pictures(folder: Path) -> list[Path]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import struct
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -20,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.files.input_file import read_bytes
+from capsbayes.files.recording import PICTURE_KINDS, Images, cut_off, images_of, kind_of
 
 Pixels = NDArray[Any]
 
@@ -30,6 +29,8 @@ _LONGEST_SIDE = 2**15 - 2  # which OpenCV can turn
 MOST_IN_FRAMES = 2**22
 """Most pixels of a frame of a film, tens of which are in memory together."""
 _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 12, 14 and 16 bits
+_ORIENTATION = 274  # EXIF tag, and what its values mean: rows and columns are exchanged, then quarters clockwise
+_ORIENTATIONS = {2: (True, 1), 3: (False, 2), 4: (True, 3), 5: (True, 0), 6: (False, 1), 7: (True, 2), 8: (False, 3)}
 _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
 
@@ -56,12 +57,11 @@ class Picture:
 
     @classmethod
     def read(cls, path: str | Path) -> Picture:
-        """Read a PNG, TIFF or JPEG file of 8 or 16 bits, grey or in colour.
+        """Read a PNG, TIFF, JPEG or BMP file, grey or in colour, turned as a viewer turns it (EXIF, TIFF orientation).
 
         Parameters
         ----------
         path : path
-            Of a file of several pages, the first is read.
 
         Returns
         -------
@@ -70,14 +70,20 @@ class Picture:
         Raises
         ------
         InputError
-            If the file is missing, empty or not a picture.
+            If the file is missing, empty, cut off, not a picture, or holds several.
         """
         where, raw = str(path), read_bytes(path, "picture")
         if not raw:
             raise InputError(where, "", "a picture", "an empty file")
-        pixels = decode(raw) if check_size(raw, where) else None
-        if pixels is None:
-            raise InputError(where, "", "a picture (PNG, TIFF or JPEG)", "a file that cannot be read as one")
+        kind = kind_of(path, raw[:16])
+        if kind not in PICTURE_KINDS:
+            got = f"a file of another kind ({kind})" if kind else "a file that cannot be read as one"
+            raise InputError(where, "", f"a picture ({', '.join(PICTURE_KINDS)})", got)
+        images = check_size(raw, where)
+        pixels = decode(raw) if images else None
+        if images is None or pixels is None:
+            raise cut_off(where, kind)
+        check_single(images, where)
         return cls._of(pixels, where, hashlib.sha256(raw).hexdigest())
 
     @classmethod
@@ -153,29 +159,24 @@ def packed(grey: Floats) -> Pixels:
     return grey.astype(np.float32)
 
 
-def check_size(file: bytes | Path, where: str, *, most: int = _MOST_PIXELS) -> bool:
-    """Refuse a picture of more pixels than memory and time allow, by the sizes that its header states for all pages.
-
-    Returns False for a file that is no picture.
-    """
+def check_size(file: bytes | Path, where: str, *, most: int = _MOST_PIXELS) -> Images | None:
+    """Return the images of a file; refuse one of more pixels than memory and time allow. None if it is no picture."""
     import PIL.Image
 
     try:
-        with (
-            warnings.catch_warnings(action="ignore"),
-            PIL.Image.open(BytesIO(file) if isinstance(file, bytes) else file) as picture,
-        ):
-            sizes = {picture.size}
-            for number in range(1, getattr(picture, "n_frames", 1)):
-                picture.seek(number)
-                sizes.add(picture.size)
+        images = images_of(file, where)
     except PIL.Image.DecompressionBombError:
         raise _too_large(where, most, "far more") from None
-    except (OSError, ValueError, SyntaxError, EOFError, KeyError, TypeError, OverflowError, struct.error):
-        return False
-    for width, height in sizes:
+    for width, height in images.sizes if images else ():
         check_pixels(width, height, where, most=most)
-    return True
+    return images
+
+
+def check_single(images: Images, where: str) -> None:
+    """Refuse a file of several images where one picture is meant."""
+    if images.count > 1:
+        advice = "measure it as a film, or save the one that is meant as a picture of its own"
+        raise InputError(where, "", "one picture", f"a file of {images.count} images", advice)
 
 
 def check_pixels(width: int, height: int, where: str, *, most: int) -> None:
@@ -202,10 +203,21 @@ def quietly() -> Iterator[None]:
 
 
 def decode(raw: bytes) -> Pixels | None:
-    """Return the pixels of an encoded picture, colours in the order red, green, blue; None if it is not a picture."""
+    """Return the pixels of an encoded picture, upright, as red, green and blue; None if it is not a picture."""
     with quietly(), contextlib.suppress(cv2.error):
         pixels = cv2.imdecode(np.frombuffer(raw, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
-    return None if pixels is None else in_rgb_order(pixels)
+    return None if pixels is None else _upright(in_rgb_order(pixels), raw)
+
+
+def _upright(pixels: Pixels, raw: bytes) -> Pixels:
+    """Turn pixels as the EXIF tag of their file says; OpenCV does it for TIFF files."""
+    import PIL.Image
+
+    if kind_of("", raw[:16]) == "TIFF" or not (b"Exif" in raw or b"eXIf" in raw):
+        return pixels
+    with PIL.Image.open(BytesIO(raw)) as picture:
+        exchanged, quarters = _ORIENTATIONS.get(picture.getexif().get(_ORIENTATION, 1), (False, 0))
+    return np.rot90(pixels.swapaxes(0, 1) if exchanged else pixels, -quarters)
 
 
 def in_rgb_order(pixels: Pixels) -> Pixels:

@@ -1,0 +1,176 @@
+"""What a file of pictures says of itself: its kind by the first bytes, its images, and whether all are there."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import re
+import struct
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from capsbayes.errors import CutOffError, InputError
+
+KINDS = {
+    "PNG": (rb"\x89PNG\r\n\x1a\n", (".png",)),
+    "TIFF": (rb"II[*+]\0|MM\0[*+]", (".tif", ".tiff")),
+    "JPEG": (rb"\xff\xd8\xff", (".jpg", ".jpeg")),
+    "BMP": (rb"BM", (".bmp",)),
+    "AVI": (rb"RIFF.{4}AVI ", (".avi",)),
+    "MP4 or MOV": (rb".{4}(ftyp|moov|mdat|wide|free|skip)", (".mp4", ".mov")),
+    "MKV": (rb"\x1aE\xdf\xa3", (".mkv",)),
+    "HDF5": (rb"\x89HDF\r\n\x1a\n", (".rtdc",)),
+}
+"""First bytes of each kind of file, and the endings of its name."""
+PICTURE_KINDS = ("PNG", "TIFF", "JPEG", "BMP")
+VIDEO_KINDS = ("AVI", "MP4 or MOV", "MKV")
+
+# numbers of tags of a TIFF file
+_WIDTH, _HEIGHT, _BITS, _COMPRESSION, _DESCRIPTION, _COLOURS, _FORMAT = 256, 257, 258, 259, 270, 277, 339
+_PARTS = ((273, 279), (324, 325))  # offsets and lengths of strips and of tiles
+_SMALLER = 330  # directories of smaller copies
+_NUMBERS = {2: "i", 3: "f"}  # kinds of pixels but for unsigned integers
+_LABELS = 2**16  # bytes of a file that may lie outside all images and tags
+_BROKEN = (OSError, ValueError, SyntaxError, KeyError, TypeError, OverflowError, IndexError, struct.error)
+
+
+@dataclass(frozen=True)
+class Images:
+    """Images of a file.
+
+    Parameters
+    ----------
+    count : int
+    sizes : set of (int, int)
+        Width and height of all.
+    behind : (int, tuple of int, str), optional
+        Where the images of a TIFF file follow each other behind one directory: bytes before the first; images, rows,
+        columns, and colours if there are any; and the type of a pixel, as NumPy names it.
+    """
+
+    count: int
+    sizes: frozenset[tuple[int, int]]
+    behind: tuple[int, tuple[int, ...], str] | None = None
+
+
+def kind_of(path: str | Path, first: bytes | None = None) -> str:
+    """Return the kind of a file by its first bytes, as ``"PNG"``, empty if unknown; refuse one that its name denies."""
+    if first is None:
+        if not os.path.isfile(path):
+            return ""
+        with open(path, "rb") as file:
+            first = file.read(16)
+    found = next((kind for kind, (start, _) in KINDS.items() if re.match(start, first, re.DOTALL)), "")
+    named = next((kind for kind, (_, endings) in KINDS.items() if str(path).lower().endswith(endings)), found)
+    if found and found != named:
+        got = f"one that its first bytes show to be {found}"
+        raise InputError(str(path), "", f"a file of the kind that its name says, {named}", got, "rename it")
+    return found
+
+
+def is_film(path: Path) -> bool:
+    """Return True for a folder, a video or a TIFF file of several images."""
+    kind = kind_of(path)
+    images = images_of(path, str(path)) if kind == "TIFF" else None
+    return path.is_dir() or kind in VIDEO_KINDS or (images is not None and images.count > 1)
+
+
+def cut_off(where: str, kind: str, got: str = "one that is cut off, damaged or of a rare kind") -> CutOffError:
+    """Return the error of a file that says it holds more than can be read."""
+    return CutOffError(where, "", f"a whole {kind} file", got, "copy it again from where it was recorded")
+
+
+def unknown(where: str) -> InputError:
+    """Return the error of a file that is nothing that shows a capsule."""
+    kinds = ", ".join(kind for kind in KINDS if kind != "HDF5")
+    expected = f"a file that shows a capsule: {kinds}, .rtdc, or a contour (.csv, .txt, .roi, .json)"
+    return InputError(where, "", expected, "one that is none of them by its first bytes")
+
+
+def images_of(file: bytes | Path, where: str) -> Images | None:
+    """Return what a PNG, TIFF, JPEG or BMP file says of its images; None if it is no picture.
+
+    Raises
+    ------
+    CutOffError
+        If the images that it names are not there.
+    InputError
+        If it holds more than it names.
+    """
+    import PIL.Image
+
+    length = len(file) if isinstance(file, bytes) else os.path.getsize(file)
+    with warnings.catch_warnings(action="ignore"), contextlib.ExitStack() as opened:
+        try:
+            picture = opened.enter_context(PIL.Image.open(BytesIO(file) if isinstance(file, bytes) else file))
+            first = dict(getattr(picture, "tag_v2", {}))
+        except (*_BROKEN, EOFError):
+            return None
+        count, sizes, spare = 0, set(), length - _LABELS
+        try:
+            while True:
+                picture.seek(count)
+                sizes.add(picture.size)
+                spare -= _held(dict(getattr(picture, "tag_v2", {})), length)
+                count += 1
+        except EOFError:
+            pass
+        except _BROKEN:
+            raise cut_off(where, str(picture.format), f"one that ends after {count} of its images") from None
+        if picture.format != "TIFF":
+            return Images(1 if picture.format == "MPO" else count, frozenset(sizes))  # of a camera, with a preview
+        try:
+            return _of_tiff(first, picture.tag_v2.prefix == b"II", count, frozenset(sizes), where, length, spare)  # type: ignore[attr-defined]
+        except (*_BROKEN, ZeroDivisionError):
+            return None
+
+
+def _held(tags: Mapping[int, Any], length: int) -> int:
+    """Return the bytes of an image and of the texts of its directory; refuse them if they lie beyond the file's end."""
+    parts = [part for names in _PARTS for part in zip(*(tags.get(name, ()) for name in names), strict=False)]
+    if any(start + size > length for start, size in parts):
+        raise ValueError
+    return sum(size for _, size in parts) + sum(len(text) for text in tags.values() if isinstance(text, (bytes, str)))
+
+
+def _of_tiff(
+    tags: Mapping[int, Any],
+    little: bool,
+    count: int,
+    sizes: frozenset[tuple[int, int]],
+    where: str,
+    length: int,
+    spare: int,
+) -> Images:
+    """Return the images of a TIFF file with `count` directories, `spare` bytes of which are in none of them."""
+    said = _said(tags)
+    shape = (tags[_HEIGHT], tags[_WIDTH], *((tags[_COLOURS],) if tags.get(_COLOURS, 1) > 1 else ()))
+    bits = tags.get(_BITS, (1,))[0]
+    plain = count == 1 and tags.get(_COMPRESSION, 1) == 1 and bits % 8 == 0 and _PARTS[0][0] in tags
+    offset, each = (tags[_PARTS[0][0]][0], math.prod(shape) * bits // 8) if plain else (0, 0)
+    if plain and said > 1 and offset + said * each <= length:
+        dtype = f"{'<' if little else '>'}{_NUMBERS.get(tags.get(_FORMAT, (1,))[0], 'u')}{bits // 8}"
+        return Images(said, sizes, behind=(offset, (said, *shape), dtype))
+    if said > count:
+        raise cut_off(where, "TIFF", f"{max(count, (length - offset) // each if plain else 0)} of its {said} images")
+    if plain and spare >= each and _SMALLER not in tags:
+        expected = "a TIFF file that lists all of its images"
+        raise InputError(where, "", expected, f"one, and {spare} bytes behind it", "save it as a TIFF of several pages")
+    return Images(count, sizes)
+
+
+def _said(tags: Mapping[int, Any]) -> int:
+    """Return how many images the description of a TIFF file says it has, as ImageJ and OME write it; 1 if none."""
+    text = str(tags.get(_DESCRIPTION, ""))
+    if text.startswith("ImageJ="):
+        found = re.search(r"^images=(\d{1,9})\s*$", text, re.MULTILINE)
+        return int(found[1]) if found else 1
+    if "<OME" not in text or len(set(re.findall(r'FileName="([^"]*)"', text))) > 1:
+        return 1
+    planes = math.prod(int(size) for size in re.findall(r'\bSize[ZCT]="(\d{1,9})"', text)[:3])
+    return planes // tags.get(_COLOURS, 1)
