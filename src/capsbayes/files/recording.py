@@ -76,13 +76,46 @@ def kind_of(path: str | Path, first: bytes | None = None) -> str:
 def is_film(path: Path) -> bool:
     """Return True for a folder, a video or a TIFF file of several images."""
     kind = kind_of(path)
-    images = images_of(path, str(path)) if kind == "TIFF" else None
-    return path.is_dir() or kind in VIDEO_KINDS or (images is not None and images.count > 1)
+    if kind != "TIFF":
+        return path.is_dir() or kind in VIDEO_KINDS
+    import PIL.Image
+
+    try:
+        images = images_of(path, str(path))
+    except PIL.Image.DecompressionBombError:  # said when it is read
+        return False
+    return images is not None and images.count > 1
 
 
 def cut_off(where: str, kind: str, got: str = "one that is cut off, damaged or of a rare kind") -> CutOffError:
     """Return the error of a file that says it holds more than can be read."""
-    return CutOffError(where, "", f"a whole {kind} file", got, "copy it again from where it was recorded")
+    advice = "copy it again from where it was recorded, or save it again in a common form"
+    return CutOffError(where, "", f"a whole {kind} file", got, advice)
+
+
+def check_length(path: Path) -> None:
+    """Refuse an AVI, MP4 or MOV file that is shorter than the blocks it begins: its last frame may be half a frame.
+
+    Raises
+    ------
+    CutOffError
+    """
+    kind, length, start = kind_of(path), os.path.getsize(path), 0
+    if kind not in ("AVI", "MP4 or MOV"):
+        return
+    with path.open("rb") as file:
+        while start + 16 <= length:
+            file.seek(start)
+            head = file.read(16)
+            if kind == "AVI":
+                size = 8 + int.from_bytes(head[4:8], "little") if head[:4] == b"RIFF" else 0
+            else:
+                size = int.from_bytes(head[8:16] if head[:4] == b"\0\0\0\1" else head[:4])
+            start += size
+            if size < 8:  # not stated, or something else behind the blocks
+                return
+    if start > length:
+        raise cut_off(str(path), kind, f"{length} of its {start} bytes")
 
 
 def unknown(where: str) -> InputError:

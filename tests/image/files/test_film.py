@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 from drawn_film import exposed, written
 from png_header import png_of_size
+from tiff import tiff_behind_one_directory
 
 from capsbayes.errors import InputError
 from capsbayes.files.recording import is_film
 from capsbayes.image.files.film import Film
+from capsbayes.image.files.picture import Picture
 
 FRAMES = [exposed(np.full((40, 64), 20.0 + 10.0 * number), number) for number in range(12)]
 
@@ -91,3 +93,78 @@ def test_one_picture_is_no_film(tmp_path):
     cv2.imwrite(str(tmp_path / "one.png"), FRAMES[0])
     assert not is_film(tmp_path / "one.tif")
     assert not is_film(tmp_path / "one.png")
+
+
+@pytest.mark.parametrize(("order", "dtype", "numbers"), [("<", "u1", 1), (">", "u2", 1), (">", "f4", 3)])
+def test_a_stack_behind_one_directory_is_a_film_of_all_its_images(tmp_path, order, dtype, numbers):
+    path, stack = tmp_path / "stack.tif", np.stack(FRAMES)
+    text = f"ImageJ=1.53t\nimages={len(stack)}\nslices={len(stack)}\n"
+    path.write_bytes(tiff_behind_one_directory(stack.astype(order + dtype), text, numbers))
+    film = Film.open(path)
+    assert is_film(path)
+    assert film.count == len(stack)
+    np.testing.assert_array_equal([picture.grey for picture in film.frames()], stack)
+    with pytest.raises(InputError, match="expected one picture, got a file of 12 images"):
+        Picture.read(path)
+    whole = path.read_bytes()
+    for cut, message in ((len(whole) // 2, "a whole TIFF file, got 5 of its 12 images"), (200, "a whole TIFF file")):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(InputError, match=message):
+            is_film(path)
+    path.write_bytes(tiff_behind_one_directory(np.repeat(stack, 8, axis=0).astype(order + dtype), "a note", numbers))
+    with pytest.raises(InputError, match="expected a TIFF file that lists all of its images"):
+        Film.open(path)
+
+
+def test_a_tiff_film_that_is_cut_off_or_says_it_is_longer_is_refused(tmp_path):
+    path = tmp_path / "film.tif"
+    cv2.imwritemulti(str(path), FRAMES)
+    whole = path.read_bytes()
+    for share in (0.3, 0.6, 0.99):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError, match=r"film\.tif: expected a whole TIFF file, got one that ends after \d+ of"):
+            is_film(path)
+    ome = '<OME><Pixels SizeX="64" SizeY="40" SizeZ="1" SizeC="1" SizeT="{}"/></OME>'
+    for planes in (1, 12):
+        path.write_bytes(tiff_behind_one_directory(FRAMES[0][None], ome.format(planes), 1))
+        if planes == 1:
+            assert Picture.read(path).shape == (40, 64)
+        else:
+            with pytest.raises(InputError, match="expected a whole TIFF file, got 1 of its 12 images"):
+                Picture.read(path)
+
+
+@pytest.mark.parametrize(("ending", "code"), [("avi", "FFV1"), ("mp4", "mp4v")])
+def test_a_video_that_is_cut_off_is_refused(tmp_path, ending, code):
+    """Its last frame may be decoded in part, and its number of frames is then what the header says."""
+    path = tmp_path / f"film.{ending}"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*code), 25.0, (64, 40), False)
+    for frame in FRAMES:
+        writer.write(frame)
+    writer.release()
+    assert Film.open(path).count == len(FRAMES)
+    path.write_bytes(path.read_bytes()[: int(0.7 * path.stat().st_size)])
+    with pytest.raises(InputError, match=r"expected a whole (AVI|MP4 or MOV) file, got \d+ of its \d+ bytes"):
+        Film.open(path)
+
+
+def test_a_file_of_several_images_is_no_frame_of_a_folder(tmp_path):
+    folder = tmp_path / "film"
+    folder.mkdir()
+    cv2.imwritemulti(str(folder / "frame1.tif"), FRAMES)
+    with pytest.raises(InputError, match="expected one picture, got a file of 12 images"):
+        Film.open(folder)
+    cut = (folder / "frame1.tif").read_bytes()[:600]
+    (folder / "frame1.tif").write_bytes(cut)
+    cv2.imwrite(str(folder / "frame2.tif"), FRAMES[0])
+    assert [picture is None for picture in Film.open(folder).frames()] == [True, False]
+
+
+def test_the_first_bytes_tell_the_kind_of_a_film(tmp_path):
+    cv2.imwritemulti(str(tmp_path / "film.tif"), FRAMES)
+    content = (tmp_path / "film.tif").read_bytes()
+    (tmp_path / "film.dat").write_bytes(content)
+    (tmp_path / "film.png").write_bytes(content)
+    assert is_film(tmp_path / "film.dat")
+    with pytest.raises(InputError, match=r"film\.png: expected a file of the kind that its name says, PNG, got .*TIFF"):
+        is_film(tmp_path / "film.png")

@@ -1,5 +1,6 @@
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 
 from capsbayes.errors import InputError
@@ -62,3 +63,35 @@ def test_an_array_that_is_no_picture_is_refused(pixels):
 def test_a_side_that_opencv_cannot_turn_is_refused():
     with pytest.raises(InputError, match="expected sides of at most 32766 pixels, got 40000 x 16"):
         Picture.from_array(np.ones((16, 40_000), np.uint8))
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "tif"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_picture_is_read_as_a_viewer_turns_it(tmp_path, ending, orientation):
+    """The tag says where the first row and the first column of the file belong in the upright picture."""
+    path, upright = tmp_path / f"turned.{ending}", GREY + np.linspace(0, 20, 40).astype(np.uint8)[:, None]
+    stored = upright[:: -1 if orientation in (3, 4, 7, 8) else 1, :: -1 if orientation in (2, 3, 6, 7) else 1]
+    stored = stored.T if orientation > 4 else stored
+    image = PIL.Image.fromarray(np.ascontiguousarray(stored))
+    tags = PIL.Image.Exif()
+    tags[274] = orientation
+    image.save(path, **({"tiffinfo": {274: orientation}} if ending == "tif" else {"exif": tags, "quality": 98}))
+    read = Picture.read(path)
+    assert read.shape == upright.shape
+    np.testing.assert_allclose(read.grey, upright, atol=3.0)
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "bmp", "tif"])
+def test_a_picture_that_is_cut_off_or_named_for_another_kind_is_refused(tmp_path, ending):
+    path = tmp_path / f"capsule.{ending}"
+    cv2.imwrite(str(path), GREY)
+    whole = path.read_bytes()
+    (tmp_path / "capsule.dat").write_bytes(whole)
+    assert Picture.read(tmp_path / "capsule.dat").shape == (40, 100)
+    other = tmp_path / ("other.tiff" if ending != "tif" else "other.bmp")
+    other.write_bytes(whole)
+    with pytest.raises(InputError, match="expected a file of the kind that its name says"):
+        Picture.read(other)
+    path.write_bytes(whole[: int(0.7 * len(whole))])
+    with pytest.raises(InputError, match=r"expected a whole [A-Z]+ file"):
+        Picture.read(path)

@@ -14,7 +14,7 @@ import numpy as np
 
 from capsbayes.errors import CutOffError, InputError
 from capsbayes.files.input_file import PICTURES, check_file
-from capsbayes.files.recording import VIDEO_KINDS, kind_of
+from capsbayes.files.recording import VIDEO_KINDS, check_length, kind_of
 from capsbayes.image.files.picture import (
     MOST_IN_FRAMES,
     Picture,
@@ -74,6 +74,7 @@ class Film:
             if not pictures:
                 raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
         elif kind_of(path) in VIDEO_KINDS:
+            check_length(path)
             with quietly():
                 video = cv2.VideoCapture(where)
                 opened = video.isOpened()
