@@ -28,7 +28,15 @@ class Status(enum.Enum):
         "No two parallel walls were found across the picture; say where they are (--walls), or give the size of a "
         "pixel (--pixel-size) and the axis of the channel (--axis)."
     )
+    UPRIGHT = (
+        "The walls run up and down the picture, but the flow must run along its rows: turn the picture by a quarter "
+        "(--rotate 90)."
+    )
     SATURATED = "The picture is clipped between the walls; expose it less."
+    BLACK = (
+        "The picture is black between the walls, at the lower end of the camera's scale: expose it longer, and give it "
+        "as it was recorded, not after a subtraction."
+    )
     NO_CAPSULE = "No capsule was found between the walls."
     SEVERAL_CAPSULES = "Several capsules were found between the walls; cut the picture around one of them (--crop)."
     DEBRIS = "The object found is too small for a capsule."

@@ -18,7 +18,7 @@ from capsbayes.image.detection import Detection
 from capsbayes.image.files.film import Film
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.files.rtdc import RtdcFile
-from capsbayes.image.measure import detect
+from capsbayes.image.measure import detect, turned
 from capsbayes.image.overlay import png_of
 from capsbayes.image.synthetic import Optics, Scene, draw
 
@@ -68,9 +68,8 @@ def measured(folder: str, stated: Stated) -> dict[str, Any]:
 
 def detected(stated: Stated, experiment: Experiment | None) -> tuple[Picture, Detection]:
     """Return the picture and what is found in it as it is stated."""
-    seen = Picture.read(stated.picture)
     empty = Picture.read(stated.background) if stated.background else None
-    by_hand = ByHand(**stated.by_hand()) if stated.by_hand() else None
+    seen, empty, by_hand = turned(Picture.read(stated.picture), empty, ByHand(**stated.by_hand()))
     half_width = None if experiment is None else experiment.half_width
     return seen, detect(seen, background=empty, flow=stated.flow or None, by_hand=by_hand, half_width=half_width)
 

@@ -58,7 +58,7 @@ Flow = Annotated[
 ]
 
 
-_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "erase", "contrast")
+_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "erase", "contrast", "rotate")
 BY_HAND = {name: f"--{name.replace('_', '-')}" for name in _BY_HAND}
 """Options of `by_hand_of` by the names of the fields of `ByHand`."""
 
@@ -103,6 +103,13 @@ def by_hand_of(
         str | None,
         typer.Option(help="Capsule and walls compared with the liquid, dark or bright; default: found in the picture."),
     ] = None,
+    rotate: Annotated[
+        str | None,
+        typer.Option(
+            help="Turn picture and background clockwise by 90, 180 or 270 degrees first: the flow must run along the "
+            "rows. All places in px are those of the turned picture."
+        ),
+    ] = None,
 ) -> Any:
     """Return what is stated of a picture by hand, None if nothing; each is an option of commands that measure pictures.
 
@@ -111,7 +118,7 @@ def by_hand_of(
     InputError
         Naming what is wrong.
     """
-    stated = (walls, wall_error, pixel_size, axis, crop, erase, contrast)
+    stated = (walls, wall_error, pixel_size, axis, crop, erase, contrast, rotate)
     if all(text is None for text in stated):
         return None
     from capsbayes.image.by_hand import ByHand  # slow to import

@@ -41,6 +41,7 @@ _FORMS: tuple[tuple[str, tuple[int, ...], str], ...] = (
 _BOXES = 'left column, upper row, width and height of each box in px, as "40, 0, 22, 20; 90, 60, 12, 9"'
 
 _LINES = ("walls", "axis")
+_TURNS = ("90", "180", "270")
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,9 @@ class ByHand:
         further boxes follow after a semicolon. There the outline is a smooth curve between what is left of it.
     contrast : str, optional
         ``"dark"`` or ``"bright"``, as capsule and walls are compared with the liquid; by default the picture tells it.
+    rotate : text or int, optional [degree]
+        90, 180 or 270: the picture is turned clockwise by so much before all else, and its background with it; the flow
+        must run along the rows. All places are those of the turned picture.
 
     Raises
     ------
@@ -87,6 +91,7 @@ class ByHand:
     crop: Any = None
     erase: Any = None
     contrast: str | None = None
+    rotate: Any = None
 
     def __post_init__(self) -> None:
         for name, counts, expected in _FORMS:
@@ -97,6 +102,8 @@ class ByHand:
         object.__setattr__(self, "erase", _boxes(self.erase))
         if self.contrast is not None and self.contrast not in CONTRASTS:
             raise InputError("contrast", "", " or ".join(f'"{name}"' for name in CONTRASTS), repr(self.contrast))
+        if self.rotate is not None and str(self.rotate) not in _TURNS:
+            raise InputError("rotate", "", f"{', '.join(_TURNS)} degrees clockwise", repr(self.rotate))
         if self.pixel_size is not None:
             size = Quantity.of(self.pixel_size, where="pixel size", key="", units=("m",))
             if size.known:
@@ -110,6 +117,11 @@ class ByHand:
         if self.wall_error is not None and not (self.walls is not None and self.wall_error[0] > 0.0):
             given = "no walls" if self.walls is None else f"{self.wall_error[0]:g}"
             raise InputError("wall error", "", "a positive number of px, for walls that are stated", given)
+
+    @property
+    def quarters(self) -> int:
+        """By how many quarters a picture is turned clockwise."""
+        return 0 if self.rotate is None else int(self.rotate) // 90
 
     def part(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return the rows and columns that are analysed of a picture of a shape.

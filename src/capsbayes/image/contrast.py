@@ -48,6 +48,13 @@ def is_brighter(frames: Sequence[NDArray[Any]], empty: Floats, walls: WallLines)
     return brightening > _BRIGHTER * darkening
 
 
+def runs_upright(picture: NDArray[Any], contrast: str | None) -> bool:
+    """Return True if walls are found up and down a picture (rows, columns), and none along its rows."""
+    ways = (picture, np.ascontiguousarray(picture.T))
+    along, upright = (Contrast.of([way], None, None, contrast).walls for way in ways)
+    return along is None and upright is not None
+
+
 @dataclass(frozen=True)
 class Contrast:
     """How pictures of one view are made such that capsules are dark, and the walls in them.

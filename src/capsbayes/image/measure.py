@@ -14,9 +14,10 @@ from capsbayes.experiment import AREAS, Experiment
 from capsbayes.image.background import estimate_background, transmission
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.by_hand import ByHand
-from capsbayes.image.contrast import Contrast
+from capsbayes.image.contrast import Contrast, runs_upright
 from capsbayes.image.detection import Detection, analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
+from capsbayes.image.empty_channel import check_light, check_place
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.motion import smeared
 from capsbayes.image.silhouette import silhouette_of
@@ -66,18 +67,22 @@ def detect(
         If `flow` is another word, or what is stated by hand does not suit the picture.
     """
     direction = check_flow(flow)
+    picture, background, by_hand = turned(picture, background, by_hand)
     if background is not None and background.shape != picture.shape:
         return Detection(Status.BACKGROUND_DIFFERS)
     width = None if half_width is None else Quantity.of(half_width, "half_width", where="detect")
-    by_hand = by_hand or ByHand()
     rows, columns = part = by_hand.part(picture.shape)
     stated = by_hand.lines_in_part(picture.shape, width)
     empty = None if background is None else background.cut(part)
     seen = picture.cut(part)
+    if empty is not None:
+        check_light(seen, empty)
     contrast = Contrast.of([seen.grey], None if empty is None else empty.grey, stated, by_hand.contrast)
-    if (walls := contrast.walls) is None:
-        return Detection(Status.NO_WALLS)
     shown, ground = contrast.shown(seen), empty and contrast.shown(empty)
+    if ground is not None:
+        check_place(shown.grey, ground, contrast.walls)
+    if (walls := contrast.walls) is None or (stated is not None and runs_upright(seen.grey, by_hand.contrast)):
+        return Detection(Status.UPRIGHT if runs_upright(seen.grey, by_hand.contrast) else Status.NO_WALLS)
     if stated is not None:
         walls = compared_with_bands(walls, (ground or shown).grey)
     found = _detect(shown, ground, walls, direction, by_hand.erased_in_part(picture.shape))
@@ -99,8 +104,9 @@ def _detect(
 def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int, erased: Floats | None) -> Detection:
     """Find a dark capsule in the rows of a picture around the walls."""
     between = np.abs(walls.offset(picture.shape)) < walls.half_width
-    if np.count_nonzero(picture.clipped & between) > CLIPPED * np.count_nonzero(between):
-        return Detection(Status.SATURATED, walls)
+    clipped = picture.grey[picture.clipped & between]
+    if len(clipped) > CLIPPED * np.count_nonzero(between):
+        return Detection(Status.BLACK if np.median(clipped) <= 0.0 else Status.SATURATED, walls)
     light = transmission(picture.grey, empty)
     noise = pixel_noise(light[between.any(axis=1)])
     found = find_blobs(light, walls, noise, erased)
@@ -156,10 +162,19 @@ def measure(
     rate = None if flow_rate is None else Quantity.of(flow_rate, "flow_rate", where="measure")
     if capsule_velocity is not None or (rate is None and experiment.viscous_tension is None):
         capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure")
-    seen = read_picture(picture)
     empty = None if background is None else read_picture(background)
+    seen, empty, by_hand = turned(read_picture(picture), empty, by_hand)
     detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
     return measurement_of(detection, seen, experiment, capsule_velocity, rate)
+
+
+def turned(
+    picture: Picture, background: Picture | None, by_hand: ByHand | None
+) -> tuple[Picture, Picture | None, ByHand]:
+    """Return picture and background turned as is stated by hand, and what else is stated."""
+    by_hand = by_hand or ByHand()
+    quarters = by_hand.quarters
+    return picture.turned(quarters), background and background.turned(quarters), replace(by_hand, rotate=None)
 
 
 def measurement_of(

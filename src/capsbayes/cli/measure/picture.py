@@ -67,13 +67,13 @@ def measured_picture(
         True to print the measurement as JSON.
     """
     from capsbayes.image.files.picture import Picture
-    from capsbayes.image.measure import detect, measurement_of
+    from capsbayes.image.measure import detect, measurement_of, turned
     from capsbayes.image.written import write_detection
     from capsbayes.show.tables.table import print_parts
 
     quiet |= as_json
-    seen = Picture.read(path)
     empty = None if background is None else Picture.read(background)
+    seen, empty, by_hand = turned(Picture.read(path), empty, by_hand)
     detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
     measured = measurement_of(detection, seen, experiment, speeds.get("capsule_velocity"), speeds.get("flow_rate"))
     if detection.status.ok and not quiet:

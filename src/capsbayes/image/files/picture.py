@@ -31,6 +31,7 @@ MOST_IN_FRAMES = 2**22
 _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 12, 14 and 16 bits
 _ORIENTATION = 274  # EXIF tag, and what its values mean: rows and columns are exchanged, then quarters clockwise
 _ORIENTATIONS = {2: (True, 1), 3: (False, 2), 4: (True, 3), 5: (True, 0), 6: (False, 1), 7: (True, 2), 8: (False, 3)}
+_BELOW_ZERO = 0.02  # largest share of such levels, as noise leaves them where the level of the dark was subtracted
 _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
 
@@ -102,7 +103,7 @@ class Picture:
         Raises
         ------
         InputError
-            If the array has another shape, or a value that is not finite.
+            If the array has another shape, a value that is not finite, or many below zero.
         """
         return cls._of(np.asarray(pixels), "picture", "")
 
@@ -120,6 +121,9 @@ class Picture:
         grey = levels.astype(np.float64)
         if not is_integer and not np.all(np.isfinite(grey)):
             raise InputError(where, "", "finite grey levels", f"{int(np.sum(~np.isfinite(grey)))} NaN or infinite ones")
+        if (below := float(np.mean(levels < 0))) > _BELOW_ZERO:
+            got = f"{below:.0%} of them below zero, as after a subtraction"
+            raise InputError(where, "", "grey levels of a camera", got, "give the picture as it was recorded")
         brightest = levels.max()  # integers where the picture is grey: they are compared faster
         clipped = levels <= 0
         if is_integer and round(float(brightest), 6) in _FULL_SCALES:
@@ -138,6 +142,13 @@ class Picture:
         Of the clipped pixels only the brightest stay: a dark ground that is clipped hides no edge.
         """
         return replace(self, grey=level - self.grey, clipped=self.clipped & (self.grey > 0.0))
+
+    def turned(self, quarters: int) -> Picture:
+        """Return the picture turned clockwise by some quarters."""
+        if quarters == 0:
+            return self
+        turned = np.ascontiguousarray(np.rot90(self.grey, -quarters))
+        return replace(self, grey=turned, clipped=np.ascontiguousarray(np.rot90(self.clipped, -quarters)))
 
     def packed(self) -> Picture:
         """Return the picture with its grey levels in a smaller type, in which the counts of a camera are exact."""
