@@ -48,6 +48,11 @@ class Status(enum.Enum):
     LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."
     OVERLAP = "A second nose is seen inside the capsule: two capsules overlap."
     SMEARED = "The capsule moved by more than three pixels during the exposure; expose it for a shorter time."
+    SHADED = (
+        "Something dark that is no capsule lies along a wall or through the whole picture, as a shadow or a faulty row "
+        "of the camera; give a picture of the empty channel that shows it too, or crop it off (--crop)."
+    )
+    DEAD_COLUMN = "An end of the capsule lies on a dead column of the camera; take a picture of it elsewhere."
     BROKEN_MASK = "The mask of the event falls into several pieces."
     TOO_CLOSE = "Something else lies so close to the capsule that its edge could not be located."
     TOUCHES_BORDER = "The capsule touches the border of the picture."

@@ -23,6 +23,7 @@ _BORDER = 3  # px: nearer to the border of the picture the outline cannot be loc
 _NOTCH = 1.5, 0.1  # px, and of the radius of a circle of the same area: concave rears leave up to 0.07
 _CLEARANCE = 12.0  # px that an edge needs on its outside to be located
 _DARKEST = 0.01, 0.1  # of the pixels between the walls, of l^2: half as dark as these is the level of a blob
+_BY_WALL = 0.5  # of the half width from the axis: a capsule that leaves the picture is nearer to it
 _PIECE = 0.02  # of the largest piece of a mask: smaller pieces are ignored
 
 
@@ -81,6 +82,16 @@ def _erased(blob: Blob, boxes: Floats) -> Blob | None:
     """Return a blob without what lies within boxes, None if that is all of it."""
     found = bridged(blob.polygon, within(blob.polygon, boxes))
     return None if found is None else replace(blob, polygon=found[0], erased=found[1])
+
+
+def is_shadow(blob: Blob, walls: WallLines, columns: int) -> bool:
+    """Return True for a blob that runs through a picture of so many columns, or leaves it along one wall only."""
+    x = blob.polygon[:, 0]
+    left, right = x < _BORDER, x > columns - 1.0 - _BORDER
+    if left.any() and right.any():
+        return True
+    leaving = (blob.polygon[left | right] - walls.middle) @ walls.across / walls.half_width
+    return len(leaving) > 0 and bool(np.abs(leaving).min() > _BY_WALL and abs(np.sign(leaving).mean()) == 1.0)
 
 
 def blob_of_mask(mask: Booleans, walls: WallLines) -> Blob:

@@ -115,6 +115,14 @@ class Detection:
         y = np.linspace(-self.rear.breadth, self.rear.breadth, 21)[:, None]
         return np.asarray(on_axis + y * self.walls.across + 0.5 * self.rear.curvature * y**2 * downstream)
 
+    @property
+    def ends(self) -> Floats:
+        """Columns of the ends of L_z and L_a : (3,) array [px]; NaN where missing."""
+        if self.walls is None or self.nose is None or self.end is None:
+            return np.full(3, np.nan)
+        distances = np.array([self.nose.distance, -self.end.distance, self.lengths[2] - self.end.distance])
+        return np.asarray(self.axis[0] + distances * (self.flow or 1) * self.walls.along[0])
+
     def moved(self, right: int, down: int) -> Detection:
         """Return the same in the coordinates of a picture whose first pixel lies further left and up by so much."""
         if self.walls is None or (right, down) == (0, 0):

@@ -12,7 +12,7 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import AREAS, Experiment
 from capsbayes.image.background import estimate_background, transmission
-from capsbayes.image.blobs import find_blobs
+from capsbayes.image.blobs import find_blobs, is_shadow
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.contrast import Contrast, runs_upright
 from capsbayes.image.detection import Detection, analyse_blob
@@ -23,13 +23,15 @@ from capsbayes.image.motion import smeared
 from capsbayes.image.silhouette import silhouette_of
 from capsbayes.image.smoothing import edge_shift
 from capsbayes.image.straightened import straightened_lengths, straightened_silhouette
+from capsbayes.image.vignetting import evened
 from capsbayes.image.wall_bands import compared_with_bands
-from capsbayes.image.walls import WallLines
+from capsbayes.image.walls import WallLines, find_walls
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
 FLOWS = {"right": 1, "left": -1}
+_NEAR = 3.0  # px: nearer to a dead column, an end of the capsule is not located
 CLIPPED = 0.02  # largest share of clipped pixels between the walls
 
 
@@ -83,6 +85,9 @@ def detect(
         check_place(shown.grey, ground, contrast.walls)
     if (walls := contrast.walls) is None or (stated is not None and runs_upright(seen.grey, by_hand.contrast)):
         return Detection(Status.UPRIGHT if runs_upright(seen.grey, by_hand.contrast) else Status.NO_WALLS)
+    if even := evened((shown, ground) if ground else (shown,), walls):
+        shown, ground = even[0], ground and even[-1]
+        walls = stated or find_walls(even[-1].grey) or walls
     if stated is not None:
         walls = compared_with_bands(walls, (ground or shown).grey)
     found = _detect(shown, ground, walls, direction, by_hand.erased_in_part(picture.shape))
@@ -111,9 +116,16 @@ def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int, 
     noise = pixel_noise(light[between.any(axis=1)])
     found = find_blobs(light, walls, noise, erased)
     blobs = [blob for blob in found if blob.status is not Status.DEBRIS]
-    if len(blobs) != 1:
-        return Detection(Status.SEVERAL_CAPSULES if blobs else Status.NO_CAPSULE, walls)
-    return analyse_blob(light, noise, walls, blobs[0], direction, edge_shift(light, walls, found))
+    if len(blobs) == 1:
+        detection = analyse_blob(light, noise, walls, blobs[0], direction, edge_shift(light, walls, found))
+    else:
+        detection = Detection(Status.SEVERAL_CAPSULES if blobs else Status.NO_CAPSULE, walls)
+    if not detection.status.ok and any(is_shadow(blob, walls, light.shape[1]) for blob in found):
+        return replace(detection, status=Status.SHADED)
+    dead = np.flatnonzero((picture.clipped | ~between).all(axis=0))
+    if len(dead) and np.abs(detection.ends[:, None] - dead).min() < _NEAR:
+        return replace(detection, status=Status.DEAD_COLUMN)
+    return detection
 
 
 def measure(

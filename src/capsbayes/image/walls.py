@@ -26,6 +26,7 @@ _SIGNIFICANCE = 8.0  # of a wall's darkness over the spread of that of all lines
 _REACH = 9  # px around a wall that are searched
 _FLOOR = 0.005  # px: smallest spread of the strips about a wall
 _SCATTER = 0.7  # px: largest spread of the strips about a wall
+_UNLIKE = 0.08  # of the width of a wall's line: if both differ by more, as by a shadow, the walls are off by as much
 _MISFIT = 0.03  # of the width of a wall's line: how far the model's middle may be from the wall
 
 
@@ -214,6 +215,9 @@ def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallL
     half = 0.5 * np.cos(tilt)
     width = median(lines.width[fit.kept])
     variance = half**2 * (covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]) + 0.5 * (_MISFIT * width) ** 2
+    of_upper, of_lower = (median(lines.width[wall & fit.kept]) for wall in (below == 0.0, below == 1.0))
+    if abs(of_upper - of_lower) > _UNLIKE * width:
+        variance += (of_upper - of_lower) ** 2
     return WallLines(
         centre_row=float(0.5 * (upper + lower)),
         centre_column=middle,

@@ -32,6 +32,7 @@ _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 1
 _ORIENTATION = 274  # EXIF tag, and what its values mean: rows and columns are exchanged, then quarters clockwise
 _ORIENTATIONS = {2: (True, 1), 3: (False, 2), 4: (True, 3), 5: (True, 0), 6: (False, 1), 7: (True, 2), 8: (False, 3)}
 _BELOW_ZERO = 0.02  # largest share of such levels, as noise leaves them where the level of the dark was subtracted
+_DEAD = 0.05  # of the level beside: a row of one level that differs by less does no harm
 _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
 
@@ -128,6 +129,9 @@ class Picture:
         clipped = levels <= 0
         if is_integer and round(float(brightest), 6) in _FULL_SCALES:
             clipped |= levels == brightest
+        rows, columns = _dead(levels), _dead(levels.T)
+        _fill(grey, clipped, rows)
+        _fill(grey.T, clipped.T, columns)
         return cls(grey, clipped, "" if where == "picture" else where, sha256)
 
     @property
@@ -157,6 +161,20 @@ class Picture:
     def cut(self, part: tuple[slice, slice]) -> Picture:
         """Return a part of the picture, by its rows and columns."""
         return replace(self, grey=self.grey[part], clipped=self.clipped[part])
+
+
+def _dead(levels: Pixels) -> NDArray[np.intp]:
+    """Return the dead rows of levels (rows, columns): those of one level throughout, another one than beside."""
+    flat = levels.max(axis=1) == levels.min(axis=1)
+    alone = np.flatnonzero(flat[2:-2] & ~(flat[:-4] | flat[1:-3] | flat[3:-1] | flat[4:])) + 2
+    beside = 0.5 * (np.median(levels[alone - 1], axis=1) + np.median(levels[alone + 1], axis=1))
+    return alone[np.abs(levels[alone, 0] - beside) > _DEAD * np.abs(beside)]
+
+
+def _fill(grey: Floats, clipped: Booleans, rows: NDArray[np.intp]) -> None:
+    """Put in place of rows what lies between those beside, whose levels are known as little as clipped ones."""
+    clipped[rows] = True
+    grey[rows] = (9.0 * (grey[rows - 1] + grey[rows + 1]) - (grey[rows - 2] + grey[rows + 2])) / 16.0
 
 
 def packed(grey: Floats) -> Pixels:
