@@ -29,6 +29,8 @@ def evened(pictures: tuple[Picture, ...], walls: WallLines) -> tuple[Picture, ..
     strip = away > walls.half_width + _BEYOND * walls.line_width
     if strip.sum(axis=0).min() < _FEWEST:
         strip = away < _CORE * walls.half_width
+    if not strip.any(axis=0).all():
+        return None
     level = np.nanmedian(np.where(strip, grey, np.nan), axis=0)
     x = np.arange(columns) - 0.5 * (columns - 1)
     weight, powers = np.ones(columns), 3

@@ -26,7 +26,7 @@ _SIGNIFICANCE = 8.0  # of a wall's darkness over the spread of that of all lines
 _REACH = 9  # px around a wall that are searched
 _FLOOR = 0.005  # px: smallest spread of the strips about a wall
 _SCATTER = 0.7  # px: largest spread of the strips about a wall
-_UNLIKE = 0.08  # of the width of a wall's line: if both differ by more, as by a shadow, the walls are off by as much
+_UNLIKE = 0.09  # of the width of a wall's line: if both differ by more, as by a shadow, the walls are off by as much
 _MISFIT = 0.03  # of the width of a wall's line: how far the model's middle may be from the wall
 
 

@@ -167,8 +167,10 @@ def _dead(levels: Pixels) -> NDArray[np.intp]:
     """Return the dead rows of levels (rows, columns): those of one level throughout, another one than beside."""
     flat = levels.max(axis=1) == levels.min(axis=1)
     alone = np.flatnonzero(flat[2:-2] & ~(flat[:-4] | flat[1:-3] | flat[3:-1] | flat[4:])) + 2
-    beside = 0.5 * (np.median(levels[alone - 1], axis=1) + np.median(levels[alone + 1], axis=1))
-    return alone[np.abs(levels[alone, 0] - beside) > _DEAD * np.abs(beside)]
+    beside = np.stack([np.median(levels[alone + step], axis=1) for step in (-2, -1, 1, 2)])
+    low, high = beside.min(axis=0), beside.max(axis=0)
+    margin = np.maximum(_DEAD * high, 0.5 * (high - low))  # beyond what a line of the light itself reaches
+    return alone[(levels[alone, 0] < low - margin) | (levels[alone, 0] > high + margin)]
 
 
 def _fill(grey: Floats, clipped: Booleans, rows: NDArray[np.intp]) -> None:
