@@ -19,7 +19,9 @@ from capsbayes.diagnosis.summary import summary
 from capsbayes.diagnosis.verification import MeanRatio
 from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
 from capsbayes.model import FixedParameters
-from capsbayes.show import verdict_sentence
+from capsbayes.show import study_page, verdict_sentence
+from capsbayes.show.tables.study import candidate_table
+from capsbayes.show.words.study import probabilities_words
 
 CAPSULES = 40
 OPTICAL = {one.parameter.name: one for one in (Halo(), MotionBlur(), PixelScale())}
@@ -234,6 +236,34 @@ def test_what_only_one_half_shows_is_no_disagreement(model):
     assert "not confirmed" in str(study)
     assert summary(study)["not_seen_again"]["capsules"] == CAPSULES // 2
     assert "what the first half shows" in verdict_sentence(study)
+
+
+def test_nothing_is_missing_only_if_all_capsules_say_so(model):
+    """Neither half shows this barrel clearly enough to be looked for there, or to be confirmed."""
+    barrel = {name: catalogue()[name] for name in ("distortion", "viscosity_error")}
+    session, _ = drawn_session(model + barrel["distortion"], 20, seed=8, outline=True, sizes={"distortion": -0.013})
+    study = diagnose(session, model, seed=3, candidates=barrel)
+    assert (study.verdict, study.names, study.by_all) == (Verdict.UNKNOWN, ("distortion",), True)
+    assert study.all_probabilities["none"] < 0.001 < 0.99 < study.all_probabilities["distortion"]
+    assert study.finding.capsules == 20
+    assert summary(study)["probabilities"] == study.all_probabilities
+    assert "Probabilities by all capsules" in probabilities_words(study)
+    assert "no effect is named" in verdict_sentence(study)
+    assert study.surface_shear_modulus.low < study.surface_shear_modulus.high
+    assert "no effect is named" in study_page(study)
+
+
+def test_what_nothing_can_show_is_not_called_ruled_out(model):
+    hidden = {"pixel_scale": 0.03}
+    tried = {name: catalogue()[name] for name in (*hidden, "exposure", "viscosity_error")}
+    session, _ = drawn_session(model + tried["pixel_scale"], 20, seed=7, outline=True, sizes=hidden)
+    study = diagnose(session, model, seed=3, candidates=tried)
+    assert study.names == ("pixel_scale",)
+    table = candidate_table(study).set_index("effect")
+    assert dict(table["candidate?"][["pixel scale", "viscosity"]]) == {
+        "pixel scale": "yes",
+        "viscosity": "cannot be tested",
+    }
 
 
 @pytest.mark.slow

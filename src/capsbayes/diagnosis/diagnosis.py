@@ -75,7 +75,8 @@ class Study(Readable):
     seed : int
     level : float
     first_half : Comparison or None
-        The first half and the model without effects; None if there were too few capsules to divide.
+        The first half and the model without effects, all capsules if the verdict is `by_all`; None if there were too
+        few capsules to divide.
     second_finding : Finding or None
         Deviations of the second half, if it does not confirm those of the first.
     evidence : mapping of str to float
@@ -143,13 +144,41 @@ class Study(Readable):
         """
         return probabilities(self.evidence, self.trials)
 
+    @property
+    def by_all(self) -> bool:
+        """Whether all capsules gave the verdict and the probabilities, as where no half alone shows an effect."""
+        return self.verdict is Verdict.NONE or (self.first_half is not None and self.first_half.session is self.session)
+
     @cached_property
-    @threadpool_limits.wrap(limits=1)
     def all_probabilities(self) -> Mapping[str, float]:
-        """`probabilities`; by all capsules where no effect was tried, computed when first asked for, as `limits`."""
-        if self.evidence or not self._limit_scores:
+        """`probabilities`; by all capsules where no disagreement was found."""
+        if self.verdict is not Verdict.NONE:
             return self.probabilities
-        return probabilities(evidences(self._limit_scores, self._whole_finding), self.trials)
+        return probabilities(self._whole_evidence, self.trials)
+
+    @property
+    def _whole_evidence(self) -> Mapping[str, float]:
+        return evidences(self._limit_scores, self._whole_finding)
+
+    def _judged_by_all(self) -> Study:
+        """Return the study, as UNKNOWN where all capsules together speak against the verdict that nothing is missing.
+
+        Neither half has confirmed what the other shows, so that no effect is named.
+        """
+        evidence = self._whole_evidence
+        if not _clearly_likelier(evidence):
+            return self
+        likelier = tuple(name for name in self._limit_scores if evidence[name] > LEAST_RATIO)
+        step = Step(by_ratio(self._limit_scores), tuple(sorted(likelier, key=lambda name: -evidence[name])), {}, {})
+        return replace(
+            self,
+            verdict=Verdict.UNKNOWN,
+            finding=self._whole_finding,
+            steps=(step,),
+            first_half=Comparison(self.session, self.model, self._whole[1]),
+            second_finding=None,
+            evidence=evidence,
+        )
 
     @cached_property
     def limits(self) -> pd.DataFrame:
@@ -374,7 +403,7 @@ def diagnose(
     if finding.p_value > level:
         quickly = limit_scores(model, effects, first, white, fits, known)
         if not _clearly_likelier(evidences(quickly, finding)):
-            return made(Verdict.NONE, steps=(), verification=None, model=model, sizes={})
+            return made(Verdict.NONE, steps=(), verification=None, model=model, sizes={})._judged_by_all()
     trials = {} if earlier is None else earlier.trials
     search = Search(model, effects, first, white, seed, known, report, trials)
     steps, explained, trials = searched(search, fits)
@@ -391,7 +420,7 @@ def diagnose(
     if verification is None or not (explained and verification.holds and _likely(steps, evidence)):
         second = find(model, confirm, seed=seed) if verification is None else verification.before
         if not _seen_again(finding, second, level):
-            return made(Verdict.NONE, steps=(), verification=None, second_finding=second)
+            return made(Verdict.NONE, steps=(), verification=None, second_finding=second)._judged_by_all()
         return made(Verdict.UNKNOWN, steps=steps, verification=verification)
     steps = _with_own_errors(steps, first)
     made = partial(made, steps=steps, verification=verification)

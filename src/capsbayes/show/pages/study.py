@@ -76,7 +76,8 @@ def _finding(study: Study, compared: Comparison) -> dict[str, Any]:
 
 
 def _candidates(study: Study) -> dict[str, Any]:
-    those = "the nearest, which fail" if study.verdict is Verdict.UNKNOWN else "the effects in question"
+    unknown = "those likelier than no effect" if study.by_all else "the nearest, which fail"
+    those = unknown if study.verdict is Verdict.UNKNOWN else "the effects in question"
     caption = f"In a dark colour: {those}. A log-likelihood ratio of 3 is the least that counts."
     return {
         "figure": picture(candidate_ratios(study), "log-likelihood ratio of each candidate", caption),

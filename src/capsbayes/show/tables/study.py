@@ -24,7 +24,7 @@ from capsbayes.show.words.study import (
 _MODULUS = "surface_shear_modulus"
 _SOMETHING_ELSE = "something else: any smooth deformation that depends on the capsule, or a trend of G_s"
 _OTHERS = {NOTHING: "none", UNKNOWN: _SOMETHING_ELSE}
-_UNSEEN = "not seen"
+_UNSEEN = "cannot be tested"
 _SHOWN = 5  # effects on the terminal at least; a page has all of them
 
 
@@ -52,8 +52,8 @@ def candidate_table(study: Study) -> pd.DataFrame:
         else:
             rows.append((_OTHERS[name], "", *odds, "", "", ""))
     head = (
-        *("effect", "log-likelihood ratio", "probability", "odds against none", "size"),
-        *(Symbols("median G_s"), "in question?"),
+        *("effect", "log-likelihood ratio", "probability", "odds relative to no effect", "size"),
+        *(Symbols("median G_s"), "candidate?"),
     )
     return table(head, rows, title="Effects that were tried", numbers=(1,))
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from capsbayes.diagnosis import LEAST_RATIO, NOTHING, UNKNOWN, Deviation, Finding, Scores, Session, Study, Verdict
+from capsbayes.diagnosis.limits import TWO_SIGMA
 from capsbayes.effects import Simulated
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import unit_of
@@ -55,6 +56,11 @@ def verdict_sentence(study: Study) -> str:
         last += [ALONE[UNKNOWN]] * study.something_else
         alike = ", with ".join(map(_listed, [*others, last]))
         return f"{disagree} more than one effect may explain it: {alike}."
+    if study.by_all:
+        return (
+            f"All capsules together disagree with {model}, but the two halves of them do not confirm each other, so "
+            "that no effect is named."
+        )
     if study.verification is not None:
         best = study.scores[study.names[0]]
         return f"{disagree} nothing that was tried explains it; {best.effect.name} comes nearest."
@@ -222,10 +228,11 @@ def origin_words(study: Study) -> str:
 
 
 def question_words(study: Study, name: str) -> str:
-    """Say whether a candidate is in question."""
-    if study.verdict is Verdict.UNKNOWN or not study.names:
-        return "does not explain it"
-    return "in question" if name in study.names else "ruled out"
+    """Say whether a candidate may be what is missing: yes, no, or that the data allow all of its sizes alike."""
+    if name not in study.all_probabilities or np.ptp(study.scores[name].total) < TWO_SIGMA:
+        return "cannot be tested"
+    explained = study.by_all or study.verdict is not Verdict.UNKNOWN
+    return "yes" if explained and name in study.names else "no"
 
 
 def size_words(scores: Scores, share: str = "68 %: ") -> str:
@@ -260,7 +267,7 @@ def probabilities_words(study: Study) -> str:
     named = [name for name in study.names[:1] if name in found] or [name for name in found if name not in ALONE][:1]
     words = [f"{study.candidates[name].name} {probability_words(found[name])}" for name in named]
     words += [f"{ALONE[other]} {probability_words(found[other])}" for other in (UNKNOWN, NOTHING)]
-    which = "one half of the capsules" if study.evidence else "all capsules"
+    which = "all capsules" if study.by_all else "one half of the capsules"
     return f"Probabilities by {which}, each effect alone: {', '.join(words)}."
 
 
