@@ -86,7 +86,7 @@ def test_the_whole_way_is_gone_by_the_keyboard_alone(bench, browser, picture):
     with page.context.expect_page() as report:
         tabbed(page, link)
         page.keyboard.press("Enter")
-    report.value.get_by_text("The intervals can be used").first.wait_for()
+    report.value.get_by_text("The computation succeeded").first.wait_for()
     assert said == []
     page.close()
 

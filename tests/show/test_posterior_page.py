@@ -17,10 +17,12 @@ import capsbayes as cb
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.measure import detect
 from capsbayes.infer.checks import Agreement, Gate
+from capsbayes.infer.shares import REST
 from capsbayes.show.figures.picture import on_picture, picture_figure
 from capsbayes.show.pages.posterior import capsule_pictures, posterior_page
 from capsbayes.show.tables.table import typeset
-from capsbayes.show.words.posterior import caveats, status_words
+from capsbayes.show.terminal.posterior import posterior_parts
+from capsbayes.show.words.posterior import budget_sentence, caveats, status_words
 from capsbayes.show.words.rounding import value_words
 from capsbayes.status import Status
 
@@ -40,7 +42,7 @@ def test_the_headline_comes_first_and_each_part_is_there(page):
     parts = (
         value_words("surface_shear_modulus", one.marginals["surface_shear_modulus"]).replace("_", ""),
         value_words("capsule_radius", one.marginals["capsule_radius"]),
-        "Done. The intervals can be used",
+        "The interval is valid if the membrane is one of those of the model manufactured polynomial.",
         "The capsule",
         "All quantities",
         "Error budget",
@@ -67,8 +69,35 @@ def test_the_error_budget_is_that_of_the_posterior(page):
     for share in posterior().shares.values():
         assert f">{100.0 * share:.1f} %<" in page
     first = max(posterior().shares.values())
-    assert f"{100.0 * first:.0f} % of the variance of its logarithm" in words(page)
+    assert f"({100.0 * first:.0f} % of the variance of ln Gs)" in words(page)
     assert page.count('class="bar') == len(posterior().shares)
+
+
+@pytest.mark.parametrize(
+    "shares", [{"outline": 1.17, REST: -0.17}, {"axial_length": -0.01, "outline": 0.91, REST: 0.1}, {"outline": 0.3}]
+)
+def test_shares_that_do_not_add_up_are_not_printed_as_shares(shares):
+    odd = replace(posterior(), shares={REST: 1.0 - sum(shares.values())} | shares)
+    assert budget_sentence(odd) == "The largest contribution to the uncertainty of G_s is the measured outline."
+    assert 'class="bar' not in posterior_page(odd)
+    assert not any("share of the variance" in str(part) for part in posterior_parts(odd))
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        ("square-neo-hookean", "is neo-Hookean"),
+        ("circular-skalak-c-1 (silhouettes)", "obeys Skalak's law with C = 1"),
+        ("square-neo-hookean with pre_inflation", "is neo-Hookean"),
+        ("square-neo-hookean with hooke_share", "is one of those of the model square-neo-hookean with hooke_share"),
+        ("square-membrane at pre_inflation = 0.02", "obeys one of the model's laws"),
+        ("square-membrane at area_dilation_modulus = 3, strain_hardening = 0", "is neo-Hookean"),
+    ],
+)
+def test_intervals_are_valid_for_the_law_of_the_model(model, words):
+    one = replace(posterior(), model_name=model)
+    valid = f"The interval is valid if the membrane {words}."
+    assert status_words(one) == f"The computation succeeded (9 of 9 checks). {valid}"
 
 
 def test_a_page_is_the_same_from_the_object_and_from_its_file(page, tmp_path):

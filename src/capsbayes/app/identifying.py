@@ -60,7 +60,7 @@ def identified(folder: str, stated: Stated) -> dict[str, Any]:
         "caveats": [typeset(sentence) for sentence in words.caveats(posterior)],
         "quantities": html_table(tables.quantity_table(posterior)),
         "budget_sentence": typeset(words.budget_sentence(posterior)),
-        "budget": html_table(tables.budget_table(posterior)),
+        "budget": "" if (budget := tables.budget_table(posterior)) is None else html_table(budget),
         "gates": html_table(tables.check_table(posterior)),
         "predicted": predicted,
         "summary": {

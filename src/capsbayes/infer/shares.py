@@ -13,7 +13,7 @@ and to the curvature of the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from capsbayes.infer.exact import ExactEngine, engine_near
@@ -24,6 +24,15 @@ from capsbayes.measurement import Measurement
 
 REST = "prior and curvature"
 QUANTITIES = ("surface_shear_modulus", "capsule_radius")
+
+_LARGEST_REST = 0.5
+_ROUNDED = 5e-4  # of a share as it is printed
+
+
+def add_up(shares: Mapping[str, float]) -> bool:
+    """Tell whether shares are such: none is below zero or above one, and no more than half is owed to no input."""
+    inputs = (share for name, share in shares.items() if name != REST)
+    return all(-_ROUNDED <= share <= 1.0 + _ROUNDED for share in inputs) and abs(shares.get(REST, 0.0)) <= _LARGEST_REST
 
 
 def variance_shares(

@@ -13,7 +13,7 @@ from capsbayes.infer.exact import exact_engine
 from capsbayes.infer.grid.posterior import ExactPosterior
 from capsbayes.infer.importance.posterior import WeightedPosterior
 from capsbayes.infer.posterior import Posterior
-from capsbayes.infer.shares import QUANTITIES, REST, variance_shares
+from capsbayes.infer.shares import QUANTITIES, REST, add_up, variance_shares
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
@@ -104,6 +104,11 @@ class ErrorBudget:
 
     def __getitem__(self, name: str) -> BudgetRow:
         return next(row for row in self.rows if row.name == name)
+
+    def shares_of(self, quantity: str) -> dict[str, float]:
+        """Return the share of each input in the variance of a quantity; empty if they do not add up."""
+        shares = {row.name: row.share[quantity] for row in self.rows}
+        return shares if add_up(shares) else {}
 
     def table(self) -> pd.DataFrame:
         """Return a row for each input, SI: value, error, unit; for G_s and a share, slopes, change with an error."""

@@ -26,7 +26,8 @@ def budget_figure(budget: ErrorBudget) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True)
     places = np.arange(len(budget.rows), dtype=float)
     for shift, (quantity, colour) in zip((-0.5, 0.5), _QUANTITIES.items(), strict=True):
-        shares = [100.0 * row.share.get(quantity, np.nan) for row in budget.rows]
+        share_of = budget.shares_of(quantity)
+        shares = [100.0 * share_of.get(row.name, np.nan) for row in budget.rows]
         changes = [100.0 * row.change.get(quantity, np.nan) / budget.value[quantity] for row in budget.rows]
         value = with_unit(quantity, budget.value[quantity])
         label = f"${PARAMETERS[quantity].latex}$ = {value} ± {100.0 * budget.sd[quantity]:.2g} %"

@@ -44,7 +44,7 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
         deterministic=posterior.deterministic is not None,
         corner=picture(corner_plot(posterior, names), "corner plot of the posterior", caption, fit="scroll"),
         budget_sentence=typeset(words.budget_sentence(posterior)),
-        budget=html_table(tables.budget_table(posterior)),
+        budget="" if (budget := tables.budget_table(posterior)) is None else html_table(budget),
         modulus=typeset("G_s"),
         narrowing=html_table(tables.narrowing_table(posterior)) if posterior.expected_log_modulus_sds else "",
         inputs=html_table(tables.input_table(posterior)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pandas as pd
 
 from capsbayes.parameters import PARAMETERS
@@ -21,14 +23,20 @@ def budget_table(budget: ErrorBudget) -> pd.DataFrame:
         "input",
         *(Symbols(f"{answer.symbol}\n{what}") for answer in _ANSWERS for what in ("share", "slope", "change")),
     ]
+    shares = {answer.name: budget.shares_of(answer.name) for answer in _ANSWERS}
     rows = [
-        [Symbols(_input(row)), *(cell for answer in _ANSWERS for cell in _cells(row, answer.name))]
+        [Symbols(_input(row)), *(cell for answer in _ANSWERS for cell in _cells(row, answer.name, shares[answer.name]))]
         for row in budget.rows
     ]
     units = " and ".join(answer.shown_unit for answer in _ANSWERS)
     note = (
         "share: of the variance of the logarithm; slope: d ln / d ln of the input; change: with one standard error of "
         f"the input, in {units}"
+    )
+    note += "".join(
+        f"; the shares of {answer.symbol} do not add up, and are omitted"
+        for answer in _ANSWERS
+        if not shares[answer.name]
     )
     return table(head, rows, title=f"Error budget: {values}", note=note, numbers=range(1, 7))
 
@@ -72,10 +80,10 @@ def _input(row: BudgetRow) -> str:
     return f"{PARAMETERS[row.name].symbol} = {scale * row.setting.value:.4g}{error}{unit}"
 
 
-def _cells(row: BudgetRow, quantity: str) -> list[str]:
+def _cells(row: BudgetRow, quantity: str, shares: Mapping[str, float]) -> list[str]:
     slope, change = row.log_slope.get(quantity), row.change.get(quantity)
     return [
-        f"{100.0 * row.share[quantity]:.1f} %",
+        f"{100.0 * shares[row.name]:.1f} %" if shares else "",
         "" if slope is None else f"{slope:+.3f}",
         "" if change is None else f"{PARAMETERS[quantity].shown(change):+.3g}",
     ]

@@ -17,7 +17,8 @@ def posterior_parts(posterior: Posterior) -> Parts:
     """Yield what is printed of a posterior."""
     yield of_posterior.quantity_table(posterior)
     yield posterior_words.agreement_words(posterior)
-    yield of_posterior.budget_table(posterior)
+    budget = of_posterior.budget_table(posterior)
+    yield "" if budget is None else budget
     yield posterior_words.budget_sentence(posterior)
     if posterior.expected_log_modulus_sds:
         yield of_posterior.narrowing_table(posterior)

@@ -8,6 +8,7 @@ import numpy as np
 
 from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
 from capsbayes.parameters import PARAMETERS
+from capsbayes.show.words.posterior import BY_MESH
 from capsbayes.show.words.rounding import per_cent
 
 _KEPT = 0.9  # width over that of the prior, above which a parameter kept its prior
@@ -43,6 +44,7 @@ def law_words(shared: SharedMembrane) -> str:
 
 def caveats(shared: SharedMembrane) -> Iterator[str]:
     """Yield what a reader must keep in mind."""
+    yield BY_MESH
     for gate in shared.gates:
         if not gate.passed:
             yield f"Check failed: {gate}."

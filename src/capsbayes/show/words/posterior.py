@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from capsbayes.infer import Posterior
+from capsbayes.infer.membrane import LAWS, UNKNOWN
 from capsbayes.infer.narrowing import FLOWS, OUTLINE_NOISE, THICKNESS_ERROR
 from capsbayes.infer.prior import THICKNESS
+from capsbayes.infer.shares import REST, add_up
 from capsbayes.infer.verdict import LEANING_SHARE, RANGE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
@@ -19,9 +21,23 @@ BEYOND_LAWS = 0.3
 """Share by which G_s from an outline is too large if the membrane obeys generalised Hooke's law, read as unknown."""
 _INPUTS = {
     "outline": "measured outline",
-    "surrogate": "error of the model between its simulations",
-    "prior and curvature": "prior and curvature of the model",
+    "surrogate": "error of the model",
+    REST: "remainder (inputs interact; can be negative)",
 }
+_OBEYS = {
+    "neo-hookean": "is neo-Hookean",
+    "skalak-c-1": "obeys Skalak's law with C = 1",
+    "generalised-hooke-nu-s-0-5": "obeys generalised Hooke's law with a Poisson ratio of 0.5",
+    "skalak": "obeys Skalak's law",
+    "blatz-ko": "obeys the Blatz-Ko law",
+    UNKNOWN: "obeys one of the model's laws",
+}
+_OF_LAW = ("area_dilation_modulus", "strain_hardening", "hardening", "hooke_share")
+BY_MESH = (
+    "The simulations behind this model were computed on one mesh, whose error is included; it makes the intervals wide."
+)
+"""Said of models on the states scattered over the membrane."""
+
 _PLACES = {
     "model": "the border of the database",
     TWO_SHAPES: "capillary numbers at which two steady shapes are stable",
@@ -31,17 +47,34 @@ _PLACES = {
 
 
 def status_words(posterior: Posterior) -> str:
-    """Say how the identification ended, in one or two sentences."""
+    """Say how the identification ended, and for which membranes its intervals are valid."""
     passed = sum(gate.passed for gate in posterior.gates)
-    gates = f"{passed} of {len(posterior.gates)} checks of the computation passed"
+    gates = f"{passed} of {len(posterior.gates)} checks"
     if posterior.status.ok:
-        return f"{posterior.status} The intervals can be used; {gates}."
-    return f"{posterior.status} ({gates}.)"
+        membrane = _membrane_words(posterior.model_name)
+        return f"The computation succeeded ({gates}). The interval is valid if the membrane {membrane}."
+    return f"{posterior.status} ({gates} of the computation passed.)"
+
+
+def _membrane_words(model: str) -> str:
+    """Return what a model of some name assumes of the membrane."""
+    plain, _, further = model.removesuffix(" (silhouettes)").replace(" with ", " at ").partition(" at ")
+    law, changed = plain.partition("-")[2], {part for part in further.split(", ") if part.startswith(_OF_LAW)}
+    if law == "membrane":
+        stated = {law: {f"{name} = {value:g}" for name, value in of.items()} for law, of in LAWS.items()}
+        law, changed = next((law.lower() for law, parts in stated.items() if parts == changed), ""), set()
+    return _OBEYS[law] if law in _OBEYS and not changed else f"is one of those of the model {model}"
 
 
 def caveats(posterior: Posterior) -> list[str]:
     """Return what a reader must keep in mind, one sentence each; empty if nothing."""
-    return [*_computation(posterior), *_borders(posterior), *_capsule(posterior), *_coordinates(posterior)]
+    return [
+        *_other_laws(posterior),
+        *_computation(posterior),
+        *_borders(posterior),
+        *_capsule(posterior),
+        *_coordinates(posterior),
+    ]
 
 
 def agreement_words(posterior: Posterior) -> str:
@@ -60,6 +93,11 @@ def input_words(name: str) -> str:
     return f"{parameter.symbol}, {parameter.meaning}" if parameter else _INPUTS.get(name, name)
 
 
+def _said(name: str) -> str:
+    words = input_words(name)
+    return f"the {words}" if name in _INPUTS else words
+
+
 def later_words(name: str) -> str:
     """Return what may be measured later, as in `capsbayes.infer.narrowing`."""
     if name == THICKNESS:
@@ -75,8 +113,21 @@ def budget_sentence(posterior: Posterior) -> str:
     """Say which input to measure better first."""
     if not posterior.shares:
         return "What each input contributes to the uncertainty of G_s was not computed."
-    name, share = max(posterior.shares.items(), key=lambda item: item[1])
-    return f"Most of the uncertainty of G_s, {per_cent(share)} of the variance of its logarithm: {input_words(name)}."
+    name = max(posterior.shares.keys() - {REST}, key=lambda name: posterior.shares[name])
+    share = f" ({per_cent(posterior.shares[name])} of the variance of ln G_s)" if add_up(posterior.shares) else ""
+    return f"The largest contribution to the uncertainty of G_s is {_said(name)}{share}."
+
+
+def _other_laws(posterior: Posterior) -> Iterator[str]:
+    if posterior.modulus_over_laws is not None:
+        name, known = "surface_shear_modulus", PARAMETERS["surface_shear_modulus"]
+        ends = interval_words(
+            name, *posterior.modulus_over_laws, two_digits(known.shown(posterior.modulus_over_laws[0]))
+        )
+        yield (
+            f"Another membrane law could give the same lengths with any G_s from {ends} {known.shown_unit}. Choose "
+            "'unknown' as the law (on the command line: --membrane unknown) to include this in the interval."
+        )
 
 
 def _computation(posterior: Posterior) -> Iterator[str]:
@@ -117,15 +168,8 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
 
 def _coordinates(posterior: Posterior) -> Iterator[str]:
     """Say of several further coordinates what the data tell, what it costs not to know them, and what would help."""
-    if posterior.modulus_over_laws is not None:
-        name, known = "surface_shear_modulus", PARAMETERS["surface_shear_modulus"]
-        ends = interval_words(
-            name, *posterior.modulus_over_laws, two_digits(known.shown(posterior.modulus_over_laws[0]))
-        )
-        yield (
-            f"Other laws of the membrane give the same lengths with G_s of {ends} {known.shown_unit}, which the "
-            "intervals do not contain; --membrane unknown does."
-        )
+    if "-membrane" in posterior.model_name:
+        yield BY_MESH
     if posterior.log_modulus_sd_if_known is None:
         return
     for name, width in posterior.widths_over_prior().items():

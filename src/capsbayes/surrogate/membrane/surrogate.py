@@ -26,6 +26,11 @@ _LENGTH = 1  # of the numbers, L_a
 _LOGARITHMIC = ("area_dilation_modulus", "bending")  # of which the order of magnitude is not known
 _CHANGES = 0.3  # of the distance up to which states take part in predictions: over it the error changes
 _ERROR = 0.8  # standard deviations of the error for one of the differences between local polynomials
+_OF_THE_MESH = 32.0
+"""Variance of the whole error over that between the states. All states are of one mesh, of refinement 8, whose outlines
+are 0.8e-3 l (median; rms 1.5e-3 l) from those of refinement 12, which differences between the states do not show. It is
+the least power of two with which the drawn picture of the README (refinement 12) has its K and G_s in the intervals."""
+_VARIANCE = _OF_THE_MESH * _ERROR**2  # of the error, over that of the local polynomials
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +133,7 @@ class MembraneSurrogate(ForwardModel):
         shape = self.outlines_of(mean[None])[0]
         away = self.outlines_of(coefficients) - shape
         along = np.einsum("kpi,pi->kp", away, vertex_normals(shape))
-        return np.asarray(_ERROR * np.sqrt(weights)[:, None] * along)
+        return np.asarray(np.sqrt(_VARIANCE * weights)[:, None] * along)
 
     def with_coefficients(self, theta: Mapping[str, Floats], *, errors: bool) -> tuple[Prediction, Floats, Floats]:
         """Predict a batch, its outlines as coefficients of their modes; NaN outside the domain.
@@ -153,7 +158,7 @@ class MembraneSurrogate(ForwardModel):
             covariance[:, :count, :count] = covariances[:, _NUMBERS:, _NUMBERS:]
             covariance[:, :count, count] = covariance[:, count, :count] = covariances[:, _NUMBERS:, _LENGTH]
             covariance[:, count, count] = covariances[:, _LENGTH, _LENGTH]
-            covariance *= _ERROR**2
+            covariance *= _VARIANCE
         return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], covariance
 
     def with_changes(
@@ -259,7 +264,7 @@ class MembraneSurrogate(ForwardModel):
     def _prediction(self, means: Floats, covariances: Floats, *, outline: bool) -> Prediction:
         inside = np.isfinite(means[:, 0])
         shapes = self.outlines_of(means[:, _NUMBERS:]) if outline else None
-        covariance = _ERROR**2 * covariances[:, :_ERRING, :_ERRING]
+        covariance = _VARIANCE * covariances[:, :_ERRING, :_ERRING]
         extent, length, velocity, stretch = means.T[:_NUMBERS]
         return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 
