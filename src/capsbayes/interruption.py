@@ -71,8 +71,8 @@ def raise_interruption(error: BaseException) -> None:
 
 
 @contextlib.contextmanager
-def keeping(place: Path) -> Iterator[None]:
-    """Note at an interruption where finished work is kept."""
+def keeping(place: Path, parts: Path | None = None) -> Iterator[None]:
+    """Note at an interruption where finished work is kept, if any is: files in `parts`, by default in the place."""
     try:
         try:
             yield
@@ -80,5 +80,14 @@ def keeping(place: Path) -> Iterator[None]:
             raise_interruption(error)
             raise
     except (Interrupted, KeyboardInterrupt) as error:
-        error.add_note(f"finished work is kept in {place}")
+        if _holds_work(parts or place):
+            error.add_note(f"finished work is kept in {place}")
         raise
+
+
+def _holds_work(place: Path) -> bool:
+    """Tell whether a file, or a file in a folder, is there that is more than settings and bookkeeping."""
+    return any(
+        file.is_file() and file.name != "settings.json" and not file.name.startswith(".")
+        for file in (place, *place.rglob("*"))
+    )

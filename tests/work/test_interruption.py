@@ -9,7 +9,7 @@ from processes import members, python, wait_until
 
 from capsbayes.interruption import Interrupted, keeping
 from capsbayes.physics.databases.sweep import CaseRunner
-from capsbayes.work import Store
+from capsbayes.work import Store, resumable
 
 HANGS = """
 import ctypes, sys
@@ -24,7 +24,7 @@ def hang(name):
     ctypes.PyDLL(None).sleep(1000)  # as compiled code does: it lets no other thread of the process run
 
 def app(**how):
-    with keeping(Path("kept.parts")):
+    with keeping(Path(sys.argv[1])):
         run_tasks([partial(hang, f"{sys.argv[1]}/{name}") for name in "abc"], None, 2)
 
 cli.app = app
@@ -50,7 +50,7 @@ def test_workers_that_hang_end_with_the_command(tmp_path, number, everyone, stat
     assert command.returncode == status
     wait_until(lambda: not members(command.pid))
     if number != signal.SIGKILL:
-        kept = "finished work is kept in kept.parts"
+        kept = f"finished work is kept in {tmp_path}"
         assert said == f"capsbayes: interrupted; {kept}; to go on: capsbayes {tmp_path}\n"
 
 
@@ -63,10 +63,22 @@ def test_an_interruption_that_compiled_code_turned_into_an_error_is_one(tmp_path
             raise SystemError("returned a result with an exception set") from interruption
 
     store = Store.open(tmp_path / "parts", {})
+    store.save("finished", {"value": 1.0})
     with pytest.raises(type(interruption)) as raised, keeping(store.folder):
         CaseRunner(Stopped(), store, 0.9).run(0.05, "rest")
     assert raised.value.__notes__ == [f"finished work is kept in {store.folder}"]
-    assert not list(store.names())
+    assert list(store.names()) == ["finished"]
+
+
+def test_nothing_is_said_to_be_kept_where_nothing_is(tmp_path):
+    Store.open(tmp_path / "opened.parts", {})
+    for folder in (tmp_path / "missing.parts", tmp_path / "opened.parts"):
+        with pytest.raises(KeyboardInterrupt) as raised, keeping(folder):
+            raise KeyboardInterrupt
+        assert not hasattr(raised.value, "__notes__"), folder
+    with pytest.raises(KeyboardInterrupt) as raised, resumable(tmp_path / "result"):
+        raise KeyboardInterrupt
+    assert not hasattr(raised.value, "__notes__")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

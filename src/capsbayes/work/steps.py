@@ -79,7 +79,8 @@ def resumable(out: Path | None, of: str = "") -> Iterator[None]:
     missing = not out.exists()
     make_folder(out)
     try:
-        with only_run(out), keeping(out), steps_kept(Store(out, digest_of(__version__, of)), "unfinished"):
+        store = Store(out, digest_of(__version__, of))
+        with only_run(out), keeping(out, out / "unfinished.steps"), steps_kept(store, "unfinished"):
             yield
     except Exception:
         if missing:
