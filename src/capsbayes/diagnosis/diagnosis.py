@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arguments import checked
 from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import Fits, fitted
@@ -329,6 +330,7 @@ class Study(Readable):
         return f"{self.verdict.value}: {'; with '.join(groups)}{other} ({self.finding})"
 
 
+@checked
 @threadpool_limits.wrap(limits=1)  # the matrices are tiny: threads would only wait for each other
 def diagnose(
     session: Session | Population | str | Path,

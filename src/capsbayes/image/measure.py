@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from capsbayes.arguments import checked
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import AREAS, Experiment
@@ -128,6 +129,7 @@ def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int, 
     return detection
 
 
+@checked
 def measure(
     picture: str | Path | ArrayLike,
     experiment: Experiment,

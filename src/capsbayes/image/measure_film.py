@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from capsbayes.arguments import checked
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -109,6 +110,7 @@ class FilmMeasurement:
         return table.astype(dict.fromkeys([*_COLUMNS, *of_changes], float))
 
 
+@checked
 def measure_film(
     film: Film | str | Path,
     experiment: Experiment,

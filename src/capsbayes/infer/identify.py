@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arguments import checked
 from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -48,6 +49,7 @@ _TRIED, _TABLE_ERROR, _BEYOND = (
 )  # draws at which the table of log densities is tested, its largest error, nodes beyond the grid
 
 
+@checked
 def identify(
     measurement: Measurement,
     model: ForwardModel,

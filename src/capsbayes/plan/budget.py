@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from threadpoolctl import threadpool_limits
 
 from capsbayes import __version__
+from capsbayes.arguments import checked
 from capsbayes.infer.exact import exact_engine
 from capsbayes.infer.grid.posterior import ExactPosterior
 from capsbayes.infer.importance.posterior import WeightedPosterior
@@ -151,6 +152,7 @@ class ErrorBudget:
         }
 
 
+@checked
 def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> ErrorBudget:
     """Compute the share of each input in the variance of G_s and a, and their derivatives with respect to it.
 

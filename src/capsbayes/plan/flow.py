@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arguments import checked
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, imposed_velocity
 from capsbayes.infer.prior import Prior
@@ -49,6 +50,7 @@ def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> fl
     return mean_velocity * half_width**2 * {"square": 4.0, "circular": float(np.pi)}[cross_section]
 
 
+@checked
 def flow_design(
     surface_shear_modulus: Given,
     capsule_radius: Given,

@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from capsbayes import __version__
+from capsbayes.arguments import checked
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -38,6 +39,7 @@ _MEANINGS = {
 }
 
 
+@checked
 def identifiability_map(
     model: ForwardModel,
     experiment: Experiment,

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arguments import checked
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, bending, imposed_velocity
@@ -45,6 +46,7 @@ _NEAREST = 0.01  # share of the prior beyond the membrane that is expected, at l
 _LAW = ("area_dilation_modulus", "strain_hardening")
 
 
+@checked
 def membrane_flow_design(
     surface_shear_modulus: Given,
     capsule_radius: Given,

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import norm, qmc
 
+from capsbayes.arguments import checked
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -36,6 +37,7 @@ _FEWEST_KEPT = 8  # groups, with which indices are compared
 _MOST_OUTSIDE = 0.1  # of the samples, beyond which the indices are those of the border of the database
 
 
+@checked
 def sobol_indices(
     measurement: Measurement,
     model: ForwardModel,

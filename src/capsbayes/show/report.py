@@ -7,6 +7,7 @@ from pathlib import Path
 import h5netcdf
 import xarray as xr
 
+from capsbayes.arguments import checked
 from capsbayes.database import Database
 from capsbayes.diagnosis import Study
 from capsbayes.errors import InputError
@@ -27,6 +28,7 @@ POSTERIOR = "posterior.nc"
 _KINDS = "a posterior, a population or a database"
 
 
+@checked
 def write_report(
     result: Result | xr.Dataset,
     out: str | Path,

@@ -6,7 +6,7 @@ from capsbayes.surrogate.domain import DomainOfExistence
 from capsbayes.surrogate.inverse import Inverse, InverseResult, inverse
 from capsbayes.surrogate.joint.surrogate import EffectSurrogate
 from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
-from capsbayes.surrogate.surrogate import Surrogate
+from capsbayes.surrogate.surrogate import Surrogate, model_named
 
 __all__ = [
     "CorrectedMembrane",
@@ -18,4 +18,5 @@ __all__ = [
     "MembraneSurrogate",
     "Surrogate",
     "inverse",
+    "model_named",
 ]

@@ -10,6 +10,7 @@ from capsbayes.database import NO_EFFECT, Database
 from capsbayes.errors import InputError
 from capsbayes.measured_outline import MID_PLANE, check_view
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, PLAIN_LAW, MembraneDatabase
+from capsbayes.model import ForwardModel
 from capsbayes.surrogate.corrected_membrane import CorrectedMembrane
 from capsbayes.surrogate.joint.surrogate import SLICE_CELLS, EffectSurrogate, check_values
 from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
@@ -158,3 +159,10 @@ def plain_membrane(cross_section: str, view: str) -> CorrectedMembrane:
     made = plain.with_membrane() if isinstance(plain, Surrogate) else None
     assert made is not None, "shipped for this cross-section"
     return made
+
+
+def model_named(name: str, view: str = MID_PLANE) -> ForwardModel:
+    """Open the model of a name, as ``"square-neo-hookean"`` or ``"square-membrane"``, or that of a database's file."""
+    if name.endswith("-membrane"):
+        return MembraneSurrogate.open(name.removesuffix("-membrane"), view=view)
+    return Surrogate.open(name, view=view)

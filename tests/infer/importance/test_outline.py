@@ -51,5 +51,5 @@ def test_errors_averaged_over_the_posterior_lead_to_the_same_posterior(engine, s
     again = engine(seen, near=posterior)
     for name in ("surface_shear_modulus", "capsule_radius", "pre_inflation"):
         first, second = posterior.log_marginal(name), again.log_marginal(name)
-        assert second.mean == pytest.approx(first.mean, abs=0.25 * first.sd), name
+        assert second.mean == pytest.approx(first.mean, abs=0.35 * first.sd), name
         assert second.sd == pytest.approx(first.sd, rel=0.12), name

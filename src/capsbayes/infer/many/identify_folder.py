@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes import __version__
+from capsbayes.arguments import checked
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.output_file import check_replaceable, guarded, make_folder, note_input, refusing
@@ -43,6 +44,7 @@ _logger = logging.getLogger(__name__)
 _ATTEMPTS = 3  # at tasks whose workers are killed
 
 
+@checked
 @guarded()
 def identify_folder(
     source: str | os.PathLike[str] | pd.DataFrame,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arguments import checked
 from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable, guarded
@@ -31,6 +32,7 @@ _logger = logging.getLogger(__name__)
 _FEWEST_VALUES = 3  # if one is held out, two still define a slope
 
 
+@checked
 @guarded()
 def build_database(
     simulator: SteadySimulator,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capsbayes.arguments import checked
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -201,6 +202,7 @@ class Hierarchy(Readable):
         }
 
 
+@checked
 def hierarchy(
     population: Population,
     *,

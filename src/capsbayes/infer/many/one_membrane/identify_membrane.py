@@ -10,6 +10,7 @@ from scipy import stats
 from scipy.special import softmax
 from threadpoolctl import threadpool_limits
 
+from capsbayes.arguments import checked
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -50,6 +51,7 @@ _LEAST_P = 1e-3
 _MANY = 200  # capsules for which worker processes take less time than they need to start
 
 
+@checked
 def identify_membrane(
     measurements: Sequence[Measurement],
     experiment: Experiment,
