@@ -159,6 +159,40 @@ def test_something_else_pays_for_its_freedom_and_wins_where_outlines_are_displac
     assert Discrepancy().evidence == 0.0
 
 
+@pytest.fixture
+def silent():
+    """What outlines without information say of capsules at the corners of a box in ln Ca and a/l."""
+    places = np.array([[-3.0, 0.8], [-3.0, 1.1], [-1.0, 0.8], [-1.0, 1.1]])
+    count = Discrepancy().shift.shape[1]
+    nothing = np.zeros((4, count))
+    return Discrepancy(places, np.zeros((4, count, count)), nothing, nothing, np.zeros(4))
+
+
+def test_outlines_that_tell_nothing_leave_something_else_as_likely_as_nothing(silent):
+    assert silent.evidence == pytest.approx(0.0, abs=1e-12)
+
+
+def test_half_of_the_variance_of_a_displacement_is_common_to_all_capsules(silent):
+    """The rest depends on ln Ca and a/l, by two length scales from corner to corner."""
+    same, depending = silent._dependences()
+    np.testing.assert_array_equal(same @ same.T, 1.0)
+    away = np.sum(((silent.places[:, None] - silent.places) / np.array([1.0, 0.15])) ** 2, axis=2)
+    np.testing.assert_allclose(depending @ depending.T, 0.5 + 0.5 * np.exp(-0.5 * away), atol=1e-6)
+
+
+def test_the_offset_that_all_edges_share_counts_as_the_models_own_error(model):
+    session, _ = drawn_session(model, 4, seed=4, outline=True)
+    own = []
+    for offset in (0.0, 0.004):
+        outlines = [replace(m.outline, pose=replace(m.outline.pose, offset=offset)) for m in session.measurements]
+        moved = [replace(m, outline=outline) for m, outline in zip(session.measurements, outlines, strict=True)]
+        shared = replace(session, measurements=tuple(moved))
+        white = whitening(model, shared)
+        own.append(Discrepancy.of(shared, white, fitted(model, shared, white)).own)
+    np.testing.assert_allclose(own[1], np.hypot(own[0], 0.004), rtol=0.05)
+    assert own[0].max() < 0.002
+
+
 def test_lengths_alone_leave_a_trend_of_the_modulus_to_something_else():
     rng = np.random.default_rng(3)
     places = np.stack([rng.uniform(-6.0, -5.0, 30), rng.uniform(0.8, 1.0, 30)], axis=1)

@@ -111,7 +111,9 @@ def test_widths_hold_the_errors_of_viscosity_and_half_width(design):
 def test_each_capsule_is_told_less_well_than_their_mean_and_no_better_than_its_own_shape(design):
     sds = design.sets[0].sds
     assert sds["surface_shear_modulus_each"] > 0.8 * sds["surface_shear_modulus"]
-    assert sds["surface_shear_modulus_each"] < np.hypot(sds["surface_shear_modulus"], 0.15)  # spread and model error of one
+    assert sds["surface_shear_modulus_each"] < np.hypot(
+        sds["surface_shear_modulus"], 0.15
+    )  # spread and model error of one
 
 
 def test_an_error_of_the_pixel_size_is_shared_by_all(square, design):

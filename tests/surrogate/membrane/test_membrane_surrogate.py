@@ -9,7 +9,7 @@ from capsbayes.profile import Profile
 from capsbayes.surrogate.membrane.coordinates import along_coordinates, coordinates
 from capsbayes.surrogate.membrane.kernel import averaged, each, reached
 from capsbayes.surrogate.membrane.local_fits import local_fits
-from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
+from capsbayes.surrogate.membrane.surrogate import _OF_THE_MESH, MembraneSurrogate
 from capsbayes.surrogate.surrogate import Surrogate
 from capsbayes.testing import check_model
 
@@ -46,6 +46,20 @@ def test_quadratics_are_reproduced():
     assert np.abs(covariances).max() < 1e-8
     along = points @ (form + form.T) + slope
     np.testing.assert_allclose(slopes, np.stack([along, 2.0 * along], axis=1), atol=1e-3)
+
+
+def test_the_covariance_is_about_the_mean_of_the_polynomials():
+    """Compared with the polynomials one by one, about values far from zero."""
+    places = np.random.default_rng(0).uniform(-2.0, 2.0, (300, 6))
+    values = 5.0 + np.sin(3.0 * places[:, :2])
+    along = 3.0 * np.cos(3.0 * places[:, :2])[..., None] * np.eye(6)[:2]
+    fits = local_fits(places, values, along, lost=np.full((1, 6), 9.0))
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (5, 6))
+    means, covariances, _ = averaged(points, *fits, 2, 2, False)
+    for point, mean, covariance in zip(points, means, covariances, strict=True):
+        weights, found = each(point, *fits)
+        np.testing.assert_allclose(mean, weights @ found, rtol=1e-10)
+        np.testing.assert_allclose(covariance, np.cov(found.T, aweights=weights, ddof=0), rtol=1e-8)
 
 
 def test_a_polynomial_that_does_not_fit_its_neighbours_counts_for_little():
@@ -101,11 +115,12 @@ def test_derivatives_turn_with_the_coordinates(whole):
 
 
 def test_states_left_out_are_found_within_the_stated_error(left_out):
+    """They are of the same mesh, whose error is not among the differences."""
     states, predicted = left_out
     inside = predicted.inside
     assert inside.mean() > 0.9
     away = (predicted.values - states["numbers"][:, :3])[inside]
-    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance))[inside]
+    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance) / _OF_THE_MESH)[inside]
     assert np.all(np.median(np.abs(score), axis=0) < 1.0)
     assert np.all(np.mean(np.abs(score) < 2.0, axis=0) > 0.85)
     assert np.all(np.median(np.abs(away) / states["numbers"][inside, :3], axis=0) < 3e-3)

@@ -7,7 +7,7 @@ import pytest
 from linear_shapes import ALONG, OF_MEMBRANE, RATIO, Linear, linear_batch
 from scipy import stats
 
-from capsbayes.infer.many.one_membrane.conditional import MODULUS, SIZE, Capsules, Spreads, Start
+from capsbayes.infer.many.one_membrane.conditional import MODULUS, SCALE, SIZE, Capsules, Spreads, Start
 from capsbayes.infer.many.one_membrane.engine import MembraneSampling
 from capsbayes.infer.many.one_membrane.unknowns import Unknowns
 from capsbayes.infer.prior import Coordinate
@@ -77,6 +77,32 @@ def test_draws_scatter_as_the_curvature_says(batch):
     assert np.isfinite(drawn.own).all()
     assert drawn.common[:, MODULUS].std() == pytest.approx(0.2 / np.sqrt(7), rel=0.25)
     assert drawn.common[:, SIZE].std() == pytest.approx(0.05 / np.sqrt(7), rel=0.25)
+
+
+def test_shapes_that_differ_by_the_common_scale_alone_do_not_misfit(batch):
+    capsules = Capsules(batch, Linear(), log_viscosity=0.0)
+    membranes, spreads = {"pre_inflation": np.array([0.05])}, Spreads(np.array([0.2]), np.array([0.05]))
+    found = capsules.at(membranes, spreads)
+    numbers, stretched = capsules.shapes(membranes, found.own).numbers[0], found.common.copy()
+    stretched[:, SCALE] = 0.7
+    target = np.einsum("nqk,nk->nq", batch.rows, numbers) + 0.7 * batch.scale_error * batch.scale
+    exact = replace(capsules, batch=replace(batch, target=target))
+    np.testing.assert_allclose(exact.misfit(membranes, Start(found.own, stretched)), 0.0, atol=1e-12)
+    assert exact.misfit(membranes, Start(found.own, 0.0 * stretched)).max() > 0.01
+
+
+def test_capsules_within_the_length_of_the_error_share_it(batch):
+    """Two of them have the same Ca and a/l, the others are ten lengths apart."""
+
+    class Erring(Linear):
+        error_lengths = np.array([0.1, 0.02])
+
+    places = np.stack([np.log(0.05) + 1.0 * np.array([0, 0, 1, 2, 3, 4, 5]), np.full(7, 0.9)], axis=1)
+    capsules = Capsules(batch, Erring(error=0.02), log_viscosity=0.0)
+    found = capsules.with_model_error({"pre_inflation": np.array([0.05])}, places).batch
+    sharing = np.array([2.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    wanted = batch.with_model_error(np.tile(0.02**2 * np.eye(3), (7, 1, 1)), np.zeros(7), sharing)
+    np.testing.assert_allclose(found.rows, wanted.rows, rtol=1e-9)
 
 
 def test_the_posterior_of_a_membrane_is_that_of_a_grid(batch):
