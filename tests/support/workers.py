@@ -53,7 +53,7 @@ class Controller:
     """Plugin of the process that runs the workers."""
 
     def __init__(self):
-        self.peaks, self.ran = {}, set()
+        self.peaks, self.ran, self.missing = {}, set(), 0
 
     def pytest_xdist_make_scheduler(self, config, log):
         return Rescheduling(config, log) if config.getvalue("dist") == "loadfile" else None
