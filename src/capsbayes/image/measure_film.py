@@ -132,7 +132,7 @@ def measure_film(
     frame_rate : Quantity, optional [1/s]
         In any form that `Quantity.of` reads; by default that of the experiment.
     background : path or array, optional
-        The empty channel; by default the median of 41 frames.
+        The empty channel; by default the median of what no capsule covers in 41 frames.
     flow : str, optional
         ``"right"`` or ``"left"``; by default the direction in which the nearest blobs of one size move.
     by_hand : ByHand, optional
