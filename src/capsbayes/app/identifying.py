@@ -11,7 +11,7 @@ import functools
 from pathlib import Path
 from typing import Any
 
-from capsbayes.app.measuring import detected
+from capsbayes.app.measuring import detected, sentence
 from capsbayes.app.stated import EXPERIMENT, SEED, Stated
 from capsbayes.database import Database
 from capsbayes.errors import CapsbayesError, InputError
@@ -111,7 +111,7 @@ def _identified(folder: str, stated: Stated) -> tuple[Posterior, _Seen | None]:
     assert known is not None, "read or measured"
     measurement = known
     if not measurement.status.ok:
-        raise InputError(stated.picture, "", "a capsule that can be measured", str(measurement.status))
+        raise InputError(stated.picture, "", "a capsule that can be measured", sentence(measurement.status))
     view = MID_PLANE if measurement.outline is None else measurement.outline.view
     membrane = Membrane(stated.membrane) if stated.membrane else None
     model = _opened(experiment.cross_section, view, known=membrane is None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,7 +27,7 @@ from capsbayes.image.background import (
 )
 from capsbayes.image.blobs import find_blobs
 from capsbayes.image.by_hand import ByHand
-from capsbayes.image.contrast import Contrast
+from capsbayes.image.contrast import Contrast, runs_upright
 from capsbayes.image.detection import analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.film import Film
@@ -156,10 +156,11 @@ def measure_film(
     direction, by_hand = check_flow(flow), by_hand or ByHand()
     if by_hand.erase is not None:
         raise InputError("erase", "", "nothing for a film: its capsules move past what is wrong", "boxes")
+    film = replace(film, quarters=by_hand.quarters)
     given = background is not None
     # they tell the background, the contrast, and whether the film was smoothed
     sampled: list[Pixels] = [packed(picture.grey) for picture in _sample(film, by_hand, given=given)]
-    stated = None if background is None else read_picture(background).grey
+    stated = None if background is None else read_picture(background).turned(film.quarters).grey
     view = _view(film, stated, sampled, by_hand, experiment)
     if isinstance(view, Status):
         return FilmMeasurement(view)
@@ -269,7 +270,7 @@ def _view(
         contrast = Contrast.of(sampled, empty, lines, by_hand.contrast)
     raw, empty, walls = empty, contrast.darkened(empty), contrast.walls
     if walls is None:
-        return Status.NO_WALLS
+        return Status.UPRIGHT if runs_upright(raw, by_hand.contrast) else Status.NO_WALLS
     if lines is not None:
         walls = compared_with_bands(walls, empty)
     if stated is None:

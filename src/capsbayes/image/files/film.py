@@ -44,11 +44,14 @@ class Film:
         Number of frames that the film should have; a film that was cut short holds fewer.
     behind : (int, tuple of int, str), optional
         As of `capsbayes.files.recording.Images`.
+    quarters : int
+        By how many quarters the frames are turned clockwise.
     """
 
     source: Path
     count: int
     behind: tuple[int, tuple[int, ...], str] | None = None
+    quarters: int = 0
 
     @classmethod
     def open(cls, path: str | Path) -> Film:
@@ -98,7 +101,8 @@ class Film:
         If `only` holds numbers of frames, all others are None as well.
         """
         shape = None
-        for pixels in self._decoded(only):
+        for frame in self._decoded(only):
+            pixels = None if frame is None else np.rot90(frame, -self.quarters)
             if pixels is not None:
                 shape = shape or pixels.shape
             yield None if pixels is None or pixels.shape != shape else Picture.from_array(pixels[part])
