@@ -1,4 +1,5 @@
 import json
+import re
 
 import cv2
 import numpy as np
@@ -184,3 +185,28 @@ def test_a_contour_becomes_a_file_that_identify_reads(folder):
     by_walls = Measurement.read(folder / "w" / "measurement.toml")
     assert by_walls.walls == "walls by hand at rows 44.5, 154.5 px, each +/- 0.5 px"
     assert by_walls.axial_extent == pytest.approx(made.axial_extent / 55.0, rel=1e-3)
+
+
+def test_an_upright_picture_is_turned_when_asked(folder):
+    folder, made = folder
+    cv2.imwrite(str(folder / "upright.png"), np.rot90(made.picture))
+    refused = run(folder, "upright.png", *VELOCITY)
+    assert refused.exit_code == 1
+    assert "turn the picture by a quarter (--rotate 90)" in refused.output
+    turned = run(folder, "upright.png", *VELOCITY, "--rotate", "90", "--out", str(folder / "m"))
+    assert turned.exit_code == 0, turned.output
+    measured = Measurement.read(folder / "m" / "measurement.toml")
+    assert measured.axial_extent == pytest.approx(made.axial_extent / 55.0, abs=0.01)
+    rows, columns = cv2.imread(str(folder / "m" / "overlay.png")).shape[:2]
+    assert (rows, columns) == tuple(4 * size for size in made.picture.shape)
+
+
+def test_a_file_of_unknown_kind_is_taken_for_what_its_first_bytes_say(folder):
+    folder, _ = folder
+    (folder / "capsule.dat").write_bytes((folder / "capsule.png").read_bytes())
+    assert run(folder, "capsule.dat", *VELOCITY).exit_code == 0
+    (folder / "other.dat").write_bytes(b"nothing that is known")
+    result = run(folder, "other.dat", *VELOCITY)
+    assert isinstance(result.exception, InputError)
+    message = r"other\.dat: expected a file that shows a capsule: PNG, TIFF, .*, got one that is none of them"
+    assert re.search(message, str(result.exception))
