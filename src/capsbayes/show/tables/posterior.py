@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from capsbayes.infer import Posterior
-from capsbayes.infer.shares import add_up
+from capsbayes.infer.shares import REST, add_up
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.tables.table import Code, Strong, Symbols, table
 from capsbayes.show.words.posterior import input_words, later_words
@@ -39,7 +39,7 @@ def budget_table(posterior: Posterior) -> pd.DataFrame | None:
     """Return the share of each input in the variance of ln G_s, the largest first; None if they do not add up."""
     if not add_up(posterior.shares):
         return None
-    ordered = sorted(posterior.shares.items(), key=lambda item: -item[1])
+    ordered = sorted(posterior.shares.items(), key=lambda item: (item[0] == REST, -item[1]))
     rows = [(Symbols(input_words(name)), f"{100.0 * share:.1f} %") for name, share in ordered]
     head = ("source", Symbols("share of the variance of ln G_s"))
     return table(head, rows, title="Error budget", numbers=(1,), bars=[share for _, share in ordered])
