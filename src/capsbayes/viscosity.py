@@ -169,7 +169,7 @@ def methylcellulose(medium: str, temperature: Given, flow_rate: Given, half_widt
     --------
     >>> viscosity = methylcellulose("0.49%", "23.0 +/- 0.5 degC", "0.16 +/- 0.002 uL/s", "10.0 +/- 0.1 um")
     >>> f"{1e3 * viscosity.value:.2f} +/- {1e3 * viscosity.error:.2f} mPa s"
-    '3.33 +/- 0.40 mPa s'
+    '3.33 +/- 0.41 mPa s'
     """
     if medium not in MEDIA:
         raise InputError(_HERE, "medium", f"one of {', '.join(MEDIA)}", medium)
