@@ -261,7 +261,7 @@ def test_a_wrong_file_of_outlines_is_one_line(tmp_path, change, message):
 
 def test_what_is_no_set_is_said(tmp_path):
     with pytest.raises(
-        InputError, match=r"expected a folder of measurement files, a \.csv table or a \.nc file, got noth"
+        InputError, match=r"expected a folder of measurement files, a \.csv or \.xlsx table or a \.nc file, got noth"
     ):
         Session.read(tmp_path / "missing")
     (tmp_path / "one.toml").write_text("")
