@@ -19,7 +19,7 @@ _BRIGHT = 85.0  # percentile along the channel that is taken for the empty chann
 _ROWS = 64  # of all frames that are held in memory a second time
 _CORE = 0.8  # of the half width: part of the channel whose light is averaged along it
 _FAINT = 0.01  # of the light: larger differences from a smooth trend are objects
-_TILE = 8  # px: side of the squares over which light is averaged where frames are compared
+_TILE = 8  # px: side of the squares over which light is averaged, in every second row, where frames are compared
 _FLICKER, _STEADY = 5.0, 0.01  # largest factor, and smallest change, by which the light of frames is evened out
 _FEWEST_TURNS = 4  # frames that tell that two kinds of them take turns
 _APART = 0.4  # of the logarithm of a level: a lamp that flickers by a fifth to either side changes it by as much
@@ -72,7 +72,7 @@ def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) 
     """
     size = max(1, grey.shape[1] // _TILE), max(1, grey.shape[0] // _TILE)
     tiles, empty = (
-        np.asarray(cv2.resize(each.astype(np.float64), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
+        np.asarray(cv2.resize(each[::2].astype(np.float64), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
         for each in (grey, reference)
     )
     ratio = quantile(transmission(tiles, empty).ravel(), share) if median(empty) > 0.0 else 1.0
