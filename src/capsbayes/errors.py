@@ -43,7 +43,9 @@ class CutOffError(InputError):
 
 
 class NoShapeError(InputError):
-    """A measurement that lies far from every shape of the model."""
+    """A measurement that lies far from every shape of the model: `distance` standard deviations from the nearest."""
+
+    distance = float("nan")
 
 
 class DatabaseError(CapsbayesError):

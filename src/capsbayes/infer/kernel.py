@@ -211,7 +211,7 @@ def velocity_ratios(*arguments: ArrayLike) -> tuple[Floats, Floats]:
 def _filled(fill: Callable[..., None], arguments: Sequence[ArrayLike]) -> tuple[Floats, Floats]:
     arrays = np.broadcast_arrays(*arguments)
     first, second = np.empty(arrays[0].size), np.empty(arrays[0].size)
-    fill(*(np.array(array, dtype=np.float64).ravel() for array in arrays), first, second)
+    fill(*(np.ascontiguousarray(array, dtype=np.float64).ravel() for array in arrays), first, second)
     return first.reshape(arrays[0].shape), second.reshape(arrays[0].shape)
 
 
@@ -229,20 +229,41 @@ def sd_in_cells(masses: Floats) -> float:
 
 
 @compiled
-def feature_in_cells(squares: float, steps: float) -> float:
-    """Return the standard deviation, in cells, of a Gaussian of the same steepness.
+def feature_in_cells(masses: Floats) -> float:
+    """Return the standard deviation, in cells, of a Gaussian as steep as probabilities (n, m) along their last axis.
 
     For a Gaussian the sum of squares over the sum of squared differences of neighbours is twice the variance; for
     several modes it is that of the narrow ones, however far apart they are.
-
-    Parameters
-    ----------
-    squares : float
-        Sum of the squared probabilities.
-    steps : float
-        Sum of the squared differences of neighbours.
     """
+    squares, steps = 0.0, 0.0
+    for i in range(masses.shape[0]):
+        for j in range(masses.shape[1]):
+            squares += masses[i, j] ** 2
+            if j:
+                steps += (masses[i, j] - masses[i, j - 1]) ** 2
     return np.sqrt(squares / max(2.0 * steps, 1e-300))
+
+
+@compiled
+def resolution(weights: Floats) -> tuple[tuple[float, float], tuple[float, float, float]]:
+    """Return how well the cells of planes resolve probabilities (k, i, j).
+
+    Of the sum over all else along i, and along j, the `sd_in_cells` and the `feature_in_cells`; and the latter along j
+    of the plane with the largest sum.
+    """
+    rows, columns = np.zeros((1, weights.shape[1])), np.zeros((1, weights.shape[2]))
+    heaviest, largest = 0, -1.0
+    for k in range(weights.shape[0]):
+        total = 0.0
+        for i in range(weights.shape[1]):
+            for j in range(weights.shape[2]):
+                rows[0, i] += weights[k, i, j]
+                columns[0, j] += weights[k, i, j]
+                total += weights[k, i, j]
+        if total > largest:
+            heaviest, largest = k, total
+    of_rows = sd_in_cells(rows[0]), feature_in_cells(rows)
+    return of_rows, (sd_in_cells(columns[0]), feature_in_cells(columns), feature_in_cells(weights[heaviest]))
 
 
 @compiled

@@ -49,7 +49,8 @@ def p_values(engine: ExactEngine, measurement: Measurement, posterior: ExactPost
     found = {} if measurement.outline is not None else _of_lengths(engine, posterior.density)
     rate = posterior.density.flow_rate
     if rate is not None and not posterior.density.inputs.by_flow_rate:
-        draws = engine(replace(measurement, flow_rate=None)).drawn(np.random.default_rng([0, 3]), _DRAWS)
+        without = replace(posterior.density.inputs, flow_rate=None)
+        draws = engine(measurement, inputs=without).drawn(np.random.default_rng([0, 3]), _DRAWS)
         area = posterior.density.inputs.area * posterior.forward.relative_area(draws)
         flow = np.log(draws["mean_velocity"] * draws["half_width"] ** 2 * area)
         score = (rate.mean - flow.mean()) / np.sqrt(rate.variance + flow.var())

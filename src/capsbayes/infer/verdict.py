@@ -9,7 +9,8 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.checks import Agreement, Gate
-from capsbayes.infer.kernel import border_steps
+from capsbayes.infer.grid.posterior import GridPosterior
+from capsbayes.infer.kernel import NUDGE, border_steps
 from capsbayes.infer.misfit import Misfit
 from capsbayes.infer.prior import Prior
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES, ForwardModel
@@ -21,6 +22,7 @@ LEANING_SHARE = 0.05
 RANGE = "range of "
 """How the name of a share next to the ends of a further coordinate's range begins."""
 
+_NEGLIGIBLE = 1e-4  # of the largest probability of a node
 _TOLD = 0.5  # of the prior's probability within 68 %: a coordinate of which the data tell less fills its range anyway
 _SEVERAL = 2  # ranges: next to the ends of so many at once, the true membrane may be none of the model
 
@@ -56,6 +58,23 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
     return shares | range_leanings(draws, model, prior)
 
 
+def leanings_at_nodes(posterior: GridPosterior, prior: Prior) -> dict[str, float]:
+    """Return the `leanings` of a posterior that no prior cuts, from its nodes."""
+    weights, nodes, _ = posterior.kept
+    likely = weights > _NEGLIGIBLE * weights.max()
+    weights, nodes = weights[likely] / weights[likely].sum(), nodes.taken(likely)
+    place = {"capillary_number": np.exp(nodes.log_ca), "size_ratio": nodes.size}
+    model = posterior.forward
+    shares = {"model": leaning(place, tuple(place), model.domain.contains, weights=weights)}
+    shares |= {kind: float(weights @ concerned) for kind, concerned in model.caveats(place).items()}
+    for name, limits in zip(("surface_shear_modulus", "capsule_radius"), prior.both, strict=True):
+        found = posterior.distribution(name)
+        near = NUDGE * np.sqrt(found.variance)
+        below = found.below(np.log([limits.low, limits.high]) + np.array([near, -near]))
+        shares[f"prior of {name}"] = float(1.0 - (below[1] - below[0]))
+    return shares
+
+
 def range_leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
     """Return the share of a posterior within half a standard deviation of the ends of each further coordinate's range.
 
@@ -78,7 +97,11 @@ def range_leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prio
 
 
 def leaning(  # type: ignore[no-untyped-def]
-    draws: Mapping[str, Floats], names: Sequence[str], contains, held: Sequence[str] = ()
+    draws: Mapping[str, Floats],
+    names: Sequence[str],
+    contains,
+    held: Sequence[str] = (),
+    weights: Floats | None = None,
 ) -> float:
     """Return the share of a posterior within half a standard deviation of a border.
 
@@ -92,6 +115,8 @@ def leaning(  # type: ignore[no-untyped-def]
         From one array for each name to the points that are within : bool array.
     held : sequence of str
         Further quantities that it takes, which are not moved; the steps are those of the others given these.
+    weights : (n,) array, optional
+        Probabilities of the draws, if these are not equally likely; then nothing is held.
 
     Returns
     -------
@@ -100,12 +125,17 @@ def leaning(  # type: ignore[no-untyped-def]
         logarithms takes beyond the border.
     """
     logs = np.stack([np.log(np.ravel(draws[name])) for name in names])
-    every = slice(None, None, max(1, logs.shape[1] // 4000))
+    every = slice(None, None, max(1, logs.shape[1] // 4000) if weights is None else 1)
     logs, others = logs[:, every], [np.ravel(draws[name])[every] for name in held]
     out = np.zeros(logs.shape[1], dtype=bool)
-    for step in border_steps(np.atleast_2d(np.cov(_given(logs, others)))):
+    if weights is None:
+        covariance = np.atleast_2d(np.cov(_given(logs, others)))
+    else:
+        away = logs - np.sum(weights * logs, axis=1, keepdims=True)
+        covariance = np.sum(weights * away * away[:, None], axis=2)
+    for step in border_steps(covariance):
         out |= ~contains(*np.exp(logs + step[:, None]), *others)
-    return float(out.mean())
+    return float(out.mean() if weights is None else weights @ out)
 
 
 def _given(logs: Floats, held: Sequence[Floats]) -> Floats:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.model import ForwardModel
@@ -31,26 +31,36 @@ class Nodes:
         Sides of a piece over those of a cell.
     model : ModelAtPoints
         Of (n,) arrays, NaN outside the model's domain.
+    cell : (n,) array
+        Number of the cell of a window, row by row of log Ca, in which each lies; empty without a window.
     """
 
     log_ca: Floats
     size: Floats
     side: Floats
     model: ModelAtPoints
+    cell: Integers
 
     @classmethod
     def at(
-        cls, forward: ForwardModel, log_ca: Floats, size: Floats, side: Floats, density: PosteriorDensity | None
+        cls,
+        forward: ForwardModel,
+        log_ca: Floats,
+        size: Floats,
+        side: Floats,
+        cell: Integers,
+        density: PosteriorDensity | None,
     ) -> Nodes:
         """Evaluate a model at centres of pieces: all that a posterior density reads, by default the lengths."""
         ca = np.exp(log_ca)
         if density is not None:
-            return cls(log_ca, size, side, density.evaluated(forward, ca, size))
-        return cls(log_ca, size, side, ModelAtPoints.of(forward({"capillary_number": ca, "size_ratio": size})))
+            return cls(log_ca, size, side, density.evaluated(forward, ca, size), cell)
+        return cls(log_ca, size, side, ModelAtPoints.of(forward({"capillary_number": ca, "size_ratio": size})), cell)
 
     def taken(self, index: NDArray[np.intp] | Booleans) -> Nodes:
         """Return some of the nodes."""
-        return Nodes(self.log_ca[index], self.size[index], self.side[index], self.model.taken(index))
+        cell = self.cell[index] if len(self.cell) else self.cell
+        return Nodes(self.log_ca[index], self.size[index], self.side[index], self.model.taken(index), cell)
 
     def joined(self, other: Nodes) -> Nodes:
         """Return these nodes followed by others."""
@@ -59,6 +69,7 @@ class Nodes:
             np.concatenate([self.size, other.size]),
             np.concatenate([self.side, other.side]),
             self.model.joined(other.model),
+            np.concatenate([self.cell, other.cell]),
         )
 
 
@@ -92,11 +103,14 @@ class Window:
         steps = self.step
         return tuple(self.low[k] + steps[k] * (np.arange(self.shape[k]) + 0.5) for k in (0, 1))  # type: ignore[return-value]
 
-    def nodes(self, forward: ForwardModel, density: PosteriorDensity | None = None) -> Nodes:
-        """Return one node for each cell, row by row of log Ca."""
+    def nodes(
+        self, forward: ForwardModel, density: PosteriorDensity | None = None, visited: Booleans | None = None
+    ) -> Nodes:
+        """Return one node for each cell, or for each of those visited (i, j), row by row of log Ca."""
         log_ca, size = self.axes
-        places = np.repeat(log_ca, len(size)), np.tile(size, len(log_ca))
-        return Nodes.at(forward, *places, np.ones(len(places[0])), density)
+        cell = np.arange(len(log_ca) * len(size)) if visited is None else np.flatnonzero(visited)
+        row, column = np.divmod(cell, len(size))
+        return Nodes.at(forward, log_ca[row], size[column], np.ones(len(cell)), cell, density)
 
     def split(
         self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, density: PosteriorDensity | None = None
@@ -106,18 +120,19 @@ class Window:
         Parameters
         ----------
         nodes : Nodes
-            One for each cell.
+            One for each cell that is visited.
         cut : (i, j) bool array
             Cells to split.
         parts : int
             Pieces along each side of a cell.
         """
-        chosen = cut.ravel()
+        chosen = cut.ravel()[nodes.cell]
         offsets = (np.arange(parts) + 0.5) / parts - 0.5
         log_ca = nodes.log_ca[chosen, None, None] + self.step[0] * offsets[:, None]
         size = nodes.size[chosen, None, None] + self.step[1] * offsets
         log_ca, size = (grid.ravel() for grid in np.broadcast_arrays(log_ca, size))
-        pieces = Nodes.at(forward, log_ca, size, np.full(log_ca.size, 1.0 / parts), density)
+        sides, cell = np.full(log_ca.size, 1.0 / parts), np.repeat(nodes.cell[chosen], parts**2)
+        pieces = Nodes.at(forward, log_ca, size, sides, cell, density)
         return nodes.taken(~chosen).joined(pieces.taken(np.isfinite(pieces.model.extent)))
 
     def around(self, likely: Booleans, shape: tuple[int, int], bounds: Window) -> Window:
@@ -136,11 +151,12 @@ class Window:
         """
         low, high = [], []
         for k in (0, 1):
-            index, cells = np.nonzero(likely)[k], self.shape[k]
-            before = 1 if index.min() > 0 else max(1, cells // 4)
-            after = 1 if index.max() < cells - 1 else max(1, cells // 4)
-            low.append(float(max(self.low[k] + self.step[k] * (index.min() - before), bounds.low[k])))
-            high.append(float(min(self.low[k] + self.step[k] * (index.max() + 1 + after), bounds.high[k])))
+            cells = self.shape[k]
+            first, last = np.flatnonzero(likely.any(axis=1 - k))[[0, -1]].tolist()
+            before = 1 if first > 0 else max(1, cells // 4)
+            after = 1 if last < cells - 1 else max(1, cells // 4)
+            low.append(float(max(self.low[k] + self.step[k] * (first - before), bounds.low[k])))
+            high.append(float(min(self.low[k] + self.step[k] * (last + 1 + after), bounds.high[k])))
         return Window((low[0], low[1]), (high[0], high[1]), shape)
 
     def open_ends(self, bounds: Window, axis: int) -> tuple[bool, bool]:
@@ -176,16 +192,20 @@ class CoarseTable:
         (ca_low, ca_high), (size_low, size_high) = forward.domain.bounds
         return cls.on(Window((float(np.log(ca_low)), size_low), (float(np.log(ca_high)), size_high), _COARSE), forward)
 
-    def carried(self, log_density: Floats) -> Booleans:
+    def carried(self, log_density: Floats, drop: float = COARSE_DROP) -> Booleans:
         """Return the cells that carry a log density (n,) : (i, j) array."""
-        return (log_density > np.nanmax(log_density) - COARSE_DROP).reshape(self.window.shape)
+        return (log_density > np.nanmax(log_density) - drop).reshape(self.window.shape)
 
     @classmethod
     def on(cls, window: Window, forward: ForwardModel) -> CoarseTable:
         """Tabulate a model on a window."""
-        nodes = window.nodes(forward)
+        return cls.widened(window, window.nodes(forward))
+
+    @classmethod
+    def widened(cls, window: Window, nodes: Nodes) -> CoarseTable:
+        """Return the table of nodes that are known, one for each cell of a window."""
         model = nodes.model
-        (z_u, z_s), (a_u, a_s) = (_changes(lengths.reshape(_COARSE)) for lengths in (model.extent, model.length))
+        (z_u, z_s), (a_u, a_s) = (_changes(lengths.reshape(window.shape)) for lengths in (model.extent, model.length))
         wide = model._replace(
             zz=model.zz + (z_u**2 + z_s**2).ravel(),
             za=model.za + (z_u * a_u + z_s * a_s).ravel(),

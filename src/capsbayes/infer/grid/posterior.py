@@ -88,7 +88,7 @@ class NodePosterior(ExactPosterior):
 
     @property
     @abc.abstractmethod
-    def _kept(self) -> tuple[Floats, Nodes, Floats | None]:
+    def kept(self) -> tuple[Floats, Nodes, Floats | None]:
         """Nodes that carry the posterior: probabilities (m,), nodes and l (m,) where it is a dimension."""
 
     @property
@@ -99,14 +99,14 @@ class NodePosterior(ExactPosterior):
     @cached_property
     def _ratio(self) -> tuple[Floats, float]:
         """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
-        weights, nodes, width = self._kept
+        weights, nodes, width = self.kept
         mean, variance = self.density.velocity_ratio(nodes.model, width)
         return np.log(mean), float(weights @ (np.maximum(variance, 0.0) / mean**2))
 
     @cached_property
     def _node_logs(self) -> dict[str, tuple[Floats, float]]:
         """Logs of the quantities the node alone determines (m,), and the distance of their neighbours."""
-        nodes, (du, ds, _) = self._kept[1], self._spacing
+        nodes, (du, ds, _) = self.kept[1], self._spacing
         return {
             "capillary_number": (nodes.log_ca, du),
             "size_ratio": (np.log(nodes.size), ds),
@@ -144,7 +144,7 @@ class NodePosterior(ExactPosterior):
 
     def _given_flow(self, name: str) -> LogGrid:
         """Return the distribution of a quantity that the flow rate changes."""
-        density, (_, nodes, width) = self.density, self._kept
+        density, (_, nodes, width) = self.density, self.kept
         log_ratio, variance = self._ratio
         flow = density.flow(width, nodes.model)
         assert flow is not None
@@ -165,7 +165,7 @@ class NodePosterior(ExactPosterior):
         return found.times(density.viscosity) if name == "surface_shear_modulus" else found
 
     def _length(self, name: str) -> LogGrid:
-        width = self._kept[2]
+        width = self.kept[2]
         log_size, ds = self._node_logs["size_ratio"]
         if width is None:
             only = self.density.half_width
@@ -175,7 +175,7 @@ class NodePosterior(ExactPosterior):
         return self._binned(np.log(width) + log_size, 0.0)
 
     def _binned(self, logs: Floats, least: float) -> LogGrid:
-        return laid(logs, self._kept[0], least)
+        return laid(logs, self.kept[0], least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,7 @@ class GridPosterior(NodePosterior):
     window : Window
         Cells of (log Ca, a/l).
     nodes : Nodes
-        Of the cells and of their pieces, n of them.
+        Of the cells that are visited and of their pieces, n of them.
     half_width : (k,) array or None [m]
         Nodes of l, where it is a dimension.
     free : (k or 1, n) array
@@ -218,11 +218,58 @@ class GridPosterior(NodePosterior):
         weights = self.free * self.share
         return weights / weights.sum()
 
+    @cached_property
+    def of_cells(self) -> Floats:
+        """Posterior probability of each cell of the window, none of which is split : (k or 1, i, j) array."""
+        cells = np.zeros((len(self.weights), self.window.shape[0] * self.window.shape[1]))
+        cells[:, self.nodes.cell] = self.weights
+        return cells.reshape(-1, *self.window.shape)
+
+    @cached_property
+    def _likeliest(self) -> int:
+        """Number of the node with the largest probability in its piece."""
+        return int(np.argmax(self.weights.sum(axis=0) / self.nodes.side**2))
+
     @property
     def likeliest(self) -> tuple[float, float]:
-        """Ca and a/l of the node with the largest probability in its piece."""
-        node = int(np.argmax(self.weights.sum(axis=0) / self.nodes.side**2))
-        return float(np.exp(self.nodes.log_ca[node])), float(self.nodes.size[node])
+        """Ca and a/l of the likeliest node."""
+        return float(np.exp(self.nodes.log_ca[self._likeliest])), float(self.nodes.size[self._likeliest])
+
+    @property
+    def distance(self) -> float:
+        """Distance of the measured lengths from those of the likeliest node, in standard deviations; l is known."""
+        there = self.nodes.model.taken(self._likeliest)
+        return float(self.density.likelihood.distance(there, self.density.width_at(None)))
+
+    @property
+    def likelihood(self) -> tuple[Floats, Floats, Floats, float]:
+        """The posterior without the priors of G_s and a, where l is no dimension.
+
+        Probabilities (m,) of nodes, log(G_s / mu) and log(a / l) there (m,), and the variance of the former at each.
+        """
+        density = self.density
+        modulus, radius = density.prior.both
+        kept = self.free[0] > _NEGLIGIBLE * self.free.max()
+        nodes, log_size = self.nodes.taken(kept), np.log(self.nodes.size[kept])
+        if density.inputs.by_flow_rate:  # U is shared, too
+            area = 0.0 if nodes.model.log_area is None else nodes.model.log_area
+            softness, spread, log_flow = -nodes.log_ca - area, 0.0, float(np.log(density.inputs.mean_velocity(1.0)))
+        else:
+            softness, spread, log_flow = self._softness(nodes, self.free[0, kept])
+        flat = self.free[0, kept] * np.exp(-radius.power * log_size - modulus.power * (softness - softness.max()))
+        return flat, softness + log_flow, log_size, spread
+
+    def _softness(self, nodes: Nodes, weights: Floats) -> tuple[Floats, float, float]:
+        """Return log(G_s / mu v_o) at nodes, its variance at each, and the log of v_o."""
+        density = self.density
+        mean, variances = density.velocity_ratio(nodes.model, None)
+        variance = float(np.average(np.maximum(variances, 0.0) / mean**2, weights=weights))
+        log_ratio, velocity = np.log(mean), LogGrid.of(density.inputs.capsule_velocity, -1)
+        flow = density.flow(None, nodes.model)
+        if flow is None:
+            return -nodes.log_ca - log_ratio, velocity.variance + variance, velocity.mean
+        (change, *_), (spread, *_) = given_flow(log_ratio, variance, flow)
+        return -nodes.log_ca - log_ratio + change, float(spread), density.capsule_velocity.mean
 
     @cached_property
     def log_evidence(self) -> float:
@@ -261,7 +308,7 @@ class GridPosterior(NodePosterior):
         return self.density.completed(rng, nodes, points)
 
     @cached_property
-    def _kept(self) -> tuple[Floats, Nodes, Floats | None]:
+    def kept(self) -> tuple[Floats, Nodes, Floats | None]:
         """Nodes that carry the posterior: probabilities (m,), nodes and l (m,)."""
         width, node = np.nonzero(self.weights > _NEGLIGIBLE * self.weights.max())
         weights = self.weights[width, node]

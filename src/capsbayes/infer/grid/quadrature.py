@@ -21,7 +21,7 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid.lattice import COARSE_DROP, CoarseTable, Nodes, Window
 from capsbayes.infer.grid.posterior import GridPosterior
 from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.kernel import feature_in_cells, sd_in_cells
+from capsbayes.infer.kernel import resolution
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
 from capsbayes.infer.log_grid import resampled
 from capsbayes.infer.outline.likelihood import outline_likelihood
@@ -41,6 +41,7 @@ PARTS_AT_BORDER = 4  # along each side of a cell that the border of the domain c
 _FIRST, _THEN, _LARGEST = 32, 56, 512
 DROP = 17.0  # of the log density, within which cells of a grid finer than the coarse table carry a posterior
 AT_BORDER = 1e-4  # of the largest density: cells at the border of the domain that carry more are cut smaller
+_VISITED_DROP = 21.0  # within which cells are visited: nodes with 1e-9 of the largest probability are kept
 _EDGE_DROP = 12.0  # at the edge of a window: less than 1e-5 is cut off there
 _ROUNDS = 12
 _FINER = 3.0  # at most from window to window with an outline, where each node is costly and most lie off the posterior
@@ -73,6 +74,8 @@ class Quadrature:
         check_coordinates(model, self.prior)
         self.table = CoarseTable.of(model)
         self.inputs = Inputs.of_experiment(experiment)
+        # shapes, the same for all that no prior excludes, by whether the flow rate alone tells U
+        self._predicted: dict[bool, tuple[ModelAtPoints, Floats]] = {}
 
     def __call__(
         self,
@@ -137,24 +140,41 @@ class Quadrature:
         logs : (n,) array
             Up to a constant of the capsule.
         """
-        inputs = density.inputs.first_source
-        table, unseen = self.table, replace(density, likelihood=UNSEEN, outline=None, inputs=inputs)
+        by_rate = density.inputs.by_flow_rate
+        if density.flow_rate is not None and not by_rate:
+            density = replace(density, inputs=density.inputs.first_source)
+        nodes = self.table.nodes
+        everywhere = isinstance(  # no prior excludes a shape
+            density.log_share(nodes.model, nodes.log_ca, nodes.size), float
+        )
+        if everywhere and by_rate in self._predicted:
+            return self._predicted[by_rate]
+        table, unseen = self.table, replace(density, likelihood=UNSEEN, outline=None)
         for _ in range(_NARROWINGS):
-            narrower = table.window.around(table.carried(_log_prior(table, unseen)), table.window.shape, table.window)
+            narrower = table.window.around(table.carried(_log_density(table, unseen)), table.window.shape, table.window)
             if np.prod(narrower.step) > _NARROWER * np.prod(table.window.step):
                 break
             table = CoarseTable.on(narrower, self.model)
-        logs = _log_prior(table, unseen) + np.log(np.prod(table.window.step))
+        logs = _log_density(table, unseen) + np.log(np.prod(table.window.step))
         inside = np.isfinite(logs)
-        return table.nodes.model.taken(inside), logs[inside]
+        found = table.nodes.model.taken(inside), logs[inside]
+        if everywhere:
+            self._predicted[by_rate] = found
+        return found
 
     def _refined(self, window: Window, density: PosteriorDensity) -> GridPosterior:
         """Compute the posterior on a window that contains and resolves it."""
         widths = _half_widths(density) if density.shape_depends_on_half_width else None
+        first, likely = window, None
         for _ in range(_ROUNDS):
-            posterior = self._on(window, window.nodes(self.model, density), density, widths)
-            resolution = _resolution(posterior)
-            better = _better_window(posterior, resolution, self.table.window)
+            visited = None if likely is None else _over(likely, first, window)
+            posterior = self._on(window, window.nodes(self.model, density, visited), density, widths)
+            if likely is None and widths is None and density.outline is None:
+                wide = CoarseTable.widened(window, posterior.nodes)
+                likely = np.ones((window.shape[0] + 2, window.shape[1] + 2), dtype=bool)
+                likely[1:-1, 1:-1] = _spread(wide.carried(_log_density(wide, density), _VISITED_DROP))
+            along = _resolution(posterior)
+            better = _better_window(posterior, along, self.table.window)
             if better is None:
                 break
             window = better
@@ -163,7 +183,7 @@ class Quadrature:
         if cut is not None:
             nodes = posterior.window.split(posterior.nodes, cut, PARTS_AT_BORDER, self.model, density)
             posterior = self._on(posterior.window, nodes, density, widths)
-        return replace(posterior, gates=(*(gate for gates in resolution for gate in gates), whole))
+        return replace(posterior, gates=(*(gate for gates in along for gate in gates), whole))
 
     def _first_window(self, measurement: Measurement, density: PosteriorDensity) -> Window:
         rough = with_error_of_half_width(density)
@@ -198,6 +218,8 @@ class Quadrature:
 
 def with_error_of_half_width(density: PosteriorDensity) -> PosteriorDensity:
     """Return the density with the error of the half width in the covariance of the lengths: an approximation."""
+    if density.likelihood.over_half_width:
+        return density
     width = density.inputs.half_width
     return replace(density, likelihood=density.likelihood.with_half_width(width.value, width.error))
 
@@ -227,7 +249,7 @@ def check_shape(model: ForwardModel, measurement: Measurement, density: Posterio
     if measurement.axial_length is not None:
         lengths.append(("L_a", measurement.axial_length, nodes.model.length[nearest]))
     nearest_lengths = ", ".join(f"{symbol}/l = {of_model:.3f}" for symbol, _, of_model in lengths)
-    raise NoShapeError(
+    error = NoShapeError(
         measurement.source or "measurement",
         "axial_extent, axial_length" if len(lengths) > 1 else "axial_extent",
         f"a shape that a case of {model.name} has (nearest: {nearest_lengths}"
@@ -235,6 +257,8 @@ def check_shape(model: ForwardModel, measurement: Measurement, density: Posterio
         ", ".join(f"{symbol}/l = {seen / scale:.3f}" for symbol, seen, _ in lengths)
         + f", {distance[nearest]:.0f} standard errors away",
     )
+    error.distance = float(distance[nearest])
+    raise error
 
 
 def log_density_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> Floats:
@@ -279,10 +303,22 @@ def _no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: s
     return InputError(where, "prior", expected, "priors that hold none", advice)
 
 
-def _log_prior(table: CoarseTable, unseen: PosteriorDensity) -> Floats:
-    """Return the log density of shapes of which no length is known."""
+def _log_density(table: CoarseTable, density: PosteriorDensity) -> Floats:
+    """Return the log posterior density at the nodes of a table."""
     at = table.nodes.model, table.nodes.log_ca, table.nodes.size
-    return unseen.log_density(*at) + unseen.log_share(*at)
+    return density.log_density(*at) + density.log_share(*at)
+
+
+def _over(likely: Booleans, first: Window, window: Window) -> Booleans:
+    """Return the cells of a window whose middles lie in the likely cells of the first one : (i, j) array.
+
+    `likely` has one more cell on each side, for what lies beyond.
+    """
+    rows, columns = (
+        np.clip((axis - low) / step + 1.0, 0.0, count + 1.0).astype(int)
+        for axis, low, step, count in zip(window.axes, first.low, first.step, first.shape, strict=True)
+    )
+    return likely[rows[:, None], columns]
 
 
 def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:
@@ -299,8 +335,7 @@ def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:
 def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Window) -> Window | None:
     """Return a window that resolves the posterior better, or None if this one suffices."""
     window = posterior.window
-    weights = posterior.weights.reshape(-1, *window.shape)
-    both = weights.max(axis=0)
+    both = posterior.of_cells.max(axis=0)
     likely = both > np.exp(-DROP) * both.max()
     peak = np.unravel_index(int(both.argmax()), both.shape)
     if any(_at_open_end(int(peak[k]), window, bounds, k) for k in (0, 1)):
@@ -322,19 +357,16 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
 
 def _resolution(posterior: GridPosterior) -> Resolution:
     """Return the gates on the size of the cells, along log Ca and along a/l, of a window that is not split."""
-    weights = posterior.weights.reshape(-1, *posterior.window.shape)
-    both = weights.sum(axis=0)
-    across = weights[int(weights.sum(axis=(1, 2)).argmax())]
-    ca, size = both.sum(axis=1), both.sum(axis=0)
+    ca, size = resolution(posterior.of_cells)
     return (
         [
-            _gate("standard deviation of log Ca", sd_in_cells(ca), CELLS_PER_SD),
-            _gate("feature of log Ca", _feature_in_cells(ca), CELLS_PER_FEATURE),
+            _gate("standard deviation of log Ca", ca[0], CELLS_PER_SD),
+            _gate("feature of log Ca", ca[1], CELLS_PER_FEATURE),
         ],
         [
-            _gate("standard deviation of a/l", sd_in_cells(size), CELLS_PER_SD),
-            _gate("feature of a/l", _feature_in_cells(size), CELLS_PER_FEATURE),
-            _gate("standard deviation of a/l at given Ca", _feature_in_cells(across), CELLS_ACROSS),
+            _gate("standard deviation of a/l", size[0], CELLS_PER_SD),
+            _gate("feature of a/l", size[1], CELLS_PER_FEATURE),
+            _gate("standard deviation of a/l at given Ca", size[2], CELLS_ACROSS),
         ],
     )
 
@@ -358,19 +390,15 @@ def _gate(what: str, value: float, least: float) -> Gate:
     return Gate(f"cells in a {what}", value, least=least)
 
 
-def _feature_in_cells(masses: Floats) -> float:
-    """Return `feature_in_cells` of probabilities along their last axis."""
-    return float(feature_in_cells(np.sum(masses**2), np.sum(np.diff(masses) ** 2)))
-
-
 def _cut_cells(posterior: GridPosterior) -> Booleans | None:
     """Return the cells next to the border of the domain : (i, j) bool array, or None if they carry no density."""
-    shape = posterior.window.shape
-    outside = np.asarray(np.isnan(posterior.nodes.model.extent)).reshape(shape)
-    if not outside.any():
+    out = np.isnan(posterior.nodes.model.extent)
+    if not out.any():
         return None
-    cut = _spread(outside) & _spread(~outside)
-    density = posterior.weights.max(axis=0).reshape(shape)
+    outside, inside = np.zeros((2, *posterior.window.shape), dtype=bool)
+    outside.ravel()[posterior.nodes.cell], inside.ravel()[posterior.nodes.cell] = out, ~out
+    cut = _spread(outside) & _spread(inside)
+    density = posterior.of_cells.max(axis=0)
     return cut if np.max(density, where=cut, initial=0.0) > AT_BORDER * density.max() else None
 
 
@@ -394,7 +422,7 @@ def _at_open_end(index: int, window: Window, bounds: Window, axis: int) -> bool:
 def _whole(posterior: GridPosterior, bounds: Window) -> Gate:
     """Return the gate on the density at those ends of a window, not split, that are no ends of the domain."""
     window = posterior.window
-    both = posterior.weights.max(axis=0).reshape(window.shape)
+    both = posterior.of_cells.max(axis=0)
     found = [0.0]
     for k in (0, 1):
         low, high = window.open_ends(bounds, k)

@@ -97,7 +97,7 @@ class Frame:
         theta = self.theta(points)
         further = {coordinate.name: theta[coordinate.name] for coordinate in self.coordinates}
         there = density.evaluated(model, theta["capillary_number"], theta["size_ratio"], further)
-        nodes = Nodes(points[:, 0], points[:, 1], np.ones(len(points)), there)
+        nodes = Nodes(points[:, 0], points[:, 1], np.ones(len(points)), there, np.empty(0, np.int64))
         return nodes, self.log_density(density, points, nodes, theta.get("half_width"))
 
     def log_density(

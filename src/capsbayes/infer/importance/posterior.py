@@ -153,7 +153,8 @@ class WeightedPosterior(NodePosterior):
         return {"surface_shear_modulus": -self.nodes.log_ca - ratio, "capsule_radius": radius}
 
     @property
-    def _kept(self) -> tuple[Floats, Nodes, Floats | None]:
+    def kept(self) -> tuple[Floats, Nodes, Floats | None]:
+        """See `NodePosterior`."""
         return self.weights, self.nodes, self._theta.get("half_width")
 
     @property

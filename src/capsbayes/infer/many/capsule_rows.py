@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
-from capsbayes.infer.many.tabulated.mixture import COMPONENTS
-from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
-from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
+from capsbayes.infer.many.mixture import COMPONENTS
+from capsbayes.infer.many.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.misfit import PREDICTED
+from capsbayes.infer.posterior import REPORTED
 from capsbayes.status import Status
 
 Strings = NDArray[Any]  # of str, or of objects that are
@@ -31,11 +31,11 @@ class CapsuleRows:
     name, source, sha256 : (n,) arrays of str
         Name of the capsule, the file it was read from, and the hash of the file.
     status, reason, engine : (n,) arrays of str
-        Name of a `Status`; the reason, where the status alone does not tell it; ``table`` or ``grid``.
+        Name of a `Status`; the reason, where the status alone does not tell it; ``grid``.
     numbers : (n, k) array
         Measured numbers, the `NUMBERS` of `capsbayes.measurements.table`.
     summaries : (n, 7, 7) array
-        Mean, standard deviation, median and ends of the 68 % and 95 % intervals of the `QUANTITIES`, SI.
+        Mean, standard deviation, median and ends of the 68 % and 95 % intervals of the `REPORTED`, SI.
     distance : (n,) array
         Of the lengths from those of the likeliest shape, in standard errors.
     leaning : (n, 5) array
@@ -77,7 +77,7 @@ class CapsuleRows:
             blank.copy(),
             blank.copy(),
             numbers,
-            np.full((count, len(QUANTITIES), 7), np.nan),
+            np.full((count, len(REPORTED), 7), np.nan),
             np.full(count, np.nan),
             np.full((count, len(LEANINGS)), np.nan),
             np.full((count, len(PREDICTED)), np.nan),

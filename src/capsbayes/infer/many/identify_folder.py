@@ -26,8 +26,8 @@ from capsbayes.infer.many.listing import Listed, common_experiment, listed
 from capsbayes.infer.many.population import STATISTICS, Population
 from capsbayes.infer.many.run import Run
 from capsbayes.infer.many.sampled import ChainTask, CheckTask, Compared, compared, drawn_rows
-from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import RowsTask, StoredTask
+from capsbayes.infer.posterior import REPORTED
 from capsbayes.infer.prior import Prior, check_coordinates
 from capsbayes.interruption import keeping
 from capsbayes.measurements.table import MeasuredLengths
@@ -243,8 +243,8 @@ def _checked(
     rows = drawn_rows(population.usable, share, most, int(population.dataset.attrs["seed"]))
     if not len(rows):
         return None
-    names = [f"{name}_{statistic}" for name in QUANTITIES for statistic in STATISTICS]
-    summaries = np.stack([population[name][rows] for name in names], axis=1).reshape(len(rows), len(QUANTITIES), -1)
+    names = [f"{name}_{statistic}" for name in REPORTED for statistic in STATISTICS]
+    summaries = np.stack([population[name][rows] for name in names], axis=1).reshape(len(rows), len(REPORTED), -1)
     seed = int(population.dataset.attrs["seed"])
     tasks = [
         CheckTask(store, found.measurement(row), of_row, seed, found.prior(row))

@@ -114,8 +114,7 @@ def _table(measured: MeasuredLengths, run: Run, store: Store) -> Listed:
     for name, (value, error) in (("capsule_velocity", measured.velocities.T), ("flow_rate", measured.rates.T)):
         expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {name.rpartition('_')[2]}"
         measured = measured.refused(error > LOOSEST_VELOCITY * value, f"{name}_error", expected)
-    by_rate = bool(np.isnan(measured.velocities[:, 0]).any())
-    rows = _EXACT_ROWS if run.model.coordinates or run.prior.is_general or by_rate else ROWS
+    rows = _EXACT_ROWS if run.model.coordinates or run.prior.is_general else ROWS
     tasks: list[RowsTask] = [
         TableTask(store, measured.taken(slice(first, first + rows))) for first in range(0, len(measured), rows)
     ]

@@ -18,10 +18,10 @@ from capsbayes.errors import InputError
 from capsbayes.files.csv_file import safe_cell
 from capsbayes.files.output_file import write_dataset, write_lines
 from capsbayes.infer.many.capsule_rows import LEANINGS, CapsuleRows
-from capsbayes.infer.many.tabulated.mixture import NUMBERS as OF_COMPONENTS
-from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
+from capsbayes.infer.many.mixture import NUMBERS as OF_COMPONENTS
 from capsbayes.infer.marginal import Marginal
 from capsbayes.infer.misfit import PREDICTED
+from capsbayes.infer.posterior import REPORTED
 from capsbayes.measurements.netcdf import opened
 from capsbayes.measurements.table import NUMBERS
 from capsbayes.parameters import PARAMETERS
@@ -91,7 +91,7 @@ class Population(Readable):
             measured = PARAMETERS.get(name.removesuffix("_error"))
             unit = "1" if measured is None else measured.unit
             variables[name] = (along, rows.numbers[:, number], {"units": unit})
-        for number, name in enumerate(QUANTITIES):
+        for number, name in enumerate(REPORTED):
             parameter = PARAMETERS[name]
             for k, statistic in enumerate(STATISTICS):
                 about = {

@@ -11,7 +11,7 @@ from capsbayes import __version__
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.input_file import read_bytes
-from capsbayes.infer.many.tabulated.pyramid import Pyramid
+from capsbayes.infer.exact import ExactEngine, exact_engine
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -51,9 +51,16 @@ class Run:
     by_hand: Any = None
 
     @cached_property
-    def pyramid(self) -> Pyramid:
-        """The model tabulated."""
-        return Pyramid.of(self.model)
+    def _engines(self) -> dict[bool, ExactEngine]:
+        return {}
+
+    def engine(self, experiment: Experiment, *, outline: bool) -> ExactEngine:
+        """Return the engine for measurements with or without an outline; that of the experiment of the run is kept."""
+        if self.experiment is None:
+            return exact_engine(self.model, experiment, self.prior, outline=outline)
+        if outline not in self._engines:
+            self._engines[outline] = exact_engine(self.model, self.experiment, self.prior, outline=outline)
+        return self._engines[outline]
 
     @cached_property
     def fingerprint(self) -> str:
@@ -81,4 +88,4 @@ class Run:
         for name, value in measurement.conditions.items():
             usual = getattr(known, name)
             own[name] = Quantity(value, usual.sd * value / usual.mean)
-        return replace(known, **own)
+        return replace(known, **own) if own else known

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer import identify
 from capsbayes.infer.many.run import Run
-from capsbayes.infer.many.tabulated.row_kernel import QUANTITIES
 from capsbayes.infer.many.tasks import StoredTask
+from capsbayes.infer.posterior import REPORTED
 from capsbayes.infer.posterior_file import work_of
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
@@ -95,8 +95,8 @@ class CheckTask(StoredTask):
         experiment = run.experiment_of(self.measurement)
         with steps_kept(self.store, self.name):
             sampled = identify(self.measurement, run.model, experiment, seed=self.seed, prior=self.prior)
-        differences = np.zeros((len(QUANTITIES), 3))
-        for number, name in enumerate(QUANTITIES):
+        differences = np.zeros((len(REPORTED), 3))
+        for number, name in enumerate(REPORTED):
             other = np.array(list(sampled.marginals[name].as_dict().values()))
             sd = self.summaries[number, 1]
             if sd > 0.0:

@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError, InputError
@@ -24,7 +25,6 @@ from capsbayes.files.input_file import PICTURES, InputFile, read_bytes
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.exact_row import fill_exactly, numbers_of
 from capsbayes.infer.many.run import Run
-from capsbayes.infer.many.table_rows import rows_of_table
 from capsbayes.infer.membrane import refuse_membrane
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
@@ -95,11 +95,12 @@ class RowsTask(StoredTask):
         kept = self.store.load(begun)
         rows, left = self.begin(run) if kept is None else (CapsuleRows.of_arrays(kept), kept["left"].tolist())
         saved = time.monotonic()
-        while left:
-            self.fill(rows, left.pop(0), run)
-            if left and time.monotonic() - saved > _LONGEST_UNKEPT:
-                self.store.save(begun, rows.arrays | {"left": np.array(left)})
-                saved = time.monotonic()
+        with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
+            while left:
+                self.fill(rows, left.pop(0), run)
+                if left and time.monotonic() - saved > _LONGEST_UNKEPT:
+                    self.store.save(begun, rows.arrays | {"left": np.array(left)})
+                    saved = time.monotonic()
         return rows
 
     @property
@@ -137,19 +138,28 @@ class TableTask(RowsTask):
         return [measured.numbers[name] for name in NUMBERS], measured.names, measured.refusals, measured.priors
 
     def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
-        """Compute the rows that the table of the model resolves."""
-        assert run.experiment is not None
-        return rows_of_table(self.measured, run, run.experiment)
+        """Return rows with what was measured, and with status and reason of those that cannot be used."""
+        del run
+        measured, blank = self.measured, np.full(self.number, "", dtype=object)
+        numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
+        rows = CapsuleRows.empty(measured.names.astype(object), blank, blank.copy(), numbers)
+        for row in np.flatnonzero(measured.refusals != "").tolist():
+            why = str(measured.refusals[row])
+            status = why.removeprefix("status: ")  # that of the measurement, which a row may bring
+            known = status in Status.__members__ and status != why
+            rows.status[row], rows.reason[row] = (status, "") if known else (Status.UNUSABLE.name, why)
+        return rows, np.flatnonzero(measured.refusals == "").tolist()
 
     def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
-        """Compute a row by the exact engine, with the prior that it states."""
+        """Compute a row, with the prior that it states."""
         texts, where = self.measured.prior_texts(row), f"{self.measured.source}: capsule {self.measured.names[row]}"
         try:
             own = replace(run, prior=run.prior.with_texts(texts, where=where)) if texts else run
+            measurement = self.measured.measurement(row)
         except InputError as error:
             rows.refuse(row, Status.UNUSABLE, str(error))
             return
-        fill_exactly(rows, row, self.measured.measurement(row), own)
+        fill_exactly(rows, row, measurement, own)
 
     @property
     def rows(self) -> CapsuleRows | None:

@@ -28,9 +28,8 @@ from capsbayes.infer.many.distribution.log_posterior import FREEDOMS, LogPosteri
 from capsbayes.infer.many.distribution.predictive import tail_p_values
 from capsbayes.infer.many.distribution.selection import Selection, kept_rows, limit_of
 from capsbayes.infer.many.distribution.tails import NORMAL, TAILS, half_width_of
+from capsbayes.infer.many.mixture import merged
 from capsbayes.infer.many.population import Population
-from capsbayes.infer.many.tabulated.mixture import merged
-from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.infer.marginal import Marginal
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS as QUANTITIES
@@ -269,7 +268,7 @@ def hierarchy(
             viscosity=viscosity.value,
             half_width=half_width.value,
             least_stretch=least_stretch,
-            pyramid=None if least_stretch is None or model is None else Pyramid.of(model),
+            model=model,
         )
     components = _components(population, kept, viscosity, half_width)
     if tails != NORMAL:

@@ -23,13 +23,12 @@ from capsbayes.errors import InputError
 from capsbayes.infer.kernel import compiled
 from capsbayes.infer.many.distribution.tails import ScaleMixture
 from capsbayes.infer.many.population import Population
-from capsbayes.infer.many.tabulated.pyramid import COLUMNS, Pyramid
 from capsbayes.model import ForwardModel
 
 _COLUMNS = 64  # of a/l
 _CAS, _HALVINGS = 200, 20  # of log Ca, to find the limit at each a/l
 _FLOWS = 16  # groups of capsules of like velocity
-_SLOPE = 4  # cells of log Ca on either side over which the rise of Lambda is taken
+_CELLS, _SLOPE = 768, 4  # of log Ca, to find a cut on Lambda; those on either side over which its rise is taken
 _LEAST_SHARE = 1e-12
 _LEAST_MASS = 1e-15  # of a population in a column of a/l
 _NEAR = 0.05  # of Lambda from the cut: capsules whose errors give its sharpness
@@ -91,7 +90,7 @@ class Selection:
         viscosity: float,
         half_width: float,
         least_stretch: float | None = None,
-        pyramid: Pyramid | None = None,
+        model: ForwardModel | None = None,
     ) -> Selection:
         """Return the selection with the flows and errors of a population.
 
@@ -106,7 +105,7 @@ class Selection:
             Of all capsules; a capsule's own take their place.
         least_stretch : float, optional
             Smallest Lambda that was kept.
-        pyramid : Pyramid, optional
+        model : ForwardModel, optional
             Whose Lambda is read.
 
         Raises
@@ -118,8 +117,8 @@ class Selection:
             raise InputError("selection", "least_stretch", "a Lambda that some capsule exceeds", f"{least_stretch}")
         size, highest = limit
         cut, error = np.full(len(size), -np.inf), np.ones(len(size))
-        if least_stretch is not None and pyramid is not None:
-            cut, error = _cut(population, least_stretch, pyramid, size)
+        if least_stretch is not None and model is not None:
+            cut, error = _cut(population, least_stretch, model, size)
         own = {"viscosity": viscosity, "half_width": half_width}
         logs = {name: _own(population, name, common)[kept] for name, common in own.items()}
         return cls(
@@ -204,26 +203,27 @@ def _own(population: Population, name: str, common: float) -> Floats:
     return np.log(np.where(np.isnan(own), common, own))
 
 
-def _cut(population: Population, least: float, pyramid: Pyramid, size: Floats) -> tuple[Floats, Floats]:
+def _cut(population: Population, least: float, model: ForwardModel, size: Floats) -> tuple[Floats, Floats]:
     """Return log Ca of a cut on the median Lambda and its standard error at some a/l : (k,), (k,) arrays."""
-    window, table = pyramid.window, pyramid.levels[-1][..., COLUMNS.index("log_stretch_ratio")]
-    step = (np.array(window.high) - window.low) / table.shape
-    log_ca = window.low[0] + step[0] * (np.arange(len(table)) + 0.5)
-    columns = np.clip((size - window.low[1]) / step[1], 0, table.shape[1] - 1).astype(int)
+    low, high = np.log(model.domain.bounds[0])
+    step = (high - low) / _CELLS
+    log_ca = low + step * (np.arange(_CELLS) + 0.5)
+    theta = {"capillary_number": np.tile(np.exp(log_ca), len(size)), "size_ratio": np.repeat(size, _CELLS)}
+    table = model(theta).stretch_ratio.reshape(len(size), _CELLS)
     known = np.isfinite(population["stretch_ratio_median"])
     away = np.abs(population["stretch_ratio_median"][known] - least)
     sd = float(np.median(population["stretch_ratio_sd"][known][away <= max(_NEAR, float(away.min()))]))
     cut, error = np.full(len(size), np.inf), np.ones(len(size))
-    for k, stretch in enumerate(np.exp(table[:, columns].T)):
+    for k, stretch in enumerate(table):
         answered = np.flatnonzero(np.isfinite(stretch))
         above = answered[stretch[answered] > least]
         if not len(above):
             continue
         first = int(above[0])
-        cut[k] = log_ca[first] - 0.5 * step[0]
+        cut[k] = log_ca[first] - 0.5 * step
         ahead, behind = min(first + _SLOPE, int(answered[-1])), max(first - _SLOPE, int(answered[0]))
-        rise = (stretch[ahead] - stretch[behind]) / max((ahead - behind) * step[0], step[0])
-        error[k] = np.clip(sd / max(rise, 1e-6), 0.5 * step[0], 1.0)
+        rise = (stretch[ahead] - stretch[behind]) / max((ahead - behind) * step, step)
+        error[k] = np.clip(sd / max(rise, 1e-6), 0.5 * step, 1.0)
     return cut, error
 
 
