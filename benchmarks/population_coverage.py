@@ -29,7 +29,6 @@ from drawn_populations import TRUTH, drawn_population
 
 from capsbayes.infer.many import hierarchy
 from capsbayes.infer.many.distribution.tails import half_width_of
-from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.surrogate import Surrogate
 
 ROOT = Path(__file__).parents[1]
@@ -89,14 +88,14 @@ def main() -> None:
 
 
 @cache
-def pyramid() -> Pyramid:
-    return Pyramid.of(Surrogate.open("square-neo-hookean"))
+def model() -> Surrogate:
+    return Surrogate.open("square-neo-hookean")
 
 
 def session(name: str, seed: int) -> dict[str, int]:
     """Return the counts of one session: ones and zeros, and the capsules drawn and seen."""
     row = ROWS[name]
-    population = drawn_population(pyramid(), DRAWN, seed, shared=SHARED, **row.session)
+    population = drawn_population(model(), DRAWN, seed, shared=SHARED, **row.session)
     found = hierarchy(population, seed=seed, **row.fit)
     truth = row.session.get("truth", TRUTH) | spreads(row)
     counts = {

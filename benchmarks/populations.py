@@ -41,7 +41,6 @@ from drawn_populations import EXPERIMENT, TRUTH, drawn_population, measured
 
 from capsbayes.infer.many import Population, hierarchy, identify_folder
 from capsbayes.infer.many.distribution.selection import kept_rows
-from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.surrogate import Surrogate
 
 NUMBERS = (1_000, 10_000, 100_000, 1_000_000)
@@ -159,13 +158,13 @@ def peer() -> str:
 
 
 @cache
-def pyramid() -> Pyramid:
-    return Pyramid.of(Surrogate.open("square-neo-hookean"))
+def model() -> Surrogate:
+    return Surrogate.open("square-neo-hookean")
 
 
 def intervals(seed: int, *, capsules: int = CAPSULES) -> dict[str, bool]:
     """Return whether each interval of one session contains the truth."""
-    found = hierarchy(drawn_population(pyramid(), capsules, seed), seed=seed)
+    found = hierarchy(drawn_population(model(), capsules, seed), seed=seed)
     held = {name: found.marginals[name].contains(truth, level=95) for name, truth in TRUTH.items()}
     for name, draws in found.without_shared.items():
         low, high = np.quantile(draws, [0.025, 0.975])
@@ -174,12 +173,12 @@ def intervals(seed: int, *, capsules: int = CAPSULES) -> dict[str, bool]:
 
 
 def selected(seed: int) -> dict[str, bool]:
-    whole = drawn_population(pyramid(), CAPSULES, seed)
+    whole = drawn_population(model(), CAPSULES, seed)
     only = Population(whole.dataset.isel(capsule=np.flatnonzero(kept_rows(whole, CUT))))
     held = {}
     for words, found in (
         ("cut ignored", hierarchy(only, seed=seed)),
-        ("accounted for", hierarchy(whole, seed=seed, least_stretch=CUT, model=pyramid().model)),
+        ("accounted for", hierarchy(whole, seed=seed, least_stretch=CUT, model=model())),
     ):
         for name, truth in TRUTH.items():
             held[f"{name}, {words}"] = found.marginals[name].contains(truth, level=95)

@@ -26,7 +26,6 @@ from sessions import drawn_session
 
 from capsbayes.cli import app, main
 from capsbayes.cli.paths import Reads, Writes, option_name
-from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.surrogate import Surrogate
 from capsbayes.work import only_run
 
@@ -117,7 +116,7 @@ def inputs(tmp_path_factory):
     (folder / "cases.csv").write_text("capillary_number,size_ratio\n0.05,0.9\n")
     manufactured.database(8, 6).write(folder / "database.nc")
     posterior().write(folder / "posterior.nc")
-    drawn_population(Pyramid.of(Surrogate.open("square-neo-hookean")), 6, seed=1).write(folder / "population.nc")
+    drawn_population(Surrogate.open("square-neo-hookean"), 6, seed=1).write(folder / "population.nc")
     return folder
 
 

@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drawn_populations import rows_of
 from polynomial_model import PolynomialDomain, PolynomialModel
 from scipy import stats
 from simulated_capsules import mistakes, simulated_capsules
 
 from capsbayes.experiment import Experiment, mean_velocity
 from capsbayes.infer import Quadrature
-from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.many.tabulated.pyramid import Pyramid
-from capsbayes.infer.many.tabulated.rows import lengths_rows
+from capsbayes.infer.many.run import Run
 from capsbayes.infer.misfit import LEVEL, PREDICTED, p_values
 from capsbayes.infer.prior import Prior
 from capsbayes.quantity import Quantity
@@ -57,48 +56,21 @@ def test_p_values_are_uniform_under_an_informative_prior(spread):
         assert low <= np.count_nonzero(found < 0.01) <= high, name
 
 
-def of_table(measurements, pyramid, prior=None):
-    lengths = [[m.axial_extent, m.axial_length, *m.covariance[np.triu_indices(2)]] for m in measurements]
-    velocities = [[m.capsule_velocity, m.capsule_velocity_error] for m in measurements]
-    rates = [[m.flow_rate, m.flow_rate_error] for m in measurements]
-    inputs = Inputs.of_experiment(EXPERIMENT)
-    return lengths_rows(*map(np.array, (lengths, velocities)), inputs, prior or Prior(), pyramid, rates=np.array(rates))
-
-
-@pytest.fixture(scope="module")
-def pyramid():
-    return Pyramid.of(MODEL)
-
-
-def test_rows_of_a_table_are_those_of_the_exact_engine(capsules, pyramid):
-    seen = [capsule.seen for capsule in capsules[:40]]
-    found, engine = of_table(seen, pyramid), Quadrature(MODEL, EXPERIMENT)
-    for row, measurement in enumerate(seen):
-        posterior = engine(measurement)
-        expected = p_values(engine, measurement, posterior)
-        for column, name in enumerate(("surface_shear_modulus", "capsule_radius", "mean_velocity")):
-            marginal = posterior.marginal(name)
-            assert found.summaries[row, column, 2] == pytest.approx(marginal.median, abs=0.03 * marginal.sd)
-            assert found.summaries[row, column, 1] == pytest.approx(marginal.sd, rel=0.03)
-        for name in PREDICTED:
-            assert found.facts[name][row] == pytest.approx(expected[name], abs=0.05)
-
-
 @pytest.mark.slow
-def test_false_alarms_and_conflicts_of_twenty_thousand_rows(pyramid):
+def test_false_alarms_and_conflicts_of_twenty_thousand_rows():
     """The figures of docs/method.md."""
     capsules = list(simulated_capsules(MODEL, EXPERIMENT, 20_000, np.random.default_rng(11), **ERRORS))
     seen = [capsule.seen for capsule in capsules]
-    found = of_table(seen, pyramid).facts
-    for name in PREDICTED:
-        flagged = int(np.count_nonzero(found[name] < LEVEL))
+    run = Run(MODEL, EXPERIMENT, Prior(), 1)
+    for name, found in zip(PREDICTED, rows_of(seen, run).p_values.T, strict=True):
+        flagged = int(np.count_nonzero(found < LEVEL))
         low, high = stats.binom.interval(0.999, len(seen), LEVEL)
         print(f"{name}: {flagged} of {len(seen)} flagged, nominal {low:.0f} to {high:.0f}")
         assert low <= flagged <= high
     some = seen[:1000]
     for factor in (0.5, 0.8, 1.2, 2.0, 10.0):
         wrong = [replace(m, flow_rate=Quantity(factor * m.flow_rate, factor * m.flow_rate_error)) for m in some]
-        flagged = np.mean(of_table(wrong, pyramid).facts["flow_rate"] < LEVEL)
+        flagged = np.mean(rows_of(wrong, run).p_values[:, PREDICTED.index("flow_rate")] < LEVEL)
         print(f"flow rate times {factor:g}: {flagged:.3f} flagged")
         assert flagged > (0.99 if abs(np.log(factor)) > 0.5 else 0.5)
 

@@ -8,11 +8,12 @@ import numpy as np
 
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Prior
-from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.many import Population
 from capsbayes.infer.many.capsule_rows import CapsuleRows
 from capsbayes.infer.many.distribution.selection import limit_of
-from capsbayes.infer.many.tabulated.rows import lengths_rows
+from capsbayes.infer.many.exact_row import fill_exactly
+from capsbayes.infer.many.run import Run
+from capsbayes.measurement import Measurement
 from capsbayes.measurements.table import NUMBERS
 from capsbayes.quantity import Quantity
 
@@ -72,17 +73,33 @@ def _standard(kind, rng, count):
     return normal * np.where(rng.uniform(size=count) < 0.1, 4.0, 1.0) if kind == "contaminated" else normal
 
 
-def drawn_population(pyramid, count, seed, *, shared=1.0, **how):
+def drawn_population(model, count, seed, *, shared=1.0, **how):
     """A session of capsules, measured and identified."""
-    return population_of(*measured(pyramid.model, count, seed, shared=shared, **how), pyramid, shared=shared)
-
-
-def population_of(lengths, velocities, pyramid, *, shared=1.0):
-    found = lengths_rows(lengths, velocities, Inputs.of_experiment(EXPERIMENT), Prior(), pyramid)
-    blank = np.full(len(lengths), "", dtype=object)
-    rows = CapsuleRows.empty(blank, blank, blank, np.full((len(lengths), len(NUMBERS)), np.nan))
-    rows.status[:] = np.where(found.facts["end"] == 0, "DONE", "NO_SHAPE")
-    rows.summaries[:], rows.components[:] = found.summaries, found.components
+    lengths, velocities = measured(model, count, seed, shared=shared, **how)
+    rows = rows_of(measurements(lengths, velocities), Run(model, EXPERIMENT, Prior(), 1))
     pairs = {name: (value, shared * error) for name, (value, error) in _SHARED.items()}
     stated = {name: dict(zip(("value", "error"), pair, strict=True)) for name, pair in pairs.items()}
-    return Population.of(rows, {"experiment": json.dumps(stated), "seed": 1}, limit_of(pyramid.model))
+    return Population.of(rows, {"experiment": json.dumps(stated), "seed": 1}, limit_of(model))
+
+
+def measurements(lengths, velocities):
+    """What `measured` returned as measurements; L_a is at most L_z."""
+    return [
+        Measurement(
+            extent,
+            np.sqrt(zz),
+            *velocity,
+            axial_length=min(length, extent),
+            axial_length_error=np.sqrt(aa),
+        )
+        for (extent, length, zz, _, aa), velocity in zip(lengths, velocities, strict=True)
+    ]
+
+
+def rows_of(seen, run):
+    """Identify measurements as a batch does."""
+    blank = np.full(len(seen), "", dtype=object)
+    rows = CapsuleRows.empty(blank, blank, blank, np.full((len(seen), len(NUMBERS)), np.nan))
+    for row, measurement in enumerate(seen):
+        fill_exactly(rows, row, measurement, run)
+    return rows

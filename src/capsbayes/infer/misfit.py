@@ -19,7 +19,7 @@ import numpy as np
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.exact import ExactEngine
-from capsbayes.infer.grid.posterior import ExactPosterior
+from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
 from capsbayes.infer.kernel import p_value, p_values_of_lengths
 from capsbayes.measurement import Measurement
 from capsbayes.parameters import PARAMETERS
@@ -50,12 +50,24 @@ def p_values(engine: ExactEngine, measurement: Measurement, posterior: ExactPost
     rate = posterior.density.flow_rate
     if rate is not None and not posterior.density.inputs.by_flow_rate:
         without = replace(posterior.density.inputs, flow_rate=None)
-        draws = engine(measurement, inputs=without).drawn(np.random.default_rng([0, 3]), _DRAWS)
-        area = posterior.density.inputs.area * posterior.forward.relative_area(draws)
-        flow = np.log(draws["mean_velocity"] * draws["half_width"] ** 2 * area)
-        score = (rate.mean - flow.mean()) / np.sqrt(rate.variance + flow.var())
+        mean, variance = _log_flow(engine(measurement, inputs=without))
+        score = (rate.mean - mean) / np.sqrt(rate.variance + variance)
         found["flow_rate"] = p_value(np.ones(1), np.array([score]))
     return found
+
+
+def _log_flow(posterior: ExactPosterior) -> tuple[float, float]:
+    """Return mean and variance of the log of the flow rate: from the nodes if these tell all, else from draws."""
+    area = posterior.density.inputs.area
+    if not isinstance(posterior, GridPosterior) or posterior.cut or posterior.half_width is not None:
+        draws = posterior.drawn(np.random.default_rng([0, 3]), _DRAWS)
+        flow = np.log(draws["mean_velocity"] * draws["half_width"] ** 2 * area * posterior.forward.relative_area(draws))
+        return float(flow.mean()), float(flow.var())
+    weights, nodes, _ = posterior.kept
+    theta = {"capillary_number": np.exp(nodes.log_ca), "size_ratio": nodes.size}
+    of_flow, width = (posterior.distribution(name) for name in ("mean_velocity", "half_width"))
+    log_area = np.log(area) + float(weights @ np.log(posterior.forward.relative_area(theta)))
+    return of_flow.mean + 2.0 * width.mean + log_area, of_flow.variance + 4.0 * width.variance
 
 
 def misfits_of(found: Mapping[str, float]) -> list[Misfit]:

@@ -261,6 +261,8 @@ class MeasuredLengths:
             raise InputError(where, key, expected, got)
         numbers = {name: float(values[row]) for name, values in self.numbers.items() if np.isfinite(values[row])}
         own = {name: numbers.pop(name) for name in CONDITIONS if name in numbers}
+        if "axial_length" not in numbers:
+            numbers.pop("axial_length_error", None)
         return Measurement(**numbers, conditions=own, source=where)  # type: ignore[arg-type]
 
     @property

@@ -15,20 +15,19 @@ from capsbayes.infer.many.distribution.importance import drawn
 from capsbayes.infer.many.distribution.log_posterior import LogPosterior, log_likelihood
 from capsbayes.infer.many.distribution.selection import Selection, kept_rows, limit_of
 from capsbayes.infer.many.distribution.tails import ScaleMixture, half_width_of
-from capsbayes.infer.many.tabulated.pyramid import Pyramid
 from capsbayes.quantity import Quantity
 from capsbayes.show.words.population import caveats
 from capsbayes.surrogate import Surrogate
 
 
 @pytest.fixture(scope="module")
-def pyramid():
-    return Pyramid.of(Surrogate.open("square-neo-hookean"))
+def model():
+    return Surrogate.open("square-neo-hookean")
 
 
 @pytest.fixture(scope="module")
-def population(pyramid):
-    return drawn_population(pyramid, 150, seed=3)
+def population(model):
+    return drawn_population(model, 150, seed=3)
 
 
 def test_likelihood_of_single_gaussians_is_that_of_their_sum():
@@ -92,11 +91,11 @@ def test_importance_sampling_and_emcee_agree(population):
 
 
 @pytest.mark.slow
-def test_intervals_cover_though_the_viscosity_is_shared(pyramid):
+def test_intervals_cover_though_the_viscosity_is_shared(model):
     """60 sessions; `benchmarks/populations.py` takes 500."""
     covered, without = dict.fromkeys(TRUTH, 0), 0
     for seed in range(60):
-        found = hierarchy(drawn_population(pyramid, 80, seed), seed=seed)
+        found = hierarchy(drawn_population(model, 80, seed), seed=seed)
         for name, truth in TRUTH.items():
             covered[name] += found.marginals[name].contains(truth, level=95)
         low, high = np.quantile(found.without_shared["surface_shear_modulus"], [0.025, 0.975])
@@ -107,14 +106,14 @@ def test_intervals_cover_though_the_viscosity_is_shared(pyramid):
 
 
 @pytest.mark.slow
-def test_a_cut_on_lambda_is_accounted_for(pyramid):
+def test_a_cut_on_lambda_is_accounted_for(model):
     """Ignored, it makes membranes look softer and alike; 12 sessions, of which it keeps half the capsules."""
     away = {"ignored": [], "accounted for": []}
     for seed in range(12):
-        whole = drawn_population(pyramid, 100, seed, shared=0.0)
+        whole = drawn_population(model, 100, seed, shared=0.0)
         kept = kept_rows(whole, 1.08)
         only = Population(whole.dataset.isel(capsule=np.flatnonzero(kept)))
-        for name, how in (("ignored", {}), ("accounted for", {"least_stretch": 1.08, "model": pyramid.model})):
+        for name, how in (("ignored", {}), ("accounted for", {"least_stretch": 1.08, "model": model})):
             found = hierarchy(whole if how else only, seed=seed, experiment=EXPERIMENT, **how)
             logs = np.log(found.without_shared["surface_shear_modulus"])
             away[name].append((logs.mean() - np.log(TRUTH["surface_shear_modulus"])) / logs.std())
@@ -122,10 +121,10 @@ def test_a_cut_on_lambda_is_accounted_for(pyramid):
     assert abs(np.mean(away["accounted for"])) < 0.9
 
 
-def test_probability_to_be_kept_is_that_of_drawn_capsules(pyramid, population):
+def test_probability_to_be_kept_is_that_of_drawn_capsules(model, population):
     kept = kept_rows(population, 1.06)
     shared = {"viscosity": 0.85, "half_width": 25e-6}
-    cut = {"least_stretch": 1.06, "pyramid": pyramid}
+    cut = {"least_stretch": 1.06, "model": model}
     selection = Selection.of(population, kept, population.limit, **shared, **cut)
     one = np.array([[np.log(0.06), np.log(22e-6), np.log(0.3), np.log(0.05), 1.0]])
     rng = np.random.default_rng(6)
@@ -136,7 +135,7 @@ def test_probability_to_be_kept_is_that_of_drawn_capsules(pyramid, population):
     for flow, count in zip(np.exp(log_flow), number, strict=True):
         theta = {"capillary_number": flow / modulus, "size_ratio": 22e-6 * np.exp(larger) / 25e-6}
         error = np.median(population["stretch_ratio_sd"][np.abs(population["stretch_ratio_median"] - 1.06) < 0.05])
-        seen = pyramid.model(theta).stretch_ratio + error * rng.standard_normal(100_000)
+        seen = model(theta).stretch_ratio + error * rng.standard_normal(100_000)
         wanted += count * np.log(np.mean(seen > 1.06))
     normal = ScaleMixture.normal(1)
     assert selection.log_probability(one, normal, normal)[0] == pytest.approx(wanted, abs=0.02 * number.sum())
@@ -145,15 +144,15 @@ def test_probability_to_be_kept_is_that_of_drawn_capsules(pyramid, population):
 SOFT = TRUTH | {"surface_shear_modulus": 0.029}
 
 
-def test_limit_is_that_of_the_domain(pyramid):
-    size, highest = limit_of(pyramid.model)
-    assert pyramid.model.domain.contains(0.9999 * highest, size).all()
-    assert not pyramid.model.domain.contains(1.0001 * highest, size).any()
+def test_limit_is_that_of_the_domain(model):
+    size, highest = limit_of(model)
+    assert model.domain.contains(0.9999 * highest, size).all()
+    assert not model.domain.contains(1.0001 * highest, size).any()
 
 
-def test_share_beyond_the_limit_is_that_of_drawn_capsules(pyramid):
+def test_share_beyond_the_limit_is_that_of_drawn_capsules(model):
     """Normal and t distributed populations, by the table and by the domain of the model."""
-    population = drawn_population(pyramid, 60, 1, truth=SOFT)
+    population = drawn_population(model, 60, 1, truth=SOFT)
     kept = np.ones(len(population), dtype=bool)
     selection = Selection.of(population, kept, population.limit, viscosity=0.85, half_width=25e-6)
     one = np.array([[np.log(0.028), np.log(22e-6), np.log(0.2), np.log(0.05), 0.8, np.log(4.0), np.log(6.0)]])
@@ -167,13 +166,13 @@ def test_share_beyond_the_limit_is_that_of_drawn_capsules(pyramid):
             for scale, freedom in ((0.05, 6.0), (0.2, 4.0))
         )
         modulus, ratio = 0.028 * np.exp(0.8 * larger + harder), 22e-6 * np.exp(larger) / 25e-6
-        wanted = [pyramid.model.domain.contains(some / modulus, ratio).mean() for some in flow]
+        wanted = [model.domain.contains(some / modulus, ratio).mean() for some in flow]
         np.testing.assert_allclose(share[0], wanted, atol=0.012, err_msg=tails)  # below Ca 0.003 it is kept, too
         assert lost.shape == share.shape
         assert number.sum() == len(population)
 
 
-def test_capsules_smaller_or_larger_than_those_of_the_model_are_in_the_sample(pyramid, population):
+def test_capsules_smaller_or_larger_than_those_of_the_model_are_in_the_sample(model, population):
     """Their number is known, unlike that of the soft ones; were they missing, sizes could be of any spread."""
     selection = Selection.of(
         population, np.ones(len(population), dtype=bool), population.limit, viscosity=0.85, half_width=25e-6
@@ -207,10 +206,10 @@ def test_a_poor_first_proposal_is_improved():
     np.testing.assert_allclose(draws.std(axis=0), 1.0, atol=0.1)
 
 
-def test_capsules_without_a_steady_shape_are_accounted_for(pyramid):
+def test_capsules_without_a_steady_shape_are_accounted_for(model):
     """Three in ten are lost; ignored, they make the membranes look stiffer in every session."""
     for seed in range(4):
-        population = drawn_population(pyramid, 150, seed, truth=SOFT, shared=0.0)
+        population = drawn_population(model, 150, seed, truth=SOFT, shared=0.0)
         ignored, found = (hierarchy(population, seed=1, existence=existence) for existence in (False, True))
         medians = [result.marginals["surface_shear_modulus"].median for result in (ignored, found)]
         assert medians[1] < medians[0]
@@ -222,9 +221,9 @@ def test_capsules_without_a_steady_shape_are_accounted_for(pyramid):
         assert found.marginals["surface_shear_modulus"].contains(0.029, level=95) or seed
 
 
-def test_errors_that_all_share_shift_the_result_and_the_limit_with_it(pyramid):
+def test_errors_that_all_share_shift_the_result_and_the_limit_with_it(model):
     """In a viscosity half as large every G_s is half as large, and the same capsules exist."""
-    population = drawn_population(pyramid, 80, 5, truth=SOFT)
+    population = drawn_population(model, 80, 5, truth=SOFT)
     thin = replace(EXPERIMENT, viscosity=Quantity(0.5 * EXPERIMENT.viscosity.value, 0.5 * EXPERIMENT.viscosity.error))
     found, halved = hierarchy(population, seed=1), hierarchy(population, seed=1, experiment=thin)
     middle, half = (result.marginals["surface_shear_modulus"].median for result in (found, halved))
@@ -248,8 +247,8 @@ def test_mixture_has_the_tails_of_t_distributions():
         assert half_width_of(variance, weight)[0] == pytest.approx(wanted, rel=0.02)
 
 
-def test_odd_capsules_are_noticed_and_hardly_move_t_distributions(pyramid):
-    population = drawn_population(pyramid, 150, 2, kind="contaminated", shared=0.0)
+def test_odd_capsules_are_noticed_and_hardly_move_t_distributions(model):
+    population = drawn_population(model, 150, 2, kind="contaminated", shared=0.0)
     plain, robust = hierarchy(population, seed=1), hierarchy(population, seed=1, tails="student")
     assert "capsule_radius" in plain.odd_tails
     assert not robust.odd_tails
