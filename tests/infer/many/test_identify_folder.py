@@ -543,17 +543,20 @@ def test_a_check_compares_the_ends_with_emcee_and_can_fail(tmp_path):
     rows = identify_folder(frame, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
     names = [f"{name}_{statistic}" for name in REPORTED for statistic in STATISTICS]
     right = np.array([rows[name][0] for name in names]).reshape(len(REPORTED), -1)
-    wrong = right.copy()
-    wrong[0, 6] += 0.3 * wrong[0, 1]  # the upper end of the 95 % interval of G_s
+    wrong, wider = right.copy(), right.copy()
+    wrong[0, 6] -= 0.3 * wrong[0, 1]  # the upper end of the 95 % interval of G_s
+    wider[0, 6] += 0.3 * wrong[0, 1]
     run, seen = Run(MODEL, EXPERIMENT, Prior(), 1), MeasuredLengths.of_frame(frame).measurement(0)
     words = []
-    for number, summaries in enumerate((right, wrong)):
+    for number, summaries in enumerate((right, wrong, wider)):
         task = CheckTask(Store(tmp_path / str(number), "x"), seen, summaries, 1, Prior())
         task(run)
-        assert task.differences.max() > 0.0
+        assert np.abs(task.differences).max() > 0.0
         words.append(str(compared([task.differences])))
     assert words[0].startswith("1 of 1 capsules drawn at random and sampled with emcee agree within 0.1 sd")
     assert words[1].startswith("0 of 1 capsules")
+    assert "of those that do not, 0 of 1 have the wider intervals" in words[1]
+    assert "of those that do not, 1 of 1 have the wider intervals" in words[2]
 
 
 @pytest.mark.parametrize(
