@@ -32,26 +32,14 @@ _PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]])  # component
 
 
 class _Curvature(NamedTuple):
-    """What turns second derivatives into curvatures at the points of quadrature, for an unstressed unit spheroid.
+    """Map from second derivatives to curvatures at the points of quadrature, for an unstressed unit spheroid."""
 
-    The three components c are (b_11 + b_22)/2^(1/2), (b_11 - b_22)/2^(1/2) and 2^(1/2) b_12 in orthonormal axes.
+    # The three components c are (b_11 + b_22)/2^(1/2), (b_11 - b_22)/2^(1/2) and 2^(1/2) b_12 in orthonormal axes.
 
-    Attributes
-    ----------
-    derivatives : (w, 6, 3, F) array
-        Second derivatives on the unit sphere, of the three coordinates, at the nodes of `elements`.
-    elements : (e, 6) int array
-        One element of each orbit.
-    parts : (e, q, c, 6, 6) array
-        Share of each node and component of its second derivatives in the components at a point.
-    rest : (e, q, c) array
-        Components of the unstressed spheroid.
-    """
-
-    derivatives: Floats
-    elements: Integers
-    parts: Floats
-    rest: Floats
+    derivatives: Floats  # (w, 6, 3, F): second derivatives on the unit sphere at the nodes of `elements`
+    elements: Integers  # (e, 6): one element of each orbit
+    parts: Floats  # (e, q, c, 6, 6): share of each node's second derivatives in the components at a point
+    rest: Floats  # (e, q, c): components of the unstressed spheroid
 
     def vectors(self, free: Floats) -> Floats:
         """Return the components (e, q, c, 3) of the second derivatives of a shape."""
@@ -112,18 +100,7 @@ def _cross_matrix(vectors: Floats) -> Floats:
 
 
 class BentShell:
-    """Energy, over B a^2 G_s, of a shell whose unstressed shape is a spheroid, and its derivatives at one shape.
-
-    Parameters
-    ----------
-    mesh : OctaSphere
-    free : (F,) array [l]
-        Free coordinates of the shape.
-    unstressed : float
-        Radius of the sphere with the volume of the unstressed shape [l].
-    aspect : float
-        Axis of the unstressed shape along the flow over that across.
-    """
+    """Energy over B a^2 G_s, and its derivatives at one shape (F,), of a shell that is a spheroid when unstressed."""
 
     def __init__(self, mesh: OctaSphere, free: Floats, unstressed: float, aspect: float) -> None:
         self.integral, self.curvature = integrals_over(mesh, _DEGREE), _curvature(mesh, aspect)
@@ -192,11 +169,9 @@ def _curvature(mesh: OctaSphere, aspect: float) -> _Curvature:
 
 @lru_cache(maxsize=8)
 def _second_derivatives(mesh: OctaSphere) -> tuple[Floats, Integers]:
-    """Project the second derivatives of a field on the unit sphere; return them and the elements, see `_Curvature`.
-
-    Against a test function phi S with a constant symmetric tensor S, the tangential second derivatives of u are
-    int (3 phi y - grad phi) . S grad u dS at the points y of the sphere.
-    """
+    """Project the second derivatives of a field on the unit sphere; return them and the elements, see `_Curvature`."""
+    # Against a test function phi S with a constant symmetric tensor S, the tangential second derivatives of u are int
+    # (3 phi y - grad phi) . S grad u dS at the points y of the sphere.
     rule = integrals_over(mesh)
     tangents = np.einsum("qka,eki->eqai", rule.slopes, mesh.nodes[mesh.elements])
     metric = np.einsum("eqai,eqbi->eqab", tangents, tangents)

@@ -22,22 +22,7 @@ _STEP = 1e-5  # of parameters, for the differences of the density
 
 
 def parameter_derivatives(problem: Problem, iterate: Iterate, names: Sequence[str]) -> Floats:
-    """Compute the derivatives (F + 2, p) of shape, velocity and slack of a steady state along some parameters.
-
-    Parameters
-    ----------
-    problem : Problem
-    iterate : Iterate
-        A converged steady state.
-    names : sequence of str
-        ``"capillary_number"``, ``"size_ratio"``, or parameters of the problem or of its law, as ``"pre_inflation"``,
-        ``"bending"`` or ``"strain_hardening"``.
-
-    Raises
-    ------
-    InputError
-        If neither the problem nor its law has such a parameter.
-    """
+    """Compute the derivatives (F + 2, p) of a converged steady state along parameters of problem or law."""
     linearised = bordered(problem, iterate)
     along = np.zeros((len(iterate.free) + 2, len(names)))
     for column, name in enumerate(names):
@@ -51,10 +36,8 @@ def parameter_derivatives(problem: Problem, iterate: Iterate, names: Sequence[st
 
 
 def _density_slope(problem: Problem, iterate: Iterate, name: str) -> Floats:
-    """Return the derivative (F,) along a parameter, at constant shape, of the density on the sphere of radius a/l.
-
-    On spheres of other radii the density counts by their area, with which the velocity is proportional to it.
-    """
+    """Return the derivative (F,) along a parameter, at constant shape, of the density on the sphere of radius a/l."""
+    # On spheres of other radii the density counts by their area, with which the velocity is proportional to it.
     known = {"size_ratio": iterate.size_ratio, **parameters_of(problem)}
     if name not in known:
         raise InputError("parameter", "", f"one of {', '.join(known)}", repr(name))

@@ -21,21 +21,8 @@ from capsbayes.physics.surface.octasphere import OctaSphere
 def membrane_velocity(
     flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Floats, density: Floats
 ) -> Floats:
-    """Compute the velocity (F,) of the membrane in the frame of the walls.
-
-    Parameters
-    ----------
-    flow : Flow
-        Undisturbed flow; a `Channel` has walls.
-    walls : WallDiscretisation
-    mesh : OctaSphere
-    radius : float
-        Radius over l of the sphere that carries the density.
-    free : (F,) array [l]
-        Shape.
-    density : (F,) array [mu U / l]
-        Force on the liquids per area of that sphere.
-    """
+    """Compute the velocity (F,) of the membrane in the frame of the walls, from shape (F,) and density (F,)."""
+    # The density [mu U / l] is the force on the liquids per area of the sphere of this radius [l].
     basis, nodes = mesh.basis, mesh.expanded(free)
     targets, wedge_density = nodes[mesh.wedge], basis @ density
     layer = SingleLayer(mesh, radius, nodes)
@@ -51,10 +38,7 @@ def membrane_velocity(
 def membrane_response(
     flow: Flow, walls: WallDiscretisation, mesh: OctaSphere, radius: float, free: Floats, density: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Compute the velocity (F,) of the membrane and its exact derivatives (F, F); parameters as of `membrane_velocity`.
-
-    The derivatives are that along the density, and that along the shape at constant density.
-    """
+    """Compute the velocity (F,) of the membrane and its exact derivatives (F, F) along density and shape."""
     basis, nodes = mesh.basis, mesh.expanded(free)
     targets, wedge_density = nodes[mesh.wedge], basis @ density
     layer = SingleLayer(mesh, radius, nodes, mesh.expanded(density))

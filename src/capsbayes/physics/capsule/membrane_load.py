@@ -46,32 +46,15 @@ class Enclosure(NamedTuple):
 
 @dataclass(frozen=True)
 class MembraneLoad:
-    """The membrane of a capsule that is a sphere of given radius at rest, or a spheroid of the same volume.
-
-    Attributes
-    ----------
-    mesh : OctaSphere
-    law : MembraneLaw
-    radius : float
-        Radius over l of the sphere at rest. It carries the density and the mass matrix of a spheroid too.
-    bending : float
-        Bending stiffness B over G_s a^2.
-    pre_inflation : float
-        The shape at rest is inflated from an unstressed one 1 + pre_inflation times smaller.
-    rest_aspect : float
-        Axis of the shape at rest along the flow over that across.
-    bending_energy : str
-        ``"curvature"``, see `capsbayes.physics.capsule.bending`, or ``"displacement"``, the quadratic form
-        1/2 B a^2 G_s int |Lap_0 (x - X)|^2 dS_0 on the sphere at rest X, which resists rotations as well.
-    """
+    """The membrane of a capsule that is a sphere of given radius at rest, or a spheroid of the same volume."""
 
     mesh: OctaSphere
     law: MembraneLaw
-    radius: float
-    bending: float
-    pre_inflation: float = 0.0
-    rest_aspect: float = 1.0
-    bending_energy: BendingEnergy = "displacement"
+    radius: float  # of the sphere at rest [l]; it carries density and mass matrix of a spheroid too
+    bending: float  # B over G_s a^2
+    pre_inflation: float = 0.0  # the shape at rest is inflated from one 1 + pre_inflation times smaller
+    rest_aspect: float = 1.0  # axis of the shape at rest along the flow over that across
+    bending_energy: BendingEnergy = "displacement"  # this one is 1/2 B a^2 G_s int |Lap_0 (x - X)|^2 dS_0
 
     @property
     def rest(self) -> Floats:

@@ -17,10 +17,7 @@ _DIRECTIONS = 721
 
 
 def profile(mesh: OctaSphere, nodes: Floats) -> Profile:
-    """Return the outline in the plane x = 0, on the curved edges of the elements there.
-
-    It is in the unit of the nodes (N, 3) of the deformed mesh.
-    """
+    """Return the outline in the plane x = 0, on the curved edges of the elements, in the unit of the nodes (N, 3)."""
     meridian = np.flatnonzero((np.abs(mesh.nodes[:, 0]) < 1e-12) & (mesh.nodes[:, 1] > -1e-12))
     meridian = meridian[np.argsort(-mesh.nodes[meridian, 2])]  # corner, midside, corner, ... from nose to rear
     along = np.arange(_POINTS_PER_EDGE) / _POINTS_PER_EDGE
@@ -32,11 +29,9 @@ def profile(mesh: OctaSphere, nodes: Floats) -> Profile:
 
 
 def silhouette(mesh: OctaSphere, nodes: Floats) -> Profile:
-    """Return the outer outline of the shape seen along x: the farthest point in every direction from its middle.
-
-    The rear rim lies further back along the diagonals of the cross-section than in the plane x = 0, so the silhouette
-    is longer than the profile and hides a concave rear. It is in the unit of the nodes (N, 3) of the deformed mesh.
-    """
+    """Return the outline of the shape seen along x: the farthest point in every direction, in the unit of the nodes."""
+    # The rear rim lies further back along the diagonals of the cross-section than in the plane x = 0, so the silhouette
+    # is longer than the profile and hides a concave rear.
     starts, ends = _edges(mesh, nodes)
     middle = 0.5 * (np.max(starts[:, 0]) + np.min(starts[:, 0]))
     angles = np.linspace(0.0, np.pi, _DIRECTIONS)

@@ -14,12 +14,10 @@ _FAR = 0.9  # of the half length that is represented
 
 
 def pressures(problem: Problem, iterate: Iterate) -> tuple[float, float]:
-    """Compute the inner pressure and the extra pressure drop of a steady state, both over mu U / l.
-
-    The inner pressure is that of the liquid inside over the pressure that the undisturbed flow would have at the
-    centroid, half way between the disturbances far up- and downstream. The extra pressure drop follows from the
-    reciprocal theorem with the undisturbed flow, dP+ Q = - int f . v_inf dS.
-    """
+    """Compute the inner pressure and the extra pressure drop of a steady state, both over mu U / l."""
+    # The inner pressure is over that of the undisturbed flow at the centroid, half way between the disturbances far up-
+    # and downstream. The drop follows from the reciprocal theorem with the undisturbed flow, dP+ Q = - int f . v_inf
+    # dS.
     mesh, channel = problem.mesh, problem.channel
     gradient = problem.membrane(iterate.size_ratio).gradient(iterate.free)
     nodes = mesh.expanded(iterate.free)

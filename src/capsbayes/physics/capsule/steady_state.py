@@ -25,29 +25,22 @@ _KEEP_BELOW = 1e-2  # residual above which they are never kept
 
 
 class NewtonResult(NamedTuple):
-    """End of Newton's iteration.
-
-    `tangent` is the change (F + 2,) of shape, velocity and slack per unit of Ca at the last step taken.
-    """
+    """End of Newton's iteration."""
 
     iterate: Iterate
     converged: bool
     residual: float
     iterations: int
-    tangent: Floats
+    tangent: Floats  # (F + 2,): change of shape, velocity and slack per unit of Ca at the last step taken
 
 
 class Bordered(NamedTuple):
-    """Velocity errors with the gaps of volume and centroid (F + 2,), and their derivatives.
+    """Velocity errors with the gaps of volume and centroid, and their derivatives."""
 
-    `matrix` (F + 2, F + 2) is the derivative along shape, velocity and slack, `along_ca` (F + 2,) that along Ca,
-    `along_density` (F, F) that of the velocity errors along the density.
-    """
-
-    residual: Floats
-    matrix: Floats
-    along_ca: Floats
-    along_density: Floats
+    residual: Floats  # (F + 2,)
+    matrix: Floats  # (F + 2, F + 2): along shape, velocity and slack
+    along_ca: Floats  # (F + 2,)
+    along_density: Floats  # (F, F): of the velocity errors
 
 
 def bordered(problem: Problem, iterate: Iterate) -> Bordered:
@@ -85,13 +78,10 @@ def steady_state(
     offset: Floats | None = None,
     report: Callable[[int, float, Iterate], None] | None = None,
 ) -> NewtonResult:
-    """Find a steady state by Newton's iteration from `start`, at its Ca and a/l, with steps of at most 0.15 a.
-
-    Derivatives cost three times as much as the velocity error itself, so they are kept while each step with them
-    brings the residual down to a tenth. The iteration is given up when the residual has grown to a hundred times the
-    smallest; with `patience`, also when that many steps have not reduced it to 1e-2. With an `offset` (F + 2,) the
-    state is sought at which the equations have that residual instead of zero.
-    """
+    """Find a steady state by Newton's iteration from `start`, at its Ca and a/l, with steps of at most 0.15 a."""
+    # Derivatives cost three times as much as the error, so they are kept while a step brings it down to a tenth. Given
+    # up at a hundred times the smallest residual, or above 1e-2 after `patience` steps. `offset` (F + 2,): residual
+    # sought.
     iterate, count, size, smallest = start, len(start.free), np.inf, np.inf
     tangent = np.zeros(count + 2)
     factor = None

@@ -45,10 +45,8 @@ class ArcPoint(NamedTuple):
 
 
 def traced(problem: Problem, start: NewtonResult, *, rising: bool = True, step: float = 0.1) -> Iterator[ArcPoint]:
-    """Trace the branch of a converged state, itself first, towards larger Ca if rising, until no further is found.
-
-    The first length `step` is in units of log Ca, or of a sixtieth of a in the rms displacement.
-    """
+    """Trace the branch of a converged state, itself first, towards larger Ca if rising, until no further is found."""
+    # The first length `step` is in units of log Ca, or of a sixtieth of a in the rms displacement.
     sense = 1.0 if rising else -1.0
     scale = _scale(problem, start.iterate)
     ahead = np.zeros(len(scale))
@@ -67,11 +65,9 @@ def traced(problem: Problem, start: NewtonResult, *, rising: bool = True, step: 
 
 
 def fold(problem: Problem, before: ArcPoint, after: ArcPoint) -> ArcPoint:
-    """Find the state where Ca is extreme, between two successive points with directions of different sense.
-
-    Ca is taken as a cubic of the arc length between the two; the state there is corrected once, and its Ca is off
-    by no more than the fourth power of their distance.
-    """
+    """Find the state where Ca is extreme, between two successive points with directions of different sense."""
+    # Ca is taken as a cubic of the arc length between the two; the state there is corrected once, and its Ca is off by
+    # no more than the fourth power of their distance.
     scale = _scale(problem, before.result.iterate)
     length = float(np.linalg.norm((_vector(after.result.iterate) - _vector(before.result.iterate)) / scale))
     start, end = before.direction[-1], after.direction[-1]
@@ -138,10 +134,8 @@ def _normalised(direction: Floats, scale: Floats) -> Floats:
 
 @remembered
 def _corrected(problem: Problem, point: ArcPoint, step: float, scale: Floats) -> ArcPoint | None:
-    """Return the state `step` ahead of a point, None if Newton's iteration finds none near the prediction.
-
-    Derivatives are kept while a step with them reduces the residual to a tenth.
-    """
+    """Return the state `step` ahead of a point, None if Newton's iteration finds none near the prediction."""
+    # Derivatives are kept while a step with them reduces the residual to a tenth.
     row = point.direction / scale**2
     iterate = _moved(point.result.iterate, step * point.direction)
     predicted, factor, size = _vector(iterate), None, np.inf

@@ -46,21 +46,11 @@ _USABLE = (Status.DONE, Status.UNRESOLVED)
 
 @dataclass(frozen=True)
 class BranchEnd:
-    """End of a branch that was followed.
+    """End of a branch that was followed."""
 
-    Attributes
-    ----------
-    result : NewtonResult
-        The case asked for if `status` is DONE, else the last state before the end.
-    status : Status
-        DONE; UNRESOLVED if the slack is too large; NO_STEADY_STATE beyond a fold; else NOT_CONVERGED.
-    limit : float
-        Ca at the fold in which the branch ended, or NaN.
-    """
-
-    result: NewtonResult
-    status: Status
-    limit: float = float("nan")
+    result: NewtonResult  # the case asked for if DONE, else the last state before the end
+    status: Status  # DONE; UNRESOLVED if the slack is too large; NO_STEADY_STATE beyond a fold; else NOT_CONVERGED
+    limit: float = float("nan")  # Ca at the fold in which the branch ended
 
 
 def followed(problem: Problem, start: NewtonResult, capillary_number: float, size_ratio: float) -> BranchEnd:
@@ -77,11 +67,9 @@ def followed(problem: Problem, start: NewtonResult, capillary_number: float, siz
 
 
 def carried(problem: Problem, start: Iterate, capillary_number: float, size_ratio: float) -> BranchEnd:
-    """Carry a steady state of other parameters to a case, all parameters at once.
-
-    Newton's iteration starts from the shape scaled to the new size. Where it leads to no state nearby, the residual
-    that the start has there is removed in shares, each of which is halved until the iteration converges.
-    """
+    """Carry a steady state of other parameters to a case, all parameters at once, with its shape scaled to the size."""
+    # Where that leads to no state nearby, the residual that the start has there is removed in shares, each of which is
+    # halved until the iteration converges.
     here = replace(_scaled(start, size_ratio), capillary_number=capillary_number)
     trial = _near(problem, here, _FARTHEST)
     if trial is None:
@@ -157,11 +145,9 @@ def _first_parachute(problem: Problem, size_ratio: float) -> BranchEnd:
 
 
 def _grown(problem: Problem, first: Callable[[Problem], NewtonResult], size_ratio: float) -> BranchEnd:
-    """Continue the first state of a branch to another size, on a coarse mesh if its shape can be prolonged.
-
-    On the coarse mesh a step costs a fraction of a second. A shape with a sharp rear rim cannot be prolonged from
-    there: it is continued on the mesh of `problem`.
-    """
+    """Continue the first state of a branch to another size, on a coarse mesh if its shape can be prolonged."""
+    # On the coarse mesh a step costs a fraction of a second. A shape with a sharp rear rim cannot be prolonged from
+    # there.
     if problem.refinement <= _COARSE:
         result = first(problem)
     else:

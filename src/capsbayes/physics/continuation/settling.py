@@ -59,11 +59,9 @@ def is_stable(problem: Problem, iterate: Iterate) -> bool:
 
 
 def wrinkling_rate(problem: Problem, iterate: Iterate) -> float:
-    """Compute the growth rate [U/l] of the fastest wrinkles about the axis that keep four mirror planes.
-
-    NaN where the shape is not axisymmetric anyway, or hardly compressed. The mesh decides how short the wrinkles can
-    be: the rate tells whether there are any, not which.
-    """
+    """Compute the growth rate [U/l] of the fastest wrinkles about the axis; NaN where none is to be expected."""
+    # None is sought where the shape is not axisymmetric, or hardly compressed. They keep four mirror planes. The mesh
+    # decides how short they can be: the rate tells whether there are any, not which.
     if not isinstance(problem.flow, CircularChannel) or not _is_compressed(problem, iterate):
         return float("nan")
     loose = replace(problem, flow=FourfoldTube())

@@ -117,13 +117,7 @@ def build_database(
 
 
 def _checked_cases(cases: Iterable[Case]) -> list[Case]:
-    """Return the cases without repetition, sorted by size ratio, then capillary number.
-
-    Raises
-    ------
-    InputError
-        If there are none, or one is not positive.
-    """
+    """Return the cases once each, sorted by size ratio, then capillary number; refuse none or one not positive."""
     ordered = sorted({(float(size), float(ca)) for ca, size in cases})
     if not ordered:
         raise InputError("cases", "", "at least one case (capillary number, size ratio)", "none")
@@ -187,13 +181,7 @@ def _run_again(simulator: SteadySimulator, store: Store, outcome: Outcome) -> Ou
 
 
 def _null_value(simulator: Any, effect: str) -> float:
-    """Return the simulator's own value of a parameter, the null value of the effect.
-
-    Raises
-    ------
-    InputError
-        If there is no such parameter.
-    """
+    """Return the simulator's own value of a parameter, the null value of the effect; refuse an unknown parameter."""
     known = parameters_of(simulator)
     if effect not in known:
         raise InputError("build", "effect", f"one of {', '.join(known)}", repr(effect))
@@ -201,13 +189,7 @@ def _null_value(simulator: Any, effect: str) -> float:
 
 
 def _simulators_at(simulator: Any, effect: str, values: Iterable[float]) -> dict[float, Any]:
-    """Return the simulator at each value of a parameter, in rising order.
-
-    Raises
-    ------
-    InputError
-        If there is no such parameter, or the values are too few or lack the null value.
-    """
+    """Return the simulator at each value of a parameter, in rising order; refuse too few, or without the null value."""
     null, ordered = _null_value(simulator, effect), sorted({float(value) for value in values})
     if len(ordered) < _FEWEST_VALUES or null not in ordered:
         expected = f"at least {_FEWEST_VALUES} values of {effect}, the simulator's own {null:g} among them"

@@ -24,18 +24,8 @@ def gathered(
     settings: Mapping[str, Any],
     attributes: Mapping[str, str | int | float],
 ) -> Database:
-    """Return one database of all sweeps, in their order; what a case lacks is NaN, or 0 for an integer.
-
-    Parameters
-    ----------
-    sweeps : mapping of float to list of Sweep
-        By value of the effect; a plain database has the one value 0.
-    settings : mapping
-        Those of the simulator.
-    attributes : mapping
-        The pedigree. Unless its `effect` is "none" the database is compact: it serves for differences, and has ten
-        times the cases.
-    """
+    """Return one database of all sweeps by value of the effect; what a case lacks is NaN, or 0 for an integer."""
+    # An effect database is compact: it serves for differences, and has ten times the cases.
     by_value = [(value, sweep) for value, several in sweeps.items() for sweep in several]
     outcomes = [(value, outcome) for value, sweep in by_value for outcome in sweep.outcomes]
     borders = [(value, border) for value, sweep in by_value for border in sweep.borders]

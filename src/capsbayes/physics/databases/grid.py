@@ -22,13 +22,7 @@ _OF_EFFECTS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.115, 0.13)
 
 
 def default_grid() -> Cases:
-    """Return cases (Ca, a/l) with a/l from 0.70 to 1.15 by 0.025 and Ca from 0.003 to 0.15, sorted by a/l.
-
-    Examples
-    --------
-    >>> len(default_grid()), default_grid()[0], default_grid()[-1]
-    (418, (0.003, 0.7), (0.15, 1.15))
-    """
+    """Return 418 cases (Ca, a/l) with a/l from 0.70 to 1.15 by 0.025 and Ca from 0.003 to 0.15, sorted by a/l."""
     return _grid(_CAPILLARY_NUMBERS, 0.7, 0.025, 19)
 
 
@@ -58,12 +52,6 @@ def _grid(capillary_numbers: tuple[float, ...], first: float, step: float, count
 
 
 def read_cases(path: str | os.PathLike[str]) -> Cases:
-    """Read the cases of a CSV file with the columns ``capillary_number`` and ``size_ratio``; others are ignored.
-
-    Raises
-    ------
-    InputError
-        Naming the file, the line and what is wrong with it.
-    """
+    """Read the cases of a CSV file with columns ``capillary_number`` and ``size_ratio``; refuse a wrong line."""
     numbers = read_numbers(Path(path), ("capillary_number", "size_ratio"), "table of cases")
     return [(capillary_number, size_ratio) for capillary_number, size_ratio in numbers.tolist()]

@@ -71,11 +71,9 @@ def membrane_start(continuation: Continuation) -> ScatteredState:
 
 
 def spread_points(states: int, border_states: int) -> Floats:
-    """Return points (n, 6) from 0 to 1 : first some spread evenly, then some that follow them, moved to the border.
-
-    Of the latter, coordinates of the membrane and of the size that are near to an end are moved there : on the
-    average two of a point, so that all faces and many edges and corners have states.
-    """
+    """Return points (n, 6) from 0 to 1: first some spread evenly, then some that follow them, moved to the border."""
+    # Of the latter, coordinates of the membrane and of the size that are near to an end are moved there: on the average
+    # two of a point, so that all faces and many edges and corners have states.
     points = sobol_places(states + border_states, len(FREE_PARAMETERS))
     of_membrane = points[states:, 1:]
     of_membrane[of_membrane < _NEAR] = 0.0
@@ -106,28 +104,8 @@ def build_membranes(
     workers: int | None = None,
     progress: bool = True,
 ) -> MembraneDatabase:
-    """Simulate a shipped database over flow and membrane; finished states are kept in ``OUT.parts``.
-
-    States that the mesh does not resolve count as lost.
-
-    Parameters
-    ----------
-    name : str
-        One of `MEMBRANES`.
-    out : path
-        NetCDF file.
-    states, border_states : int, optional
-        Number of places within the range and on its border; default: those of the recipe.
-    refinement : int
-        Of the mesh.
-    scheduler, workers, progress
-        As of `build_database`.
-
-    Raises
-    ------
-    InputError
-        On an unknown name.
-    """
+    """Simulate a shipped database over flow and membrane; finished states are kept in ``OUT.parts``."""
+    # States that the mesh does not resolve count as lost.
     if name not in MEMBRANES:
         raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
     check_replaceable(Path(out))
@@ -158,10 +136,8 @@ def nearest_state(database: MembraneDatabase, continuation: Continuation, place:
 
 
 def state_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:
-    """Return a state of a database by its number, on the mesh of a continuation.
-
-    It is as exact as the modes are in which it is stored, which suffices to begin from.
-    """
+    """Return a state of a database by its number, on the mesh of a continuation."""
+    # It is as exact as the modes are in which it is stored, which suffices to begin from.
     shape = database["mesh_mean"] + database["mesh"][number] @ database["mesh_modes"]
     if continuation.settings["refinement"] != database.settings["refinement"]:
         coarse = _continuation_of(database).simulator.problem.mesh

@@ -28,10 +28,7 @@ def chosen_cases(sweeps: Sequence[Sequence[Outcome]]) -> list[Outcome]:
 
 
 def mesh_error(refinement: int, coarse: Sequence[Outcome], fine: Sequence[Outcome]) -> str:
-    """Return relative differences from a finer mesh as JSON: rms over the cases of each quantity, and every case's.
-
-    The refinement is that of the finer mesh; both sequences have the same cases.
-    """
+    """Return relative differences from a finer mesh as JSON: rms over the cases of each quantity, and every case's."""
     rows = [
         {"capillary_number": ours.capillary_number, "size_ratio": ours.size_ratio}
         | {name: ours.variables[name] / finer.variables[name] - 1 for name in QUANTITIES}

@@ -18,31 +18,15 @@ _VARIABLE, _STATE = "variable ", "state "
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Outcome of one case.
-
-    Parameters
-    ----------
-    capillary_number, size_ratio : float
-        The case [-].
-    start : float or str
-        Capillary number of the steady state it was started from, ``"rest"``, or ``"parachute"`` for the first
-        parachute found.
-    status : Status
-    variables : dict of str to value
-        The case's row of the database; without NaN only if `status` is DONE.
-    state : SteadyState or None
-        The steady state itself if `status` is DONE.
-    message : str
-        The error that was raised, if there was one.
-    """
+    """Outcome of one case."""
 
     capillary_number: float
     size_ratio: float
-    start: float | str
+    start: float | str  # Ca of the state it started from, "rest", or "parachute" for the first one found
     status: Status
-    variables: dict[str, Any] = field(default_factory=dict)
-    state: Any = None
-    message: str = ""
+    variables: dict[str, Any] = field(default_factory=dict)  # the row of the database; without NaN only if DONE
+    state: Any = None  # the steady state if DONE
+    message: str = ""  # the error that was raised
 
     @property
     def done(self) -> bool:
@@ -68,15 +52,8 @@ class Outcome:
         start: float | str,
         rebuild: Callable[[Mapping[str, Any]], Any],
     ) -> Outcome | None:
-        """Return the outcome of a case that has ended before from this start, else None.
-
-        `rebuild` makes a steady state from the values of its fields.
-
-        Raises
-        ------
-        DatabaseError
-            If it was computed with other settings.
-        """
+        """Return the outcome of a case that has ended before from this start, else None; refuse other settings."""
+        # `rebuild` makes a steady state from the values of its fields.
         for name in sorted(store.names(f"{name_of(capillary_number, size_ratio, start)}.*")):
             values = store.load(name)
             if values is not None:

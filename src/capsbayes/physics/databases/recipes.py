@@ -24,25 +24,13 @@ from capsbayes.physics.simulation.unsteady import UnsteadySimulator
 
 @dataclass(frozen=True)
 class Recipe:
-    """Simulator and cases of a database; for an effect database, also the parameter that varies and its values.
-
-    Attributes
-    ----------
-    simulator : SteadySimulator
-    cases : list of (float, float)
-        Capillary number and size ratio.
-    effect : str or None
-        Parameter of the simulator or of its law; None for a plain database.
-    values : tuple of float
-    compare : int or None
-        Refinement of the finer mesh for the mesh's error.
-    """
+    """Simulator and cases of a database; for an effect database, also the parameter that varies and its values."""
 
     simulator: SteadySimulator
     cases: Cases
-    effect: str | None = None
+    effect: str | None = None  # parameter of the simulator or of its law
     values: tuple[float, ...] = ()
-    compare: int | None = None
+    compare: int | None = None  # refinement of the finer mesh for the mesh's error
 
 
 _FINE = Simulator(refinement=12)
@@ -99,13 +87,7 @@ RECIPES: dict[str, Recipe] = {
 
 
 def recipe_named(name: str) -> Recipe:
-    """Return the recipe of one database.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
+    """Return the recipe of one database; refuse an unknown name."""
     if name not in RECIPES:
         raise InputError("recipe", "", f"one of {', '.join(RECIPES)}", repr(name))
     return RECIPES[name]
@@ -120,11 +102,7 @@ def build_shipped(
     workers: int | None = None,
     progress: bool = True,
 ) -> Database:
-    """Build a database that comes with the library; scheduler, workers and progress are those of `build_database`.
-
-    A full one keeps the nodes of the membrane and outlines in double precision; the shipped databases are compact, see
-    `Database.compact`.
-    """
+    """Build a database that comes with the library, compact unless `full`, see `Database.compact`."""
     recipe = recipe_named(name)
     return build_database(
         recipe.simulator,

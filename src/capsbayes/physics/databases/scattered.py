@@ -52,21 +52,12 @@ NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 
 @dataclass(frozen=True)
 class Axis:
-    """A parameter and its range.
-
-    Parameters
-    ----------
-    name : str
-        ``"capillary_number"``, ``"size_ratio"``, or a parameter of the simulator or of its law.
-    low, high : float
-    offset : float, optional
-        The coordinate is linear in the logarithm of the value and this together; None if it is linear in the value.
-    """
+    """A parameter, of the case, the simulator or its law, and its range."""
 
     name: str
     low: float
     high: float
-    offset: float | None = None
+    offset: float | None = None  # linear in the logarithm of value and this together; None: in the value
 
     def value(self, unit: float) -> float:
         """Return the value at a coordinate from 0 to 1."""
@@ -99,21 +90,11 @@ def sobol_places(count: int, dimensions: int) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class ScatteredState:
-    """A steady state at a place.
+    """A steady state at a place."""
 
-    Parameters
-    ----------
-    place : (p,) array
-        Coordinates from 0 to 1 along the axes.
-    unknowns : (F + 2,) array
-        Free coordinates of the mesh [l], velocity [U] and slack [U].
-    derivatives : (F + 2, p) array
-        Of the unknowns along the coordinates.
-    """
-
-    place: Floats
-    unknowns: Floats
-    derivatives: Floats
+    place: Floats  # (p,): coordinates from 0 to 1 along the axes
+    unknowns: Floats  # (F + 2,): free coordinates of the mesh [l], velocity [U] and slack [U]
+    derivatives: Floats  # (F + 2, p): of the unknowns along the coordinates
 
     @property
     def slack(self) -> float:
@@ -127,15 +108,7 @@ class ScatteredState:
 
 @dataclass(frozen=True)
 class Continuation:
-    """Continuation of the steady states of one simulator along some axes.
-
-    Parameters
-    ----------
-    simulator : Simulator
-        Its own values hold for what no axis varies.
-    axes : tuple of Axis
-        Capillary number and size ratio among them.
-    """
+    """Continuation of the steady states of one simulator along axes, capillary number and size ratio among them."""
 
     simulator: Simulator
     axes: tuple[Axis, ...]
@@ -191,10 +164,7 @@ class Continuation:
         return self.with_derivatives(place, unknowns)
 
     def reached(self, start: ScatteredState, place: Floats, *, derivatives: bool = True) -> ScatteredState | None:
-        """Return the state at a place, on the branch of another state; None if that ends on the way.
-
-        Without `derivatives` the state found has none: NaN.
-        """
+        """Return the state at a place, on the branch of another state; None if that ends on the way."""
         state, share, step = start, 0.0, 1.0
         while share < 1.0:
             step = min(step, 1.0 - share)
@@ -250,26 +220,7 @@ def scattered_states(
     workers: int | None = None,
     progress: bool = True,
 ) -> list[ScatteredState | None]:
-    """Compute the steady states at many places, on the branch of a first one.
-
-    Finished states are kept in a folder; the same call made again, after an interruption or with more places, computes
-    only what is missing.
-
-    Parameters
-    ----------
-    continuation : Continuation
-    start : ScatteredState
-    places : (n, p) array
-        Coordinates from 0 to 1 along the axes.
-    folder : path
-    scheduler, workers, progress
-        As of `capsbayes.physics.databases.build.build_database`.
-
-    Returns
-    -------
-    list of ScatteredState or None
-        None where the branch ends on the way.
-    """
+    """Compute the states at places (n, p) on the branch of a first one, None where it ends; keep them in a folder."""
     store = Store.open(folder, continuation.settings)
     first = min(_GROUPS, len(places))
     with only_run(Path(folder)), keeping(Path(folder)):
@@ -353,25 +304,11 @@ def _ended(store: Store, places: Floats) -> tuple[int, str]:
 def scattered_dataset(
     continuation: Continuation, places: Floats, states: Sequence[ScatteredState | None]
 ) -> xr.Dataset:
-    """Return what capsules look like in these states, as a dataset that is a hundred times smaller.
-
-    Parameters
-    ----------
-    continuation : Continuation
-    places : (n, p) array
-        Coordinates from 0 to 1 along the axes.
-    states : sequence of ScatteredState or None
-        Of each place; None where none was reached.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``values`` (n, p) of the parameters; ``numbers`` (n, 4), see `NUMBERS`, and their derivatives along the
-        parameters, ``numbers_along`` (n, 4, p); for either view the outlines in few modes, ``profile`` (n, m), with
-        ``profile_along`` (n, m, p), ``profile_mean`` (q, 2) and ``profile_modes`` (m, q, 2) [l]; the free coordinates
-        of the mesh likewise, without derivatives, as starts of other states; the slack; and the values that were
-        ``lost`` (k, p).
-    """
+    """Return what capsules look like in the states at places (n, p): a dataset a hundred times smaller than these."""
+    # ``values`` (n, p) of the parameters; ``numbers`` (n, 4), see `NUMBERS`; for either view the outlines in few modes,
+    # ``profile`` (n, m), ``profile_mean`` (q, 2) and ``profile_modes`` (m, q, 2) [l]; ``*_along`` (n, m, p),
+    # derivatives along the parameters; the free coordinates likewise, as starts of other states; the values ``lost``
+    # (k, p).
     import xarray as xr
 
     some = [state for state in states if state is not None]

@@ -65,16 +65,12 @@ class Sweep(NamedTuple):
 
 @dataclass(frozen=True)
 class CaseRunner:
-    """Runner of the cases of one size ratio: it takes them from the store, or computes them with the simulator.
-
-    A case is started from another's outcome or, see `Simulator.run`, from ``"rest"`` or from a ``"parachute"``.
-    The last outcome of each case is in `final`.
-    """
+    """Runner of the cases of one size ratio: it takes them from the store, or computes them with the simulator."""
 
     simulator: SteadySimulator
     store: Store
     size_ratio: float
-    final: dict[float, Outcome] = field(default_factory=dict)
+    final: dict[float, Outcome] = field(default_factory=dict)  # the last outcome of each case
 
     def run(self, capillary_number: float, start: Start) -> Outcome:
         """Return the outcome of one case; an error of the simulator is an outcome too."""
@@ -165,10 +161,8 @@ def _beyond_branch(runner: CaseRunner, capillary_number: float) -> Outcome | Non
 
 
 def _confirmed(runner: CaseRunner, followed: list[Outcome]) -> list[Outcome]:
-    """Return the cases up to the first parachute, each the one that a capsule reaches from rest.
-
-    If the state reached from rest at one Ca is on the branch, so are those at all lower Ca: the search goes downward.
-    """
+    """Return the cases up to the first parachute, each the one that a capsule reaches from rest."""
+    # If the state reached from rest at one Ca is on the branch, so are those at all lower Ca: the search goes downward.
     confirmed = list(followed)
     for place, outcome in reversed(list(enumerate(followed))):
         if _is_deep(outcome):

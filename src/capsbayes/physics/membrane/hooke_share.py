@@ -18,26 +18,10 @@ _RUBBER, _HOOKE = NeoHookean(), GeneralisedHooke(poisson_ratio=0.5)
 
 @dataclass(frozen=True)
 class HookeShare(MembraneLaw):
-    """Mixture of a share of generalised Hooke's energy with nu_s = 1/2 and the neo-Hookean one.
+    """Mixture of a share s of generalised Hooke's energy with nu_s = 1/2 and the neo-Hookean: (1 - s) W_NH + s W_H."""
 
-    W = (1 - s) W_NH + s W_H. Both have K_s = 3 G_s, so that the share changes nothing at small strain.
-
-    Parameters
-    ----------
-    hooke_share : float
-        The share s, from 0 (neo-Hookean) to 1 (generalised Hooke) [-].
-
-    Examples
-    --------
-    A sheet stretched by one tenth in both directions:
-
-    >>> HookeShare(hooke_share=0.5).principal_tensions([1.1, 1.1]).round(6).tolist()
-    [0.532763, 0.532763]
-
-    References
-    ----------
-    Barthes-Biesel, Diaz & Dhenin, J. Fluid Mech. 460 (2002) 211-222, compare the two laws.
-    """
+    # Both have K_s = 3 G_s, so that the share changes nothing at small strain. Barthes-Biesel, Diaz & Dhenin, J. Fluid
+    # Mech. 460 (2002) 211-222, compare the two laws.
 
     hooke_share: float = 0.0
     area_dilation_modulus: ClassVar[float] = 3.0

@@ -23,25 +23,13 @@ from capsbayes.profile import Profile
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A capsule in its channel. Lengths over l, velocities over U.
-
-    Attributes
-    ----------
-    capillary_number, size_ratio : float
-        The case asked for [-].
-    settings : mapping
-        The simulator's settings.
-    nodes : (w, 3) array [l]
-        Nodes of the wedge 0 <= y <= x, or 0 <= x, y in a rectangle; the flow is along z, the centroid at the origin.
-    velocity_ratio : float
-        Velocity of the centroid V = v_o / U [-].
-    """
+    """A capsule in its channel. Lengths over l, velocities over U."""
 
     capillary_number: float
     size_ratio: float
     settings: Mapping[str, Any]
-    nodes: Floats
-    velocity_ratio: float
+    nodes: Floats  # (w, 3) of the wedge 0 <= y <= x, or 0 <= x, y; flow along z, centroid at the origin
+    velocity_ratio: float  # velocity of the centroid v_o / U
 
     @property
     def channel(self) -> Channel:

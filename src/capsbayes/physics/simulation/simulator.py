@@ -38,8 +38,14 @@ class SteadyState(Shape):
 
     Attributes
     ----------
-    capillary_number, size_ratio, settings, nodes, velocity_ratio
-        See `Shape`.
+    capillary_number, size_ratio : float
+        The case asked for [-].
+    settings : mapping
+        The simulator's settings.
+    nodes : (w, 3) array [l]
+        Nodes of the wedge 0 <= y <= x, or 0 <= x, y in a rectangle; the flow is along z, the centroid at the origin.
+    velocity_ratio : float
+        Velocity of the centroid V = v_o / U [-].
     inner_pressure : float
         Pressure inside, over that of the undisturbed flow at the centroid [mu U / l].
     extra_pressure_drop : float

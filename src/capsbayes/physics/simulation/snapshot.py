@@ -20,21 +20,11 @@ from capsbayes.physics.surface.octasphere import prolonged
 
 @dataclass(frozen=True, eq=False)
 class Snapshot(Shape):
-    """A capsule at one time of a transient. Lengths over l, velocities over U.
+    """A capsule at one time of a transient. Lengths over l, velocities over U."""
 
-    Attributes
-    ----------
-    time : float
-        U t / l [-].
-    speed : float
-        Speed of the fastest node relative to the centroid [U]; it vanishes at steady state.
-    slack : float
-        Uniform normal velocity that remains [U]: an indicator of the mesh's error.
-    """
-
-    time: float
-    speed: float
-    slack: float
+    time: float  # U t / l
+    speed: float  # of the fastest node relative to the centroid; it vanishes at steady state
+    slack: float  # uniform normal velocity that remains: an indicator of the mesh's error
 
 
 def taken_from(start: Shape, problem: Problem, capillary_number: float, size_ratio: float) -> Iterate:
@@ -47,10 +37,7 @@ def taken_from(start: Shape, problem: Problem, capillary_number: float, size_rat
 def snapshots(
     problem: Problem, settings: Mapping[str, Any], start: Iterate, times: Sequence[float], scheme: Scheme, threads: int
 ) -> Iterator[Snapshot]:
-    """Follow a capsule in time by a scheme of `transient`: yield it at each of the times U t / l, until it is steady.
-
-    `settings` are the simulator's; `threads` is the number of threads of the linear algebra.
-    """
+    """Yield a capsule at each of the times U t / l until it is steady, by a scheme of `transient`."""
     instants = transient(problem, start, times, scheme=scheme)
     while True:
         with threadpool_limits(limits=threads):  # not across the yield: the limit would be the caller's as well

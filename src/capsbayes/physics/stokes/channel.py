@@ -32,11 +32,9 @@ class Flow(ABC):
 
 
 class Channel(Flow):
-    """A straight channel along z.
+    """A straight channel along z; a subclass places the points of its cross-section in the wedge of its symmetry."""
 
-    A subclass places the points of its cross-section; those of `outline` and `filling` lie in the wedge of its
-    symmetry, 0 <= y <= x under D4 and 0 <= x, y under D2.
-    """
+    # The wedge is 0 <= y <= x under D4 and 0 <= x, y under D2.
 
     name: ClassVar[str]
 
@@ -56,23 +54,10 @@ class Channel(Flow):
     def wall_points(
         self, axial: Floats, steps: Floats, cap_spacing: float, *, offset: float, end: float
     ) -> tuple[Floats, Floats]:
-        """Return points on the downstream half of the cross-section's wall and on its end cap, moved outwards.
-
-        There is one point (p, 3) of each orbit of the cross-section's symmetry; returned is also the wall area (p,)
-        that each stands for.
-
-        Parameters
-        ----------
-        axial, steps : (m,) arrays
-            Positive axial positions of the rings of points, and the length each stands for, which is also the
-            distance of its points along the cross-section's outline.
-        cap_spacing : float
-            Distance of the points on the cap.
-        offset : float
-            Distance of the points from the wall and from the cap over their spacing.
-        end : float
-            Axial position of the cap.
-        """
+        """Return points (p, 3) on the downstream wall and its end cap, moved outwards, and the areas they stand for."""
+        # One point of each orbit. `axial`, `steps` (m,): positions of the rings of points and the length each stands
+        # for, also the distance of its points along the outline; `offset`: distance from wall and cap over the spacing;
+        # `end`: of the cap.
         points, areas = [], []
         for z, step in zip(axial, steps, strict=True):
             ring, lengths = self.outline(step, offset * step)
@@ -91,8 +76,6 @@ def _at(points: Floats, z: float) -> Floats:
 def midpoints(length: float, spacing: float) -> tuple[Floats, float]:
     """Return the midpoints of equal steps of at most `spacing` that fill `length`, and the step.
 
-    Examples
-    --------
     >>> midpoints(1.0, 0.3)
     (array([0.125, 0.375, 0.625, 0.875]), 0.25)
     """

@@ -12,28 +12,8 @@ _NAMES = (SquareChannel.name, RectangularChannel.name, CircularChannel.name)
 
 
 def cross_section_named(name: str, corner_radius: float = 0.0, aspect: float = 1.0) -> Channel:
-    """Return the channel whose cross-section has a name.
-
-    Parameters
-    ----------
-    name : str
-        ``"square"``, ``"rectangular"`` or ``"circular"``.
-    corner_radius : float
-        Radius of the corners of a square over l [-].
-    aspect : float
-        Depth along the direction of view over the width seen, b / l, of a rectangle or of a square that is not quite
-        one [-].
-
-    Raises
-    ------
-    InputError
-        If there is no such cross-section.
-
-    Examples
-    --------
-    >>> cross_section_named("square", corner_radius=0.1)
-    RoundedSquareChannel(corner_radius=0.1)
-    """
+    """Return the channel ``"square"``, ``"rectangular"`` or ``"circular"``; refuse another name."""
+    # `corner_radius` [l] of a square; `aspect`: depth along the direction of view over the width seen, b / l.
     if name not in _NAMES:
         raise InputError("cross_section", "", f"one of {', '.join(_NAMES)}", repr(name))
     if corner_radius != 0.0 and (name != SquareChannel.name or aspect != 1.0):

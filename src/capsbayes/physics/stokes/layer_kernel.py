@@ -31,58 +31,27 @@ _compiled = numba.njit(cache=True, fastmath=True, error_model="numpy", nogil=Tru
 
 
 class Elements(NamedTuple):
-    """One element of each orbit, and the action of the group.
+    """One element of each orbit, and the action of the group."""
 
-    Attributes
-    ----------
-    nodes : (e, 6) int array
-    wedge_of : (N,) int array
-        Position of each node among the unknown nodes.
-    operation : (N, 3, 3) array
-        The operation from the unknown node onto the node.
-    images : (g, N) int array
-        The node that each operation of the group maps onto each node.
-    turns : (g, 3, 3) array
-        The operations of the group, which preserve the axis z.
-    centres, radii : (e, 3) array, (e,) array
-        A ball around each element, which decides the rule.
-    """
-
-    nodes: Integers
-    wedge_of: Integers
-    operation: Floats
-    images: Integers
-    turns: Floats
-    centres: Floats
+    nodes: Integers  # (e, 6)
+    wedge_of: Integers  # (N,): position of each node among the unknown nodes
+    operation: Floats  # (N, 3, 3): the operation from the unknown node onto the node
+    images: Integers  # (g, N): the node that each operation of the group maps onto each node
+    turns: Floats  # (g, 3, 3): the operations of the group, which preserve the axis z
+    centres: Floats  # (e, 3): with the radii (e,) a ball around each element, which decides the rule
     radii: Floats
 
 
 class Tiles(NamedTuple):
-    """Quadrature points of all rules.
+    """Quadrature points of all rules."""
 
-    Attributes
-    ----------
-    levels : (m,) array
-        Decreasing ratios of distance to radius: rule i serves ratios above levels[i]; rule m serves the rest.
-    coarse : (b * 448,) array
-        Blocks of rule 0: each holds as many whole elements as fit.
-    coarse_shapes : (q, 8) array
-        Shape functions at the points of rule 0, and two columns of zeros that complete the vectors.
-    fine : (e * c * 448,) array
-        Blocks of the rules 1 to m and of the six rules singular at a node, of each element.
-    fine_shapes : (c * 6 * 64,) array
-        Shape functions at their points.
-    first, counts : (m + 7,) and (m + 6,) int arrays
-        First block of each of these rules among the c of an element, and its number of points.
-    """
-
-    levels: Floats
-    coarse: Floats
-    coarse_shapes: Floats
-    fine: Floats
-    fine_shapes: Floats
-    first: Integers
-    counts: Integers
+    levels: Floats  # (m,): falling ratios of distance to radius; rule i serves those above levels[i], rule m the rest
+    coarse: Floats  # (b * 448,): blocks of rule 0, each of as many whole elements as fit
+    coarse_shapes: Floats  # (q, 8): shape functions of rule 0, and two columns of zeros that complete the vectors
+    fine: Floats  # (e * c * 448,): blocks of the rules 1 to m and of the six singular at a node, of each element
+    fine_shapes: Floats  # (c * 6 * 64,): shape functions at their points
+    first: Integers  # (m + 7,): first block of each of these rules among the c of an element
+    counts: Integers  # (m + 6,): number of its points
 
 
 @_compiled

@@ -19,13 +19,7 @@ _SERIES = 16 / np.pi**3 * _SIGN / _ODD**3
 
 
 def _pressure_gradient(depth: float) -> float:
-    """Return -(dp/dz) l^2 / (mu U) in the rectangle |x| <= `depth`, |y| <= 1 (White, Viscous Fluid Flow, 3-48).
-
-    Examples
-    --------
-    >>> round(_pressure_gradient(1.0), 6)
-    7.113538
-    """
+    """Return -(dp/dz) l^2 / (mu U) in the rectangle |x| <= `depth`, |y| <= 1 (White, Viscous Fluid Flow, 3-48)."""
     return float(1.0 / (depth**2 * (1 / 3 - np.sum(64 * depth * np.tanh(_RATE / depth) / (np.pi * _ODD) ** 5))))
 
 
@@ -47,13 +41,7 @@ def _flow(points: Floats, depth: float) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class RectangularChannel(Channel):
-    """Rectangular cross-section |x| <= aspect, |y| <= 1.
-
-    Parameters
-    ----------
-    aspect : float
-        Depth along the direction of view over the width seen, b / l [-].
-    """
+    """Rectangular cross-section |x| <= aspect, |y| <= 1, with x along the direction of view."""
 
     aspect: float
 

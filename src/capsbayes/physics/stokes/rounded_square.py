@@ -90,18 +90,7 @@ def _flow_rate(harmonic: _Harmonic, radius: float) -> float:
 
 @dataclass(frozen=True)
 class RoundedSquareChannel(Channel):
-    """Square cross-section of half width one whose corners are arcs.
-
-    Parameters
-    ----------
-    corner_radius : float
-        Radius of the arcs over l, between 0 and 1 [-].
-
-    Examples
-    --------
-    >>> round(RoundedSquareChannel(0.2).pressure_gradient, 4)
-    7.0671
-    """
+    """Square cross-section of half width one whose corners are arcs of radius `corner_radius`, from 0 to 1."""
 
     corner_radius: float
 

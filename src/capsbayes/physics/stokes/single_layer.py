@@ -41,17 +41,14 @@ class QuadratureChoice:
 
 
 class _Tables(NamedTuple):
-    """Parts of the rules that do not move with the membrane.
-
-    Shapes (q, 6), weights (e, q) and, of the finer rules laid out in tiles, the first tile and the number of points.
-    """
+    """Parts of the rules that do not move with the membrane: shapes (q, 6) and weights (e, q)."""
 
     coarse_shapes: Floats
     coarse_weights: Floats
     fine_shapes: Floats
     fine_weights: Floats
-    first: Integers
-    counts: Integers
+    first: Integers  # first tile of each of the finer rules
+    counts: Integers  # number of their points
 
 
 def _rest_area(nodes: Floats, elements: Integers, points: Floats) -> Floats:
@@ -84,18 +81,9 @@ _ELSEWHERE = 1e3  # position of points without weight, far from every target
 
 
 class SingleLayer:
-    """Single layer on one deformed shape.
+    """Single layer on one deformed shape, nodes (N, 3); its density (N, 3) is needed for derivatives only."""
 
-    Parameters
-    ----------
-    mesh : OctaSphere
-    radius : float
-        Radius of the rest sphere, whose area carries the density.
-    nodes : (N, 3) array
-        Positions of the nodes of the deformed mesh.
-    density : (N, 3) array, optional
-        Force on the liquid per rest area at the nodes; needed for derivatives only.
-    """
+    # The density is the force on the liquid per area of the sphere at rest, of this radius.
 
     def __init__(
         self,

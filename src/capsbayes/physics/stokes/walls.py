@@ -22,33 +22,15 @@ from capsbayes.physics.stokes.stokeslet import images_matrix
 
 @dataclass(frozen=True)
 class WallDiscretisation:
-    """Discretisation of the walls, in units of l.
+    """Discretisation of the walls, in units of l."""
 
-    Attributes
-    ----------
-    spacing : float
-        Distance between Stokeslets near the capsule.
-    far_spacing : float
-        Distance between Stokeslets at the caps.
-    end : float
-        Half length of the discretised channel.
-    near : float
-        Half length with the near spacing.
-    offset : float
-        Distance of the Stokeslets from the wall over their spacing.
-    oversampling : float
-        Wall points over Stokeslets.
-    regularisation : float
-        Tikhonov parameter over the largest diagonal of the triangular factor.
-    """
-
-    spacing: float = 0.08
-    far_spacing: float = 0.16
-    end: float = 3.0
-    near: float = 1.6
-    offset: float = 2.0
-    oversampling: float = 1.45
-    regularisation: float = 1e-5
+    spacing: float = 0.08  # of the Stokeslets near the capsule
+    far_spacing: float = 0.16  # of the Stokeslets at the caps
+    end: float = 3.0  # half length of the discretised channel
+    near: float = 1.6  # half length with the near spacing
+    offset: float = 2.0  # distance of the Stokeslets from the wall over their spacing
+    oversampling: float = 1.45  # wall points over Stokeslets
+    regularisation: float = 1e-5  # Tikhonov parameter over the largest diagonal of the triangular factor
 
 
 def _axial(spacing: float, far_spacing: float, near: float, end: float) -> tuple[Floats, Floats]:
@@ -65,24 +47,11 @@ def _axial(spacing: float, far_spacing: float, near: float, end: float) -> tuple
 
 
 class WallOperator:
-    """Operator from a velocity on the walls to the strengths of the Stokeslets that cancel it.
+    """Operator from a velocity on the walls to the strengths of the Stokeslets that cancel it."""
 
-    The mirror z -> -z maps walls and Stokeslets onto themselves, so that even and odd velocities are cancelled
-    separately, each by a system of half the size. Arrays over points or Stokeslets hold the downstream half first, then
-    its mirror image in the same order.
-
-    Parameters
-    ----------
-    channel : Channel
-    walls : WallDiscretisation
-
-    Attributes
-    ----------
-    points : (p, 3) array
-        Points at which the velocity on the walls is needed: one of each ring, if the flow is axisymmetric.
-    sources : (s, 3) array
-        Positions of the Stokeslets.
-    """
+    # The mirror z -> -z maps walls and Stokeslets onto themselves: even and odd velocities are cancelled separately,
+    # each by a system of half the size. Arrays over `points` (p, 3), one of each ring if the flow is axisymmetric, or
+    # `sources` (s, 3) hold the downstream half first, then its mirror image in the same order.
 
     def __init__(self, channel: Channel, walls: WallDiscretisation) -> None:
         self.channel, self.walls, self.operations = channel, walls, channel.symmetry.operations

@@ -9,10 +9,7 @@ from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradie
 
 
 def facets(elements: Integers, nodes: Floats, parts: int = 6) -> tuple[Floats, Floats]:
-    """Divide each quadratic element (e, 6) into ``parts**2`` flat triangles.
-
-    Returns their corners (t, 3, 3), and the outward unit normals (t, 3) of the smooth surface.
-    """
+    """Divide quadratic elements (e, 6) into ``parts**2`` triangles: corners (t, 3, 3), outward normals (t, 3)."""
     grid, triangles = subdivision(parts)
     shapes = p2(grid)
     corners = (shapes @ nodes[elements])[:, triangles].reshape(-1, 3, 3)
@@ -21,10 +18,8 @@ def facets(elements: Integers, nodes: Floats, parts: int = 6) -> tuple[Floats, F
 
 
 def subdivision(parts: int) -> tuple[Floats, Integers]:
-    """Return points (p, 2) of a grid on the unit triangle, and the corners (t, 3) of its small triangles.
-
-    The first parts (parts + 1) / 2 of them have the orientation of the unit triangle; each edge is one of theirs.
-    """
+    """Return points (p, 2) of a grid on the unit triangle, and the corners (t, 3) of its small triangles."""
+    # The first parts (parts + 1) / 2 of them have the orientation of the unit triangle; each edge is one of theirs.
     index = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
     place = {key: k for k, key in enumerate(index)}
     triangles = [(place[i, j], place[i + 1, j], place[i, j + 1]) for i, j in index if i + j < parts]

@@ -23,33 +23,15 @@ _NEIGHBOURS = 80  # of a node, from which a field is prolonged
 
 @dataclass(frozen=True, eq=False)
 class OctaSphere:
-    """Symmetric P2 mesh of the unit sphere.
+    """Symmetric P2 mesh of the unit sphere."""
 
-    Attributes
-    ----------
-    refinement : int
-        Elements along the edge of an octahedron's face.
-    nodes : (N, 3) array [-]
-        Positions on the unit sphere.
-    elements : (T, 6) int array
-        Nodes of each triangle, corners then midsides, counterclockwise seen from outside;
-        the first T/4 lie in x >= 0, y >= 0.
-    symmetry : Symmetry
-    wedge : (W,) int array
-        The unknown nodes, one of each orbit: those of 0 <= y <= x under D4.
-    wedge_of : (N,) int array
-        Position in `wedge` of the node of which each node is an image.
-    operation : (N, 3, 3) array [-]
-        The operation that maps the wedge node onto the node.
-    """
-
-    refinement: int
+    refinement: int  # elements along the edge of an octahedron's face
     symmetry: Symmetry
-    nodes: Floats
-    elements: Integers
-    wedge: Integers
-    wedge_of: Integers
-    operation: Floats
+    nodes: Floats  # (N, 3)
+    elements: Integers  # (T, 6): corners then midsides, counterclockwise from outside; the first T/4 in x, y >= 0
+    wedge: Integers  # (W,): the unknown nodes, one of each orbit: those of 0 <= y <= x under D4
+    wedge_of: Integers  # (N,): position in `wedge` of the node of which each is an image
+    operation: Floats  # (N, 3, 3): maps the wedge node onto the node
 
     @property
     def quarter(self) -> Integers:
@@ -100,11 +82,9 @@ class OctaSphere:
 
 
 def _meridional(points: Floats, intervals: int) -> Floats:
-    """Return orthonormal columns (3 W, 2 intervals): axisymmetric fields at points (W, 3) of the sphere.
-
-    Their radial and axial parts are cubic splines of the polar angle, odd and even about the poles, with knots at the
-    latitudes of the mesh.
-    """
+    """Return orthonormal columns (3 W, 2 intervals): axisymmetric fields at points (W, 3) of the sphere."""
+    # Their radial and axial parts are cubic splines of the polar angle, odd and even about the poles, with knots at the
+    # latitudes of the mesh.
     knots = np.pi / intervals * np.arange(-intervals, intervals + 1)
     polar, azimuth = np.arccos(np.clip(points[:, 2], -1.0, 1.0)), np.arctan2(points[:, 1], points[:, 0])
     columns = []
@@ -175,11 +155,9 @@ def octasphere(refinement: int, symmetry: Symmetry = D4) -> OctaSphere:
 
 
 def prolonged(free: Floats, coarse: OctaSphere, fine: OctaSphere) -> Floats:
-    """Return the free coordinates on `fine` of the symmetric field with free coordinates `free` on `coarse`.
-
-    The field is interpolated smoothly: the kinks of P2 interpolation at the coarse elements' edges would strain
-    the fine ones by more than Newton's iteration recovers from.
-    """
+    """Return the free coordinates on `fine` of the symmetric field with free coordinates `free` on `coarse`."""
+    # Interpolated smoothly: the kinks of P2 interpolation at the coarse elements' edges would strain the fine ones by
+    # more than Newton's iteration recovers from.
     if coarse is fine:
         return free
     field = RBFInterpolator(coarse.nodes, coarse.expanded(free), kernel="cubic", degree=1, neighbors=_NEIGHBOURS)

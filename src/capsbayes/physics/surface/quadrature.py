@@ -87,12 +87,9 @@ def _duffy(order: int) -> Rule:
 
 
 def singular(local_node: int, order: int) -> Rule:
-    """Return the rule for a kernel singular like 1/r at one of the six local nodes.
-
-    A corner is collapsed once; a midside node splits the triangle in two, each
-    collapsed at that node. All six rules have ``2 * order**2`` points so that
-    they stack.
-    """
+    """Return the rule for a kernel singular like 1/r at one of the six local nodes."""
+    # A corner is collapsed once; a midside node splits the triangle in two, each collapsed at that node. All six rules
+    # have ``2 * order**2`` points so that they stack.
     node = LOCAL_NODES[local_node]
     if local_node < 3:
         others = [CORNERS[(local_node + 1) % 3], CORNERS[(local_node + 2) % 3]]

@@ -17,37 +17,19 @@ from capsbayes.arrays import Floats, Integers
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """A group of rotations and mirrors.
+    """A group of rotations and mirrors."""
 
-    Attributes
-    ----------
-    name : str
-        Schoenflies symbol, also the name of the object in this file.
-    operations : (g, 3, 3) array [-]
-        Orthogonal matrices, the identity first.
-    axisymmetric : bool
-        True if the group also contains every rotation about z, which does not map the mesh onto itself.
-    """
-
-    name: str
-    operations: Floats
-    axisymmetric: bool = False
+    name: str  # Schoenflies symbol, also the name of the object in this file
+    operations: Floats  # (g, 3, 3): orthogonal matrices, the identity first
+    axisymmetric: bool = False  # also every rotation about z, which does not map the mesh onto itself
 
     def __reduce__(self) -> str:
         return self.name  # one object in every process, so that what is cached by it is found
 
     def orbits(self, points: Floats) -> tuple[Integers, Integers, Integers]:
-        """Find the orbits of points (p, 3) that the group maps onto themselves as a set.
-
-        Returns
-        -------
-        representatives : (r,) int array
-            One point of each orbit, the one with the largest x, of these with the largest y, then z; in rising order.
-        orbit : (p,) int array
-            Position in `representatives` of the representative of each point.
-        operation : (p,) int array
-            First operation that maps the representative onto the point.
-        """
+        """Find the orbits of points (p, 3): representatives (r,), and of each point its orbit and operation (p,)."""
+        # The representative has the largest x, of these the largest y, then z; the operation is the first that maps it
+        # there.
         keys = np.round(points * 1e9).astype(np.int64)
         place = {tuple(key): index for index, key in enumerate(keys)}
         images = np.round(np.einsum("gij,pj->pgi", self.operations, points) * 1e9).astype(np.int64)
