@@ -13,16 +13,9 @@ from capsbayes.profile import vertex_normals
 
 
 def displaced(prediction: Prediction, across: Floats, along_flow: Floats) -> Prediction:
-    """Displace the edges of a prediction outwards.
-
-    Parameters
-    ----------
-    prediction : Prediction
-    across : (n,) array [l]
-        Displacement along the normal everywhere.
-    along_flow : (n,) array [l]
-        Additional displacement where the normal is along the flow, elsewhere in proportion to its component.
-    """
+    """Displace the edges of a prediction outwards by `across` (n,) [l] along the normals, and `along_flow` (n,) [l]."""
+    # The latter is the additional displacement where the normal is along the flow, elsewhere in proportion to its
+    # component.
     longer = 2.0 * (across + along_flow)
     moved = replace(
         prediction, axial_extent=prediction.axial_extent + longer, axial_length=prediction.axial_length + longer
@@ -57,17 +50,9 @@ def stretched(prediction: Prediction, along_flow: Floats) -> Prediction:
 
 
 def warped(prediction: Prediction, displacement: Callable[[Floats], Floats], *, outline: bool) -> Prediction:
-    """Displace a prediction by a field of the place in the picture, whose middle is that of the capsule.
-
-    Parameters
-    ----------
-    prediction : Prediction
-        With its outline, if the model has it: the rear rim is off the axis.
-    displacement : callable
-        Of places (n, k, 2) [l], columns along and across the flow : (n, k, 2) array [l].
-    outline : bool
-        Whether the outline is wanted.
-    """
+    """Displace a prediction by a field of the place in the picture, whose middle is that of the capsule."""
+    # `displacement` maps places (n, k, 2) [l], columns along and across the flow, to displacements (n, k, 2) [l]. The
+    # prediction has its outline, if the model has it: the rear rim is off the axis.
     half = 0.5 * prediction.axial_extent
     on_axis = np.zeros((len(half), 3, 2))
     on_axis[..., 0] = np.stack([half, -half, half - prediction.axial_length], axis=1)

@@ -66,12 +66,10 @@ class Simulated:
         return PARAMETERS[self.coordinate]
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
-        """Predict capsules of a model with another value of the parameter.
-
-        A plain surrogate becomes the base of the joint surrogate, so that the limits of existence move with the
-        effect as well, and several effects of the membrane are computed together. To any other model the difference
-        from the null value is added, and both must have an answer.
-        """
+        """Predict capsules of a model with another value of the parameter."""
+        # A plain surrogate becomes the base of the joint surrogate, so that the limits of existence move with the
+        # effect as well, and several effects of the membrane are computed together. To any other model the difference
+        # from the null value is added, and both must have an answer.
         joint = self._joined(model)
         if joint is not None:
             return joint(theta, outline=outline)

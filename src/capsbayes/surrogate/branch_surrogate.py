@@ -38,30 +38,14 @@ BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases 
 
 @dataclass(frozen=True, eq=False)
 class BranchSurrogate:
-    """Forward map of one branch.
-
-    Parameters
-    ----------
-    cases : Database
-        The converged cases.
-    branch : Branch
-        The cases that belong to the branch, and its region.
-    scaling : PlaneScaling
-        Of the plane of the approximation.
-    rival : DiffuseApproximation, optional
-        Approximation of the other branch: in the gap between the two, their difference is part of the error.
-    cells : tuple of int
-        Number of cells of the table along sqrt(Ca) and a/l.
-    view : str
-        View of the outlines that it predicts, one of `OUTLINES`.
-    """
+    """Forward map of one branch, from the converged cases that belong to it."""
 
     cases: Database
     branch: Branch
-    scaling: PlaneScaling
-    rival: DiffuseApproximation | None = None
-    cells: tuple[int, int] = CELLS
-    view: str = MID_PLANE
+    scaling: PlaneScaling  # of the plane of the approximation
+    rival: DiffuseApproximation | None = None  # of the other branch: in the gap their difference is part of the error
+    cells: tuple[int, int] = CELLS  # of the table along sqrt(Ca) and a/l
+    view: str = MID_PLANE  # one of `OUTLINES`
     approximation: DiffuseApproximation = field(init=False, repr=False)
     table: HermiteTable = field(init=False, repr=False)
     lattice_covariance: Floats = field(init=False, repr=False)
@@ -110,10 +94,8 @@ class BranchSurrogate:
         return covariance
 
     def difference_covariance(self, null: BranchSurrogate) -> Floats:
-        """Return on the table's lattice the own error of the difference from the null slice of an effect.
-
-        Two slices have the same cases, and much of their errors is the same.
-        """
+        """Return on the table's lattice the own error of the difference from the null slice of an effect."""
+        # Two slices have the same cases, and much of their errors is the same.
         residuals = self._residuals - self._at_same_cases(null, null._residuals)
         covariance = self.on_lattice(OwnError(self.approximation.nodes, residuals))
         return covariance if null is self else self._with_mesh_error(covariance)
@@ -150,12 +132,10 @@ class BranchSurrogate:
         return self._outlines(self.scaling.to_plane(ca, size)).reshape(len(ca), self._outlines.values.shape[1] // 2, 2)
 
     def outline_modes(self, ca: float, size: float, null: BranchSurrogate | None = None) -> Floats:
-        """Return the own error of the outline at one point, as displacements along its normals : (k, p) array [l].
-
-        They are independent of each other, each one standard deviation: those of the left-out cases around the point,
-        weighted by their shares there, and those of the mesh, shifts of the rear rim and of the rear on the axis, or a
-        stretch of a silhouette. Given a null slice, they are those of the left-out cases in the difference from it.
-        """
+        """Return the own error of the outline at one point, as displacements along its normals : (k, p) array [l]."""
+        # Independent of each other, each one standard deviation: those of the left-out cases, weighted by their shares
+        # at the point, and those of the mesh: shifts of the rear rim and of the rear on the axis, or a stretch of a
+        # silhouette. Given a null slice, those of the left-out cases in the difference from it.
         place = self.scaling.to_plane(np.array([ca]), np.array([size]))
         outline = self.outlines(np.array([ca]), np.array([size]))[0]
         normal = vertex_normals(outline)
@@ -231,10 +211,8 @@ def _probes(lattice: Floats, wanted: Booleans) -> Floats:
 
 
 def _jump(rival: DiffuseApproximation, points: Floats, values: Floats) -> Floats:
-    """Return the differences (n, 3) of the other branch from given values at points of the gap.
-
-    None is larger in L_a than the largest where the other branch is well determined: elsewhere it is extrapolated.
-    """
+    """Return the differences (n, 3) of the other branch from given values at points of the gap."""
+    # None is larger in L_a than the largest where the other branch is well determined: elsewhere it is extrapolated.
     weights = rival.shape_functions(points)
     jump: Floats = rival(points)[:, :3] - values
     size, spread = np.nan_to_num(np.abs(jump[:, 1]), nan=np.inf), np.abs(weights).sum(axis=1)

@@ -29,34 +29,17 @@ SAME_COLUMN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """Branch of steady shapes.
-
-    Parameters
-    ----------
-    name : str
-        ``"parachute"`` or ``"convex"``.
-    rows : (c,) int array
-        Its rows among the converged cases.
-    region : Region
-        Part of the plane where the steady shape is of this branch.
-    gap : Region or None
-        Part of the plane where it may be of this branch or of the other.
-    """
+    """Branch of steady shapes, ``"parachute"`` or ``"convex"``."""
 
     name: str
-    rows: Integers
-    region: Region
-    gap: Region | None
+    rows: Integers  # (c,): its rows among the converged cases
+    region: Region  # where the steady shape is of this branch
+    gap: Region | None  # where it may be of this branch or of the other
 
 
 def branches_of(database: Database) -> tuple[Branch, ...]:
-    """Sort the converged cases into branches; omit a branch that is too small to approximate.
-
-    Raises
-    ------
-    DatabaseError
-        When no branch has two columns of a/l with two cases each and nine cases in all.
-    """
+    """Sort the converged cases into branches; omit one that is too small to approximate, refuse if none is left."""
+    # A branch needs two columns of a/l with two cases each and nine cases in all.
     cases = database.converged
     ca, size = cases["capillary_number"], np.round(cases["size_ratio"], 6)
     convex = cases["parachute_depth"] < CONVEX

@@ -17,24 +17,12 @@ from capsbayes.surrogate.scaling import PlaneScaling
 
 @dataclass(frozen=True, eq=False)
 class Caveats:
-    """Caveats that the cases of a database imply.
+    """Caveats that the cases of a database imply."""
 
-    Parameters
-    ----------
-    two_shapes : Region or None
-        Part of the plane where the shape reached from rest is unknown, or another shape is stable too.
-    scaling : PlaneScaling
-        Of the plane in which the nearest case is sought.
-    cases : (c, 2) array
-        Positions of the cases in that plane.
-    wrinkled : (c,) bool array
-        Whether the axisymmetric shape of each case is unstable to wrinkles.
-    """
-
-    two_shapes: Region | None
-    scaling: PlaneScaling
-    cases: Floats
-    wrinkled: Booleans
+    two_shapes: Region | None  # where the shape reached from rest is unknown, or another is stable too
+    scaling: PlaneScaling  # of the plane in which the nearest case is sought
+    cases: Floats  # (c, 2): positions in that plane
+    wrinkled: Booleans  # (c,): whether the axisymmetric shape is unstable to wrinkles
 
     @classmethod
     def of(cls, cases: Database, scaling: PlaneScaling) -> Caveats:
@@ -64,11 +52,9 @@ def with_unsure_shapes(caveats: dict[str, Booleans], predicted: Prediction) -> d
 
 
 def _two_shapes(database: Database) -> Region | None:
-    """Return the region below the highest snap-through of a column and its neighbours, None without two columns.
-
-    At which Ca the membrane buckles varies at random. In a column where the branch from rest was lost before any
-    snap-through, the region reaches up to the highest snap-through of all columns.
-    """
+    """Return the region below the highest snap-through of a column and its neighbours, None without two columns."""
+    # At which Ca the membrane buckles varies at random. In a column where the branch from rest was lost before any
+    # snap-through, the region reaches up to the highest snap-through of all columns.
     size, ca, kind = (database[f"border_{name}"] for name in ("size_ratio", "capillary_number", "kind"))
     marked = (kind == SNAP_THROUGH) | (kind == LOST_FROM_REST)
     if np.count_nonzero(marked) < 2:

@@ -79,15 +79,7 @@ class CorrectedMembrane(ForwardModel):
         return self
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outside the domain NaN, with ``inside`` False.
-
-        Parameters
-        ----------
-        theta : mapping
-            ``"capillary_number"`` and ``"size_ratio"``, arrays (n,) [-], and any of the `coordinates`.
-        outline : bool
-            Whether to predict the outlines of its view too.
-        """
+        """Predict a batch; outside the domain NaN, with ``inside`` False."""
         self.check_names(theta)
         values = parameter_columns(theta)
         differ = values[:, _OF_FLOW:] != NULL_VALUES[_OF_FLOW:]
@@ -105,20 +97,8 @@ class CorrectedMembrane(ForwardModel):
         )
 
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals.
-
-        These are the errors of the joint surrogate, as far as they are not known, and of the models that know them.
-
-        Returns
-        -------
-        (k, p) array [l]
-            Each one standard deviation.
-
-        Raises
-        ------
-        OutsideDatabaseError
-            When the point lies outside the domain.
-        """
+        """Return the own error of the outline at one point, as independent displacements along its normals."""
+        # These are the errors of the joint surrogate, as far as they are not known, and of the models that know them.
         self.check_names(theta)
         values = parameter_columns({name: np.array([value]) for name, value in theta.items()})
         names = _chosen(values[0, _OF_FLOW:] != NULL_VALUES[_OF_FLOW:])
@@ -189,10 +169,8 @@ class CorrectedMembrane(ForwardModel):
         return table, np.sum([each.covariance for each in alone], axis=0)
 
     def _weights(self, names: Names, values: Floats) -> tuple[dict[Names, Floats], Floats]:
-        """Return the weights (n,) of the known errors of the joint surrogate, and the share (n,) of variance left.
-
-        An error is known where the finer model and the joint one hold.
-        """
+        """Return the weights (n,) of the known errors of the joint surrogate, and the share (n,) of variance left."""
+        # An error is known where the finer model and the joint one hold.
         away = {name: self.joint.distances_from_plain(name, _column(values, name)) for name in names}
         total = np.sum(list(away.values()), axis=0)
         weights: dict[Names, Floats] = {}

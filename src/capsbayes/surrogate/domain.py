@@ -19,22 +19,12 @@ from capsbayes.model import Domain
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Region between a lowest and a highest Ca, both given at columns of a/l and linear between them.
+    """Region between a lowest and a highest Ca, both given at columns of a/l and linear between them."""
 
-    Parameters
-    ----------
-    size_ratio : (k,) array [-]
-        a/l of the columns, rising, k > 1.
-    lowest, highest : (k,) array [-]
-        Borders in Ca at each column.
-    limit : (k,) bool array
-        True where the upper border is a limit of existence, False where the database ends.
-    """
-
-    size_ratio: Floats
-    lowest: Floats
-    highest: Floats
-    limit: Booleans
+    size_ratio: Floats  # (k,): of the columns, rising, k > 1
+    lowest: Floats  # (k,): border in Ca
+    highest: Floats  # (k,): border in Ca
+    limit: Booleans  # (k,): True where the upper border is a limit of existence, False where the database ends
 
     def contains(self, capillary_number: Floats, size_ratio: Floats) -> Booleans:
         """Return whether each point lies in the region, borders included : (n,) bool array; NaN is outside."""

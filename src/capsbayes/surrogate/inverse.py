@@ -38,25 +38,16 @@ FEWEST_NEIGHBOURS = 5  # three unknowns, and the farthest neighbour has no weigh
 
 @dataclass(frozen=True, eq=False)
 class VelocityTriangulation:
-    """Piecewise linear v_o/U over the Delaunay triangles of the cases, as in the section "Interpolation" of the paper.
+    """Piecewise linear v_o/U over the Delaunay triangles of the cases, as in "Interpolation" of the paper.
 
-    Parameters
-    ----------
-    parameters : (c, 2) array [-]
-        Columns (Ca, a/l) of the cases, unscaled as in the paper.
-    velocity_ratio : (c,) array [U]
-        v_o/U of the cases.
-
-    Examples
-    --------
     >>> corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     >>> plane = VelocityTriangulation(corners, np.array([1.0, 2.0, 4.0]))
     >>> float(plane(0.25, 0.25))
     2.0
     """
 
-    parameters: Floats
-    velocity_ratio: Floats
+    parameters: Floats  # (c, 2): columns (Ca, a/l), unscaled as in the paper
+    velocity_ratio: Floats  # (c,)
     _hull: NDArray[np.int32] = field(init=False, repr=False)
     _within: LinearNDInterpolator = field(init=False, repr=False)
 
@@ -66,11 +57,8 @@ class VelocityTriangulation:
         object.__setattr__(self, "_within", LinearNDInterpolator(triangles, self.velocity_ratio))
 
     def __call__(self, capillary_number: float, size_ratio: float) -> float:
-        """Return the weighted mean of v_o/U at the vertices of the triangle that contains the point.
-
-        A point outside every triangle takes the value of the nearest point of
-        the hull, so that nothing is extrapolated.
-        """
+        """Return the weighted mean of v_o/U at the vertices of the triangle that contains the point."""
+        # Outside every triangle it is that of the nearest point of the hull, so that nothing is extrapolated.
         point = np.array([capillary_number, size_ratio])
         within = float(self._within(point[None])[0])
         return self._on_the_hull(point) if np.isnan(within) else within
@@ -210,8 +198,6 @@ def inverse(database: Database, neighbours: int = 14) -> Inverse:
 def rotated(lengths: Floats) -> Floats:
     """Rotate lengths by -45 degrees about the origin : (..., 2) array [l].
 
-    Examples
-    --------
     >>> rotated(np.array([1.0, 1.0])).round(6) + 0.0
     array([1.414214, 0.      ])
     """

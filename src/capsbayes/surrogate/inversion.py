@@ -19,48 +19,25 @@ _LONGEST, _STEPS = 2.0, 60
 
 @dataclass(frozen=True, eq=False)
 class Inversion:
-    """Solutions of n problems.
+    """Solutions of n problems."""
 
-    Parameters
-    ----------
-    points : (n, 2) array
-        NaN where no starting point lies within the map.
-    misfit : (n,) array
-        Largest absolute difference from the wanted values; infinite where there is no point.
-    exact : (n,) bool array
-        Whether the values are reached to roundoff.
-    """
-
-    points: Floats
-    misfit: Floats
-    exact: Booleans
+    points: Floats  # (n, 2): NaN where no starting point lies within the map
+    misfit: Floats  # (n,): largest absolute difference from the wanted values; infinite without a point
+    exact: Booleans  # (n,): whether the values are reached to roundoff
 
 
 def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
-    """Invert a map of the plane for a batch; where no point gives the values exactly, find the nearest.
+    """Invert a map of the plane for a batch; where no point gives the values (n, 2) exactly, find the nearest.
 
-    Parameters
-    ----------
-    forward : callable
-        Maps points (k, 2), and the rows (k,) of the problems that they belong to, to values (k, 2) and their gradients
-        (k, 2, 2), NaN where the map is not defined.
-    wanted : (n, 2) array
-        The values to reach.
-    starts : (s, n, 2) array
-        Starting points, the best first; the next one is tried where the last did not lead to an exact solution.
-
-    Returns
-    -------
-    Inversion
-
-    Examples
-    --------
     >>> def forward(x, rows):
     ...     slope = np.stack([np.stack([2 * x[:, 0], 0 * x[:, 0]], 1), np.ones_like(x)], 1)
     ...     return np.stack([x[:, 0] ** 2, x[:, 0] + x[:, 1]], 1), slope
     >>> solve(forward, np.array([[4.0, 5.0], [9.0, 1.0]]), np.ones((1, 2, 2))).points.round(9).tolist()
     [[2.0, 3.0], [3.0, -2.0]]
     """
+    # `forward` maps points (k, 2) and the rows (k,) of their problems to values (k, 2) and gradients (k, 2, 2), NaN
+    # where it is not defined. Of `starts` (s, n, 2), the best first, the next is tried where the last led to no exact
+    # solution.
 
     def evaluate(points: Floats, rows: Integers) -> Linearised:
         values, gradients = forward(points, rows)

@@ -33,18 +33,10 @@ SOFTENING = 1.0  # a case counts about a fifth of the mean at its own place
 
 @dataclass(frozen=True, eq=False)
 class OwnError:
-    """Covariance as a function of the point, derived from residuals.
+    """Covariance as a function of the point, derived from residuals."""
 
-    Parameters
-    ----------
-    nodes : (m, 2) array
-        Positions of the cases in the plane of the approximation.
-    residuals : (m, 3) array
-        Leave-one-out residuals of (L_z, L_a, v_o/U); NaN counts as the largest of all.
-    """
-
-    nodes: Floats
-    residuals: Floats
+    nodes: Floats  # (m, 2): positions of the cases in the plane of the approximation
+    residuals: Floats  # (m, 3): leave-one-out, of (L_z, L_a, v_o/U); NaN counts as the largest of all
     _field: DiffuseApproximation = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -74,8 +66,6 @@ class OwnError:
 def mesh_error_of(attributes: Mapping[Any, Any]) -> Floats:
     """Return the relative errors of (L_z, L_a, v_o/U) due to the mesh from the attributes of a database, else zero.
 
-    Examples
-    --------
     >>> mesh_error_of({"mesh_error": '{"axial_extent": 0.002, "axial_length": 0.001, "velocity_ratio": 0.0005}'})
     array([0.002 , 0.001 , 0.0005])
     """

@@ -66,15 +66,7 @@ class PlaneSurrogate(ForwardModel):
             object.__setattr__(self, key, value)
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outside the domain NaN, with ``inside`` False.
-
-        Parameters
-        ----------
-        theta : mapping
-            ``"capillary_number"`` and ``"size_ratio"``, arrays (n,) [-].
-        outline : bool
-            Whether to predict the outlines of its view too.
-        """
+        """Predict a batch; outside the domain NaN, with ``inside`` False."""
         self.check_names(theta)
         ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
         values, covariance = np.full((len(COLUMNS), len(ca)), np.nan), np.full((len(ca), 3, 3), np.nan)
@@ -90,18 +82,7 @@ class PlaneSurrogate(ForwardModel):
         return with_unsure_shapes(self.case_caveats(ca, size), self({"capillary_number": ca, "size_ratio": size}))
 
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals.
-
-        Returns
-        -------
-        (k, p) array [l]
-            Each one standard deviation.
-
-        Raises
-        ------
-        OutsideDatabaseError
-            When the point lies outside the domain.
-        """
+        """Return the own error of the outline at one point, as independent displacements along its normals."""
         self.check_names(theta)
         point = theta["capillary_number"], theta["size_ratio"]
         for part in self.branches:

@@ -14,15 +14,6 @@ from capsbayes.arrays import Floats
 class PlaneScaling:
     """Coordinates (sqrt(Ca) / ca_step, (a/l) / size_step).
 
-    Parameters
-    ----------
-    ca_step : float
-        Change of sqrt(Ca) that counts as one.
-    size_step : float
-        Change of a/l that counts as one.
-
-    Examples
-    --------
     >>> PlaneScaling(ca_step=0.01, size_step=0.025).to_plane(0.09, 0.9).round(6)
     array([30., 36.])
     """

@@ -125,15 +125,7 @@ class Surrogate(PlaneSurrogate):
 
 @lru_cache(maxsize=16)
 def joint_surrogate(effect_database: str, base: Surrogate | None, view: str) -> EffectSurrogate:
-    """Return the surrogate of a shipped effect database over a base, by default the shipped one; kept for later calls.
-
-    Parameters
-    ----------
-    effect_database : str
-        Name.
-    base : Surrogate or None
-    view : str
-    """
+    """Return the surrogate of a shipped effect database, over a base or the shipped one; kept for later calls."""
     if base is None:
         joint = Surrogate.open(effect_database, view=view)
     else:

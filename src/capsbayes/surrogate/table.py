@@ -18,19 +18,11 @@ from capsbayes.arrays import Booleans, Floats
 
 @dataclass(frozen=True, eq=False)
 class HermiteTable:
-    """Table of q quantities over a regular lattice of a rectangle of the plane.
+    """Table of q quantities over a regular lattice of a rectangle of the plane."""
 
-    Parameters
-    ----------
-    origin, step : (2,) array
-        First lattice point, and the distances between lattice points.
-    coefficients : (i, j, 4, q) array
-        Value, first derivatives times their step, cross derivative times both steps.
-    """
-
-    origin: Floats
-    step: Floats
-    coefficients: Floats
+    origin: Floats  # (2,): first lattice point
+    step: Floats  # (2,)
+    coefficients: Floats  # (i, j, 4, q): value, first derivatives times step, cross derivative times both
 
     @classmethod
     def of(
@@ -42,19 +34,8 @@ class HermiteTable:
         cells: tuple[int, int],
         wanted: Booleans,
     ) -> HermiteTable:
-        """Tabulate a function that returns values (n, q) and gradients (n, q, 2) at points (n, 2).
-
-        Parameters
-        ----------
-        function : callable
-            May return NaN where it is not defined.
-        low, high : (2,) array
-            Corners of the rectangle.
-        cells : tuple of int
-            Number of cells in each direction.
-        wanted : (i, j) bool array
-            Lattice points to fill; the others stay NaN.
-        """
+        """Tabulate a function of points (n, 2) with values (n, q), NaN where undefined, and gradients (n, q, 2)."""
+        # Lattice points that are not `wanted` (i, j) stay NaN.
         axes = [np.linspace(low[k], high[k], cells[k] + 1) for k in range(2)]
         step = np.array([axis[1] - axis[0] for axis in axes])
         lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

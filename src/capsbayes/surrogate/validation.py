@@ -45,27 +45,13 @@ class Summary:
 
 @dataclass(frozen=True, eq=False)
 class LeaveOneOut:
-    """Relative errors of one method at every case.
+    """Relative errors of one method at every case."""
 
-    Parameters
-    ----------
-    method : str
-        Name of the method in tables.
-    truth : (c, 3) array
-        (Ca, a/l, v_o/U) of the cases.
-    stretch_ratio : (c,) array [-]
-        Lambda of the cases.
-    parachute_depth : (c,) array [l]
-        L_p of the cases.
-    errors : (c, 3) array [-]
-        Relative errors; NaN where the method has no answer.
-    """
-
-    method: str
-    truth: Floats
-    stretch_ratio: Floats
-    parachute_depth: Floats
-    errors: Floats
+    method: str  # its name in tables
+    truth: Floats  # (c, 3): (Ca, a/l, v_o/U) of the cases
+    stretch_ratio: Floats  # (c,): Lambda
+    parachute_depth: Floats  # (c,): L_p [l]
+    errors: Floats  # (c, 3): NaN where the method has no answer
 
     def chosen(self, which: str) -> Booleans:
         """Return the cases of one of `CHOICES` : (c,) bool array."""
@@ -100,13 +86,10 @@ def validate_inverse(database: Database, *, neighbours: int = 14) -> LeaveOneOut
 
 
 def validate_forward_map(database: Database) -> LeaveOneOut:
-    """Validate the forward map, inverted for (Ca, a/l) from (L_z, L_a), by leave-one-out.
-
-    The two lengths determine whether the rear is concave, and so the branch.
-    The inversion starts at the cases of that branch whose lengths are nearest,
-    so that it does not use the answer; where no point gives both lengths
-    exactly, the nearest one in least squares is the answer.
-    """
+    """Validate the forward map, inverted for (Ca, a/l) from (L_z, L_a), by leave-one-out."""
+    # The two lengths determine whether the rear is concave, and so the branch. The inversion starts at the cases of
+    # that branch whose lengths are nearest, so that it does not use the answer; where no point gives both lengths
+    # exactly, the nearest one in least squares is the answer.
     cases = database.converged
     scaling = PlaneScaling.of(cases["capillary_number"], cases["size_ratio"])
     answers = np.full((len(cases), 3), np.nan)
@@ -133,11 +116,8 @@ def _searched(rest: DiffuseApproximation, lengths: Floats) -> Floats:
 
 
 def even_subset(database: Database, count: int = PAPER_CASES) -> Database:
-    """Choose cases spread evenly over the domain: each next one is the farthest from those already chosen.
-
-    Distances are in (Ca, a/l), each over its range; the first case is the
-    nearest to the middle. The choice is deterministic.
-    """
+    """Choose cases spread evenly over the domain: each next one is the farthest from those already chosen."""
+    # Distances are in (Ca, a/l), each over its range; the first case is the nearest to the middle.
     cases = database.converged
     points = np.stack([cases["capillary_number"], cases["size_ratio"]], axis=1)
     points = (points - points.min(axis=0)) / np.ptp(points, axis=0)

@@ -26,22 +26,10 @@ _BEYOND = 1 << 20  # a byte far behind the name of the owner, which stays readab
 
 @contextlib.contextmanager
 def only_run(out: Path) -> Iterator[None]:
-    """Refuse to write `out` while another run does.
-
-    The folder of `out` is made if it does not exist. The operating system holds the lock as long as the process lives,
-    on the file ``.NAME.lock`` next to a file, or ``.lock`` in a folder; it is removed at the end. On a file system
-    without locks a warning is logged: parts and results are whole even so, but work may be done twice.
-
-    Parameters
-    ----------
-    out : Path
-        File, or folder that exists, which the run writes.
-
-    Raises
-    ------
-    InputError
-        If another run writes it, or the lock cannot be made there.
-    """
+    """Refuse to write `out` while another run does; make its folder, or the folder of a file, if need be."""
+    # The operating system holds the lock as long as the process lives, on the file ``.NAME.lock`` next to a file, or
+    # ``.lock`` in a folder. Without locks there, a warning is logged: results are whole even so, but work may be done
+    # twice.
     with refusing(out, "a place where files can be written"):
         real = out.resolve()
         path = real / ".lock" if real.is_dir() else real.with_name(f".{real.name}.lock")

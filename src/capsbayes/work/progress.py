@@ -24,24 +24,8 @@ _RAREST = 0.2  # s between two lines
 def progress_bar(
     total: float | None, what: str, *, show: bool = True, count: Callable[[], tuple[float, str]] | None = None
 ) -> Iterator[Callable[..., None]]:
-    """Show a progress bar while work goes on.
-
-    Parameters
-    ----------
-    total : float or None
-        How much there is to do, None if that is not known yet.
-    what : str
-        What is counted, as ``"cases"``.
-    show : bool
-        False for no bar at all.
-    count : callable, optional
-        Counts what is done and says what it is, as ``(3, "cases")``; it is called every second and once at the end.
-
-    Yields
-    ------
-    callable
-        ``update(done, what=None, total=None)`` moves the bar.
-    """
+    """Show a progress bar while work goes on; yield ``update(done, what=None, total=None)``, which moves it."""
+    # `count` tells what is done and what it is, as ``(3, "cases")``; it is called every second and once at the end.
     if not show or not (sys.stderr.isatty() or os.environ.get(LINES) == "lines"):
         yield lambda done, what=None, total=None: None
         return
@@ -70,8 +54,6 @@ def progress_bar(
 def line_read(text: str) -> tuple[float, float | None, str] | None:
     """Return what a line of progress says: what is done, of how much if that is known, and of what; None for others.
 
-    Examples
-    --------
     >>> line_read("progress 3 40 capsules"), line_read("progress 3 ? rows"), line_read("Status: Done.")
     ((3.0, 40.0, 'capsules'), (3.0, None, 'rows'), None)
     """

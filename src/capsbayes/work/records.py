@@ -14,12 +14,7 @@ from capsbayes.files.output_file import refusing
 
 @dataclass(frozen=True)
 class Records:
-    """Results in a file of JSON lines, appended one by one; safe to append to from many processes at once.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """Results in a file of JSON lines, appended one by one; safe to append to from many processes at once."""
 
     path: Path
 

@@ -33,14 +33,7 @@ _current: ContextVar[Store | None] = ContextVar("_current", default=None)
 
 @contextlib.contextmanager
 def steps_kept(store: Store, part: str) -> Iterator[None]:
-    """Keep the results of `remembered` functions while a part is computed; remove them once it is finished.
-
-    Parameters
-    ----------
-    store : Store
-    part : str
-        Name of the part.
-    """
+    """Keep the results of `remembered` functions while a part is computed; remove them once it is finished."""
     folder = store.folder / f"{part}.steps"
     token = _current.set(Store(folder, store.fingerprint))
     finished = False
@@ -59,20 +52,8 @@ def steps_kept(store: Store, part: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def resumable(out: Path | None, of: str = "") -> Iterator[None]:
-    """Keep the steps of a computation in the folder of its results, so that it goes on when it is started again.
-
-    Parameters
-    ----------
-    out : Path or None
-        The folder, which no other run may write meanwhile; None if the results are not kept.
-    of : str
-        Fingerprint of what the steps depend on besides their arguments, as a file of effects.
-
-    Raises
-    ------
-    InputError
-        If another run writes there, or nothing can be written.
-    """
+    """Keep the steps of a computation in the folder of its results, so that it goes on when it is started again."""
+    # `of` is the fingerprint of what the steps depend on besides their arguments, as a file of effects.
     if out is None:
         yield
         return
@@ -90,11 +71,9 @@ def resumable(out: Path | None, of: str = "") -> Iterator[None]:
 
 
 def remembered(function: Callable[P, T]) -> Callable[P, T]:
-    """Let a slow function find its result again while `steps_kept`; elsewhere it is called as it is.
-
-    The result is found by the content of the arguments. It must be None, or a named tuple or a dataclass of arrays,
-    numbers and such; its type is that of the annotation.
-    """
+    """Let a slow function find its result again while `steps_kept`; elsewhere it is called as it is."""
+    # The result is found by the content of the arguments. It must be None, or a named tuple or a dataclass of arrays,
+    # numbers and such; its type is that of the annotation.
 
     @functools.wraps(function)
     def find(*arguments: P.args, **options: P.kwargs) -> T:
@@ -125,10 +104,7 @@ def step_of(kind: type[T], key: tuple[Any, ...], compute: Callable[[], T]) -> T:
 
 
 def step_task(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T]) -> Callable[..., T]:
-    """Return `step_of` as a task for `run_tasks`: wherever it runs, it keeps its result where this process would.
-
-    `compute` is called with what the tasks share.
-    """
+    """Return `step_of` as a task for `run_tasks`: wherever it runs, it keeps its result where this process would."""
     return keeping_steps(functools.partial(_step, kind, key, compute))
 
 

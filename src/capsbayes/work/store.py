@@ -29,33 +29,14 @@ _SETTINGS = "settings.json"
 
 @dataclass(frozen=True)
 class Store:
-    """Folder of finished parts; safe to use from many processes at once.
-
-    Parameters
-    ----------
-    folder : Path
-    fingerprint : str
-        Hash of the settings that decide the parts.
-    """
+    """Folder of finished parts; safe to use from many processes at once."""
 
     folder: Path
-    fingerprint: str
+    fingerprint: str  # hash of the settings that decide the parts
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str], settings: Mapping[str, Any]) -> Store:
-        """Open a folder whose parts all have the same settings; make it if it is missing.
-
-        Parameters
-        ----------
-        folder : path
-        settings : mapping
-            What decides the parts, in types that JSON has.
-
-        Raises
-        ------
-        DatabaseError
-            If the folder holds parts made with other settings.
-        """
+        """Open a folder whose parts all have the same settings, in types that JSON has; make it if it is missing."""
         path = Path(folder)
         check_parts(path)
         text = json.dumps(dict(settings), sort_keys=True, indent=1)
@@ -76,14 +57,7 @@ class Store:
         return (path.name.removesuffix(_SUFFIX) for path in self.folder.glob(f"{pattern}{_SUFFIX}"))
 
     def save(self, name: str, values: Mapping[str, Any]) -> None:
-        """Write a part.
-
-        Parameters
-        ----------
-        name : str
-        values : mapping of str to array or value
-            Arrays of numbers or text; all else in types that JSON has.
-        """
+        """Write a part: arrays of numbers or text, and values in types that JSON has."""
         arrays = {key: value for key, value in values.items() if isinstance(value, np.ndarray)}
         text = json.dumps({key: value for key, value in values.items() if key not in arrays})
         if any(array.dtype.hasobject for array in arrays.values()):
@@ -101,28 +75,11 @@ class Store:
         self.path(name).unlink(missing_ok=True)
 
     def holds(self, name: str) -> bool:
-        """Return True if a part is there and whole.
-
-        Raises
-        ------
-        DatabaseError
-            As of `load`.
-        """
+        """Return True if a part is there and whole."""
         return self._payload(name) is not None
 
     def load(self, name: str) -> dict[str, Any] | None:
-        """Read a part.
-
-        Returns
-        -------
-        dict of str to array or value, or None
-            None if the part is missing or damaged.
-
-        Raises
-        ------
-        DatabaseError
-            If it was made with other settings, or by a version that wrote another format.
-        """
+        """Read a part; None if it is missing or damaged. Refuse other settings and another version's format."""
         payload = self._payload(name)
         if payload is None:
             return None
@@ -150,12 +107,7 @@ class Store:
 
 
 def check_parts(folder: Path) -> None:
-    """Refuse a folder that holds something else than finished parts.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a folder that holds something else than finished parts."""
     expected = "a folder of finished parts, or none"
     if folder.exists() and not folder.is_dir():
         raise InputError(str(folder), "", expected, "a file", "choose another output")

@@ -35,31 +35,10 @@ def run_tasks(
     *shared: Any,
     finished: Callable[[int], None] = lambda count: None,
 ) -> list[T]:
-    """Compute independent tasks and return their results in the same order.
-
-    Worker processes end with this process, however it ends; an exception, as `KeyboardInterrupt`, ends them too. They
-    ignore SIGINT and SIGTERM, which this process answers.
-
-    Parameters
-    ----------
-    tasks : sequence of callables
-        Picklable; each is called with `shared`.
-    scheduler : str or None
-        Address of a dask cluster, ``"synchronous"`` for this process, or None for worker processes.
-    workers : int or None
-        Number of worker processes; by default, one for each core.
-    *shared
-        What all tasks need, as a model: it is sent to each worker once.
-    finished : callable
-        Called with the number of tasks that are done, after each; on a cluster, after the last.
-
-    Raises
-    ------
-    InputError
-        If no cluster answers, or dask is not installed.
-    BrokenProcessPool
-        If a worker process was killed.
-    """
+    """Compute independent, picklable tasks, each called with `shared`, and return their results in the same order."""
+    # Worker processes end with this process, however it ends; an exception, as `KeyboardInterrupt`, ends them too. They
+    # ignore SIGINT and SIGTERM, which this process answers. `scheduler` is the address of a dask cluster, "synchronous"
+    # for this process, or None for worker processes, by default one for each core; `shared` is sent to each once.
     if scheduler == "synchronous":
         results = []
         for task in tasks:
@@ -177,10 +156,8 @@ def _cluster(address: str) -> Any:
 
 @contextlib.contextmanager
 def _settings_of_workers() -> Iterator[None]:
-    """Let worker processes that start meanwhile use one thread each, and hear no interruption before they are ready.
-
-    They do not import the script that starts them, which would run it again; what they need of it is sent by value.
-    """
+    """Let worker processes that start meanwhile use one thread each, and defer interruptions until they are ready."""
+    # They do not import the script that starts them, which would run it again; what they need of it is sent by value.
     script, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))

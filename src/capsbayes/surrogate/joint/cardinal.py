@@ -21,39 +21,24 @@ FEWEST_KNOTS = 3  # without one of them, two still give a slope
 
 @dataclass(frozen=True, eq=False)
 class CardinalCubics:
-    """Weights of the values at k knots, cubics in each of the k - 1 intervals.
+    """Weights of the values at k rising knots, cubics in each of the k - 1 intervals.
 
-    Parameters
-    ----------
-    knots : (k,) array
-        Increasing.
-    known : (k,) bool array
-        Whether there is a value at each knot, at least `FEWEST_KNOTS` of them.
-
-    Attributes
-    ----------
-    cubics : (k - 1, 4, k) array
-        In each interval the coefficients, from the constant on, of the weights as polynomials of the distance from
-        the interval's lower knot; NaN beyond the known knots.
-    left_out : (k - 1, 2, k) array
-        In each interval, for the known knots at its two ends, the weights that give the value there from all other
-        known knots less the value itself, over the root of the number of such knots: the mean square of the two is
-        the sum of squares. Zero at the first and the last known knot, which others cannot give.
-    ends : (k - 1, 2) array
-        The known knots next to each interval.
-
-    Examples
-    --------
     >>> cubics = CardinalCubics(np.array([0.0, 1.0, 2.0, 4.0]), np.ones(4, dtype=bool))
     >>> cubics.weights(1.5).round(4).tolist()
     [-0.0625, 0.5833, 0.5, -0.0208]
     """
 
-    knots: Floats
-    known: Booleans
-    cubics: Floats = field(init=False, repr=False)
-    left_out: Floats = field(init=False, repr=False)
-    ends: Floats = field(init=False, repr=False)
+    # `cubics` are coefficients, from the constant on, of the weights as polynomials of the distance from the lower
+    # knot; NaN beyond the known knots. `left_out` are, for the known knots at the two ends of an interval, the weights
+    # that give the value there from all other known knots less the value itself, over the root of the number of such
+    # knots: the mean square of the two is the sum of squares. Zero at the first and the last known knot, which others
+    # cannot give.
+
+    knots: Floats  # (k,)
+    known: Booleans  # (k,): whether there is a value, at least `FEWEST_KNOTS` of them
+    cubics: Floats = field(init=False, repr=False)  # (k - 1, 4, k)
+    left_out: Floats = field(init=False, repr=False)  # (k - 1, 2, k)
+    ends: Floats = field(init=False, repr=False)  # (k - 1, 2): the known knots next to each interval
 
     def __post_init__(self) -> None:
         count, rows = len(self.knots), np.flatnonzero(self.known)

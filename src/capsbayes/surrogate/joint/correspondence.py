@@ -30,24 +30,12 @@ ROUNDING = 1e-9  # of a/l
 
 @dataclass(frozen=True, eq=False)
 class Borders:
-    """Borders of the branches of one slice.
+    """Borders of the branches of one slice."""
 
-    Parameters
-    ----------
-    size_ratio : (c,) array [-]
-        Columns, increasing.
-    capillary_number : (3, c) array [-]
-        Lowest Ca, division and highest Ca in each column, linear between them.
-    limit : (c,) bool array
-        Whether the highest Ca is a limit of existence.
-    known : (2, c - 1) bool array
-        Whether the slice has parachutes, and convex shapes, between each two columns.
-    """
-
-    size_ratio: Floats
-    capillary_number: Floats
-    limit: Booleans
-    known: Booleans
+    size_ratio: Floats  # (c,): columns, increasing
+    capillary_number: Floats  # (3, c): lowest Ca, division and highest Ca, linear between columns
+    limit: Booleans  # (c,): whether the highest Ca is a limit of existence
+    known: Booleans  # (2, c - 1): whether it has parachutes, and convex shapes, between two columns
 
     @classmethod
     def of(cls, surrogate: PlaneSurrogate, columns: Floats) -> Borders:
@@ -72,21 +60,17 @@ class Borders:
         return cls(columns, np.stack([lowest, division, highest]), limit, known)
 
     def with_convex_of(self, other: Borders) -> Borders:
-        """Take the lowest Ca and the division of the other at columns where only the other has convex shapes.
-
-        Columns where these end below the lowest Ca of this one stay as they are.
-        """
+        """Take the lowest Ca and the division of the other at columns where only the other has convex shapes."""
+        # Columns where these end below the lowest Ca of this one stay as they are.
         mine, theirs = self.capillary_number, other.capillary_number
         lacking = (mine[1] <= mine[0]) & (theirs[1] > theirs[0]) & (theirs[1] < mine[2]) & (theirs[1] > mine[0])
         return replace(self, capillary_number=np.where(lacking & (np.arange(3) < 2)[:, None], theirs, mine))
 
 
 def matched(base: Borders, null: Borders) -> tuple[Borders, Borders]:
-    """Make base and null slice correspond at equal Ca, except for their divisions and limits of existence.
-
-    A column ends where the computation of one of the two ends, unless both end in a fold, which moves with the mesh
-    and the shapes with it.
-    """
+    """Make base and null slice correspond at equal Ca, except for their divisions and limits of existence."""
+    # A column ends where the computation of one of the two ends, unless both end in a fold, which moves with the mesh
+    # and the shapes with it.
     base, null = base.with_convex_of(null), null.with_convex_of(base)
     ends = []
     for borders, other in ((base, null), (null, base)):
@@ -98,29 +82,12 @@ def matched(base: Borders, null: Borders) -> tuple[Borders, Borders]:
 
 
 def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Borders) -> Floats:
-    """Return the borders as functions of the effect.
-
-    The lowest and the highest Ca are those of the base, moved as those of the slices: a limit of existence moves with
-    the mesh at every value of the effect. Where a capsule snaps through depends on the smallest differences, and what
-    the mesh does to it at the null value says nothing of other values: the division is that of the base at the null
-    value, and that of the slice at all others.
-
-    Parameters
-    ----------
-    knots : (k,) array
-        Places of the slices along the effect.
-    slices : list of k Borders
-        Of the same columns.
-    null : int
-        Row of the slice that corresponds to the base.
-    base : Borders
-
-    Returns
-    -------
-    (k - 1, 4, 3, c) array
-        In each interval between knots cubics of the distance from its lower knot, coefficients from the constant on,
-        monotone between the slices.
-    """
+    """Return the borders as functions of the effect, monotone cubics between the knots : (k - 1, 4, 3, c) array."""
+    # Coefficients, from the constant on, of the distance from the lower knot. The lowest and the highest Ca are those
+    # of the base, moved as those of the slices: a limit of existence moves with the mesh at every value of the effect.
+    # Where a capsule snaps through depends on the smallest differences, and what the mesh does to it at the null value
+    # says nothing of other values: the division is that of the base at the null value, and that of the slice at all
+    # others.
     borders = np.stack([each.capillary_number for each in slices])
     moved = borders + (base.capillary_number - borders[null])
     moved[:, 1] = borders[:, 1]

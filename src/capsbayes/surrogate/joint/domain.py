@@ -16,19 +16,11 @@ from capsbayes.surrogate.joint.kernel import Weighing, covered
 
 
 class Scale(NamedTuple):
-    """Scale on which shapes are smooth functions of an effect.
+    """Scale on which shapes are smooth functions of an effect."""
 
-    Parameters
-    ----------
-    place, value : callable
-        The place of a value there, and the value at a place.
-    approximate : bool
-        Whether it holds only roughly: then what an interpolation over the values themselves differs by is an error.
-    """
-
-    place: Callable[[Floats], Floats]
-    value: Callable[[Floats], Floats]
-    approximate: bool = False
+    place: Callable[[Floats], Floats]  # of a value there
+    value: Callable[[Floats], Floats]  # at a place
+    approximate: bool = False  # then what an interpolation over the values themselves differs by is an error
 
 
 LINEAR = Scale(np.asarray, np.asarray)
@@ -44,24 +36,12 @@ SCALES: Mapping[str, Scale] = MappingProxyType(
 
 @dataclass(frozen=True, eq=False)
 class EffectDomain(Domain):
-    """Points (Ca, a/l, effect) where the joint surrogate has an answer.
+    """Points (Ca, a/l, effect) where the joint surrogate has an answer."""
 
-    Parameters
-    ----------
-    weighing : Weighing
-        With the borders that bound the domain.
-    scale : Scale
-        On which the slices are knots.
-    coordinate : str
-        Name of the effect's parameter.
-    ends : CoordinateRange
-        Range of its values.
-    """
-
-    weighing: Weighing
-    scale: Scale
-    coordinate: str
-    ends: CoordinateRange
+    weighing: Weighing  # with the borders that bound the domain
+    scale: Scale  # on which the slices are knots
+    coordinate: str  # name of the effect's parameter
+    ends: CoordinateRange  # range of its values
 
     def place(self, value: ArrayLike) -> Floats:
         """Return the places of given values among the knots : array, NaN for a value without a logarithm."""
@@ -103,13 +83,7 @@ class EffectDomain(Domain):
 
 @dataclass(frozen=True, eq=False)
 class FixedDomain(Domain):
-    """Part of a joint domain at one value of the effect.
-
-    Parameters
-    ----------
-    whole : EffectDomain
-    value : float
-    """
+    """Part of a joint domain at one value of the effect."""
 
     whole: EffectDomain
     value: float

@@ -32,64 +32,31 @@ _SQUEEZED = 0.9  # share of the range of Ca by which the borders may approach ea
 
 
 class Stack(NamedTuple):
-    """Tables of k surrogates.
+    """Tables of k surrogates, one after the other, branch by branch."""
 
-    Parameters
-    ----------
-    frames : (2, k, 6) array
-        `BranchSurrogate.frame` of each branch.
-    rows : int
-        Number i of lattice points of a table along sqrt(Ca).
-    coefficients : (2 k i, j, 4, q) array
-        The tables one after the other, branch by branch: selecting one of an array would cost as much as reading it.
-    errors, differences, jumps : (2 k i, j, 3, 3) array
-        Covariances without that in the gap between the branches, of each and of its difference from the null slice (for
-        the base the mean square of that difference, which the mesh makes), and in the gap alone.
-    borders : (k, 3, c) array
-        Lowest Ca, division, highest Ca in each column.
-    known : (2, k, c - 1) bool array
-        Whether each surrogate has the branch between two columns.
-    """
+    # Selecting one of an array of tables would cost as much as reading it.
 
-    frames: Floats
-    rows: int
-    coefficients: Floats
-    errors: Floats
-    differences: Floats
-    jumps: Floats
-    borders: Floats
-    known: Booleans
+    frames: Floats  # (2, k, 6): `BranchSurrogate.frame` of each branch
+    rows: int  # number i of lattice points of a table along sqrt(Ca)
+    coefficients: Floats  # (2 k i, j, 4, q)
+    errors: Floats  # (2 k i, j, 3, 3): covariances without that in the gap between the branches
+    differences: Floats  # of the difference from the null slice; for the base its mean square, which the mesh makes
+    jumps: Floats  # in the gap alone
+    borders: Floats  # (k, 3, c): lowest Ca, division, highest Ca in each column
+    known: Booleans  # (2, k, c - 1): whether each surrogate has the branch between two columns
 
 
 class Weighing(NamedTuple):
-    """Weights of the k slices.
+    """Weights of the k slices."""
 
-    Parameters
-    ----------
-    knots : (k,) array
-        Places of the slices along the effect.
-    null : int
-        Row of the null slice.
-    columns : (c,) array
-        Columns of a/l.
-    borders : (k - 1, 4, 3, c) array
-        Borders of the branches as functions of the effect, see `moving_borders`.
-    folds : (k - 1, c - 1) bool array
-        Whether the highest Ca is a limit of existence for both slices and for the base, between two columns.
-    which : (2, c - 1) int array
-        Row of the following arrays to use for each branch between two columns, -1 for none.
-    cubics, left_out, ends : (m, k - 1, ...) arrays
-        See `CardinalCubics`; the error of the interpolation may have further rows in the second.
-    """
-
-    knots: Floats
-    null: int
-    columns: Floats
-    borders: Floats
-    folds: Booleans
-    which: Integers
-    cubics: Floats
-    left_out: Floats
+    knots: Floats  # (k,): places of the slices along the effect
+    null: int  # row of the null slice
+    columns: Floats  # (c,): of a/l
+    borders: Floats  # (k - 1, 4, 3, c): of the branches as functions of the effect, see `moving_borders`
+    folds: Booleans  # (k - 1, c - 1): whether the highest Ca is a limit of existence for both slices and the base
+    which: Integers  # (2, c - 1): row of the following arrays for each branch between two columns, -1 for none
+    cubics: Floats  # (m, k - 1, ...), as the next two, see `CardinalCubics`
+    left_out: Floats  # may have further rows, the error of the interpolation
     ends: Floats
 
 

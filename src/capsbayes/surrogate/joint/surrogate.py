@@ -97,16 +97,7 @@ class EffectSurrogate(ForwardModel):
         return self.effect_database.effect
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outside the domain NaN, with ``inside`` False.
-
-        Parameters
-        ----------
-        theta : mapping
-            ``"capillary_number"``, ``"size_ratio"`` and the coordinate, arrays (n,) [-]; without the coordinate, its
-            null value is meant.
-        outline : bool
-            Whether to predict the outlines too.
-        """
+        """Predict a batch, at the null value without the coordinate; outside the domain NaN, with ``inside`` False."""
         self.check_names(theta)
         ca, size, place = self._points(theta)
         values, covariance = np.full((len(ca), len(COLUMNS)), np.nan), np.full((len(ca), 3, 3), np.nan)
@@ -118,21 +109,9 @@ class EffectSurrogate(ForwardModel):
         return Prediction(columns[0], columns[1], columns[2], columns[3], covariance, inside, shapes)
 
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals.
-
-        As in the covariance of a prediction, these are the errors of the base, the weighted errors of the slices, the
-        error of the interpolation between the slices, and the error of the mesh where it may change with the effect.
-
-        Returns
-        -------
-        (k, p) array [l]
-            Each one standard deviation.
-
-        Raises
-        ------
-        OutsideDatabaseError
-            When the point lies outside the domain.
-        """
+        """Return the own error of the outline at one point, as independent displacements along its normals."""
+        # As in the covariance of a prediction: errors of the base, weighted errors of the slices, that of the
+        # interpolation between the slices, and that of the mesh where it may change with the effect.
         self.check_names(theta)
         ca, size, effect = self._points(theta)
         weighing = self.domain.weighing

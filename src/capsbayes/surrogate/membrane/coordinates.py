@@ -39,12 +39,7 @@ def along_coordinates(values: Floats, along: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Coordinates about the middle of a set of states, scaled so that one counts as much as another.
-
-    Parameters
-    ----------
-    middle, scale : (6,) arrays
-    """
+    """Coordinates about the middle (6,) of a set of states, scaled (6,) so that one counts as much as another."""
 
     middle: Floats
     scale: Floats

@@ -18,14 +18,7 @@ from capsbayes.surrogate.membrane.local_fits import LocalFits
 
 @dataclass(frozen=True, eq=False)
 class MembraneDomain(Domain):
-    """Points where states were sought that enough polynomials reach, and that are nearer to a state than to a lost one.
-
-    Parameters
-    ----------
-    frame : Frame
-    fits : LocalFits
-    cross_section : str
-    """
+    """Points that enough polynomials reach, and that are nearer to a state than to a lost one."""
 
     frame: Frame
     fits: LocalFits
@@ -61,15 +54,7 @@ class MembraneDomain(Domain):
 
 @dataclass(frozen=True, eq=False)
 class FixedMembraneDomain(Domain):
-    """Part of the domain at given values of some of the membrane's parameters.
-
-    Parameters
-    ----------
-    whole : Domain
-        Over all of them.
-    held : mapping of str to float
-        These values by name.
-    """
+    """Part of the domain at given values, by name, of some of the membrane's parameters."""
 
     whole: Domain
     held: Mapping[str, float]

@@ -28,21 +28,11 @@ TERMS = 1 + 6 + len(PAIRS)
 
 
 class Cells(NamedTuple):
-    """Cells of a lattice over the coordinates, and the states that reach some point of each.
+    """Cells of a lattice over the coordinates, and the states that reach some point of each."""
 
-    Parameters
-    ----------
-    edges : (6, c - 1) array
-        Between the c cells of each axis; the outer ones have no end.
-    starts : (c^6 + 1,) array
-        Where the members of each cell begin, the last axis running fastest.
-    members : (k,) array
-        Numbers of states.
-    """
-
-    edges: Floats
-    starts: Integers
-    members: Integers
+    edges: Floats  # (6, c - 1): between the c cells of each axis; the outer ones have no end
+    starts: Integers  # (c^6 + 1,): where the members of each cell begin, the last axis running fastest
+    members: Integers  # (k,): numbers of states
 
     @classmethod
     def of(cls, places: Floats, reaches: Floats) -> Cells:
@@ -64,47 +54,21 @@ class Cells(NamedTuple):
 
 
 class LocalFits(NamedTuple):
-    """Polynomials about n states in scaled coordinates.
+    """Polynomials about n states in scaled coordinates."""
 
-    Parameters
-    ----------
-    places : (n, 6) array
-        Scaled coordinates of the states.
-    reaches : (n,) array
-        Distance up to which each takes part in predictions.
-    trust : (n,) array
-        Factor of the weight in predictions: next to a limit of existence, or where a feature comes or goes, a
-        polynomial does not fit its own neighbours.
-    lost : (m, 6) array
-        Scaled coordinates of places without a state: they hold nowhere that is nearer to one of these than to a state
-        that reaches it.
-    cells : Cells
-        Which of them may reach a point.
-    coefficients : (n, q, 28) array
-        Of 1, the six coordinates and their products in the order of `PAIRS`.
-    """
+    # Next to a limit of existence, or where a feature comes or goes, a polynomial does not fit its own neighbours. None
+    # holds nearer to a lost place than to a state that reaches it.
 
-    places: Floats
-    reaches: Floats
-    trust: Floats
-    lost: Floats
-    cells: Cells
-    coefficients: Floats
+    places: Floats  # (n, 6)
+    reaches: Floats  # (n,): distance up to which each takes part in predictions
+    trust: Floats  # (n,): factor of the weight in predictions
+    lost: Floats  # (m, 6): places without a state
+    cells: Cells  # which of them may reach a point
+    coefficients: Floats  # (n, q, 28): of 1, the six coordinates and their products in the order of `PAIRS`
 
 
 def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats) -> LocalFits:
-    """Fit the polynomials.
-
-    Parameters
-    ----------
-    places : (n, 6) array
-        Scaled coordinates.
-    values : (n, q) array
-    along : (n, q, 6) array
-        Their derivatives along the scaled coordinates.
-    lost : (m, 6) array
-        Scaled coordinates of places without a state.
-    """
+    """Fit the polynomials to values (n, q) and their derivatives (n, q, 6) at scaled places (n, 6)."""
     distances, neighbours = map(np.asarray, KDTree(places).query(places, max(_NEIGHBOURS, _REACH)))
     radii = 1.05 * distances[:, _NEIGHBOURS - 1]
     fitted, misfits = [], []
@@ -124,10 +88,7 @@ def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats) -> L
 def _fitted(
     places: Floats, values: Floats, along: Floats, neighbours: Integers, radii: Floats
 ) -> tuple[Floats, Floats]:
-    """Fit the states whose neighbours (c, k), themselves first, and radii (c,) these are.
-
-    Returns the coefficients (c, 28, q), and the mean square by which the values of the neighbours differ (c,).
-    """
+    """Fit states with neighbours (c, k), themselves first: coefficients (c, 28, q), mean squares (c,) of the misfit."""
     away = (places[neighbours] - places[neighbours[:, :1]]) / radii[:, None, None]
     weights = np.exp(-_DECAY * np.sum(away**2, axis=-1))[..., None]
     rows = [weights * _terms(away)]

@@ -94,15 +94,7 @@ class MembraneSurrogate(ForwardModel):
         return cls(MembraneDatabase.open(source), check_view(view, "MembraneSurrogate", "view"))
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outside the domain NaN, with ``inside`` False.
-
-        Parameters
-        ----------
-        theta : mapping
-            ``"capillary_number"`` and ``"size_ratio"``, arrays (n,) [-], and any of the `coordinates`.
-        outline : bool
-            Whether to predict the outlines of its view too.
-        """
+        """Predict a batch; outside the domain NaN, with ``inside`` False."""
         means, covariances, _ = self._averaged(theta, self._width if outline else _NUMBERS, _ERRING)
         return self._prediction(means, covariances, outline=outline)
 
@@ -111,18 +103,8 @@ class MembraneSurrogate(ForwardModel):
         return with_unsure_shapes({}, self({name: np.atleast_1d(np.asarray(v, float)) for name, v in theta.items()}))
 
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals.
-
-        Returns
-        -------
-        (k, p) array [l]
-            One for each local polynomial that contributes at the point: the difference of its prediction from the mean.
-
-        Raises
-        ------
-        OutsideDatabaseError
-            When the point lies outside the domain.
-        """
+        """Return the own error of the outline at one point, as independent displacements along its normals."""
+        # One for each local polynomial that contributes at the point: the difference of its prediction from the mean.
         self.check_names(theta)
         values = parameter_columns({name: np.array([value]) for name, value in theta.items()})
         if not self.domain.contains(*values.T)[0]:
@@ -248,10 +230,8 @@ class MembraneSurrogate(ForwardModel):
     def _averaged(
         self, theta: Mapping[str, Floats], width: int, spread: int, *, slopes: bool = False
     ) -> tuple[Floats, Floats, Floats]:
-        """Return the first values (n, width), the covariance (n, spread, spread) of the differences, and slopes.
-
-        The slopes (n, width, 6) are along the scaled coordinates; (0, width, 6) if they are not wanted.
-        """
+        """Return values (n, width), the covariance (n, spread, spread) of the differences, and slopes (n, width, 6)."""
+        # The slopes are along the scaled coordinates; (0, width, 6) if they are not wanted.
         self.check_names(theta)
         values = parameter_columns(theta)
         inside = covered(values, self.membrane_database.cross_section)
