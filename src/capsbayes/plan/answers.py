@@ -23,20 +23,11 @@ _LATTICE = (400, 240)  # of the shapes among which the nearest is sought, along 
 
 @dataclass(frozen=True, eq=False)
 class NearestShape:
-    """Lattice of the shapes of a model, to find the nearest to two lengths.
+    """Lattice of the shapes of a model, to find the nearest to two lengths."""
 
-    Parameters
-    ----------
-    places : (n, 3) array
-        Columns Ca, a/l and v_o/U.
-    tree : KDTree
-        Of the lengths over their scales.
-    scales : (2,) array [l]
-    """
-
-    places: Floats
-    tree: KDTree
-    scales: Floats
+    places: Floats  # (n, 3): columns Ca, a/l and v_o/U
+    tree: KDTree  # of the lengths over their scales
+    scales: Floats  # (2,) [l]
 
     @classmethod
     def of(cls, model: ForwardModel, scales: Floats) -> NearestShape:
@@ -55,43 +46,17 @@ class NearestShape:
 
 @dataclass(frozen=True, eq=False)
 class Answerer:
-    """Deterministic answer as a function of all inputs.
+    """Deterministic answer as a function of all inputs."""
 
-    Parameters
-    ----------
-    model : ForwardModel
-        With a database.
-    centre : mapping of float
-        Value of each input that a sample does not state.
-    over_half_width : bool
-        Whether the lengths are over l or in metres.
-    nearest : NearestShape
-        For lengths that no capsule of the database has.
-    """
-
-    model: ForwardModel
-    centre: Mapping[str, float]
-    over_half_width: bool
-    nearest: NearestShape
+    model: ForwardModel  # with a database
+    centre: Mapping[str, float]  # value of each input that a sample does not state
+    over_half_width: bool  # whether the lengths are over l or in metres
+    nearest: NearestShape  # for lengths that no capsule of the database has
 
     @classmethod
     def of(cls, model: ForwardModel, measurement: Measurement, inputs: Inputs, sds: Mapping[str, float]) -> Answerer:
-        """Set up the function for the inputs of one capsule.
-
-        Parameters
-        ----------
-        model : ForwardModel
-        measurement : Measurement
-            With both lengths.
-        inputs : Inputs
-        sds : mapping of float
-            Standard deviations over which the inputs vary: in units of those of the lengths, shapes are near or far.
-
-        Raises
-        ------
-        InputError
-            If the model has no database, or a further coordinate.
-        """
+        """Set up the function for the inputs of one capsule; refuse a model without a database or with a coordinate."""
+        # In units of the standard deviations of the lengths, over which they vary, shapes are near or far.
         if model.database is None or model.coordinates:
             raise InputError("sobol", "model", "a database of (Ca, a/l), as the paper's procedure needs", model.name)
         centre = {name: getattr(inputs, name).value for name in ("viscosity", "half_width", "capsule_velocity")}
@@ -103,20 +68,7 @@ class Answerer:
         return cls(model, centre | lengths, measurement.over_half_width, NearestShape.of(model, scales))
 
     def __call__(self, samples: Mapping[str, Floats]) -> tuple[dict[str, Floats], Booleans]:
-        """Answer all samples.
-
-        Parameters
-        ----------
-        samples : mapping of (n,) array
-            Inputs by name.
-
-        Returns
-        -------
-        answers : dict of (n,) array
-            By name, SI.
-        outside : (n,) bool array
-            Whether it is the answer of the nearest shape.
-        """
+        """Return the answers by name [SI] to all samples (n,), and whether each is that of the nearest shape."""
         count = len(next(iter(samples.values())))
         all_inputs = {name: samples.get(name, np.full(count, value)) for name, value in self.centre.items()}
         scale = 1.0 if self.over_half_width else all_inputs["half_width"]

@@ -14,21 +14,12 @@ _SCANNED = 4001
 
 @dataclass(frozen=True)
 class CaRange:
-    """Range of Ca at one a/l.
-
-    Parameters
-    ----------
-    size_ratio : float
-    lowest, highest : float
-        Ends of the model; NaN where it has no shape of this size.
-    limit : bool
-        Whether no steady shape is known above the highest, rather than none computed.
-    """
+    """Range of Ca at one a/l."""
 
     size_ratio: float
-    lowest: float
+    lowest: float  # end of the model; NaN where it has no shape of this size
     highest: float
-    limit: bool
+    limit: bool  # whether no steady shape is known above the highest, rather than none computed
 
     @property
     def empty(self) -> bool:
@@ -53,18 +44,10 @@ def range_at(model: ForwardModel, size_ratio: float) -> CaRange:
 
 @dataclass(frozen=True, eq=False)
 class Borders:
-    """Range of Ca of a model over a/l, to be read at many capsules.
+    """Range of Ca of a model over a/l, to be read at many capsules."""
 
-    Parameters
-    ----------
-    sizes : (b,) array [-]
-        a/l, rising.
-    lowest, highest : (b,) arrays
-        Ends of the model there.
-    """
-
-    sizes: Floats
-    lowest: Floats
+    sizes: Floats  # (b,): a/l, rising
+    lowest: Floats  # (b,): end of the model there
     highest: Floats
 
     @classmethod

@@ -32,27 +32,13 @@ _ORDER = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """Influence of one input on G_s and a.
+    """Influence of one input on G_s and a."""
 
-    Parameters
-    ----------
-    name : str
-        As in `capsbayes.parameters`, or ``"outline"``, ``"surrogate"``, `TOGETHER`, ``"prior and curvature"``.
-    setting : Setting or None
-        Value, error and unit, of an input that is a number.
-    share : mapping of float
-        Share of the variance of log G_s and of log a.
-    log_slope : mapping of float
-        d ln(quantity) / d ln(input); empty for an input that is no number.
-    slope : mapping of float
-        d(quantity) / d(input), in SI over the input's unit.
-    """
-
-    name: str
-    setting: Setting | None
-    share: Mapping[str, float]
-    log_slope: Mapping[str, float]
-    slope: Mapping[str, float]
+    name: str  # as in `capsbayes.parameters`, or "outline", "surrogate", `TOGETHER`, "prior and curvature"
+    setting: Setting | None  # of an input that is a number
+    share: Mapping[str, float]  # of the variance of log G_s and of log a
+    log_slope: Mapping[str, float]  # d ln(quantity) / d ln(input); empty for an input that is no number
+    slope: Mapping[str, float]  # d(quantity) / d(input), in SI over the input's unit
 
     @property
     def change(self) -> dict[str, float]:
@@ -77,31 +63,15 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """Error budget of one capsule.
-
-    Parameters
-    ----------
-    rows : tuple of BudgetRow
-    value, sd : mapping of float
-        Posterior median of G_s and a [SI], and standard deviation of their logarithms.
-    notes : tuple of str
-        What the budget cannot tell, in sentences.
-    model_name, model_sha256 : str
-    status : Status
-        That of the posterior.
-
-    Examples
-    --------
-    ``error_budget(identify(measurement, model, experiment, seed=1)).table()``
-    """
+    """Error budget of one capsule."""
 
     rows: tuple[BudgetRow, ...]
-    value: Mapping[str, float]
-    sd: Mapping[str, float]
-    notes: tuple[str, ...]
+    value: Mapping[str, float]  # posterior median of G_s and a [SI]
+    sd: Mapping[str, float]  # standard deviation of their logarithms
+    notes: tuple[str, ...]  # what the budget cannot tell, in sentences
     model_name: str
     model_sha256: str
-    status: Status
+    status: Status  # that of the posterior
 
     def __getitem__(self, name: str) -> BudgetRow:
         return next(row for row in self.rows if row.name == name)

@@ -19,74 +19,39 @@ _AS_GOOD = 1.05  # width over the smallest, up to which a velocity counts as goo
 
 @dataclass(frozen=True)
 class FlowPoint:
-    """Expectation at one velocity of the flow.
+    """Expectation at one velocity of the flow."""
 
-    Parameters
-    ----------
-    mean_velocity, flow_rate : float [m/s], [m^3/s]
-        U and Q.
-    capillary_number, capsule_velocity : float [-], [m/s]
-        Of the capsule in the middle of those expected; the latter NaN where the model has no shape for it.
-    relative, sd, relative_radius, noise_free, leaning : float
-        As in `capsbayes.plan.widths.Width`, the mean over the capsules expected that the model has.
-    beyond_limit, beyond_margin : float
-        Probability that a capsule lies above the highest Ca of the model at its size, or nearer to it than the margin.
-    without_shape : float
-        Probability that the model has no shape of a capsule, for whatever reason.
-    allowed : bool
-        Whether this velocity may be chosen.
-    """
+    # The widths are the mean, over the capsules expected that the model has, of those of `capsbayes.plan.widths.Width`.
 
-    mean_velocity: float
-    flow_rate: float
-    capillary_number: float
-    capsule_velocity: float
+    mean_velocity: float  # U [m/s]
+    flow_rate: float  # Q [m^3/s]
+    capillary_number: float  # of the capsule in the middle of those expected
+    capsule_velocity: float  # [m/s] of that capsule; NaN where the model has no shape for it
     relative: float
     sd: float
     relative_radius: float
     noise_free: float
     leaning: float
-    beyond_limit: float
-    beyond_margin: float
-    without_shape: float
-    allowed: bool
+    beyond_limit: float  # probability that a capsule lies above the highest Ca of the model at its size
+    beyond_margin: float  # probability that it lies above it, or nearer to it than the margin
+    without_shape: float  # probability that the model has no shape of a capsule, for whatever reason
+    allowed: bool  # whether this velocity may be chosen
 
 
 @dataclass(frozen=True, eq=False)
 class FlowDesign:
-    """Expected widths over the velocity of the flow, and the best of them.
+    """Expected widths over the velocity of the flow, and the best of them."""
 
-    Parameters
-    ----------
-    points : tuple of FlowPoint
-        In rising velocity.
-    best : FlowPoint or None
-        The smallest width among those allowed.
-    limit : CaRange
-        Range of Ca of the model at the expected size.
-    limit_velocity : float [m/s]
-        U at which the expected capsule reaches its upper end.
-    expectation : Expectation
-        Expected G_s and a, and what is known of liquid and channel.
-    margin, risk : float
-        See `MARGIN` and `RISK` of `capsbayes.plan.flow`.
-    lab : dict
-        Model, its fingerprint, experiment, errors, version.
-    seed : int
-    status : Status
-        LEANS_ON_BORDER if at every velocity below the limit the widths are cut by the border of the model.
-    """
-
-    points: tuple[FlowPoint, ...]
-    best: FlowPoint | None
-    limit: CaRange
-    limit_velocity: float
+    points: tuple[FlowPoint, ...]  # in rising velocity
+    best: FlowPoint | None  # the smallest width among those allowed
+    limit: CaRange  # at the expected size
+    limit_velocity: float  # U [m/s] at which the expected capsule reaches its upper end
     expectation: Expectation
-    margin: float
-    risk: float
-    lab: dict[str, str]
+    margin: float  # see `MARGIN` of `capsbayes.plan.flow`
+    risk: float  # see `RISK` there
+    lab: dict[str, str]  # model, its fingerprint, experiment, errors, version
     seed: int
-    status: Status
+    status: Status  # LEANS_ON_BORDER if the border of the model cuts the widths at every velocity below the limit
 
     @property
     def good(self) -> tuple[float, float] | None:

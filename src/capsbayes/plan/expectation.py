@@ -37,13 +37,6 @@ class Draws:
 class Expectation:
     """Expected G_s and a, with what is known of liquid and channel.
 
-    Parameters
-    ----------
-    surface_shear_modulus, capsule_radius, viscosity, half_width : Quantity
-        Each known, or with a distribution.
-
-    Examples
-    --------
     >>> lab = Experiment(cross_section="square", half_width=25e-6, viscosity=0.8)
     >>> soon = Expectation.of("50 +/- 10 mN/m", 24e-6, lab)
     >>> soon.known, round(soon.centre.size_ratio.item(), 3)
@@ -57,19 +50,7 @@ class Expectation:
 
     @classmethod
     def of(cls, surface_shear_modulus: Given, capsule_radius: Given, experiment: Experiment) -> Expectation:
-        """Return what is expected under the conditions of an experiment.
-
-        Parameters
-        ----------
-        surface_shear_modulus, capsule_radius
-            In any form that `Quantity.of` reads.
-        experiment : Experiment
-
-        Raises
-        ------
-        InputError
-            If the expected G_s or a is not positive.
-        """
+        """Return what is expected under the conditions of an experiment; refuse a G_s or a that is not positive."""
         return cls(
             Quantity.of(surface_shear_modulus, "surface_shear_modulus", where="expected"),
             Quantity.of(capsule_radius, "capsule_radius", where="expected"),

@@ -32,27 +32,13 @@ _DRAWS, _DRAWN = 4096, 256  # of a prior, and of the capsules
 
 @dataclass(frozen=True, eq=False)
 class ExpectedMembrane:
-    """What measurements of a batch tell of a membrane that is expected.
+    """What measurements of a batch tell of a membrane that is expected."""
 
-    Parameters
-    ----------
-    capsules : Capsules
-        As they would be measured without noise, with the model's own error.
-    unknowns : Unknowns
-        With known spreads.
-    scores : (f,) array
-        Normal scores of the membrane.
-    values : Start
-        The capsules there.
-    covariance : (4 + f, 4 + f) array
-        Of what is common to the capsules and of the normal scores, by the curvature, priors included.
-    """
-
-    capsules: Capsules
-    unknowns: Unknowns
-    scores: Floats
-    values: Start
-    covariance: Floats
+    capsules: Capsules  # as they would be measured without noise, with the model's own error
+    unknowns: Unknowns  # with known spreads
+    scores: Floats  # (f,): normal scores of the membrane
+    values: Start  # the capsules there
+    covariance: Floats  # (4 + f, 4 + f): of what the capsules share and of the scores, priors included
 
     def log_volume(self, *names: str) -> float:
         """Return the log of the determinant of the covariance of some normal scores; zero if none is unknown."""
@@ -75,15 +61,10 @@ class ExpectedMembrane:
         return np.asarray(np.linalg.inv(precision[:COMMON, :COMMON]))
 
     def widths(self) -> dict[str, float]:
-        """Return the expected standard deviations.
-
-        Returns
-        -------
-        dict of float
-            Of ``surface_shear_modulus`` and ``capsule_radius``, the logarithms of the means of the population at known
-            viscosity and half width; of `EACH`, the logarithm of G_s of one of the capsules; and of each unknown
-            parameter by name, of the logarithm of `LOGARITHMIC`.
-        """
+        """Return the expected standard deviations by name."""
+        # Those of ``surface_shear_modulus`` and ``capsule_radius`` are of the logarithms of the means of the population
+        # at known viscosity and half width; that of `EACH` of the logarithm of G_s of one of the capsules; the others
+        # of each unknown parameter, of the logarithm of `LOGARITHMIC`.
         mode = Mode(self.scores, self.covariance[COMMON:, COMMON:])
         draws = MembraneSampling(self.capsules, self.unknowns).about(mode, self.values)
         weights = normalised(draws.averaged.log_weights)

@@ -42,8 +42,6 @@ _DRAWS = 4000
 def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> float:
     """Return the flow rate Q of a mean velocity U [m^3/s]: U (2l)^2 in a square channel, U pi l^2 in a circular one.
 
-    Examples
-    --------
     >>> round(6e10 * flow_rate(5e-3, 25e-6, "square"), 3)  # in uL/min
     0.75
     """

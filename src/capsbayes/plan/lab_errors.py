@@ -157,9 +157,7 @@ class LabErrors:
 
 
 def root_of(covariance: Floats) -> Floats:
-    """Return the lower triangular root of a covariance (k, k), which may be singular.
-
-    Eigenvectors and singular vectors would do, but their signs depend on the processor.
-    """
+    """Return the lower triangular root of a covariance (k, k), which may be singular."""
+    # Eigenvectors and singular vectors would do, but their signs depend on the processor.
     ridge = 1e-14 * np.diag(covariance).max() + np.finfo(np.float64).tiny
     return np.asarray(np.linalg.cholesky(covariance + ridge * np.eye(len(covariance))))

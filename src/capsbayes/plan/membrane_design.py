@@ -15,98 +15,45 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlowRisk:
-    """Capsules that cannot be used at one velocity of the flow.
+    """Capsules that cannot be used at one velocity of the flow."""
 
-    Parameters
-    ----------
-    mean_velocity, flow_rate : float [m/s], [m^3/s]
-    capillary_number : float
-        Of the capsule in the middle of those expected.
-    below, beyond : float
-        Probability that a capsule lies below the lowest, above the highest Ca of the model at its size.
-    beyond_margin : float
-        As `beyond`, or nearer to it than the margin.
-    without_shape : float
-        Probability that the model has no shape of a capsule, for whatever reason.
-    """
-
-    mean_velocity: float
-    flow_rate: float
-    capillary_number: float
-    below: float
-    beyond: float
-    beyond_margin: float
-    without_shape: float
+    mean_velocity: float  # [m/s]
+    flow_rate: float  # [m^3/s]
+    capillary_number: float  # of the capsule in the middle of those expected
+    below: float  # probability that a capsule lies below the lowest Ca of the model at its size
+    beyond: float  # above the highest
+    beyond_margin: float  # above the highest, or nearer to it than the margin
+    without_shape: float  # probability that the model has no shape of a capsule, for whatever reason
 
 
 @dataclass(frozen=True)
 class PlannedFlows:
-    """Flow rates at which a batch is filmed, and the standard deviations that are expected.
+    """Flow rates at which a batch is filmed, and the standard deviations that are expected."""
 
-    Parameters
-    ----------
-    mean_velocities, flow_rates : tuple of float [m/s], [m^3/s]
-    capillary_numbers : tuple of float
-        Of the capsule in the middle of those expected.
-    sds : mapping of float
-        Of the logarithms of the mean G_s and a of the population, of ln G_s of each capsule, and of the unknown
-        parameters, see `capsbayes.plan.expected_membrane.ExpectedMembrane.widths`; they include the errors of viscosity
-        and half width.
-    sd_if_known : float
-        Standard deviation of the mean ln G_s if the membrane were known.
-    """
-
-    mean_velocities: tuple[float, ...]
-    flow_rates: tuple[float, ...]
-    capillary_numbers: tuple[float, ...]
-    sds: Mapping[str, float]
-    sd_if_known: float
+    mean_velocities: tuple[float, ...]  # [m/s]
+    flow_rates: tuple[float, ...]  # [m^3/s]
+    capillary_numbers: tuple[float, ...]  # of the capsule in the middle of those expected
+    sds: Mapping[str, float]  # see `ExpectedMembrane.widths`; with the errors of viscosity and half width
+    sd_if_known: float  # of the mean ln G_s if the membrane were known
 
 
 @dataclass(frozen=True, eq=False)
 class MembraneFlowDesign:
-    """Expected precision of the membrane and of G_s of a batch, at the best flow rates.
+    """Expected precision of the membrane and of G_s of a batch, at the best flow rates."""
 
-    Parameters
-    ----------
-    sets : tuple of PlannedFlows
-        The best set for G_s of each size, from one flow rate to the number asked for; if velocities were stated, the
-        set of these alone.
-    for_law : PlannedFlows or None
-        The best set for K and h, of the number asked for; None if it was not sought.
-    prior_sds : mapping of float
-        Standard deviations of the unknown parameters under their priors.
-    risks : tuple of FlowRisk
-        In rising velocity.
-    limits : tuple of float or None [m/s]
-        Lowest and highest velocity that may be chosen.
-    outside : float
-        Probability that a capsule has a size for which the model has no shape at any velocity.
-    capsules : int
-    same_capsule : bool
-    membrane : mapping of float
-        The membrane that is expected.
-    expectation : Expectation
-    margin, risk : float
-    lab : mapping of str
-        Model, its fingerprint, experiment, errors, version.
-    seed : int
-    status : Status
-    """
-
-    sets: tuple[PlannedFlows, ...]
-    for_law: PlannedFlows | None
-    prior_sds: Mapping[str, float]
-    risks: tuple[FlowRisk, ...]
-    limits: tuple[float, float] | None
-    outside: float
+    sets: tuple[PlannedFlows, ...]  # the best for G_s, one a size; or that of the stated velocities alone
+    for_law: PlannedFlows | None  # the best set for K and h, of the number asked for; None if not sought
+    prior_sds: Mapping[str, float]  # of the unknown parameters under their priors
+    risks: tuple[FlowRisk, ...]  # in rising velocity
+    limits: tuple[float, float] | None  # lowest and highest velocity [m/s] that may be chosen
+    outside: float  # probability that a capsule has a size for which the model has no shape at any velocity
     capsules: int
     same_capsule: bool
-    membrane: Mapping[str, float]
+    membrane: Mapping[str, float]  # that is expected
     expectation: Expectation
     margin: float
     risk: float
-    lab: Mapping[str, str]
+    lab: Mapping[str, str]  # model, its fingerprint, experiment, errors, version
     seed: int
     status: Status
 

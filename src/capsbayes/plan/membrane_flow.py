@@ -149,15 +149,8 @@ def membrane_flow_design(
 
 
 def expected_scores(unknowns: Unknowns, guess: Membrane | None, model: MembraneSurrogate) -> Floats:
-    """Return the normal scores under their priors of the unknown parameters that are guessed : (f,) array.
-
-    A parameter that is not guessed has the middle of its prior; one at an end of its prior is taken just within.
-
-    Raises
-    ------
-    InputError
-        If a guess is no number, or of a parameter that is known.
-    """
+    """Return the normal scores under their priors of the unknown parameters that are guessed : (f,) array."""
+    # A parameter that is not guessed has the middle of its prior; one at an end of its prior is taken just within.
     guessed, left = (guess or Membrane()).applied(model, Prior())
     values = dict(guessed.values) if isinstance(guessed, FixedParameters) else {}
     unknown = {key_of(one): one for one in unknowns.coordinates}

@@ -60,33 +60,11 @@ def membrane_map(
     grid: tuple[int, int] = GRID,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Compute the standard deviation of ln G_s from one capsule, over the plane (Ca, a/l).
-
-    Parameters
-    ----------
-    experiment : Experiment
-    errors : LabErrors
-        Of lengths over l and, if they are measured, of outlines.
-    model, membrane, guess, prior
-        As of `capsbayes.membrane_flow_design`.
-    grid : tuple of int
-        Points along log Ca and along a/l, from end to end of the model.
-    progress : callable, optional
-        Wraps the iterable of computed points to show progress, see `capsbayes.plan.identifiability.Progress`.
-
-    Returns
-    -------
-    Dataset
-        Over ``size_ratio`` and ``capillary_number``, NaN where the model has no shape: ``unknown_lengths`` and
-        ``known_lengths``, the standard deviations of ln G_s with the membrane unknown and known, and
-        ``unknown_outline`` and ``known_outline`` where outlines have errors; over a/l ``lowest`` and ``highest``, the
-        borders in Ca of the membrane that is expected. The attributes hold that membrane, model, errors, version.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be used.
-    """
+    """Compute the standard deviation of ln G_s from one capsule, over the plane (Ca, a/l)."""
+    # Variables ``unknown_lengths`` and ``known_lengths``, with the membrane unknown and known, and ``unknown_outline``
+    # and ``known_outline`` where outlines have errors, NaN where the model has no shape; over a/l ``lowest`` and
+    # ``highest``, the borders in Ca of the membrane that is expected. The attributes hold that membrane, model, errors,
+    # version.
     if min(grid) < 2:
         raise InputError("membrane_map", "grid", "two points along each axis", repr(grid))
     check_lengths(errors, "membrane_map")

@@ -28,30 +28,14 @@ EVERY = 4
 
 @dataclass(frozen=True, eq=False)
 class PlannedBatch:
-    """Capsules that are expected at some flow rates, of which some are to be filmed.
+    """Capsules that are expected at some flow rates, of which some are to be filmed."""
 
-    Parameters
-    ----------
-    capsules : Capsules
-        All of them, without the model's own error.
-    own : (n, 2) array
-        ln Ca and a/l.
-    flow : (n,) array
-        Number of the flow rate.
-    means : tuple of float
-        Of ln(G_s / (N/m)) and of a/l.
-    unknowns : Unknowns
-        With the spreads of the population that is expected.
-    scores : (f,) array
-        Normal scores of the membrane that is expected.
-    """
-
-    capsules: Capsules
-    own: Floats
-    flow: Integers
-    means: tuple[float, float]
-    unknowns: Unknowns
-    scores: Floats
+    capsules: Capsules  # all of them, without the model's own error
+    own: Floats  # (n, 2): ln Ca and a/l
+    flow: Integers  # (n,): number of the flow rate
+    means: tuple[float, float]  # of ln(G_s / (N/m)) and of a/l
+    unknowns: Unknowns  # with the spreads of the population that is expected
+    scores: Floats  # (f,): normal scores of the membrane that is expected
 
     @classmethod
     def of(
@@ -67,30 +51,9 @@ class PlannedBatch:
         same_capsule: bool = False,
         scale_error: float = 0.0,
     ) -> PlannedBatch:
-        """Set up the capsules of a population at mean velocities of the flow; those without a shape are left out.
-
-        Parameters
-        ----------
-        expectation : Expectation
-            The spreads of G_s and a are those from capsule to capsule.
-        velocities : (k,) array [m/s]
-        errors : LabErrors
-        experiment : Experiment
-        model : MembraneSurrogate
-        unknowns : Unknowns
-            Of the membrane.
-        scores : (f,) array
-            Where it is expected.
-        same_capsule : bool
-            Whether one capsule is filmed at all flow rates.
-        scale_error : float
-            Relative standard error that all lengths share.
-
-        Raises
-        ------
-        InputError
-            If no capsule has a shape at any of the velocities.
-        """
+        """Set up the capsules of a population at mean velocities (k,) [m/s]; omit those without a shape."""
+        # The spreads of G_s and a are those from capsule to capsule; `scale_error` is relative and common to all
+        # lengths.
         centre, spreads = expectation.centre, spreads_of(expectation, same_capsule=same_capsule)
         lattice = noise_lattice(1 if same_capsule else _MOST)
         log_ca = np.log([centre.capillary_number(velocity)[0] for velocity in velocities])

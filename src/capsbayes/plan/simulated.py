@@ -24,28 +24,13 @@ _LOST = 20  # capsules without a shape for each that has one, beyond which the s
 
 @dataclass(frozen=True, eq=False)
 class SimulatedWidths:
-    """Posteriors of simulated capsules.
+    """Posteriors of simulated capsules."""
 
-    Parameters
-    ----------
-    relative : (n,) array
-        Half of the 68 % interval of G_s over its median, of each capsule.
-    sd : (n,) array
-        Standard deviation of log G_s.
-    within : (n,) bool array
-        Whether the 68 % interval holds the true G_s.
-    without_shape : int
-        Further capsules that were drawn and for which the model has no shape.
-    refused : int
-        Further capsules whose measurement no shape of the model has.
-    seed : int
-    """
-
-    relative: Floats
-    sd: Floats
-    within: Booleans
-    without_shape: int
-    refused: int
+    relative: Floats  # (n,): half of the 68 % interval of G_s over its median
+    sd: Floats  # (n,): standard deviation of log G_s
+    within: Booleans  # (n,): whether the 68 % interval holds the true G_s
+    without_shape: int  # further capsules that were drawn and for which the model has no shape
+    refused: int  # further capsules whose measurement no shape of the model has
     seed: int
 
     @property
@@ -84,30 +69,9 @@ def simulated_widths(
     seed: int,
     prior: Prior | None = None,
 ) -> SimulatedWidths:
-    """Draw capsules at one velocity of the flow, measure them with errors, and identify them by quadrature.
-
-    Capsules, liquid and channel are drawn as they are expected. The model is wrong by as much as it says: its own
-    error is drawn too.
-
-    Parameters
-    ----------
-    surface_shear_modulus, capsule_radius, experiment, errors, model, prior
-        As in `capsbayes.plan.flow_design`.
-    mean_velocity : float [m/s]
-    count : int
-        Capsules to identify.
-    seed : int
-        Stored in the result.
-
-    Returns
-    -------
-    SimulatedWidths
-
-    Raises
-    ------
-    InputError
-        If the model has hardly any shape of such capsules.
-    """
+    """Draw capsules at one velocity of the flow, measure them with errors, and identify them by quadrature."""
+    # Capsules, liquid and channel are drawn as they are expected. The model is wrong by as much as it says: its own
+    # error is drawn too.
     check_model(model, experiment)
     expectation, rng = Expectation.of(surface_shear_modulus, capsule_radius, experiment), np.random.default_rng(seed)
     engine = Quadrature(model, experiment, prior)

@@ -31,21 +31,12 @@ _Case = tuple[Measurement, Inputs]
 
 @dataclass(frozen=True)
 class Setting:
-    """Value and standard error of one input.
+    """Value and standard error of one input."""
 
-    Parameters
-    ----------
-    name : str
-        As in `capsbayes.parameters`.
-    value, error : float
-    unit : str
-        SI, or ``"l"`` for lengths over the half width.
-    """
-
-    name: str
+    name: str  # as in `capsbayes.parameters`
     value: float
     error: float
-    unit: str
+    unit: str  # SI, or "l" for lengths over the half width
 
     @property
     def step(self) -> float:
@@ -75,22 +66,7 @@ def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
 def log_slopes(
     engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, setting: Setting
 ) -> dict[str, float]:
-    """Compute the derivatives d ln(quantity) / d ln(input) of the posterior medians of G_s and a.
-
-    Parameters
-    ----------
-    engine : ExactEngine
-    measurement : Measurement
-    posterior : ExactPosterior
-        Of that measurement.
-    setting : Setting
-        The input to move.
-
-    Returns
-    -------
-    dict of float
-        By quantity; NaN where neither step can be made.
-    """
+    """Compute d ln(quantity) / d ln(input) of the posterior medians of G_s and a; NaN where no step can be made."""
     ends = {}
     for sign in (-1.0, 1.0):
         value = setting.value + sign * setting.step

@@ -114,28 +114,12 @@ def _check(measurement: Measurement, samples: int) -> None:
 
 
 def varied_range(given: Given, name: str, *, where: str = "ranges") -> Quantity:
-    """Return the range over which an input varies.
+    """Return the range over which an input varies, given in any form that `Quantity.of` reads.
 
-    Parameters
-    ----------
-    given
-        ``"0.80 .. 0.90 Pa s"`` or ``"0.85 +/- 0.02 Pa s"``, or whatever else `Quantity.of` reads; lengths over the half
-        width or in metres.
-    name : str
-        Of the input, as in `capsbayes.parameters`.
-    where : str
-        For the message of an error.
-
-    Raises
-    ------
-    InputError
-        If it is not a range of such an input, or so wide that a normal distribution reaches zero.
-
-    Examples
-    --------
     >>> varied_range("0.80 .. 0.90 Pa s", "viscosity").low
     0.8
     """
+    # Refused if it is so wide that a normal distribution reaches zero; `where` is for the message.
     if name not in _VARIED:
         raise InputError(where, name, f"one of {', '.join(_VARIED)}", "an unknown input")
     units = ("", "m") if name.startswith("axial") else (PARAMETERS[name].si,)
@@ -183,11 +167,9 @@ def _sampled(varied: Mapping[str, Quantity], groups: int, seed: int) -> Floats:
 
 
 def _estimated(values: Floats) -> Floats:
-    """Return first-order and total indices (2, k) of an answer (groups, 2 + k).
-
-    Saltelli et al. (2010), table 2, (b) and (f). `scipy.stats.sobol_indices` takes a power of two of groups
-    only, and its bootstrap takes no seed.
-    """
+    """Return first-order and total indices (2, k) of an answer (groups, 2 + k)."""
+    # Saltelli et al. (2010), table 2, (b) and (f). `scipy.stats.sobol_indices` takes a power of two of groups only, and
+    # its bootstrap takes no seed.
     centred = values - values[:, :2].mean()
     first, second, mixed = centred[:, :1], centred[:, 1:2], centred[:, 2:]
     alone = np.mean(second * (mixed - first), axis=0)

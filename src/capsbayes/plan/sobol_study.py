@@ -21,52 +21,25 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class SobolIndex:
-    """Indices of one input, each with half of its 95 % confidence interval.
+    """Indices of one input, each with half of its 95 % confidence interval."""
 
-    Parameters
-    ----------
-    first, first_error : float
-        Share of the variance owed to this input alone.
-    total, total_error : float
-        Share owed to it alone or together with others.
-    """
-
-    first: float
+    first: float  # share of the variance owed to this input alone
     first_error: float
-    total: float
+    total: float  # owed to it alone or together with others
     total_error: float
 
 
 @dataclass(frozen=True, eq=False)
 class SobolStudy:
-    """First-order and total indices of each answer by each input.
+    """First-order and total indices of each answer by each input."""
 
-    Parameters
-    ----------
-    ranges : mapping of Quantity
-        Over which each input was varied.
-    indices : mapping of mapping of SobolIndex
-        By answer (G_s, a, Ca, a/l), then by input.
-    mean, sd : mapping of float
-        Of each answer over the ranges, SI.
-    samples, outside : int
-        Number of answers, and how many of them had no exact shape and used the nearest.
-    change : float
-        Largest change of an index of G_s or a if groups with such a sample are left out; NaN if too few are left.
-    groups : int
-    seed : int
-    notes : tuple of str
-    model_name, model_sha256 : str
-    status : Status
-    """
-
-    ranges: Mapping[str, Quantity]
-    indices: Mapping[str, Mapping[str, SobolIndex]]
-    mean: Mapping[str, float]
+    ranges: Mapping[str, Quantity]  # over which each input was varied
+    indices: Mapping[str, Mapping[str, SobolIndex]]  # by answer (G_s, a, Ca, a/l), then by input
+    mean: Mapping[str, float]  # of each answer over the ranges [SI]
     sd: Mapping[str, float]
-    samples: int
-    outside: int
-    change: float
+    samples: int  # number of answers
+    outside: int  # how many of them had no exact shape and used the nearest
+    change: float  # largest change of an index of G_s or a without groups with such a sample; NaN if too few are left
     groups: int
     seed: int
     notes: tuple[str, ...]

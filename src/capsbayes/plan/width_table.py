@@ -20,22 +20,11 @@ _BORDERS = 65
 
 @dataclass(frozen=True, eq=False)
 class WidthTable:
-    """Table of widths: Ca along columns of constant a/l.
+    """Table of widths: Ca along columns of constant a/l."""
 
-    Parameters
-    ----------
-    columns : (k,) array [-]
-        a/l, rising.
-    log_ca : (k, m) array
-        Points of each column, from end to end of the model there.
-    values : mapping of (k, m) array
-        The fields of `Width`.
-    borders : Borders
-    """
-
-    columns: Floats
-    log_ca: Floats
-    values: dict[str, Floats]
+    columns: Floats  # (k,): a/l, rising
+    log_ca: Floats  # (k, m): points of each column, from end to end of the model there
+    values: dict[str, Floats]  # (k, m): the fields of `Width`
     borders: Borders
 
     @classmethod

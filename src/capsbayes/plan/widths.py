@@ -34,27 +34,13 @@ _DRAWS = 500  # of a posterior, for its share next to the border
 
 @dataclass(frozen=True)
 class Width:
-    """Width of one posterior, or the mean of those of several.
+    """Width of one posterior, or the mean of those of several."""
 
-    Parameters
-    ----------
-    relative : float
-        Half of the 68 % interval of G_s over its median.
-    sd : float
-        Standard deviation of log G_s.
-    relative_radius : float
-        Half of the 68 % interval of a over its median.
-    noise_free : float
-        As `relative`, of the measurement without noise.
-    leaning : float
-        Share of the posterior of that measurement next to the border of the model, as in `identify`.
-    """
-
-    relative: float = np.nan
-    sd: float = np.nan
-    relative_radius: float = np.nan
-    noise_free: float = np.nan
-    leaning: float = np.nan
+    relative: float = np.nan  # half of the 68 % interval of G_s over its median
+    sd: float = np.nan  # standard deviation of log G_s
+    relative_radius: float = np.nan  # half of the 68 % interval of a over its median
+    noise_free: float = np.nan  # as `relative`, of the measurement without noise
+    leaning: float = np.nan  # share of that posterior next to the border of the model, as in `identify`
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
@@ -63,25 +49,10 @@ class Width:
 
 
 class WidthPredictor:
-    """Predictor of widths for one lab.
+    """Predictor of widths for one lab, by a model of (Ca, a/l) alone."""
 
-    Parameters
-    ----------
-    model : ForwardModel
-        Of (Ca, a/l) alone.
-    experiment : Experiment
-    errors : LabErrors
-    prior : Prior, optional
-    surface_shear_modulus : float, optional [N/m]
-        Of the capsules; without, the middle of its prior range. Only priors that cut into a posterior see it.
-    noises : int
-        Measurements that a width is averaged over; zero for the one without noise alone.
-
-    Raises
-    ------
-    InputError
-        If the model has a further coordinate, or is of another cross-section than the experiment.
-    """
+    # A width is averaged over so many `noises`, zero for the measurement without noise alone. G_s [N/m] is by default
+    # the middle of its prior range: only priors that cut into a posterior see it.
 
     def __init__(
         self,
@@ -169,8 +140,6 @@ def width_of(posterior: GridPosterior) -> Width:
 def noise_lattice(count: int) -> Floats:
     """Return a Fibonacci lattice of standard normal deviates, of mean zero and unit covariance : (count, 2) array.
 
-    Examples
-    --------
     >>> points = noise_lattice(13)
     >>> np.allclose(points.T @ points / 13, np.eye(2))
     True
