@@ -20,43 +20,23 @@ from capsbayes.model import ForwardModel
 
 @dataclass(frozen=True, eq=False)
 class AlongOutline:
-    """Mean displacement of the measured edges along the outline.
+    """Mean displacement of the measured edges along the outline."""
 
-    Parameters
-    ----------
-    outline : (p, 2) array [l]
-        Mean of the predicted outlines, closed, from the nose.
-    displacement, error : (p,) arrays [m]
-        Mean over the capsules of the normal distance of the measured edge, positive outside, and its standard error.
-    """
-
-    outline: Floats
-    displacement: Floats
-    error: Floats
+    outline: Floats  # (p, 2) [l]: mean of the predicted outlines, closed, from the nose
+    displacement: Floats  # (p,) [m]: mean normal distance of the measured edge, positive outside
+    error: Floats  # (p,) [m]: its standard error
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Session and the fits of a model to it.
-
-    Parameters
-    ----------
-    session : Session
-        n capsules.
-    model : ForwardModel
-    fits : Fits
-    """
+    """Session of n capsules and the fits of a model to it."""
 
     session: Session = field(repr=False)
     model: ForwardModel = field(repr=False)
     fits: Fits = field(repr=False)
 
     def table(self) -> pd.DataFrame:
-        """Return a row for each capsule, indexed by its source.
-
-        Columns: ``surface_shear_modulus`` and ``surface_shear_modulus_error`` [N/m], NaN where the model has no such
-        shape, ``size_ratio``, ``capsule_velocity`` [m/s], ``flow_rate`` [m^3/s].
-        """
+        """Return a row for each capsule, indexed by its source; G_s is NaN where the model has no such shape."""
         columns = {
             "surface_shear_modulus": self.modulus,
             "surface_shear_modulus_error": self.modulus_error,
@@ -83,10 +63,8 @@ class Comparison:
 
     @property
     def modulus_at_flow_rates(self) -> Mapping[float, tuple[int, float]]:
-        """Number of capsules and median of their apparent G_s [N/m] by flow rate [m^3/s].
-
-        Empty if fewer than half of the capsules share theirs with another, as where a sensor has measured it.
-        """
+        """Number of capsules and median of their apparent G_s [N/m] by flow rate [m^3/s]."""
+        # Empty if fewer than half of the capsules share theirs with another, as where a sensor has measured it.
         rates = self.session.flow_rates
         settings, counts = np.unique(rates[np.isfinite(rates)], return_counts=True)
         if len(settings) < 2 or counts[counts > 1].sum() < 0.5 * len(rates):
@@ -108,10 +86,8 @@ class Comparison:
 
     @cached_property
     def edges(self) -> Mapping[int, tuple[Floats, Footing]]:
-        """Measured points (m, 2) [l] shifted and turned onto the predicted outline, and their feet on it, by row.
-
-        There are those of the capsules that have an outline and a best shape.
-        """
+        """Measured points (m, 2) [l] shifted and turned onto the predicted outline, and their feet on it, by row."""
+        # There are those of the capsules that have an outline and a best shape.
         return {
             row: aligned_with(measurement.outline.points, self.outlines[row])
             for row, measurement in enumerate(self.session.measurements)
@@ -143,11 +119,9 @@ class Comparison:
         return AlongOutline(middle, self._metres * distances.mean(axis=0), self._metres * error)
 
     def trend_line(self, slope: Deviation, places: Floats, at: Floats) -> Floats:
-        """Return G_s along a trend of ln G_s with a quantity, through the weighted middle of the capsules.
-
-        The quantity has values `places` (m,) for the settled capsules and `at` (k,) along the line. Returned are the
-        line, and the line with the slope less and plus its standard error : (3, k) array [N/m].
-        """
+        """Return G_s along a trend of ln G_s, also with the slope less and plus its error : (3, k) array [N/m]."""
+        # The line goes through the weighted middle of the settled capsules, at `places` (m,); `at` (k,) are those along
+        # it.
         settled = self.fits.settled
         weight = 1.0 / self.fits.covariance[settled, 0, 0]
         middle, height = (np.average(values, weights=weight) for values in (places, self.fits.log_modulus[settled]))

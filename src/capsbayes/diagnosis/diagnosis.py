@@ -162,10 +162,8 @@ class Study(Readable):
         return evidences(self._limit_scores, self._whole_finding)
 
     def _judged_by_all(self) -> Study:
-        """Return the study, as UNKNOWN where all capsules together speak against the verdict that nothing is missing.
-
-        Neither half has confirmed what the other shows, so that no effect is named.
-        """
+        """Return the study, as UNKNOWN where all capsules together deny the verdict that nothing is missing."""
+        # Neither half has confirmed what the other shows, so that no effect is named.
         evidence = self._whole_evidence
         if not _clearly_likelier(evidence):
             return self
@@ -183,9 +181,12 @@ class Study(Readable):
 
     @cached_property
     def limits(self) -> pd.DataFrame:
-        """Effects that could hide where no disagreement was found: see `limits_table`; empty for any other verdict.
+        """Effects that could hide where no disagreement was found, a row each; empty for any other verdict.
 
-        All capsules count. They are computed when they are first asked for, in some tens of seconds for the catalogue.
+        Columns: ``effect``; ``low`` and ``high`` [``unit``], the 95 % interval of its size; ``modulus_at_low`` and
+        ``modulus_at_high``, the median G_s with these sizes over that without the effect; ``unbounded``, whether the
+        data allow the effect up to the end of its prior. All capsules count. They are computed when they
+        are first asked for, in some tens of seconds for the catalogue.
         """
         return limits_table(self._limit_scores)
 

@@ -45,11 +45,9 @@ _COUNT = _EVEN + 1 + _ODD + _CAMERA_MODES
 
 
 def displacement_modes(outline: Floats) -> Floats:
-    """Return normal displacements of a closed outline (p, 2) from the nose : (q, p) array [l].
-
-    Fourier modes of the arc, even ones from the constant on, then odd ones; then what distortions of the picture do:
-    stretches along and across the flow, a shear, a radial one, and one that grows along the flow.
-    """
+    """Return normal displacements of a closed outline (p, 2) from the nose : (q, p) array [l]."""
+    # Fourier modes of the arc, even ones from the constant on, then odd ones; then what distortions of the picture do:
+    # stretches along and across the flow, a shear, a radial one, and one that grows along the flow.
     lengths = edge_lengths(outline)
     arc = 2.0 * np.pi * np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / lengths.sum()
     even = np.cos(np.outer(np.arange(_EVEN + 1), arc))
@@ -71,28 +69,17 @@ def _spectrum(length: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """What n capsules with outlines, and the G_s of those that have a shape, say of something else; halves add up.
+    """What n capsules with outlines, and the G_s of those that have a shape, say of something else; halves add up."""
 
-    Parameters
-    ----------
-    places : (n, 2) array
-        ln Ca and a/l.
-    information : (n, q, q) array
-        Of the amplitudes of the `displacement_modes` [1/l^2], after Ca and a/l have absorbed what they can.
-    shift : (n, q) array
-        Information times the likeliest amplitudes.
-    response : (n, q) array [1/l]
-        Change of ln G_s with the amplitudes, by the Ca and a/l that make up for a displacement.
-    own : (n,) array [l]
-        Root mean square of the model's own error along each outline.
-    trend : Trend
-    """
+    # `information` (n, q, q) is that of the amplitudes of the `displacement_modes` [1/l^2], after Ca and a/l have
+    # absorbed what they can; `shift` (n, q) is the information times the likeliest amplitudes; `response` (n, q) [1/l]
+    # is the change of ln G_s with the amplitudes, by the Ca and a/l that make up for a displacement.
 
-    places: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    places: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (n, 2): ln Ca and a/l
     information: Floats = field(default_factory=lambda: np.zeros((0, _COUNT, _COUNT)), repr=False)
     shift: Floats = field(default_factory=lambda: np.zeros((0, _COUNT)), repr=False)
     response: Floats = field(default_factory=lambda: np.zeros((0, _COUNT)), repr=False)
-    own: Floats = field(default_factory=lambda: np.zeros(0))
+    own: Floats = field(default_factory=lambda: np.zeros(0))  # (n,) [l]: rms of the own error along each outline
     trend: Trend = field(default_factory=Trend, repr=False)
 
     @classmethod
@@ -130,10 +117,8 @@ class Discrepancy:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the likeliest displacements of single capsules, each for itself [l].
-
-        A displacement that all have, or that depends smoothly on the capsule, is none of these, whatever its reason.
-        """
+        """Standard deviation of the likeliest displacements of single capsules, each for itself [l]."""
+        # A displacement that all have, or that depends smoothly on the capsule, is none of these, whatever its reason.
         if not len(self.places):
             return 0.0
         best = int(np.argmax([self._of_noise(noise) for noise in _NOISES[:-1]]))
@@ -177,10 +162,8 @@ class Discrepancy:
         return float(logsumexp(with_it) - np.log(len(with_it)) - logsumexp(without) + np.log(len(without)))
 
     def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw changes of the mean ln G_s if something else displaces the outlines, or makes a trend : (count,) array.
-
-        A trend alone changes nothing of it.
-        """
+        """Draw changes (count,) of the mean ln G_s if something else displaces the outlines, or makes a trend."""
+        # A trend alone changes nothing of it.
         if not len(self.places):
             return np.zeros(count)
         outlines, trend = self.of_outlines, self.trend.evidence
@@ -223,19 +206,11 @@ def _own_error(seen: OfOutline) -> float:
 
 
 class _Process(NamedTuple):
-    """Normal amplitudes once the outlines were seen.
+    """Normal amplitudes once the outlines were seen."""
 
-    Parameters
-    ----------
-    log_evidence : float
-        Relative to no amplitudes.
-    change, variance : float
-        Mean and variance of the change of ln G_s.
-    """
-
-    log_evidence: float
-    change: float
-    variance: float
+    log_evidence: float  # relative to no amplitudes
+    change: float  # mean of the change of ln G_s
+    variance: float  # of that change
 
     @classmethod
     def of(cls, information: Floats, shift: Floats, response: Floats, variances: Floats) -> _Process:

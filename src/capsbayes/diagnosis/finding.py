@@ -196,10 +196,8 @@ def _without_a_shape(fits: Fits) -> list[Deviation]:
 
 
 def _together(first: Deviation, second: Deviation) -> float:
-    """Return the p-value of a deviation in both halves, by Stouffer's method.
-
-    That of the velocities from the flow rates has an error common to both, which the second half does not test again.
-    """
+    """Return the p-value of a deviation in both halves, by Stouffer's method."""
+    # That of the velocities from the flow rates has an error common to both, which the second half does not test again.
     if first.name == FLOW:
         return first.p_value
     return float(norm.sf((norm.isf(first.p_value) + _standing(first, second)) / np.sqrt(2.0)))
@@ -244,11 +242,9 @@ class _Test:
 
 
 def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
-    """Return the p-value of each test: the probability that the largest statistic under random signs is as large.
-
-    The signs as they are count among those drawn, so that no p-value is zero (Phipson & Smyth 2010, Stat. Appl. Genet.
-    Mol. Biol. 9, 39, doi:10.2202/1544-6115.1585).
-    """
+    """Return the p-value of each test: the probability that the largest statistic under random signs is as large."""
+    # The signs as they are count among those drawn, so that no p-value is zero (Phipson & Smyth 2010, Stat. Appl.
+    # Genet. Mol. Biol. 9, 39, doi:10.2202/1544-6115.1585).
     if not table:
         return np.empty(0)
     capsules = max(len(test.contributions) for test in table)
@@ -299,12 +295,10 @@ def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> lis
 
 
 def _of_flow(fits: Fits, others: int) -> list[Deviation]:
-    """Return the mean of the velocities over those of the flow rates, if these are known.
-
-    Its error is mostly that of the flow rate and the half width, which is stated and common to all; the scatter is
-    taken about the mean, where a clear offset does not count as scatter. The p-value allows for the number of other
-    tests, whose own p-values it leaves as they are.
-    """
+    """Return the mean of the velocities over those of the flow rates, if these are known."""
+    # Its error is mostly that of the flow rate and the half width, which is stated and common to all; the scatter is
+    # taken about the mean, where a clear offset does not count as scatter. The p-value allows for the number of other
+    # tests, whose own p-values it leaves as they are.
     known = fits.settled & fits.flow.known
     count = int(known.sum())
     if count <= _FEWEST:

@@ -28,46 +28,20 @@ _AGAIN = 2.0  # misfit over its freedom, over 1 or the usual one, from which a f
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """Best shapes of a model for n capsules.
+    """Best shapes of a model for n capsules."""
 
-    Parameters
-    ----------
-    theta : (n, 2) array
-        log Ca and a/l.
-    residuals : tuple of n (m,) arrays
-        Whitened.
-    slopes : tuple of n (m, 2) arrays
-        Their derivatives along log Ca and a/l.
-    log_modulus, size : (n,) arrays
-        ln G_s [N/m] at the mean viscosity, and a/l.
-    modulus_slopes : (n, 2) array
-        Derivatives of ln G_s along log Ca and a/l.
-    covariance : (n, 2, 2) array
-        Of ln G_s and a/l.
-    log_volume : (n,) array
-        Log determinant of their covariance by the picture alone, without the error of the velocity.
-    known : (n,) bool array
-        Whether the model has any shape for it.
-    settled : (n,) bool array
-        Whether the steps came to the least misfit, and not to the border of the model's domain.
-    freedom : (n,) array
-        Numbers measured of each capsule less those that are fitted: Ca, a/l, and place and tilt of an outline.
-    flow : FlowOffsets
-        Velocities over those that the flow rates give.
-    """
-
-    theta: Floats
-    residuals: tuple[Floats, ...]
-    slopes: tuple[Floats, ...]
-    log_modulus: Floats
-    size: Floats
-    modulus_slopes: Floats
-    covariance: Floats
-    log_volume: Floats
-    known: Booleans
-    settled: Booleans
-    freedom: Integers
-    flow: FlowOffsets
+    theta: Floats  # (n, 2): ln Ca and a/l
+    residuals: tuple[Floats, ...]  # n arrays (m,), whitened
+    slopes: tuple[Floats, ...]  # n arrays (m, 2): their derivatives along ln Ca and a/l
+    log_modulus: Floats  # (n,): ln G_s [N/m] at the mean viscosity
+    size: Floats  # (n,): a/l
+    modulus_slopes: Floats  # (n, 2): derivatives of ln G_s along ln Ca and a/l
+    covariance: Floats  # (n, 2, 2): of ln G_s and a/l
+    log_volume: Floats  # (n,): log determinant of it by the picture alone, without the error of the velocity
+    known: Booleans  # (n,): whether the model has any shape for it
+    settled: Booleans  # (n,): whether the steps came to the least misfit, and not to the border of the domain
+    freedom: Integers  # (n,): numbers measured less those fitted: Ca, a/l, and place and tilt of an outline
+    flow: FlowOffsets  # velocities over those that the flow rates give
 
     @property
     def ill(self) -> Booleans:
@@ -95,21 +69,9 @@ def fitted(
     *,
     everywhere: bool = True,
 ) -> Fits:
-    """Fit a model to every capsule.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    session : Session
-    white : Whitening
-        Made with this model, or with the one with which it is compared.
-    sizes : mapping of str to float or (n,) array, optional
-        Parameters of effects of the model.
-    start : (n, 2) array, optional
-        log Ca and a/l to begin at, in place of the pilots; outside the model's domain the pilots take its place.
-    everywhere : bool
-        Whether a capsule that is not fitted from there is tried again from elsewhere.
-    """
+    """Fit a model to every capsule, with the sizes of its effects."""
+    # The whitening is made with this model, or with the one with which it is compared. Outside the model's domain the
+    # pilots take the place of `start` (n, 2); `everywhere`, what is not fitted from there is tried from elsewhere.
     rest = {name: np.broadcast_to(np.asarray(value, float), len(session)) for name, value in (sizes or {}).items()}
     rest = {**session.circumstances, **rest}
     evaluate = Evaluation(model, white, rest)

@@ -23,24 +23,12 @@ LEAST_SHARED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class FlowOffsets:
-    """ln of the velocities of n capsules over those that the flow rates and their best shapes give.
+    """ln of the velocities of n capsules over those that the flow rates and their best shapes give."""
 
-    Parameters
-    ----------
-    offset : (n,) array
-        NaN where no flow rate is known, or the model has no shape.
-    variance : (n,) array
-        By the errors of the velocity and of the shape.
-    with_modulus : (n,) array
-        Covariance with ln G_s.
-    shared : (n,) array
-        Standard deviation by the errors common to all: of the flow rate, the half width and the model.
-    """
-
-    offset: Floats
-    variance: Floats
-    with_modulus: Floats
-    shared: Floats
+    offset: Floats  # (n,): NaN where no flow rate is known, or the model has no shape
+    variance: Floats  # (n,): by the errors of the velocity and of the shape
+    with_modulus: Floats  # (n,): covariance with ln G_s
+    shared: Floats  # (n,): sd by the errors common to all: of the flow rate, the half width and the model
 
     @property
     def known(self) -> Booleans:
@@ -48,10 +36,8 @@ class FlowOffsets:
         return np.isfinite(self.offset)
 
     def log_likelihood(self, log_modulus: Floats, total: Floats, mean: float) -> Floats:
-        """Return the log likelihood of each offset given ln G_s, with the likeliest common error : (n,) array.
-
-        ln G_s (n,) has the variances `total` (n,) about its mean among the capsules. Zero where there is no offset.
-        """
+        """Return the log likelihood of each offset given ln G_s, with the likeliest common error : (n,) array."""
+        # ln G_s (n,) has the variances `total` (n,) about its mean among the capsules. Zero where there is no offset.
         found, known = np.zeros(len(self.offset)), self.known
         if not known.any():
             return found
@@ -74,21 +60,9 @@ def flow_offsets(
     ratio_slopes: Floats,
     covariance: Floats,
 ) -> FlowOffsets:
-    """Compare the velocities of a session with its flow rates.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    session : Session
-    rest : mapping of str to (n,) array
-        Circumstances and sizes of effects.
-    points : (n, 2) array
-        ln Ca and a/l of the best shapes.
-    ratio : (n,) array
-        v_o/U there; its derivatives are `ratio_slopes` (n, 2).
-    covariance : (n, 2, 2) array
-        Of ln Ca and a/l, NaN where the model has no shape.
-    """
+    """Compare the velocities of a session with its flow rates, at the best shapes, points (n, 2) of ln Ca and a/l."""
+    # `rest` holds circumstances and sizes of effects; `ratio` (n,) is v_o/U; the covariance (n, 2, 2) of the points is
+    # NaN where the model has no shape.
     nothing = np.full(len(ratio), np.nan)
     if not np.isfinite(session.flow_rates).any():
         return FlowOffsets(nothing, nothing, nothing, nothing)

@@ -43,11 +43,9 @@ def score_jointly(
     alone: Fits,
     measured: Measured,
 ) -> tuple[Scores, Scores]:
-    """Score two effects jointly on a model without either; each is maximised over the size of the other.
-
-    The first was scored alone, the second with the first at its size. `alone` are the fits of the model with the first
-    alone at its size: what the second is measured against.
-    """
+    """Score two effects jointly on a model without either; each is maximised over the size of the other."""
+    # The first was scored alone, the second with the first at its size. `alone` are the fits of the model with the
+    # first alone at its size: what the second is measured against.
     pair = _Pair(model, (first, second), session, white, alone, measured)
     top = pair.climbed()
     without_second = Outcome.of(alone), first.size

@@ -30,11 +30,8 @@ def limit_scores(
     without: Fits,
     measured: Measured,
 ) -> dict[str, Scores]:
-    """Score effects on the capsules of a session at sizes from the null value on, as far as the capsules allow them.
-
-    Whitening and fits are the model's; what was `measured` elsewhere counts. Effects of which nothing is seen are
-    omitted.
-    """
+    """Score effects at sizes from the null value on, as far as the capsules of a session allow; omit those not seen."""
+    # Whitening and fits are the model's; what was `measured` elsewhere counts.
     return {
         name: _profiled(Profile(model, effect, session, white, without, measured.get(name)))
         for name, effect in candidates.items()
@@ -43,12 +40,7 @@ def limit_scores(
 
 
 def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
-    """Return a row for each effect, that which could change G_s most first, indexed by the name of its parameter.
-
-    Columns: ``effect``; ``low`` and ``high`` [``unit``], the 95 % interval of its size; ``modulus_at_low`` and
-    ``modulus_at_high``, the median G_s with these sizes over that without the effect, NaN where no capsule has a shape;
-    ``unbounded``, whether the data allow the effect up to the end of its prior.
-    """
+    """Return a row for each effect, that which could change G_s most first, indexed by the name of its parameter."""
     rows = {}
     for name, found in scores.items():
         low, high = found.interval(TWO_SIGMA)

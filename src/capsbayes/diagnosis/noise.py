@@ -13,12 +13,10 @@ from capsbayes.model import ForwardModel
 
 
 def whitening(model: ForwardModel, session: Session, *, halves: int = 2) -> Whitening:
-    """Compute the covariance of each capsule's measurement and of the model's own error there.
-
-    Evaluate it at the shape that fits the lengths, then again at the shape that fits the outline. If single outlines
-    scatter by more than is stated, their noise is larger by that much (`Discrepancy.noise`). The capsules are one of
-    so many `halves`, which have the errors of the microscope in common.
-    """
+    """Compute the covariance of each capsule's measurement and of the model's own error there."""
+    # Evaluated at the shape that fits the lengths, then again at that which fits the outline. If single outlines
+    # scatter by more than is stated, their noise is larger by that much (`Discrepancy.noise`). The capsules are one of
+    # so many `halves`, which have the errors of the microscope in common.
     among = halves * len(session)
     pilots = initial_guesses(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
     made = whitened_at(model, session, pilots, among=among)

@@ -26,19 +26,12 @@ _BANDS = 4  # of Ca, in each of which a capsule that is not fitted is tried agai
 
 @dataclass(eq=False)
 class Places(Linearised):
-    """Points in the plane (ln Ca, a/l) of n capsules, with the residuals and slopes of a model there.
+    """Points in the plane (ln Ca, a/l) of n capsules, with the residuals and slopes of a model there."""
 
-    The first two residuals are those of the loose prior about the pilots.
+    # The first two residuals are those of the loose prior about the pilots.
 
-    Parameters
-    ----------
-    ratio : (n,) array
-        v_o/U.
-    ratio_slopes : (n, 2) array
-    """
-
-    ratio: Floats
-    ratio_slopes: Floats
+    ratio: Floats  # (n,): v_o/U
+    ratio_slopes: Floats  # (n, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +77,8 @@ class Evaluation:
 def initial_guesses(
     model: ForwardModel, session: Session, rest: Mapping[str, Floats], rows: Integers, bands: int = _BANDS
 ) -> Floats:
-    """Return ln Ca and a/l (bands, k, 2) of the shapes of nearest lengths in each band of Ca, for k rows of capsules.
-
-    `rest` holds the circumstances of all and the sizes of effects.
-    """
+    """Return ln Ca and a/l (bands, k, 2) of the shapes of nearest lengths in each band of Ca, for k capsules."""
+    # `rest` holds the circumstances of all and the sizes of effects.
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
     columns = np.linspace(size_low, size_high, _GUESSES[1] + 2)[1:-1]
     ca, size = (axis.ravel() for axis in np.meshgrid(np.geomspace(ca_low, ca_high, _GUESSES[0] + 2)[1:-1], columns))

@@ -45,14 +45,11 @@ def _on_axis(outline: Floats, arc: Floats) -> float:
 
 
 class Displaced(NamedTuple):
-    """Whitened residuals (5, m) of one capsule due to displacements of the regions by l.
+    """Whitened residuals due to displacements of the regions by l, once log Ca and a/l have absorbed what they can."""
 
-    Log Ca and a/l have absorbed what they can. `row` is the capsule's, `seen` its outline.
-    """
-
-    row: int
-    seen: OfOutline
-    pattern: Floats
+    row: int  # of the capsule
+    seen: OfOutline  # its outline
+    pattern: Floats  # (5, m)
 
 
 def displaced_regions(white: Whitening, fits: Fits) -> list[Displaced]:

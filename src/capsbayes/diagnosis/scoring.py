@@ -56,32 +56,15 @@ class Population:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Log likelihood of each capsule at a few sizes of an effect.
-
-    Parameters
-    ----------
-    effect : Effect
-    sizes : (J,) array
-        Rising; the null value among them, for which the model without the effect stands.
-    log_likelihood : (J, n) array
-        With the population that is most likely at each size.
-    elsewhere : (J,) array
-        Log likelihood of measurements of the effect that do not involve the capsules.
-    modulus : (J,) array [N/m]
-        Median of the apparent G_s of the capsules at each size.
-    own_error : float
-        Standard error of the size due to the model's own error, which all capsules share.
-    without : float, optional [N/m]
-        Median G_s relative to which changes are counted, by default that at the null value.
-    """
+    """Log likelihood of each capsule at a few sizes of an effect."""
 
     effect: Effect
-    sizes: Floats
-    log_likelihood: Floats = field(repr=False)
-    elsewhere: Floats = field(repr=False)
-    modulus: Floats = field(repr=False)
-    own_error: float = 0.0
-    without: float | None = None
+    sizes: Floats  # (J,): rising; the null value among them, for which the model without the effect stands
+    log_likelihood: Floats = field(repr=False)  # (J, n): with the population that is most likely at each size
+    elsewhere: Floats = field(repr=False)  # (J,): of measurements that do not involve the capsules
+    modulus: Floats = field(repr=False)  # (J,): median of the apparent G_s of the capsules [N/m]
+    own_error: float = 0.0  # standard error of the size by the model's own error, which all capsules share
+    without: float | None = None  # median G_s [N/m] from which changes count; default: at the null value
 
     @property
     def total(self) -> Floats:
@@ -115,10 +98,8 @@ class Scores:
 
     @property
     def evidence(self) -> float:
-        """Log of the likelihood averaged over the prior of the size, relative to that at the null value.
-
-        Sizes beyond those that were tried count as impossible.
-        """
+        """Log of the likelihood averaged over the prior of the size, relative to that at the null value."""
+        # Sizes beyond those that were tried count as impossible.
         fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
         total = PchipInterpolator(self.sizes, self.total)(fine)
         prior = self.effect.prior.pdf(fine)
@@ -127,13 +108,8 @@ class Scores:
         return most + float(np.log(mean)) - float(self.total[self.null])
 
     def log_modulus_change(self, sizes: ArrayLike) -> Floats:
-        """Return the change of the median ln G_s with the effect, at sizes (k,) or the nearest that have a shape.
-
-        Returns
-        -------
-        (k,) array
-            NaN where fewer than two of the sizes that were tried have one.
-        """
+        """Return the change (k,) of the median ln G_s by the effect, at sizes (k,) or the nearest with a shape."""
+        # NaN where fewer than two of the sizes that were tried have one.
         known = np.isfinite(self.modulus)
         if known.sum() < 2:
             return np.full(np.shape(sizes), np.nan)
@@ -143,10 +119,8 @@ class Scores:
         return np.asarray(there - (null if self.without is None else np.log(self.without)))
 
     def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw changes of ln G_s due to the effect, with sizes from their posterior : (count,) array.
-
-        The log likelihood is flattened, and the own error added, as in `interval`.
-        """
+        """Draw changes of ln G_s due to the effect, with sizes from their posterior : (count,) array."""
+        # The log likelihood is flattened, and the own error added, as in `interval`.
         fine = np.linspace(self.sizes[0], self.sizes[-1], _FINE)
         total = PchipInterpolator(self.sizes, self.total)(fine)
         density = self.effect.prior.pdf(fine) * np.exp((total - total.max()) / self.sandwich)
@@ -169,11 +143,8 @@ class Scores:
         return f"{self.effect.name}, {parameter.symbol} = {best:.3g}{unit} [{low:.3g}, {high:.3g}]"
 
     def interval(self, drop: float = 0.5) -> tuple[float, float]:
-        """Return the interval of the size : 68 % for a `drop` of the log likelihood by 0.5, 95 % for 1.92.
-
-        It is that of the log likelihood, widened where the capsules scatter more than their stated errors, and by the
-        model's own error.
-        """
+        """Return the interval of the size : 68 % for a `drop` of the log likelihood by 0.5, 95 % for 1.92."""
+        # It is widened where the capsules scatter more than their stated errors, and by the model's own error.
         low, high = self.profile_interval(drop)
         own = np.sqrt(2.0 * drop) * self.own_error
         wider = [np.sqrt(self.sandwich * (end - self.size) ** 2 + own**2) for end in (low, high)]
@@ -193,10 +164,8 @@ class Scores:
 
     @property
     def sandwich(self) -> float:
-        """Variance of the size by the scatter of the capsules over that by the bend of the log likelihood, at least 1.
-
-        By the sandwich formula (Huber 1967, Proc. 5th Berkeley Symp. 1, 221; White 1982, doi:10.2307/1912526).
-        """
+        """Variance of the size by the scatter of the capsules over that by the log likelihood's bend, at least 1."""
+        # By the sandwich formula (Huber 1967, Proc. 5th Berkeley Symp. 1, 221; White 1982, doi:10.2307/1912526).
         if self.best in (0, len(self.sizes) - 1):
             return 1.0
         rows = slice(self.best - 1, self.best + 2)
@@ -210,10 +179,8 @@ class Scores:
         return max((count * float(np.var(slopes[:-1], ddof=1)) - float(bends[-1])) / bend, 1.0)
 
     def profile_interval(self, drop: float = 0.5) -> tuple[float, float]:
-        """Return the sizes at which the log likelihood is `drop` below its maximum.
-
-        Between the sizes that were tried it is a monotone cubic (Fritsch & Butland 1984, doi:10.1137/0905021).
-        """
+        """Return the sizes at which the log likelihood is `drop` below its maximum."""
+        # Between the sizes that were tried it is a monotone cubic (Fritsch & Butland 1984, doi:10.1137/0905021).
         least = float(self.total.max()) - drop
         ends = PchipInterpolator(self.sizes, self.total).solve(least, extrapolate=False)
         low = self.sizes[0] if self.total[0] >= least else ends.min(initial=self.size)
@@ -246,23 +213,11 @@ class Outcome(NamedTuple):
 
 
 class Profile:
-    """Profile likelihood of an effect on a session, at the null value and at sizes that are added.
+    """Profile likelihood of an effect on a session, at the null value and at sizes that are added."""
 
-    Parameters
-    ----------
-    model : forward model
-        Without the effect.
-    effect : Effect
-    session : Session
-    white : Whitening
-        Made with the model.
-    without : Fits
-        Of the model, which is what the effect is measured against: all effects alike, wherever they have shapes.
-    measured : (float, float), optional
-        Size of the effect as measured apart from the capsules, and its standard error.
-    known : mapping of float to Outcome, optional
-        What came of some sizes already.
-    """
+    # `model` is without the effect and made the whitening; `without` are its fits, what every effect is measured
+    # against; `measured` is a size measured apart from the capsules and its standard error; `known`, what came of some
+    # sizes.
 
     def __init__(
         self,
@@ -348,10 +303,8 @@ def _likeliest(away: Floats, totals: Floats) -> int:
 
 
 def _about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) -> list[float]:
-    """Return the sizes to try next: the top of a parabola through the best three, and two standard errors either side.
-
-    Those close to a known size are omitted.
-    """
+    """Return sizes to try next: the top of a parabola through the best three, and two standard errors either side."""
+    # Those close to a known size are omitted.
     best = _likeliest(np.array(sizes) - null, np.array(totals))
     if best in (0, len(sizes) - 1):
         neighbour = sizes[1] if best == 0 else sizes[-2]

@@ -37,28 +37,16 @@ _APART = 2.5  # standard errors between the log-likelihood ratios of two effects
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Effect that is added, with its alternatives.
+    """Effect that is added, with its alternatives."""
 
-    Parameters
-    ----------
-    scores : mapping of str to Scores
-        Of every candidate, together with the effects added before, the likeliest first; of the first of two and of
-        its alternatives, together with the second.
-    in_question : tuple of str
-        The likeliest, and those that the data do not distinguish from it; empty if none explains anything.
-    models : mapping of str to ForwardModel
-        To which each is added: with the effect added before, at its size.
-    left : mapping of str to Finding
-        Deviations that remain with each effect in question.
-    before : mapping of str to Scores
-        Of the effect added before, jointly with each that was scored with it.
-    """
+    # `scores` are of every candidate, together with the effects added before, the likeliest first; of the first of two
+    # and of its alternatives, together with the second.
 
     scores: Mapping[str, Scores]
-    in_question: tuple[str, ...]
-    models: Mapping[str, ForwardModel] = field(repr=False)
-    left: Mapping[str, Finding] = field(repr=False)
-    before: Mapping[str, Scores] = field(default_factory=dict, repr=False)
+    in_question: tuple[str, ...]  # the likeliest, and those not distinguished from it; empty if none explains anything
+    models: Mapping[str, ForwardModel] = field(repr=False)  # to which each is added: with that before, at its size
+    left: Mapping[str, Finding] = field(repr=False)  # deviations that remain with each effect in question
+    before: Mapping[str, Scores] = field(default_factory=dict, repr=False)  # of the effect before, with each scored
 
     @property
     def best(self) -> Scores:
@@ -76,10 +64,8 @@ class Step:
 
 
 def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mapping[str, Trial]]:
-    """Try every effect, and every second one together with the likeliest if deviations remain; `fits` are the model's.
-
-    Returns the steps, whether no deviation remains after the last, and the trials of each effect alone.
-    """
+    """Try every effect, and every second one with the likeliest if deviations remain; `fits` are the model's."""
+    # Returns the steps, whether no deviation remains after the last, and the trials of each effect alone.
     trials = search.trials(search.model, fits, search.candidates)
     first, explained = search.judged(_refined(trials), dict.fromkeys(search.candidates, search.model), {})
     if explained or not first.in_question:
@@ -89,33 +75,16 @@ def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mappin
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Session and model on which the effects are tried.
-
-    Parameters
-    ----------
-    model : forward model
-    candidates : mapping of str to Effect
-        By name of their parameter.
-    session : Session
-    white : Whitening
-        Made with the model.
-    seed : int
-        Of the random signs.
-    measured : mapping of str to (float, float)
-    report : callable
-        Called with the name of each effect that is tried.
-    earlier : mapping of str to Trial
-        Of each effect alone, on the same session.
-    """
+    """Session and model on which the effects are tried."""
 
     model: ForwardModel
-    candidates: Mapping[str, Effect]
+    candidates: Mapping[str, Effect]  # by name of their parameter
     session: Session
-    white: Whitening
-    seed: int
+    white: Whitening  # made with the model
+    seed: int  # of the random signs
     measured: Measured
-    report: Callable[[str], None]
-    earlier: Mapping[str, Trial] = field(default_factory=dict)
+    report: Callable[[str], None]  # called with the name of each effect that is tried
+    earlier: Mapping[str, Trial] = field(default_factory=dict)  # of each effect alone, on the same session
 
     def trials(self, here: ForwardModel, fits: Fits, names: Iterable[str]) -> dict[str, Trial]:
         """Try effects on top of a model, whose fits are given."""
@@ -133,20 +102,16 @@ class Search:
     def judged(
         self, scores: Mapping[str, Scores], models: Mapping[str, ForwardModel], before: Mapping[str, Scores]
     ) -> tuple[Step, bool]:
-        """Select the effects that are not distinguished from the best, and tell whether any leaves no deviation.
-
-        If one does, those that clearly leave something are dropped.
-        """
+        """Select the effects that are not distinguished from the best, and tell whether any leaves no deviation."""
+        # If one does, those that clearly leave something are dropped.
         alike = _indistinguishable_from_best(scores)
         left = {name: find(_with(models[name], scores[name]), self.session, seed=self.seed) for name in alike}
         explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT, LEAST_RATIO))
         return Step(scores, explaining or alike, models, left, before), bool(explaining)
 
     def add_second(self, first: Step, *, again: bool = True) -> tuple[tuple[Step, ...], bool]:
-        """Find a second effect to add to the likeliest, and the alternatives to the first.
-
-        If an alternative is likelier together with the second, the second is sought again with that.
-        """
+        """Find a second effect to add to the likeliest, and the alternatives to the first."""
+        # If an alternative is likelier together with the second, the second is sought again with that.
         used = first.in_question[0]
         names = [name for name in self.candidates if name != used]
         before, scores = self._scored_with(first.best, names)
@@ -163,10 +128,7 @@ class Search:
         return (replace(first, in_question=(used, *pairs), scores={**first.scores, **pairs}), second), True
 
     def _alternatives(self, first: Step, second: Step) -> dict[str, Scores]:
-        """Score the effects that are not distinguished from the likeliest together with the second.
-
-        The likeliest comes first.
-        """
+        """Score the effects not distinguished from the likeliest, which comes first, together with the second."""
         used, name = first.in_question[0], second.in_question[0]
         others = [other for other in self.candidates if other not in (used, name)]
         pairs = {used: second.best, **self._scored_with(second.best, others)[1]}
@@ -177,10 +139,7 @@ class Search:
         return {best: pairs[best]} | dict(sorted(alike.items(), key=lambda pair: -float(pair[1].total.max())))
 
     def _scored_with(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
-        """Score effects together with a known one; the few likeliest are scored jointly with it.
-
-        Return the scores of the known one jointly with each of these, and those of all.
-        """
+        """Score effects with a known one; return its scores jointly with each of the likeliest, and those of all."""
         here = _with(self.model, known)
         alone = fitted(here, self.session, self.white)
         scores, known_scores = _refined(self.trials(here, alone, names)), {}
@@ -238,10 +197,8 @@ def _alike_with_others(best: Scores, other: Scores) -> bool:
 
 
 def indistinguishable(lag: float, lags: Floats) -> bool:
-    """Tell whether an effect lags behind another in log likelihood by no more than a few capsules decide.
-
-    The lag is that of all that was measured, the lags (n,) those of each capsule. Beyond `AT_MOST` it decides.
-    """
+    """Tell whether an effect lags behind another in log likelihood by no more than a few capsules decide."""
+    # The lag is that of all that was measured, the lags (n,) those of each capsule. Beyond `AT_MOST` it decides.
     return lag < max(LEAST_RATIO, min(_APART * float(np.sqrt(np.sum(lags**2))), AT_MOST))
 
 
@@ -255,12 +212,10 @@ def probabilities(evidence: Mapping[str, float], trials: Mapping[str, Trial]) ->
 
 
 def evidences(scores: Mapping[str, Scores], finding: Finding) -> dict[str, float]:
-    """Return the log evidence of each effect, of `NOTHING` and of `UNKNOWN`, relative to that of `NOTHING`.
-
-    With equal prior probabilities, the odds of two explanations are the ratio of their evidences: of the likelihoods
-    averaged over the prior of the size of an effect, or over smooth deformations for something else. All
-    candidates are added to the same model, with which the finding was made; the likeliest comes first.
-    """
+    """Return the log evidence of each effect, of `NOTHING` and of `UNKNOWN`, relative to that of `NOTHING`."""
+    # With equal prior probabilities, the odds of two explanations are the ratio of their evidences: of the likelihoods
+    # averaged over the prior of the size of an effect, or over smooth deformations for something else. All candidates
+    # are added to the same model, with which the finding was made; the likeliest comes first.
     log_evidence = {name: score.evidence for name, score in scores.items()}
     log_evidence |= {NOTHING: 0.0, UNKNOWN: finding.discrepancy.evidence}
     return dict(sorted(log_evidence.items(), key=lambda item: -item[1]))

@@ -42,17 +42,9 @@ def session_modulus(
     viscosity_error: float,
     seed: int,
 ) -> SessionModulus:
-    """Return the median G_s, averaged over explanations of given weights.
-
-    Parameters
-    ----------
-    explanations : sequence of (weight, explanation)
-    without : (n,) array [N/m]
-        Apparent G_s of the capsules without an effect, NaN where the model has no shape.
-    viscosity_error : float
-        Relative standard error of the viscosity, which all capsules share.
-    seed : int
-    """
+    """Return the median G_s, averaged over explanations of given weights."""
+    # `without` (n,) [N/m] are the apparent G_s without an effect, NaN where the model has no shape; the relative error
+    # of the viscosity is common to all capsules.
     rng = np.random.default_rng([seed, len(without)])
     weights = np.array([weight for weight, _ in explanations])
     logs = np.log(without[np.isfinite(without)])

@@ -22,11 +22,9 @@ def with_own_error(model: ForwardModel, scores: Scores, session: Session) -> Sco
 
 
 def own_size_error(model: ForwardModel, scores: Scores, session: Session) -> float:
-    """Return the standard error of an effect's size that the model's own error makes if it is the same in all capsules.
-
-    Where an outline changes with the size, after Ca and a/l have absorbed what they can, the own error of each capsule
-    is taken in the direction that changes the size; zero without outlines.
-    """
+    """Return the standard error of an effect's size by the model's own error, if that is the same in all capsules."""
+    # Where an outline changes with the size, after Ca and a/l have absorbed what they can, the own error of each
+    # capsule is taken in the direction that changes the size; zero without outlines.
     name = scores.effect.parameter.name
     extended = model + scores.effect
     low, high = scores.profile_interval()

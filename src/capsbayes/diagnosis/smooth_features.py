@@ -12,21 +12,9 @@ _JITTER = 1e-8
 
 
 def smooth_features(places: Floats, lengths: Floats) -> Floats:
-    """Return features whose products are the covariances of a process of variance one.
-
-    The covariance is projected onto a lattice over the range of the places (Quiñonero-Candela & Rasmussen 2005, J.
-    Mach. Learn. Res. 6, 1939), good where this range is no more than a few length scales.
-
-    Parameters
-    ----------
-    places : (n, d) array
-    lengths : (d,) array
-        Length scales.
-
-    Returns
-    -------
-    (n, 3^d) array
-    """
+    """Return features (n, 3^d) of places (n, d) whose products are the covariances of a process of variance one."""
+    # The covariance is projected onto a lattice over the range of the places (Quiñonero-Candela & Rasmussen 2005, J.
+    # Mach. Learn. Res. 6, 1939), good where this range is no more than a few length scales (d,).
     low, high = places.min(axis=0) / lengths, places.max(axis=0) / lengths
     axes = [np.linspace(*ends, _POINTS) for ends in zip(low, high, strict=True)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lengths))

@@ -14,11 +14,7 @@ from capsbayes.diagnosis.finding import Finding
 
 
 def summary(study: Study) -> dict[str, Any]:
-    """Return the results of a diagnosis, ready for JSON.
-
-    Lengths are in metres, moduli in N/m, flow rates in m^3/s, effects in the unit of their parameter; None stands where
-    there is no number.
-    """
+    """Return the results of a diagnosis, ready for JSON: in SI, effects in their unit, None for no number."""
     model = study.tested_model
     return {
         "verdict": study.verdict.name,

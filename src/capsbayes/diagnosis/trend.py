@@ -22,23 +22,12 @@ _FEWEST = 6
 
 @dataclass(frozen=True, eq=False)
 class Trend:
-    """Apparent G_s of n capsules, against which a smooth function of velocity and a/l is tried.
+    """Apparent G_s of n capsules, against which a smooth function of velocity and a/l is tried."""
 
-    Parameters
-    ----------
-    places : (n, 2) array
-        ln v_o and a/l.
-    log_modulus : (n,) array
-    variance : (n,) array
-        Of ln G_s by the errors of measurement.
-    shared : (n, 2) array
-        Covariance of these errors with those of the places.
-    """
-
-    places: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    log_modulus: Floats = field(default_factory=lambda: np.zeros(0))
-    variance: Floats = field(default_factory=lambda: np.zeros(0))
-    shared: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    places: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (n, 2): ln v_o and a/l
+    log_modulus: Floats = field(default_factory=lambda: np.zeros(0))  # (n,)
+    variance: Floats = field(default_factory=lambda: np.zeros(0))  # (n,): of ln G_s by the errors of measurement
+    shared: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (n, 2): covariance of these errors and places
 
     @classmethod
     def of(cls, session: Session, fits: Fits) -> Trend:

@@ -170,13 +170,10 @@ def verified(
     first: Finding,
     level: float,
 ) -> tuple[tuple[Step, ...], Verification]:
-    """Compare the held-out capsules with the model, and with each further effect.
-
-    Of the effects that the first half did not distinguish, those stay in question that leave no deviation here and that
-    both halves together do not distinguish. Ratios use one covariance for all models; the remaining deviations use that
-    of the model with the effects. Of two effects, the first is returned at its size jointly with the second. The steps
-    are those of the first half, with the deviations `first` from the model; `level` is the significance of both halves.
-    """
+    """Compare the held-out capsules with the model, and with each further effect."""
+    # Of the effects that the first half did not distinguish, those stay in question that leave no deviation here and
+    # that both halves together do not distinguish. Ratios use one covariance for all models; the remaining deviations
+    # use that of the model with the effects. Of two effects, the first is returned at its size jointly with the second.
     white = whitening(model, confirm)
     *before, last = (step for step in steps if step.in_question)
     models: list[ForwardModel] = [model, *(step.after for step in before)]
@@ -224,11 +221,9 @@ def verified(
 
 
 def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ...]:
-    """Select the effects that both halves do not distinguish and that leave no deviation; one that holds comes first.
-
-    Where the likeliest leaves a deviation that may be chance, it stays in question next to less likely ones that leave
-    none, if it is far likelier than they.
-    """
+    """Select effects that both halves do not distinguish and that leave no deviation; one that holds comes first."""
+    # Where the likeliest leaves a deviation that may be chance, it stays in question next to less likely ones that
+    # leave none, if it is far likelier than they.
     ratios = {
         name: np.concatenate([step.scores[name].log_likelihood_ratios, verification.log_likelihood_ratios])
         for name, verification in tries.items()

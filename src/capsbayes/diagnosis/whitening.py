@@ -102,33 +102,20 @@ class OfOutline:
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """Whitener of each capsule, and the point at which it was made.
-
-    Parameters
-    ----------
-    each : tuple of n Whitener
-    pilots : (n, 2) array
-        log Ca and a/l.
-    outline : bool
-        Whether any of them reads outlines.
-    further : float [l]
-        Standard deviation that was added to the noise of each outline.
-    """
+    """Whitener of each capsule, and the point at which it was made."""
 
     each: tuple[Whitener, ...]
-    pilots: Floats
-    outline: bool
-    further: float = 0.0
+    pilots: Floats  # (n, 2): ln Ca and a/l
+    outline: bool  # whether any of them reads outlines
+    further: float = 0.0  # standard deviation [l] that was added to the noise of each outline
 
 
 def whitened_at(
     model: ForwardModel, session: Session, pilots: Floats, *, among: int, further: float = 0.0
 ) -> Whitening:
-    """Make the whitening at pilots (n, 2): ln Ca and a/l of a shape of the model near each capsule.
-
-    The errors of the microscope are the same `among` so many capsules. A `further` standard deviation [l] is added to
-    the noise of outlines.
-    """
+    """Make the whitening at pilots (n, 2): ln Ca and a/l of a shape of the model near each capsule."""
+    # The errors of the microscope are the same `among` so many capsules. A `further` standard deviation [l] is added to
+    # the noise of outlines.
     places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
     own = model(places).covariance[:, :2, :2]
     each: list[Whitener] = []
