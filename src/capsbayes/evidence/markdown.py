@@ -8,8 +8,6 @@ from collections.abc import Iterable, Iterator, Sequence
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
     """Yield the lines of a table.
 
-    Examples
-    --------
     >>> list(table_lines(("law", "K_s"), [("neo-Hookean", "3")]))
     ['| law | K_s |', '| --- | --- |', '| neo-Hookean | 3 |']
     """

@@ -18,36 +18,17 @@ _TILT, _SHIFT = 0.01, 0.05  # rad, l
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """A capsule in the channel.
+    """A capsule in the channel."""
 
-    Parameters
-    ----------
-    capillary_number, size_ratio : float
-        In the true channel, at the place of the capsule.
-    surface_shear_modulus : float [N/m]
-    capsule_radius : float [m]
-    capsule_velocity : float [m/s]
-        True velocity.
-    velocity_seen : float [m/s]
-        Velocity as the microscope shows it, without random errors.
-    flow_rate : float [m^3/s]
-        As the pump shows it, without random errors.
-    outline : (p, 2) array
-        Edge in the mid-plane as the microscope shows it, over the lab's value of the half width; columns (z, y), from
-        the nose through y > 0.
-    row : int
-        Of its shape in the database that it was drawn from, among those that converged.
-    """
-
-    capillary_number: float
-    size_ratio: float
-    surface_shear_modulus: float
-    capsule_radius: float
-    capsule_velocity: float
-    velocity_seen: float
-    flow_rate: float
-    outline: Floats
-    row: int = 0
+    capillary_number: float  # in the true channel, at the place of the capsule
+    size_ratio: float  # in the true channel
+    surface_shear_modulus: float  # [N/m]
+    capsule_radius: float  # [m]
+    capsule_velocity: float  # [m/s], true
+    velocity_seen: float  # [m/s], as the microscope shows it, without random errors
+    flow_rate: float  # [m^3/s], as the pump shows it, without random errors
+    outline: Floats  # (p, 2): edge in the mid-plane as seen, over the lab's half width; columns (z, y), from the nose
+    row: int = 0  # of its shape among the converged ones of the database
 
     def measured(
         self,
@@ -58,10 +39,8 @@ class Capsule:
         source: str,
         flow_rate: tuple[float, float] | None = None,
     ) -> Measurement:
-        """Return the measurement of the capsule under the name `source`, with its outline or with the lengths alone.
-
-        A flow rate is stated if the stated one over that of the pump is given, and its relative standard error.
-        """
+        """Return the measurement of the capsule under the name `source`, with its outline or with the lengths alone."""
+        # A flow rate is stated if the stated one over that of the pump is given, and its relative standard error.
         factor, relative = flow_rate or (0.0, 0.0)
         seen = Profile.from_outline(self.outline).resampled(4 * noise.points)
         start = int(rng.integers(4))
@@ -86,10 +65,9 @@ class Capsule:
 
 
 def edge_errors(points: Floats, noise: Noise, rng: np.random.Generator) -> Floats:
-    """Draw the errors (m,) of vertices (m, 2) along their normals.
-
-    They are a Gaussian process on the arc, whose scale differs from capsule to capsule where the noise has heavy tails.
-    """
+    """Draw the errors (m,) of vertices (m, 2) along their normals."""
+    # They are a Gaussian process on the arc, whose scale differs from capsule to capsule where the noise has heavy
+    # tails.
     arc = arc_length(points)
     apart = np.abs(np.subtract.outer(arc[:-1], arc[:-1]))
     same = np.eye(len(points))

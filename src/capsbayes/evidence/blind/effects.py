@@ -25,27 +25,13 @@ Drawn = Callable[[Capsule, float, Lab, int], Capsule]
 
 @dataclass(frozen=True)
 class TrueEffect:
-    """An effect that the capsules of a blind session have, and a plain model lacks.
+    """An effect that the capsules of a blind session have, and a plain model lacks."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the parameter of the catalogue's effect, if the catalogue has it.
-    unit : str
-        Unit of its size in SI, empty for a ratio.
-    simulated : callable
-        ``size -> settings``: the settings of the simulator that it changes.
-    drawn : callable
-        ``(capsule, size, lab, seed) -> capsule``: the change of a capsule as the microscope shows it.
-    lab : callable
-        ``(lab, size) -> lab``: the change of the population of capsules.
-    """
-
-    name: str
-    unit: str = ""
-    simulated: Callable[[float], dict[str, Any]] = lambda size: {}
-    drawn: Drawn = lambda capsule, size, lab, seed: capsule
-    lab: Callable[[Lab, float], Lab] = lambda lab, size: lab
+    name: str  # of the parameter of the catalogue's effect, if the catalogue has it
+    unit: str = ""  # of its size in SI, empty for a ratio
+    simulated: Callable[[float], dict[str, Any]] = lambda size: {}  # settings of the simulator that it changes
+    drawn: Drawn = lambda capsule, size, lab, seed: capsule  # as the microscope shows it
+    lab: Callable[[Lab, float], Lab] = lambda lab, size: lab  # the change of the population
 
     def combined(self, other: TrueEffect, other_size: float) -> TrueEffect:
         """Return this effect together with another of a given size, which acts first."""
@@ -170,13 +156,7 @@ TRUE_EFFECTS = MappingProxyType(
 
 
 def true_effect_named(name: str, own: Mapping[str, TrueEffect] = MappingProxyType({})) -> TrueEffect:
-    """Return the true effect of a name, in which hyphens and blanks stand for underscores; `own` ones are known too.
-
-    Raises
-    ------
-    InputError
-        If there is none; the message lists the names.
-    """
+    """Return the true effect of a name, with hyphens or blanks for underscores; `own` ones are known too."""
     effects = {**TRUE_EFFECTS, **own}
     known = name.strip().lower().replace("-", "_").replace(" ", "_")
     if known not in effects:

@@ -13,81 +13,38 @@ from capsbayes.quantity import Quantity
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of measurement, and what the lab states of them.
+    """Errors of measurement, and what the lab states of them."""
 
-    Parameters
-    ----------
-    scale : float
-        Stated standard deviation of an edge's error along the normal, over l.
-    correlation_length : float
-        Of the errors along the outline, over l; zero for independent errors.
-    velocity : float
-        Relative standard error of a capsule's velocity.
-    understated : float
-        True standard deviation over the stated one.
-    freedom : float or None
-        Degrees of freedom of Student's t, which scales the errors of whole capsules; None for Gaussian errors.
-    points : int
-        Number of vertices of a measured outline.
-    kernel : str
-        Of the errors along the outline: "exponential", as the likelihood assumes, or "squared exponential".
-    longer : float
-        True correlation length over the stated one.
-    """
-
-    scale: float = 0.01
-    correlation_length: float = 0.2
-    velocity: float = 0.01
-    understated: float = 1.0
-    freedom: float | None = None
-    points: int = 48
-    kernel: str = "exponential"
-    longer: float = 1.0
+    scale: float = 0.01  # stated standard deviation of an edge's error along the normal, over l
+    correlation_length: float = 0.2  # of the errors along the outline, over l; zero for independent errors
+    velocity: float = 0.01  # relative standard error of a capsule's velocity
+    understated: float = 1.0  # true standard deviation over the stated one
+    freedom: float | None = None  # of Student's t, which scales the errors of whole capsules; None for Gaussian errors
+    points: int = 48  # vertices of a measured outline
+    kernel: str = "exponential"  # of the errors, as the likelihood assumes; or "squared exponential"
+    longer: float = 1.0  # true correlation length over the stated one
 
 
 @dataclass(frozen=True)
 class Lab:
-    """Channel, liquid, flow rates and population of capsules.
+    """Channel, liquid, flow rates and population of capsules."""
 
-    Parameters
-    ----------
-    half_width, half_width_error : float [m]
-    viscosity, viscosity_error : float [Pa s]
-    mean_velocities : tuple of float [m/s]
-        Mean velocity of the undisturbed flow at each flow rate.
-    surface_shear_modulus : float [N/m]
-        Median over capsules in the middle of `size_ratios`.
-    spread : float
-        Standard deviation of ln G_s between capsules.
-    slope : float
-        d ln G_s / d ln a.
-    size_ratios : (float, float)
-        Range of a/l, which is uniform there.
-    noise : Noise
-    flow_rate_error : float or None
-        Relative standard error of the flow rates, common to all; None if the lab does not state them.
-    viscosity_stated : float
-        Stated viscosity over the true one.
-    """
-
-    half_width: float = 25e-6
+    half_width: float = 25e-6  # [m]
     half_width_error: float = 0.25e-6
-    viscosity: float = 0.8
+    viscosity: float = 0.8  # [Pa s]
     viscosity_error: float = 0.02
-    mean_velocities: tuple[float, ...] = (2.6e-3, 3.2e-3, 4.0e-3, 5.0e-3)
-    surface_shear_modulus: float = 0.05
-    spread: float = 0.1
-    slope: float = 0.0
-    size_ratios: tuple[float, float] = (0.79, 0.98)
+    mean_velocities: tuple[float, ...] = (2.6e-3, 3.2e-3, 4.0e-3, 5.0e-3)  # [m/s], one a flow rate
+    surface_shear_modulus: float = 0.05  # [N/m], median in the middle of `size_ratios`
+    spread: float = 0.1  # standard deviation of ln G_s between capsules
+    slope: float = 0.0  # d ln G_s / d ln a
+    size_ratios: tuple[float, float] = (0.79, 0.98)  # range of a/l, which is uniform there
     noise: Noise = field(default_factory=Noise)
-    flow_rate_error: float | None = None
-    viscosity_stated: float = 1.0
+    flow_rate_error: float | None = None  # relative, common to all; None if the lab does not state flow rates
+    viscosity_stated: float = 1.0  # over the true one
 
     def stated_over_true_flow(self, rng: np.random.Generator) -> float | None:
-        """Draw the stated flow rate over that which the nominal width and the true U give; None if not stated.
-
-        Both the flow rate and the width are wrong within their errors.
-        """
+        """Draw the stated flow rate over that which the nominal width and the true U give; None if not stated."""
+        # Both the flow rate and the width are wrong within their errors.
         if self.flow_rate_error is None:
             return None
         width = rng.normal(1.0, self.half_width_error / self.half_width)

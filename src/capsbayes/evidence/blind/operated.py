@@ -19,11 +19,9 @@ from capsbayes.profile import Profile
 
 
 def true_effect_of(effect: Effect) -> TrueEffect:
-    """Return an effect whose operator acts on the simulated shape and velocity of each capsule.
-
-    What is found again was put in by the same code then: a session tells whether the effect can be found and
-    distinguished, not whether its operator is right.
-    """
+    """Return an effect whose operator acts on the simulated shape and velocity of each capsule."""
+    # What is found again was put in by the same code then: a session tells whether the effect can be found and
+    # distinguished, not whether its operator is right.
 
     def drawn(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
         return _operated(effect, capsule, size, lab)

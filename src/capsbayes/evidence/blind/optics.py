@@ -39,10 +39,8 @@ def enlarged(outline: Floats, along: float, across: float) -> Floats:
 
 
 def distorted(outline: Floats, size: float) -> Floats:
-    """Return the outline in the middle of a picture that a lens distorts, over the half width as the picture shows it.
-
-    A point at a distance r from the middle is seen at r (1 + size r^2).
-    """
+    """Return the outline in the middle of a picture that a lens distorts, over the half width as seen there."""
+    # A point at a distance r from the middle is seen at r (1 + size r^2).
     middle = np.mean(Polygon(outline).bounds[::2])
 
     def seen(points: Floats) -> Floats:
@@ -53,10 +51,8 @@ def distorted(outline: Floats, size: float) -> Floats:
 
 
 def in_perspective(outline: Floats, size: float) -> Floats:
-    """Return the outline in the middle of a picture of a tilted plane.
-
-    Along a half width downstream the plane comes nearer to the lens by the share `size` of its distance.
-    """
+    """Return the outline in the middle of a picture of a tilted plane."""
+    # Along a half width downstream the plane comes nearer to the lens by the share `size` of its distance.
     middle = np.mean(Polygon(outline).bounds[::2])
 
     def seen(points: Floats) -> Floats:

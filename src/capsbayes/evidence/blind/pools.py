@@ -51,11 +51,9 @@ def pool_name(effect: str, size: float, block: int = 0) -> str:
 
 
 def pool_cases(block: int = 0) -> Cases:
-    """Return Ca and a/l of the shapes of each file of a pool.
-
-    Those of the first are all between the nodes of the shipped databases. Those of a further one are drawn at random,
-    one in each cell of the lattice of the first.
-    """
+    """Return Ca and a/l of the shapes of each file of a pool."""
+    # Those of the first are all between the nodes of the shipped databases. Those of a further one are drawn at random,
+    # one in each cell of the lattice of the first.
     if block == 0:
         return [(ca, size) for size in _SIZE_RATIOS for ca in _CAPILLARY_NUMBERS]
     rng = np.random.default_rng([block, len(_SIZE_RATIOS)])
@@ -104,15 +102,8 @@ def build_pools(
     workers: int | None = None,
     further: bool = False,
 ) -> dict[tuple[str, float], Database]:
-    """Build those of some pools, named by keys of `POOLS`, that a folder lacks, and return all pools.
-
-    The further files of a pool are built only if they are asked for.
-
-    Raises
-    ------
-    InputError
-        If the folder holds a pool that was made with other settings or cases.
-    """
+    """Build those of some pools, named by keys of `POOLS`, that a folder lacks, and return all pools."""
+    # The further files of a pool are built only if they are asked for; pools of other settings or cases are refused.
     pools = {}
     for effect, size in names:
         simulator = simulator_with(POOLS[effect, size], size)
@@ -128,13 +119,7 @@ def build_pools(
 
 
 def read_shapes(path: str | os.PathLike[str], effect: TrueEffect, size: float) -> Database:
-    """Return the database of a file, on whatever mesh, as the shapes of capsules with a true effect.
-
-    Raises
-    ------
-    InputError
-        If they were simulated with other settings.
-    """
+    """Return the database of a file, on whatever mesh, as the shapes of capsules with a true effect."""
     shapes = Database.read(path)
     different = set(_different(shapes, simulator_with(effect, size))) - {"refinement"}
     if different:

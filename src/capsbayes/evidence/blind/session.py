@@ -29,32 +29,16 @@ _LOWEST = 0.02  # Ca, below which two shapes may be stable
 
 @dataclass(frozen=True, eq=False)
 class BlindSession:
-    """The measurements of a lab, and the truth that it does not know.
-
-    Parameters
-    ----------
-    session : Session
-    effect : str
-        Name of the true effect, "none" if there is none.
-    size : float
-        Of the effect, in SI.
-    seed : int
-    lab : Lab
-    capsules : tuple of Capsule
-    shapes : str
-        sha256 of the database of shapes.
-    log_modulus_of_batch : float
-        ln of the median G_s [N/m] of the capsules among which these were drawn.
-    """
+    """The measurements of a lab, and the truth that it does not know."""
 
     session: Session
-    effect: str
-    size: float
+    effect: str  # name of the true effect, "none" if there is none
+    size: float  # of the effect, in SI
     seed: int
     lab: Lab
     capsules: tuple[Capsule, ...]
-    shapes: str
-    log_modulus_of_batch: float
+    shapes: str  # sha256 of the database of shapes
+    log_modulus_of_batch: float  # ln of the median G_s [N/m] of the capsules among which these were drawn
 
     @property
     def log_modulus(self) -> Floats:
@@ -72,17 +56,10 @@ class BlindSession:
 def draw_session(
     shapes: Database, effect: TrueEffect, size: float, *, lab: Lab, capsules: int, seed: int, outline: bool = True
 ) -> BlindSession:
-    """Draw a session of some capsules from stored shapes, measured with their outlines or by the lengths alone.
-
-    Capsules are drawn among all pairs of a shape and a flow rate, with the probability density of the lab's population
-    there; the pair determines G_s. The shapes were simulated with the effect if it acts on the simulation; its size is
-    in SI.
-
-    Raises
-    ------
-    InputError
-        If there are too few shapes for so many capsules.
-    """
+    """Draw a session of some capsules from stored shapes, measured with their outlines or by the lengths alone."""
+    # Capsules are drawn among all pairs of a shape and a flow rate, with the probability density of the lab's
+    # population there; the pair determines G_s. The shapes were simulated with the effect if it acts on the simulation;
+    # its size is in SI.
     rng = np.random.default_rng(seed)
     pairs, median = _pairs(shapes.converged, effect.lab(lab, size), capsules, rng)
     return _measured(shapes, pairs, effect, size, lab, seed, outline, rng, median)
@@ -100,17 +77,9 @@ def simulate_session(
     refinement: int | None = None,
     workers: int | None = None,
 ) -> BlindSession:
-    """Draw some capsules from a lab's population, simulate each at its own Ca and size, and measure them.
-
-    The database at the path `shapes` keeps the shapes: the same call repeated continues from those that are finished.
-    The size of the effect is in SI; without `outline`, lengths alone are measured; `workers` is that of
-    `build_database`.
-
-    Raises
-    ------
-    InputError
-        If too few of the capsules have a steady shape.
-    """
+    """Draw some capsules from a lab's population, simulate each at its own Ca and size, and measure them."""
+    # The database at the path `shapes` keeps the shapes: the same call repeated continues from those that are finished.
+    # The size of the effect is in SI; without `outline`, lengths alone are measured.
     rng = np.random.default_rng(seed)
     modulus, size_ratio, speed = effect.lab(lab, size).drawn(rng, int(np.ceil(_SPARE * capsules)))
     ca = capillary_number(viscosity=lab.viscosity, mean_velocity=speed, surface_shear_modulus=modulus)

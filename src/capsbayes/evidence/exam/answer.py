@@ -23,49 +23,28 @@ _LEAST = 1e-12  # probability of the truth, at least: a log score counts no furt
 
 @dataclass(frozen=True)
 class Answer:
-    """The diagnosis of one session, compared with the truth; a number that there is not is NaN.
+    """The diagnosis of one session, compared with the truth; a number that there is not is NaN."""
 
-    Parameters
-    ----------
-    outcome : str
-        "none", "right", "small set" or "large set" (with the truth among the names of each effect that is added, if the
-        catalogue has it; something else counts as one), "part" (likewise, but of two effects one alone), "unknown", or
-        "wrong".
-    names : list of str
-        Effects that were named, or the nearest.
-    p_value : float
-        Of the finding.
-    shapes : list of int
-        Rows of the pool that the capsules have.
-    log_score : float
-        Log of the probability of the truth: of no effect, of the one that was hidden, or of something else.
-    modulus, modulus_low, modulus_high : float
-        ln of the median G_s of the session and of the ends of its 95 % interval, over the true median of the batch.
-    apparent : float
-        The same of the capsules of the first half without any effect.
-    true_size, size, low, high : float
-        True and estimated size of the effect, with its 95 % interval; estimates only if it is among the names.
-    seconds : float
-        Processor time.
-    ahead : float
-        Log evidence of what was named, or is nearest, over that of something else, by both halves.
-    """
+    # Outcomes are "none", "right", "small set" or "large set" (with the truth among the names of each effect that is
+    # added, if the catalogue has it; something else counts as one), "part" (likewise, but of two effects one alone),
+    # "unknown", or "wrong". The modulus and its 95 % interval are ln of the median G_s over the true median of the
+    # batch.
 
     outcome: str
-    names: list[str]
-    p_value: float
-    shapes: list[int]
-    log_score: float
+    names: list[str]  # effects that were named, or the nearest
+    p_value: float  # of the finding
+    shapes: list[int]  # rows of the pool that the capsules have
+    log_score: float  # log of the probability of the truth: no effect, the hidden one, or something else
     modulus: float
     modulus_low: float
     modulus_high: float
-    apparent: float
-    seconds: float
+    apparent: float  # as the modulus, of the first half without any effect
+    seconds: float  # processor time
     true_size: float = np.nan
-    size: float = np.nan
-    low: float = np.nan
+    size: float = np.nan  # estimate, if the effect is among the names
+    low: float = np.nan  # end of its 95 % interval
     high: float = np.nan
-    ahead: float = np.nan
+    ahead: float = np.nan  # log evidence of what was named, or is nearest, over that of something else, by both halves
 
 
 def answer_session(cell: Cell, seed: int, shapes: Database, model: ForwardModel) -> Answer:

@@ -15,11 +15,10 @@ _DRAWS = 2000
 
 @dataclass(frozen=True)
 class Share:
-    """Number of sessions with a property, of how many, and bounds of the share, each of 95 % on its side.
+    """Number of sessions with a property, of how many, and bounds of the share, each of 95 % on its side."""
 
-    Each bound is the wider of that of independent sessions (Clopper & Pearson 1934, doi:10.1093/biomet/26.4.404) and
-    that of a bootstrap over sessions and over shapes (Owen 2007, doi:10.1214/07-AOAS122).
-    """
+    # Each bound is the wider of that of independent sessions (Clopper & Pearson 1934, doi:10.1093/biomet/26.4.404) and
+    # that of a bootstrap over sessions and over shapes (Owen 2007, doi:10.1214/07-AOAS122).
 
     counted: int
     of: int

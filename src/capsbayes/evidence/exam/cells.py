@@ -66,48 +66,24 @@ def _middle(lab: Lab) -> float:
 
 @dataclass(frozen=True)
 class Cell:
-    """Sessions with the same hidden fault.
+    """Sessions with the same hidden fault."""
 
-    Parameters
-    ----------
-    name : str
-    effect : str
-        Name of the true effect.
-    size : float
-        In SI, but the halo over the half width, and the motion during the exposure and the swelling over the half width
-        at the middle flow rate.
-    known : bool
-        True if the catalogue has the effect.
-    sessions : int
-    removed : tuple of str
-        Effects taken out of the catalogue.
-    outline : bool
-        False if lengths alone are measured.
-    clear : bool
-        True if the effect moves edges by 0.015 l or more, or the apparent G_s of some capsules by 10 % or more relative
-        to others, or the velocity by 8 %.
-    also : tuple of (str, float)
-        Further true effects and their sizes.
-    flow_rates : bool or None
-        Whether the labs state flow rates; None if half of them do.
-    own : mapping of str to Effect
-        Effects of a user's own by name of their parameter, tried as well.
-    own_file : str
-        sha256 of the file of these effects.
-    """
+    # Sizes are in SI, but the halo is over the half width, and the motion during the exposure and the swelling over the
+    # half width at the middle flow rate. A fault is clear if it moves edges by 0.015 l or more, or the apparent G_s of
+    # some capsules by 10 % or more relative to others, or the velocity by 8 %.
 
     name: str
-    effect: str
+    effect: str  # name of the true effect
     size: float
-    known: bool
+    known: bool  # whether the catalogue has it
     sessions: int = _SESSIONS
-    removed: tuple[str, ...] = ()
-    outline: bool = True
+    removed: tuple[str, ...] = ()  # effects taken out of the catalogue
+    outline: bool = True  # False if lengths alone are measured
     clear: bool = False
-    also: tuple[tuple[str, float], ...] = ()
-    flow_rates: bool | None = None
-    own: Mapping[str, Effect] = field(default_factory=dict)
-    own_file: str = ""
+    also: tuple[tuple[str, float], ...] = ()  # further true effects and their sizes
+    flow_rates: bool | None = None  # whether the labs state flow rates; None if half of them do
+    own: Mapping[str, Effect] = field(default_factory=dict)  # effects of a user's own, tried as well
+    own_file: str = ""  # sha256 of the file of these effects
 
     @property
     def null(self) -> bool:

@@ -37,14 +37,11 @@ def examine(
     workers: int | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Answers:
-    """Diagnose every session of a half of the exam that has no answer yet, in rounds over all cells.
-
-    The answers of a cell are kept in one file in the folder of the half in `out`, a line each, written as soon as it is
-    known, so that the same call repeated continues where it ended. A session is diagnosed anew if its cell, the shapes
-    or the model have changed since, not if the code of the diagnosis has, which each answer states. `pools` is the
-    folder of the databases of shapes, see `build_pools`; by default there is one worker process for each core; `tell`
-    is called with a line for each round that begins.
-    """
+    """Diagnose every session of a half of the exam that has no answer yet, in rounds over all cells."""
+    # The answers of a cell are kept in one file in the folder of the half in `out`, a line each, written as soon as it
+    # is known, so that the same call repeated continues where it ended. A session is diagnosed anew if its cell, the
+    # shapes or the model have changed since, not if the code of the diagnosis has, which each answer states. `pools` is
+    # the folder of the databases of shapes; `tell` is called with a line for each round that begins.
     folder = Path(out) / half
     begin = _APART * HALVES[half]
     make_folder(folder)

@@ -33,13 +33,8 @@ def code_digest() -> str:
 
 
 def freeze(out: str | os.PathLike[str]) -> None:
-    """Record the code of the diagnosis in the folder of the exam.
-
-    Raises
-    ------
-    InputError
-        If the locked half was opened with other code: what was seen of it cannot be unseen.
-    """
+    """Record the code of the diagnosis in the folder of the exam, unless the locked half was opened with other code."""
+    # What was seen of the locked half cannot be unseen.
     folder = Path(out)
     if frozen(folder) != code_digest() and any((folder / "locked").glob("*.jsonl")):
         expected, got = "a locked half that was not opened yet", "answers of another diagnosis"
@@ -55,12 +50,7 @@ def frozen(out: str | os.PathLike[str]) -> str | None:
 
 
 def check_frozen(out: str | os.PathLike[str]) -> None:
-    """Refuse to open the locked half with a diagnosis that was not frozen, or has changed since.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse to open the locked half with a diagnosis that was not frozen, or has changed since."""
     there = frozen(out)
     if there != code_digest():
         got = "none" if there is None else "that of another diagnosis"

@@ -28,11 +28,9 @@ def in_words() -> str:
 
 
 def drawn_lab(rng: np.random.Generator, *, flow_rates: bool | None = None) -> tuple[Lab, int]:
-    """Draw a laboratory and the number of its capsules; half of the labs state flow rates, or all, or none.
-
-    The kernel of the errors along the outline, their amplitude and their correlation length are not those that the lab
-    states, and of a third of the labs they have heavy tails.
-    """
+    """Draw a laboratory and the number of its capsules; half of the labs state flow rates, or all, or none."""
+    # The kernel of the errors along the outline, their amplitude and their correlation length are not those that the
+    # lab states, and of a third of the labs they have heavy tails.
     half_width, viscosity, middle = (_log_uniform(rng, ends) for ends in (_HALF_WIDTHS, _VISCOSITIES, _VELOCITIES))
     reach = rng.uniform(*_REACH)
     velocities = np.geomspace(middle / np.sqrt(reach), middle * np.sqrt(reach), int(rng.integers(*_FLOW_RATES)))

@@ -24,15 +24,8 @@ SYMBOLS = {name: PARAMETERS[name].symbol for name in QUANTITIES}
 def steady(
     simulator: Simulator, capillary_number: float, size_ratio: float, start: SteadyState | None = None
 ) -> SteadyState:
-    """Return the steady state of a case, from rest or from another state.
-
-    A state that its mesh does not resolve is returned too; its slack shows it.
-
-    Raises
-    ------
-    CapsbayesError
-        If it was not found.
-    """
+    """Return the steady state of a case, from rest or from another state; raise if none is found."""
+    # A state that its mesh does not resolve is returned too; its slack shows it.
     state = simulator.run(
         capillary_number=capillary_number, size_ratio=size_ratio, start="rest" if start is None else start
     )
@@ -69,8 +62,6 @@ class Limit(NamedTuple):
 def fitted_rate(refinements: ArrayLike, errors: ArrayLike) -> float:
     """Fit the exponent p of errors c n^-p, by least squares of the logarithms; NaN if an error is.
 
-    Examples
-    --------
     >>> round(fitted_rate([4, 8], [1.0, 0.125]), 6)
     3.0
     """
@@ -81,8 +72,6 @@ def fitted_rate(refinements: ArrayLike, errors: ArrayLike) -> float:
 def fitted_limit(refinements: ArrayLike, values: ArrayLike) -> Limit:
     """Fit limit and rate of values q + c n^-p, by least squares; NaN if a value is.
 
-    Examples
-    --------
     >>> n = np.array([6.0, 8.0, 12.0, 16.0])
     >>> limit = fitted_limit(n, 2.0 + 3.0 * n**-2.5)
     >>> round(limit.value, 6), round(limit.rate, 3)

@@ -16,8 +16,6 @@ from capsbayes.evidence.verification.topic import Reference
 class Published:
     """A table of numbers from one source.
 
-    Examples
-    --------
     >>> UNDISTURBED.at("circular", "pressure_gradient")
     Reference(value=8.0, source='closed form; series, White, Viscous Fluid Flow, 3-48')
     """

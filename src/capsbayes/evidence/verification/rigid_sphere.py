@@ -53,11 +53,9 @@ class RigidMotion(NamedTuple):
 
 
 def rigid_sphere(problem: Problem, size_ratio: float) -> RigidMotion:
-    """Compute the motion of a force-free rigid sphere on the axis, in the cross-section of a problem.
-
-    The traction f solves v_inf + (single layer) + (walls) = V e_z on the sphere with zero total force; its constant
-    normal part, which causes no motion, is set to zero.
-    """
+    """Compute the motion of a force-free rigid sphere on the axis, in the cross-section of a problem."""
+    # The traction f solves v_inf + (single layer) + (walls) = V e_z on the sphere with zero total force; its constant
+    # normal part, which causes no motion, is set to zero.
     mesh, basis, channel = problem.mesh, problem.mesh.basis, problem.channel
     nodes = size_ratio * mesh.nodes
     targets = nodes[mesh.wedge]

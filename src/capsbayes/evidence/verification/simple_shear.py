@@ -53,15 +53,12 @@ def _deformation(capillary_number: float, time: float, refinement: int) -> Value
 def taylor_deformation(mesh: OctaSphere, nodes: Floats) -> float:
     """Compute D = (L - B) / (L + B) of the ellipsoid that has the capsule's inertia, with its axes in the plane x = 0.
 
-    The nodes (N, 3) of the deformed mesh are in any unit, the centroid at the origin.
-
-    Examples
-    --------
     >>> from capsbayes.physics.surface.octasphere import octasphere
     >>> sphere = octasphere(8)
     >>> round(taylor_deformation(sphere, sphere.nodes * [1.0, 0.9, 1.1]), 4)
     0.1
     """
+    # The nodes (N, 3) of the deformed mesh are in any unit, the centroid at the origin.
     rule = dunavant(6)
     points = p2(rule.points) @ nodes[mesh.elements]
     tangents = np.einsum("qka,eki->eqai", p2_gradient(rule.points), nodes[mesh.elements])

@@ -43,27 +43,15 @@ class Target(NamedTuple):
 class Row:
     """A computed number, compared with another.
 
-    Parameters
-    ----------
-    quantity : str
-        Its name, in words or symbols.
-    ours : float
-        The number, NaN where it was not computed.
-    reference : Reference, optional
-    target : Target, optional
-        Without one, the row has no verdict.
-
-    Examples
-    --------
     >>> row = Row("centre velocity", 2.001, Reference(2.0, "closed form"), Target("relative", 1e-4))
     >>> f"{row.difference:.1e}", row.verdict
     ('5.0e-04', 'missed')
     """
 
-    quantity: str
-    ours: float
+    quantity: str  # its name, in words or symbols
+    ours: float  # NaN where it was not computed
     reference: Reference | None = None
-    target: Target | None = None
+    target: Target | None = None  # without one, the row has no verdict
 
     @property
     def is_relative(self) -> bool:
@@ -128,8 +116,6 @@ class Results:
     def value(self, item: str, name: str) -> float:
         """Return one number, NaN where the item has not been computed or failed.
 
-        Examples
-        --------
         >>> results = Results({"n = 4": Outcome(0.1, {"error": 1e-3})})
         >>> results.value("n = 4", "error"), results.value("n = 6", "error")
         (0.001, nan)
@@ -148,29 +134,14 @@ class Results:
 
 @dataclass(frozen=True)
 class Topic:
-    """Topic of verification.
+    """Topic of verification."""
 
-    Parameters
-    ----------
-    name : str
-        Its name on the command line, and that of the picture's file.
-    title : str
-    about : str
-        A sentence or two on what is compared.
-    items : mapping of str to callable
-        The computations, by the names under which their outcomes are stored.
-    rows : callable
-        Returns the rows of the table, from results that may be incomplete.
-    picture : callable, optional
-        Draws the results on a figure once every item has ended; a failed one is NaN.
-    """
-
-    name: str
+    name: str  # on the command line, and of the picture's file
     title: str
-    about: str
-    items: Mapping[str, Callable[[], Values]]
-    rows: Callable[[Results], Iterable[Row]]
-    picture: Callable[[Results, Figure], None] | None = None
+    about: str  # a sentence or two on what is compared
+    items: Mapping[str, Callable[[], Values]]  # the computations, by the names under which their outcomes are stored
+    rows: Callable[[Results], Iterable[Row]]  # of the table, from results that may be incomplete
+    picture: Callable[[Results, Figure], None] | None = None  # drawn once every item has ended; a failed one is NaN
 
     def missing(self, results: Results) -> list[str]:
         """Return the items that have not been computed."""

@@ -24,17 +24,10 @@ def verify(
     only: str | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> dict[str, list[Row]]:
-    """Compute the missing items of topics, or of one of them, write the page, and return the rows of each topic.
-
-    Each outcome is stored at once in ``results.jsonl`` of the folder `out`, which is made if it does not exist; the
-    page of all known outcomes is written anew after each topic that was computed. `tell` is called with a line for
-    each item that begins.
-
-    Raises
-    ------
-    InputError
-        If there is no such topic, the folder cannot be written, or ``results.jsonl`` holds something else.
-    """
+    """Compute the missing items of topics, or of one of them, write the page, and return the rows of each topic."""
+    # Each outcome is stored at once in ``results.jsonl`` of the folder `out`, which is made if it does not exist; the
+    # page of all known outcomes is written anew after each topic that was computed. `tell` is called with a line for
+    # each item.
     by_name = {topic.name: topic for topic in topics}
     if only is not None and only not in by_name:
         raise InputError("verify", "only", f"one of {', '.join(by_name)}", repr(only))
