@@ -22,7 +22,11 @@ _OF_EFFECTS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.115, 0.13)
 
 
 def default_grid() -> Cases:
-    """Return 418 cases (Ca, a/l) with a/l from 0.70 to 1.15 by 0.025 and Ca from 0.003 to 0.15, sorted by a/l."""
+    """Return cases (Ca, a/l) with a/l from 0.70 to 1.15 by 0.025 and Ca from 0.003 to 0.15, sorted by a/l.
+
+    >>> len(default_grid()), default_grid()[0], default_grid()[-1]
+    (418, (0.003, 0.7), (0.15, 1.15))
+    """
     return _grid(_CAPILLARY_NUMBERS, 0.7, 0.025, 19)
 
 

@@ -90,7 +90,11 @@ def _flow_rate(harmonic: _Harmonic, radius: float) -> float:
 
 @dataclass(frozen=True)
 class RoundedSquareChannel(Channel):
-    """Square cross-section of half width one whose corners are arcs of radius `corner_radius`, from 0 to 1."""
+    """Square cross-section of half width one whose corners are arcs of radius `corner_radius`, from 0 to 1.
+
+    >>> round(RoundedSquareChannel(0.2).pressure_gradient, 4)
+    7.0671
+    """
 
     corner_radius: float
 
