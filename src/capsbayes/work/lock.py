@@ -26,7 +26,7 @@ _BEYOND = 1 << 20  # a byte far behind the name of the owner, which stays readab
 
 @contextlib.contextmanager
 def only_run(out: Path) -> Iterator[None]:
-    """Refuse to write `out` while another run does; make its folder, or the folder of a file, if need be."""
+    """Refuse to write `out` while another run does; make the folder of `out` if it does not exist."""
     # The operating system holds the lock as long as the process lives, on the file ``.NAME.lock`` next to a file, or
     # ``.lock`` in a folder. Without locks there, a warning is logged: results are whole even so, but work may be done
     # twice.
