@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.input_file import PICTURES, InputFile
