@@ -73,11 +73,8 @@ def _is_plain(kind: Any) -> bool:
     if get_origin(kind) is Sequence:
         return isinstance(get_args(kind)[0], type)
     kind = get_origin(kind) or kind
-    return (
-        isinstance(kind, type)
-        and not getattr(kind, "_is_protocol", False)
-        and kind not in (Any, tuple, list, np.ndarray)
-    )
+    protocol = getattr(kind, "_is_protocol", False)
+    return isinstance(kind, type) and not protocol and kind not in (Any, tuple, list, np.ndarray)
 
 
 def _is(value: Any, kind: Any) -> bool:

@@ -58,6 +58,7 @@ _WORDS = {
     "surrogate": "model's own error",
     "outline": "errors of the outline",
     TOGETHER: "the membrane together, beyond each of these",
+    REST: "remainder",
 }
 
 
