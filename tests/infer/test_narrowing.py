@@ -41,6 +41,11 @@ def test_the_narrowest_comes_first_and_none_is_wider_than_now(posterior, expecte
     assert {"outline", "pre_inflation"} < set(expected)
 
 
+def test_no_shape_narrows_what_viscosity_and_velocity_leave_open(posterior, expected):
+    inputs = posterior.density.force_scale.log_marginal().sd
+    assert min(value for name, value in expected.items() if name != "membrane_thickness") > inputs
+
+
 def test_a_coordinate_known_leaves_the_mean_width_at_its_values(model, posterior, expected, experiment, capsule):
     """At the middles of six parts of equal probability of the inflation, which moves G_s most here."""
     shares = (np.arange(REPEATS) + 0.5) / REPEATS

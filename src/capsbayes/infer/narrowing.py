@@ -69,15 +69,15 @@ def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) 
     rows = grid.resampled(np.random.default_rng([0, 5]), _DRAWS)
     theta = grid.frame.theta(grid.points[rows])
     log_modulus = _log_modulus(grid, theta)
-    of_inputs = total - float(np.var(log_modulus))  # of viscosity and velocity, and chance
+    between = grid.variance_of_mean(modulus)  # the rest is of viscosity and velocity
 
     def narrower(later: Callable[[Mapping[str, float]], Data]) -> float:
         numbers = later(grid.middle)(theta)
         if np.mean(np.isfinite(numbers[:, 0])) < _LEAST_INSIDE:
             return total
-        linear = total - _explained(log_modulus, numbers)
+        linear = between * (1.0 - _explained(log_modulus, numbers))
         local = _linearised(grid, measurement, grid.points[rows[:_PLACES]], later)
-        return float(np.fmin(linear, local + max(of_inputs, 0.0)))
+        return total - between + float(np.fmin(linear, local))
 
     if "bending" in left:
         left[THICKNESS] = narrower(lambda pilot: _log_thickness)
@@ -96,12 +96,13 @@ def _log_modulus(grid: WeightedPosterior, theta: Theta) -> Floats:
 
 
 def _explained(log_modulus: Floats, numbers: Floats) -> float:
-    """Return the variance of ln G_s (n,) that a linear estimate from data (n, m) explains; rows of NaN are left out."""
+    """Return the share of Var(ln G_s), (n,), that a linear estimate from data (n, m) explains, without rows of NaN."""
     inside = np.isfinite(numbers[:, 0])
     away = numbers[inside] - numbers[inside].mean(axis=0)
     other = log_modulus[inside] - log_modulus[inside].mean()
     both = other @ away / len(away)
-    return float(both @ np.linalg.solve(away.T @ away / len(away) + np.eye(away.shape[1]), both))
+    explained = both @ np.linalg.solve(away.T @ away / len(away) + np.eye(away.shape[1]), both)
+    return float(explained / np.mean(other**2))
 
 
 def _linearised(

@@ -106,6 +106,11 @@ class WeightedPosterior(NodePosterior):
         """Return rows of the points, in random order, as often as their weights say : (count,) array."""
         return np.asarray(rng.permutation(rows_by_weight(self.weights, rng, count)))
 
+    def variance_of_mean(self, name: str) -> float:
+        """Return the variance of the mean of the logarithm of a quantity over the shapes and membranes."""
+        logs = self._mean_logs[name]
+        return float(self.weights @ (logs - self.weights @ logs) ** 2)
+
     def variance_given(self, coordinate: str, name: str) -> float:
         """Return the variance of the mean of the logarithm of a quantity over the values of a coordinate.
 
