@@ -33,7 +33,7 @@ def test_files_and_folders_are_opened_as_what_they_are(tmp_path):
 
 
 def test_what_has_no_page_is_said(tmp_path):
-    with pytest.raises(InputError, match="expected a posterior, a population or a database, or a study, got int"):
+    with pytest.raises(InputError, match="result: expected a Posterior or a Population or a Study"):
         cb.write_report(3, tmp_path / "page.html")
     (tmp_path / "folder").mkdir()
     with pytest.raises(InputError, match="expected the name of a file to write, got a folder"):

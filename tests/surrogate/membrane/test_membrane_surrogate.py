@@ -9,7 +9,7 @@ from capsbayes.profile import Profile
 from capsbayes.surrogate.membrane.coordinates import along_coordinates, coordinates
 from capsbayes.surrogate.membrane.kernel import averaged, each, reached
 from capsbayes.surrogate.membrane.local_fits import local_fits
-from capsbayes.surrogate.membrane.surrogate import _OF_THE_MESH, MembraneSurrogate
+from capsbayes.surrogate.membrane.surrogate import OF_THE_MESH, MembraneSurrogate
 from capsbayes.surrogate.surrogate import Surrogate
 from capsbayes.testing import check_model
 
@@ -120,7 +120,7 @@ def test_states_left_out_are_found_within_the_stated_error(left_out):
     inside = predicted.inside
     assert inside.mean() > 0.9
     away = (predicted.values - states["numbers"][:, :3])[inside]
-    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance) / _OF_THE_MESH)[inside]
+    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance) / OF_THE_MESH)[inside]
     assert np.all(np.median(np.abs(score), axis=0) < 1.0)
     assert np.all(np.mean(np.abs(score) < 2.0, axis=0) > 0.85)
     assert np.all(np.median(np.abs(away) / states["numbers"][inside, :3], axis=0) < 3e-3)

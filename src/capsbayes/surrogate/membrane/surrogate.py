@@ -26,11 +26,11 @@ _LENGTH = 1  # of the numbers, L_a
 _LOGARITHMIC = ("area_dilation_modulus", "bending")  # of which the order of magnitude is not known
 _CHANGES = 0.3  # of the distance up to which states take part in predictions: over it the error changes
 _ERROR = 0.8  # standard deviations of the error for one of the differences between local polynomials
-_OF_THE_MESH = 32.0
+OF_THE_MESH = 32.0
 """Variance of the whole error over that between the states. All states are of one mesh, of refinement 8, whose outlines
 are 0.8e-3 l (median; rms 1.5e-3 l) from those of refinement 12, which differences between the states do not show. It is
 the least power of two with which the drawn picture of the README (refinement 12) has its K and G_s in the intervals."""
-_VARIANCE = _OF_THE_MESH * _ERROR**2  # of the error, over that of the local polynomials
+_VARIANCE = OF_THE_MESH * _ERROR**2  # of the error, over that of the local polynomials
 
 
 @dataclass(frozen=True, eq=False)

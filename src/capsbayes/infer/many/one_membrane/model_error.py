@@ -4,7 +4,7 @@ Forty outlines tell so much that an error of the model of a tenth of the noise m
 several units. Between membranes over which the error changes, these are different numbers: some membrane near the true
 one looks better than it is, and the posterior is narrow about it. So the posterior is averaged over what the error may
 be at each membrane: over random functions whose variance is that of the log density, and which change over the distance
-over which the model's own error does.
+over which the model's own error does. The error of the mesh, which all membranes have alike, is not among these.
 
 References
 ----------
@@ -22,6 +22,7 @@ from scipy.special import logsumexp
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.many.one_membrane.conditional import OWN_STEPS, Capsules, Membranes
+from capsbayes.surrogate.membrane.surrogate import OF_THE_MESH
 
 FUNCTIONS = 256
 """Random functions over which posteriors are averaged."""
@@ -107,7 +108,7 @@ def _variance(capsules: Capsules, membranes: Membranes, own: Floats) -> Floats:
     """Return the variance of some membranes : (d,) array."""
     model, rows = capsules.model, capsules.batch.rows
     theta = model.theta(membranes, own)
-    covariances = np.nan_to_num(model(theta).covariances, copy=False)
+    covariances = np.nan_to_num(model(theta).covariances, copy=False) / OF_THE_MESH
     covariances = covariances.reshape(*own.shape[:2], *covariances.shape[1:])
     steps = np.diag(OWN_STEPS[: own.shape[2]])
     _, slopes = model.with_slopes(theta, [model.theta(membranes, own + step) for step in steps])
