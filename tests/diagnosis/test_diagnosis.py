@@ -38,7 +38,7 @@ def session_with(model, name, size, *, seed=7):
 
 
 def test_a_right_model_misses_nothing(model):
-    session, _ = drawn_session(model, CAPSULES, seed=11, outline=True)
+    session, _ = drawn_session(model, 16, seed=11, outline=True)
     study = diagnose(session, model, seed=3)
     assert study.verdict is Verdict.NONE
     assert study.model is model

@@ -10,6 +10,7 @@ from scipy.special import expit, softmax
 
 from capsbayes.infer.many.one_membrane.conditional import Capsules
 from capsbayes.infer.many.one_membrane.model_error import FUNCTIONS, averaged, log_density_variance
+from capsbayes.surrogate.membrane.surrogate import OF_THE_MESH
 
 
 @pytest.fixture
@@ -59,7 +60,7 @@ def test_the_variance_is_that_of_the_misfit_by_errors_that_no_shape_absorbs(batc
         squares.append(
             np.mean(np.sum((wrong - absorbed @ np.linalg.lstsq(absorbed, wrong, rcond=None)[0]) ** 2, axis=0))
         )
-    assert found[0] == pytest.approx(np.sum(squares), rel=0.05)
+    assert OF_THE_MESH * found[0] == pytest.approx(np.sum(squares), rel=0.05)
 
 
 def test_shapes_that_absorb_every_error_leave_no_variance(batch):
