@@ -20,7 +20,7 @@ _ROWS = 64  # of all frames that are held in memory a second time
 _CORE = 0.8  # of the half width: part of the channel whose light is averaged along it
 _FAINT = 0.01  # of the light: larger differences from a smooth trend are objects
 _TILE = 8  # px: side of the squares over which light is averaged, in every second row, where frames are compared
-_FLICKER, _STEADY = 5.0, 0.01  # largest factor, and smallest change, by which the light of frames is evened out
+FLICKER, _STEADY = 5.0, 0.01  # largest factor, and smallest change, by which the light of frames is evened out
 _FEWEST_TURNS = 4  # frames that tell that two kinds of them take turns
 _APART = 0.4  # of the logarithm of a level: a lamp that flickers by a fifth to either side changes it by as much
 _KINDS, _BLACK = (0.01, 0.5, 0.99), 4.0  # quantiles of the grey levels of a frame; levels that make no difference
@@ -76,7 +76,7 @@ def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) 
         for each in (grey, reference)
     )
     ratio = quantile(transmission(tiles, empty).ravel(), share) if median(empty) > 0.0 else 1.0
-    return ratio if 1.0 / _FLICKER < ratio < _FLICKER and abs(ratio - 1.0) > _STEADY else 1.0
+    return ratio if 1.0 / FLICKER < ratio < FLICKER and abs(ratio - 1.0) > _STEADY else 1.0
 
 
 def take_turns(frames: Iterable[NDArray[Any]]) -> bool:

@@ -18,6 +18,7 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.background import (
+    FLICKER,
     brightness,
     estimate_background,
     flatten,
@@ -30,6 +31,7 @@ from capsbayes.image.by_hand import ByHand
 from capsbayes.image.contrast import Contrast, runs_upright
 from capsbayes.image.detection import analyse_blob
 from capsbayes.image.edges.outline import pixel_noise
+from capsbayes.image.empty_channel import check_light, check_place
 from capsbayes.image.files.film import Film
 from capsbayes.image.files.picture import Picture, Pixels, packed
 from capsbayes.image.film_capsule import FilmCapsule, FrameRecord
@@ -160,7 +162,7 @@ def measure_film(
     given = background is not None
     # they tell the background, the contrast, and whether the film was smoothed
     sampled: list[Pixels] = [packed(picture.grey) for picture in _sample(film, by_hand, given=given)]
-    stated = None if background is None else read_picture(background).turned(film.quarters).grey
+    stated = None if background is None else read_picture(background).turned(film.quarters)
     view = _view(film, stated, sampled, by_hand, experiment)
     if isinstance(view, Status):
         return FilmMeasurement(view)
@@ -242,15 +244,20 @@ def _sample(film: Film, by_hand: ByHand, *, given: bool) -> Iterable[Picture]:
 
 
 def _view(
-    film: Film, stated: Floats | None, sampled: list[Pixels], by_hand: ByHand, experiment: Experiment
+    film: Film, background: Picture | None, sampled: list[Pixels], by_hand: ByHand, experiment: Experiment
 ) -> _View | Status:
     """Return how the frames are seen before the empty channel, which is stated or shows between the capsules."""
     first = next((picture for picture in film.frames() if picture is not None), None)
     if first is None:
         raise InputError(str(film.source), "", "frames that can be read", "none")
-    if stated is not None and first.shape != stated.shape:
+    if background is not None and first.shape != background.shape:
         return Status.BACKGROUND_DIFFERS
     rows, columns = part = by_hand.part(first.shape)
+    stated = None
+    if background is not None:
+        background = background.cut(part)
+        check_light(first.cut(part), background, FLICKER)
+        stated = background.grey
     if take_turns(picture.grey for picture in islice(film.frames(part), _FIRST) if picture is not None):
         return Status.TAKE_TURNS
     if stated is None and len(sampled) < 3:
@@ -259,9 +266,12 @@ def _view(
         )
     lines = by_hand.lines_in_part(first.shape, experiment.half_width)
     sampled = [frame[part] for frame in sampled if frame.shape == first.shape]
-    sampled = _evenly_lit(sampled, sampled[len(sampled) // 2] if stated is None else stated[part])
-    empty = temporal_median(sampled) if stated is None else stated[part]
+    sampled = _evenly_lit(sampled, sampled[len(sampled) // 2] if stated is None else stated)
+    empty = temporal_median(sampled) if stated is None else stated
     contrast = Contrast.of(sampled, empty, lines, by_hand.contrast)
+    if background is not None:
+        seen = temporal_median(sampled) if len(sampled) >= 3 else sampled[0]
+        check_place(contrast.darkened(seen), contrast.shown(background), contrast.walls)
     if contrast.walls is not None and stated is None:
         freed = _without_capsules(sampled, empty, contrast, contrast.walls)
         if freed is None:
