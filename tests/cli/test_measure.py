@@ -210,3 +210,12 @@ def test_a_file_of_unknown_kind_is_taken_for_what_its_first_bytes_say(folder):
     assert isinstance(result.exception, InputError)
     message = r"other\.dat: expected a file that shows a capsule: PNG, TIFF, .*, got one that is none of them"
     assert re.search(message, str(result.exception))
+
+
+@pytest.mark.parametrize(("name", "message"), [("x.rtdc", "show to be PNG; rename it"), ("x.csv", "got zero bytes")])
+def test_a_picture_by_another_name_is_named_before_its_options(folder, name, message):
+    folder, _ = folder
+    (folder / name).write_bytes((folder / "capsule.png").read_bytes())
+    result = run(folder, name, *VELOCITY)
+    assert isinstance(result.exception, InputError)
+    assert message in str(result.exception)

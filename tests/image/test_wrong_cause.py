@@ -79,6 +79,15 @@ def test_levels_below_zero_are_named_and_black_is_not_called_bright():
     assert measured(counts(SEEN - 130.0), by_hand=ByHand(walls=(19.5, 139.5), contrast="dark")).status is Status.BLACK
 
 
+def test_what_is_no_picture_of_grey_levels_is_named():
+    for mask in (SEEN > 120.0, 255 * (SEEN > 120.0).astype(np.uint8)):
+        with pytest.raises(InputError, match="expected grey levels of a camera, got two levels, as behind a threshold"):
+            measured(mask)
+    for kind in (complex, str, object):
+        with pytest.raises(InputError, match="expected real numbers as grey levels, got values of another kind"):
+            measured(SEEN.astype(kind))
+
+
 @pytest.mark.parametrize("loss", [0.3, 0.5, 0.6])
 @pytest.mark.parametrize("with_background", [False, True])
 def test_vignetting_is_measured_right(loss, with_background):

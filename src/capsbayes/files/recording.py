@@ -181,7 +181,11 @@ def _of_tiff(
     spare: int,
 ) -> Images:
     """Return the images of a TIFF file with `count` directories, `spare` bytes of which are in none of them."""
-    said = _said(tags)
+    said, channels, planes, frames = _said(tags)
+    if max(said, count) > 1 and (channels > 1 or min(planes, frames) > 1):
+        got = f"channels x planes x frames = {channels} x {planes} x {frames}"
+        advice = "split it, and save one channel of one plane"
+        raise InputError(where, "", "images of one channel and one plane", got, advice)
     shape = (tags[_HEIGHT], tags[_WIDTH], *((tags[_COLOURS],) if tags.get(_COLOURS, 1) > 1 else ()))
     bits = tags.get(_BITS, (1,))[0]
     plain = count == 1 and tags.get(_COMPRESSION, 1) == 1 and bits % 8 == 0 and _PARTS[0][0] in tags
@@ -197,13 +201,16 @@ def _of_tiff(
     return Images(count, sizes)
 
 
-def _said(tags: Mapping[int, Any]) -> int:
-    """Return how many images the description of a TIFF file says it has, as ImageJ and OME write it; 1 if none."""
+def _said(tags: Mapping[int, Any]) -> tuple[int, int, int, int]:
+    """Return images, channels, planes and frames that a TIFF file's description states (ImageJ, OME), each 1 if not."""
     text = str(tags.get(_DESCRIPTION, ""))
     if text.startswith("ImageJ="):
-        found = re.search(r"^images=(\d{1,9})\s*$", text, re.MULTILINE)
-        return int(found[1]) if found else 1
+        found = dict(re.findall(r"^(images|channels|slices|frames)=(\d{1,9})\s*$", text, re.MULTILINE))
+        images, channels, planes, frames = (int(found.get(n, 1)) for n in ("images", "channels", "slices", "frames"))
+        return images, channels, planes, frames
     if "<OME" not in text or len(set(re.findall(r'FileName="([^"]*)"', text))) > 1:
-        return 1
-    planes = math.prod(int(size) for size in re.findall(r'\bSize[ZCT]="(\d{1,9})"', text)[:3])
-    return planes // tags.get(_COLOURS, 1)
+        return 1, 1, 1, 1
+    found = dict(re.findall(r'\bSize([ZCT])="(\d{1,9})"', text)[:3])
+    channels, planes, frames = (int(found.get(letter, 1)) for letter in "CZT")
+    channels //= tags.get(_COLOURS, 1)
+    return channels * planes * frames, channels, planes, frames

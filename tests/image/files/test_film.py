@@ -134,6 +134,23 @@ def test_a_tiff_film_that_is_cut_off_or_says_it_is_longer_is_refused(tmp_path):
                 Picture.read(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("ImageJ=1.53t\nimages=12\nchannels=2\nframes=6\nhyperstack=true\n", "2 x 1 x 6"),
+        ("ImageJ=1.53t\nimages=12\nchannels=3\nslices=4\n", "3 x 4 x 1"),
+        ("ImageJ=1.53t\nimages=12\nslices=2\nframes=6\n", "1 x 2 x 6"),
+        ('<OME><Pixels SizeX="64" SizeY="40" SizeZ="1" SizeC="2" SizeT="6"/></OME>', "2 x 1 x 6"),
+    ],
+)
+def test_a_stack_of_several_channels_or_planes_is_refused_though_they_look_alike(tmp_path, text, found):
+    path = tmp_path / "stack.tif"
+    path.write_bytes(tiff_behind_one_directory(np.stack(FRAMES), text, 1))
+    for read in (is_film, Film.open, Picture.read):
+        with pytest.raises(InputError, match=f"one channel and one plane, got channels x planes x frames = {found}"):
+            read(path)
+
+
 @pytest.mark.parametrize(("ending", "code"), [("avi", "FFV1"), ("mp4", "mp4v")])
 def test_a_video_that_is_cut_off_is_refused(tmp_path, ending, code):
     """Its last frame may be decoded in part, and its number of frames is then what the header says."""

@@ -147,6 +147,7 @@ def _kind(path: Path) -> str:
     if suffix in _CONTOURS:
         return "contour"
     if suffix == ".rtdc":
+        kind_of(path)  # refuses what its first bytes deny
         return ".rtdc file"
     if path.is_file() and not kind_of(path) and not is_picture(path):
         raise unknown(str(path))
@@ -167,13 +168,14 @@ def _measured_contour(
     from capsbayes.image.measure_contour import measure_contour
     from capsbayes.quantity import Quantity
 
+    contour = ContourFile.read(path, unit)
     if flow is None:
         raise InputError("measure", "--flow", "right or left", "nothing", "a contour does not say")
     edge = None
     if edge_error is not None:
         edge = Quantity.read(edge_error, where="measure", key="--edge-error", units=("m",), example="0.10 um")
     return measure_contour(
-        ContourFile.read(path, unit),
+        contour,
         experiment,
         capsule_velocity=speeds.get("capsule_velocity"),
         flow_rate=speeds.get("flow_rate"),

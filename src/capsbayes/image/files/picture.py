@@ -117,6 +117,8 @@ class Picture:
             rows, columns = pixels.shape[:2]
             raise InputError(where, "", f"sides of at most {_LONGEST_SIDE} pixels", f"{columns} x {rows}")
         is_integer = np.issubdtype(pixels.dtype, np.integer)
+        if pixels.dtype.kind not in "buif":
+            raise InputError(where, "", "real numbers as grey levels", f"values of another kind ({pixels.dtype})")
         levels = pixels.reshape(*pixels.shape[:2], -1)
         levels = levels[:, :, :3].astype(np.float64) @ _LUMA if levels.shape[2] >= 3 else levels[:, :, 0]
         grey = levels.astype(np.float64)
@@ -124,6 +126,9 @@ class Picture:
             raise InputError(where, "", "finite grey levels", f"{int(np.sum(~np.isfinite(grey)))} NaN or infinite ones")
         if (below := float(np.mean(levels < 0))) > _BELOW_ZERO:
             got = f"{below:.0%} of them below zero, as after a subtraction"
+            raise InputError(where, "", "grey levels of a camera", got, "give the picture as it was recorded")
+        if (least := levels.min()) < levels.max() and np.all((levels == least) | (levels == levels.max())):
+            got = "two levels, as behind a threshold"
             raise InputError(where, "", "grey levels of a camera", got, "give the picture as it was recorded")
         brightest = levels.max()  # integers where the picture is grey: they are compared faster
         clipped = levels <= 0
