@@ -25,8 +25,8 @@ class Status(enum.Enum):
     # pictures
     BACKGROUND_DIFFERS = "The picture of the empty channel has another size than that of the capsule."
     NO_WALLS = (
-        "No two parallel walls were found across the picture; say where they are (--walls), or give the size of a "
-        "pixel (--pixel-size) and the axis of the channel (--axis)."
+        "No two parallel walls were found across the picture, or those of several channels; cut it around one (--crop), say "
+        "where the walls are (--walls), or give the size of a pixel (--pixel-size) and the axis (--axis)."
     )
     UPRIGHT = (
         "The walls run up and down the picture, but the flow must run along its rows: turn the picture by a quarter "
@@ -57,8 +57,13 @@ class Status(enum.Enum):
     TOO_CLOSE = "Something else lies so close to the capsule that its edge could not be located."
     TOUCHES_BORDER = "The capsule touches the border of the picture."
     NO_EDGE = "The edge of the capsule could not be located; the picture is too blurred or too faint."
-    WRONG_FLOW = "The shape of the capsule shows a flow in the other direction than the one given."
-    FEW_FRAMES = "The capsule was seen whole in fewer than three frames, too few for a velocity and its error."
+    WRONG_FLOW = (
+        "The shape of the capsule shows a flow in another direction than given, or than its frames do in their order."
+    )
+    FEW_FRAMES = (
+        "The capsule was seen whole, or could be followed along the flow, in fewer than three frames, too few for a "
+        "velocity and its error."
+    )
     UNSTEADY = "The capsule still changes along the channel; film it further downstream."
     COVERED = (
         "The film does not show the empty channel: capsules cover a place in all but a few frames, as they do if they "

@@ -2,6 +2,7 @@
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -45,3 +46,15 @@ def test_one_velocity_for_several_pictures_is_refused_in_the_words_of_the_page(t
     expected = "Its velocity is missing: that of step 3 is of one capsule."
     assert said == {f"{expected} Type the file's own, or the flow rate in step 3."}
     assert not list(tmp_path.glob("**/measurement.toml"))
+
+
+def test_what_a_command_refuses_is_told_without_its_options(tmp_path, monkeypatch):
+    async def printed_by(*_, **__):
+        return 2, "capsbayes: --frame-rate: expected a rate, got nothing; give --frame-rate"
+
+    monkeypatch.setattr("capsbayes.app.steps.many.printed_by", printed_by)
+    told = SimpleNamespace(text="", classes=lambda **_: None)
+    one = SimpleNamespace(folder=tmp_path, name="film.avi", status=told, waiting=True)
+    step = SimpleNamespace(_progress=None)
+    assert not asyncio.run(ManyStep._one(step, one, ["capsbayes", "measure"]))
+    assert told.text == "frame rate: expected a rate, got nothing; give frame rate"

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from capsbayes.app.stated import OfMany, Stated, new_folder, safe_name
+from capsbayes.app.stated import OfMany, Stated, new_folder, safe_name, said
+from capsbayes.errors import InputError
+from capsbayes.status import Status
 
 NAMES = [
     ("capsule.png", "capsule.png"),
@@ -21,6 +23,13 @@ NAMES = [
     ("page.html", None),
     ("capsule.png\n.sh", None),
 ]
+
+
+def test_the_page_names_no_option_of_a_command():
+    for status in Status:
+        assert "--" not in said(status)
+    error = InputError("a--b.rtdc", "rate", "one", "none", 'give --flow-rate "0.16 uL/s", or --shared-velocity')
+    assert said(error) == 'a--b.rtdc: rate: expected one, got none; give flow rate "0.16 uL/s", or shared velocity'
 
 
 @pytest.mark.parametrize(("given", "kept"), NAMES)

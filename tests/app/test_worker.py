@@ -52,3 +52,8 @@ def test_a_task_that_takes_too_long_or_ends_its_process_is_refused_and_the_next_
     with pytest.raises(worker.WorkFailedError, match="the process that tried was ended"):
         asyncio.run(started.run("ended"))
     assert asyncio.run(started.run("same", value=5, seconds=5.0)) == 5
+
+
+def test_a_refusal_is_told_in_the_words_of_the_page(started):
+    with pytest.raises(worker.WorkFailedError, match=r"^cells\.rtdc: expected a rate, got none; give flow rate$"):
+        asyncio.run(started.run("refused"))

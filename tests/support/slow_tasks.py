@@ -3,6 +3,8 @@
 import os
 import time
 
+from capsbayes.errors import InputError
+
 
 def warm():
     time.sleep(2.0)
@@ -12,4 +14,8 @@ def ended():
     os._exit(1)
 
 
-TASKS = {"same": lambda value: value, "slept": lambda length: time.sleep(length), "ended": ended}
+def refused():
+    raise InputError("cells.rtdc", "", "a rate", "none", "give --flow-rate")
+
+
+TASKS = {"same": lambda value: value, "slept": lambda length: time.sleep(length), "ended": ended, "refused": refused}

@@ -10,7 +10,7 @@ from typing import Any
 from fastapi import APIRouter, HTTPException
 from fastapi.responses import FileResponse
 
-from capsbayes.app.stated import EXPERIMENT, Stated
+from capsbayes.app.stated import EXPERIMENT, Stated, said
 from capsbayes.app.worker import Worker
 from capsbayes.camera import Camera
 from capsbayes.errors import CapsbayesError
@@ -105,5 +105,5 @@ class Desk:
                 with guarded():
                     known.write(folder / EXPERIMENT)
         except CapsbayesError as error:
-            return str(error)
+            return said(error)
         return ""

@@ -11,8 +11,8 @@ import functools
 from pathlib import Path
 from typing import Any
 
-from capsbayes.app.measuring import detected, sentence
-from capsbayes.app.stated import EXPERIMENT, SEED, Stated
+from capsbayes.app.measuring import detected
+from capsbayes.app.stated import EXPERIMENT, SEED, Stated, said
 from capsbayes.database import Database
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.experiment import Experiment
@@ -57,7 +57,7 @@ def identified(folder: str, stated: Stated) -> dict[str, Any]:
         "headlines": [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN[:2]],
         "ok": posterior.status.ok,
         "status": words.status_words(posterior),
-        "caveats": [typeset(sentence) for sentence in words.caveats(posterior)],
+        "caveats": [typeset(said(caveat)) for caveat in words.caveats(posterior)],
         "quantities": html_table(tables.quantity_table(posterior)),
         "budget_sentence": typeset(words.budget_sentence(posterior)),
         "budget": "" if (budget := tables.budget_table(posterior)) is None else html_table(budget),
@@ -111,7 +111,7 @@ def _identified(folder: str, stated: Stated) -> tuple[Posterior, _Seen | None]:
     assert known is not None, "read or measured"
     measurement = known
     if not measurement.status.ok:
-        raise InputError(stated.picture, "", "a capsule that can be measured", sentence(measurement.status))
+        raise InputError(stated.picture, "", "a capsule that can be measured", said(measurement.status))
     view = MID_PLANE if measurement.outline is None else measurement.outline.view
     membrane = Membrane(stated.membrane) if stated.membrane else None
     model = _opened(experiment.cross_section, view, known=membrane is None)

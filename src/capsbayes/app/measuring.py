@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from capsbayes.app.stated import EVENTS, EXPERIMENT, Stated
+from capsbayes.app.stated import EVENTS, EXPERIMENT, Stated, said
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.recording import is_film
@@ -22,7 +21,6 @@ from capsbayes.image.files.rtdc import RtdcFile
 from capsbayes.image.measure import detect, turned
 from capsbayes.image.overlay import png_of
 from capsbayes.image.synthetic import Optics, Scene, draw
-from capsbayes.status import Status
 
 _WIDEST = 1600  # px of the picture on the page
 
@@ -63,14 +61,9 @@ def measured(folder: str, stated: Stated) -> dict[str, Any]:
         "crop": boxes.crop,
         "erased": boxes.erase,
         "ok": detection.status.ok,
-        "status": sentence(detection.status),
+        "status": said(detection.status),
         "rows": _rows(detection),
     }
-
-
-def sentence(status: Status) -> str:
-    """Return the sentence of a status without the options of commands that it names."""
-    return re.sub(r" \([^()]*--[^()]*\)", "", str(status))
 
 
 def detected(stated: Stated, experiment: Experiment | None) -> tuple[Picture, Detection]:

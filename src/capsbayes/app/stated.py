@@ -138,3 +138,15 @@ def new_folder(bench: Path, stem: str) -> Path:
             number += 1
         else:
             return folder
+
+
+def said(sentence: object) -> str:
+    """Return a status or an error in the words of the page, where what a command names as an option is a field.
+
+    Examples
+    --------
+    >>> said("cut the picture (--crop) or repeat with t distributions"), said("--frame-rate: expected one")
+    ('cut the picture or repeat with t distributions', 'frame rate: expected one')
+    """
+    bare = re.sub(r" \([^()]*--[^()]*\)", "", str(sentence).removeprefix("capsbayes: "))
+    return re.sub(r"(?<![\w-])--([a-z]+(?:-[a-z]+)*)", lambda option: option[1].replace("-", " "), bare)

@@ -9,6 +9,7 @@ import signal
 from multiprocessing.connection import Connection
 from typing import Any
 
+from capsbayes.app.stated import said
 from capsbayes.errors import CapsbayesError
 
 MOST_MEMORY = 8 * 2**30
@@ -116,7 +117,7 @@ def _serve(pipe: Connection, module: str) -> None:
         try:
             pipe.send((True, tasks.TASKS[name](**arguments)))
         except CapsbayesError as error:
-            pipe.send((False, str(error)))
+            pipe.send((False, said(error)))
         except MemoryError:
             pipe.send((False, "There is not enough memory for this file."))
         except Exception as error:  # the page says it; the process goes on

@@ -23,6 +23,7 @@ _SLOPES = np.linspace(-0.12, 0.12, 25)
 _SMOOTHING = 2.0  # px
 _APART = 0.15  # of the picture's height, at least
 _SIGNIFICANCE = 8.0  # of a wall's darkness over the spread of that of all lines
+_INSIDE = 0.7  # of a wall's darkness: a line between the two that is darker is the wall of another channel
 _REACH = 9  # px around a wall that are searched
 _FLOOR = 0.005  # px: smallest spread of the strips about a wall
 _SCATTER = 0.7  # px: largest spread of the strips about a wall
@@ -129,7 +130,7 @@ class WallLines:
 def find_walls(grey: Floats) -> WallLines | None:
     """Find the walls in a picture (rows, columns), preferably of the empty channel.
 
-    Returns None where no two parallel dark lines cross the picture.
+    Returns None where no two parallel dark lines cross the picture, or a third one lies between them.
     """
     columns = grey.shape[1] // _STRIPS
     strips = grey[:, : columns * _STRIPS].reshape(len(grey), _STRIPS, columns).mean(axis=2).T
@@ -153,7 +154,11 @@ def _coarse(strips: Floats, places: Floats) -> Floats | None:
     spread = robust_spread(dark[best][np.isfinite(dark[best])])
     if not fainter[best] > max(_SIGNIFICANCE * spread, 1e-3 * median(strips)):
         return None
-    return np.sort([first[best], second[best]])[:, None] + _SLOPES[best] * places
+    upper, lower = np.sort([first[best], second[best]])
+    inside = dark[best][upper + _REACH : lower - _REACH + 1]
+    if inside.size and inside.max() > _INSIDE * fainter[best]:
+        return None
+    return np.array([upper, lower])[:, None] + _SLOPES[best] * places
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

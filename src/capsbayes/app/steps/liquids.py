@@ -9,6 +9,7 @@ from nicegui import ui
 
 from capsbayes import viscosity as liquids
 from capsbayes.app.fields import QuantityField
+from capsbayes.app.stated import said
 from capsbayes.errors import CapsbayesError
 from capsbayes.quantity import Quantity
 
@@ -72,14 +73,14 @@ def _form(liquid: _Liquid, target: QuantityField) -> None:
     """Show the fields of a liquid, and the button that fills the viscosity in."""
     fields = [QuantityField(*about) for about in liquid.fields]
     ui.button("Use this viscosity", on_click=lambda: fill()).props("outline no-caps")
-    said = ui.label().classes("bench-told")
+    told = ui.label().classes("bench-told")
 
     def fill() -> None:
         try:
             found = liquid.found(*(field.text for field in fields))
         except CapsbayesError as error:
-            said.text = str(error)
+            told.text = said(error)
             return
         target.text = f"{found.value:.4g} +/- {found.error:.2g} Pa s"
         of_formula = f"of which {liquid.error:.0%} is the error of the formula ({liquid.source})"
-        said.text = f"{found.value:.4g} ± {found.error:.2g} Pa s, {of_formula}. {liquid.told}"
+        told.text = f"{found.value:.4g} ± {found.error:.2g} Pa s, {of_formula}. {liquid.told}"

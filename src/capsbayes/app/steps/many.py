@@ -17,7 +17,7 @@ from capsbayes.app.bar import Progress
 from capsbayes.app.command import printed_by
 from capsbayes.app.desk import MOST_BYTES, Desk
 from capsbayes.app.fields import QuantityField
-from capsbayes.app.stated import EVENTS, KINDS, OVERLAY, OfMany, new_folder, safe_name
+from capsbayes.app.stated import EVENTS, KINDS, OVERLAY, OfMany, new_folder, safe_name, said
 from capsbayes.app.worker import WorkFailedError
 
 _FLOWS = {"": "found from the shape", "right": "to the right", "left": "to the left"}
@@ -165,7 +165,7 @@ class ManyStep:
             self._show(file, measured)
             self._grown()
             return True
-        file.status.text = " ".join(printed.split()[-40:]) if status == 2 else printed.strip().splitlines()[-1]
+        file.status.text = said(" ".join(printed.split()[-40:]) if status == 2 else printed.strip().splitlines()[-1])
         file.status.classes(replace="bench-message")
         return False
 
