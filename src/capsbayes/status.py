@@ -25,8 +25,8 @@ class Status(enum.Enum):
     # pictures
     BACKGROUND_DIFFERS = "The picture of the empty channel has another size than that of the capsule."
     NO_WALLS = (
-        "No two parallel walls were found across the picture, or those of several channels; cut it around one (--crop), say "
-        "where the walls are (--walls), or give the size of a pixel (--pixel-size) and the axis (--axis)."
+        "No two parallel walls were found across the picture, or several channels; cut it around one (--crop), "
+        "say where the walls are (--walls), or give the size of a pixel (--pixel-size) and the axis (--axis)."
     )
     UPRIGHT = (
         "The walls run up and down the picture, but the flow must run along its rows: turn the picture by a quarter "

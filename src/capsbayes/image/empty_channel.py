@@ -9,7 +9,6 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.image.background import estimate_background, flatten, transmission
 from capsbayes.image.blobs import find_blobs
-from capsbayes.image.contrast import Contrast
 from capsbayes.image.edges.outline import pixel_noise
 from capsbayes.image.files.picture import Picture
 from capsbayes.image.walls import WallLines, find_walls
@@ -57,7 +56,7 @@ def check_place(seen: Floats, background: Picture, walls: WallLines | None) -> N
     if in_picture is not None and in_background is None and find_walls(np.ascontiguousarray(empty.T)) is not None:
         got = "one whose channel runs up and down"
         raise _error(background, "a background of the same channel", got, "take both the same way round")
-    if walls is None and Contrast.of([seen], None, None, None).walls is not None:
+    if walls is None and (in_picture or find_walls(seen.max() + np.median(seen) - seen)):
         raise _error(background, "a background of the same channel", "one without its walls", "take both at one place")
     if in_picture is not None and in_background is not None:
         down = float(in_background.centre_row - in_picture.centre_row)
@@ -80,8 +79,8 @@ def check_place(seen: Floats, background: Picture, walls: WallLines | None) -> N
     for blob in find_blobs(light, walls, pixel_noise(light)):
         inside = np.zeros(empty.shape, np.uint8)
         cv2.fillPoly(inside, [blob.polygon.astype(np.int32)], 1)
-        unlike = np.mean(over[inside > 0] > _BRIGHTER) > _UNLIKE or np.array_equal(seen, empty)
-        if blob.status is not Status.DEBRIS and unlike:
+        fuller = np.mean(over[inside > 0] > _BRIGHTER) > _UNLIKE or np.array_equal(seen, empty)
+        if blob.status is not Status.DEBRIS and fuller:
             got = f"one with something dark at column {blob.middle[0]:.0f}, row {blob.middle[1]:.0f}"
             raise _error(background, "the empty channel", got, "take it without a capsule")
 
