@@ -244,7 +244,7 @@ def test_a_file_without_events_is_one_line_and_leaves_nothing(path, tmp_path, mo
             del file[f"events/{name}"]
             file[f"events/{name}"] = np.zeros((0, 80, 160), np.uint8)
     EXPERIMENT.write(tmp_path / "experiment.toml")
-    words = ("measure", path, "--experiment", tmp_path / "experiment.toml", "--velocity", "0.15 +/- 0.005 m/s")
+    words = ("measure", path, "--experiment", tmp_path / "experiment.toml", "--shared-velocity", "0.15 +/- 0.005 m/s")
     status, _, complaint = run(
         monkeypatch, capsys, *map(str, words), "--pixel-size", "0.34 +/- 0.003 um", "--out", str(tmp_path / "made")
     )
