@@ -1,5 +1,7 @@
 """What is left of a measurement is as good as the whole of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -101,3 +103,13 @@ def test_the_error_of_the_model_counts_as_often_as_capsules_share_it(model):
         np.testing.assert_allclose(erring.rows[number].T @ erring.rows[number], np.linalg.inv(whole), rtol=1e-9)
         best = np.linalg.solve(batch.rows[number], batch.target[number])
         np.testing.assert_allclose(np.linalg.solve(erring.rows[number], erring.target[number]), best)
+
+
+def test_outlines_of_few_points_are_reduced_beside_those_of_many(model):
+    many = with_outline(model, np.random.default_rng(1))
+    few = replace(many, outline=replace(many.outline, points=many.outline.points[::4]))
+    batch = batch_of([few, many], EXPERIMENT, model)
+    assert len(few.outline.points) < batch.rows.shape[-1]
+    assert np.count_nonzero(np.any(batch.rows[0] != 0.0, axis=1)) == len(few.outline.points)
+    sizes = np.ptp([nearest(model, batch), nearest(model, batch.taken(np.array([1])))], axis=1)
+    np.testing.assert_allclose(sizes[0], sizes[1], rtol=0.02)  # of few points, it looks as of many

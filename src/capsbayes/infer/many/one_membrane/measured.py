@@ -228,6 +228,8 @@ def _linear(
     own = np.zeros((1, len(begin))) if length is None else likelihood.whitened_length()[None]
     every = np.concatenate([columns[:-1], own, columns[-1:]]).T  # modes, L_a, scale
     target = begin + columns[:-1].T @ pilot
+    lacking = max(every.shape[1] - len(every), 0)  # an outline of few points: as many rows for all, the others of zeros
+    every, target = np.pad(every, ((0, lacking), (0, 0))), np.pad(target, (0, lacking))
     q, r = scipy.linalg.qr(every, mode="economic")
     reduced = q.T @ target
     left = float(target @ target - reduced @ reduced)
